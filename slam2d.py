@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -147,7 +148,7 @@ class Recording:
     def scans(self) -> Iterator[Observations]:
         """The observations of step 0, 1, ..., N in turn (views, not copies)."""
         bounds = np.searchsorted(self.observation_step, np.arange(self.steps + 2)).tolist()
-        for first, last in zip(bounds[:-1], bounds[1:], strict=True):
+        for first, last in pairwise(bounds):
             ids = None if self.landmark is None else self.landmark[first:last]
             yield Observations(ids, self.observation[first:last], self.observation_cov[first:last])
 
@@ -249,7 +250,9 @@ class Estimate:
 class Estimator(Protocol):
     """Anything that turns a recording into an estimate."""
 
-    def __call__(self, recording: Recording, /) -> Estimate: ...
+    def __call__(self, recording: Recording, /) -> Estimate:
+        """Estimate from the recording alone."""
+        ...
 
 
 # --- validation --------------------------------------------------------------------------------
@@ -281,7 +284,7 @@ def _spell(shape: tuple[int | None, ...]) -> str:
 
 def _floats(name: str, value: object, shape: tuple[int | None, ...]) -> Float:
     array = _array(name, value, shape)
-    finite = np.isfinite(array.reshape(len(array), -1)).all(axis=1)
+    finite = np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
     _each(name, finite, array, "every number must be finite")
     return array
 
@@ -325,9 +328,9 @@ def _wrapped(poses: Float) -> Float:
     return poses
 
 
-def _each(name: str, good: NDArray[np.bool_], rows: NDArray[np.generic], rule: str) -> None:
+def _each(name: str, good: ArrayLike, rows: NDArray[np.generic], rule: str) -> None:
     """Raise for the first row that breaks `rule`, naming field, row and value."""
-    bad = np.flatnonzero(~good)
+    bad = np.flatnonzero(np.logical_not(good))
     if len(bad):
         value = np.array2string(np.asarray(rows[bad[0]]), precision=6, separator=", ").replace("\n", "")
         raise ValueError(f"{name}[{bad[0]}] = {value}: {rule}")

@@ -1,1 +1,10 @@
-"""Planar landmark SLAM filters."""
+"""Planar landmark SLAM filters.
+
+`models` (sensors), `kernels` (the steps, compiled), `corrections` (what tells the filters apart),
+`filter` (the online form), `estimators` (recording in, estimate out).
+"""
+
+from ekf.estimators import dead_reckoning, ekf, riekf
+from ekf.filter import SlamFilter
+
+__all__ = ["SlamFilter", "dead_reckoning", "ekf", "riekf"]

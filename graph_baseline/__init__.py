@@ -1,1 +1,12 @@
-"""The optimum."""
+"""The optimum that the measurements allow, by GTSAM.
+
+`factors` (recording to graph), `causal` (iSAM2 step by step), `hindsight` (batch), `linearisation` and
+`smoother` (the exact linear model, its Schur complement and every covariance), `undetermined` (errors).
+"""
+
+from graph_baseline.causal import isam2
+from graph_baseline.hindsight import batch
+from graph_baseline.linearisation import cost
+from graph_baseline.undetermined import UndeterminedError
+
+__all__ = ["UndeterminedError", "batch", "cost", "isam2"]

@@ -1,0 +1,254 @@
+"""The command line: `slamgauge COMMAND`.
+
+Every command imports what it needs when it runs, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import os
+
+# before numpy is imported: two BLAS threads are slower than one on matrices of these sizes
+for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+import json
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+if TYPE_CHECKING:
+    from slam2d import Recording, Truth
+
+DEFAULT_ESTIMATORS = "ekf,riekf,isam2,batch"
+
+
+@dataclass
+class Scenarios:
+    """List the shipped scenarios with a line each."""
+
+    json: bool = False
+    """Print JSON on standard output."""
+
+    def __call__(self) -> None:
+        """Print the list."""
+        from compare.scenario import shipped_scenarios
+
+        found = shipped_scenarios()
+        if self.json:
+            print(json.dumps([{"name": name, "description": text} for name, text in found], indent=2))
+            return
+        width = max(len(name) for name, _ in found)
+        print("\n".join(f"{name:{width}}  {text}" for name, text in found))
+
+
+@dataclass
+class Run:
+    """Simulate one run of a scenario and grade estimators on it."""
+
+    scenario: tyro.conf.Positional[str]
+    """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file."""
+
+    seed: int = 0
+    """Seed of all noise."""
+
+    estimators: str = DEFAULT_ESTIMATORS
+    """Comma-separated: dead-reckoning, ekf, riekf, isam2 (causal optimum), batch (hindsight optimum)."""
+
+    set: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
+    """Override keys of the scenario: dotted.key=value ..."""
+
+    out: Path | None = None
+    """Folder of the results; results/SCENARIO-seed-SEED if not given."""
+
+    json: bool = False
+    """Print metrics.json on standard output instead of the table."""
+
+    def __call__(self) -> None:
+        """Simulate, grade and write."""
+        from compare.scenario import load_scenario
+        from compare.simulate import simulate
+
+        scenario = load_scenario(self.scenario, _flat(self.set))
+        truth, recording = simulate(scenario, self.seed)
+        out = self.out or Path("results") / f"{scenario.name}-seed-{self.seed}"
+        title = f"{scenario.name}, seed {self.seed}"
+        grading = _Grading(self.estimators, (), out, self.json, title, scenario.name, self.seed)
+        grading.grade(truth, recording)
+
+
+@dataclass
+class Evaluate:
+    """Grade estimators, your own among them, on a stored recording."""
+
+    recording: tyro.conf.Positional[Path]
+    """A recording.npz; a truth.npz beside it is used by itself."""
+
+    truth: Path | None = None
+    """The truth, if it lies elsewhere."""
+
+    estimators: str = DEFAULT_ESTIMATORS
+    """Comma-separated: dead-reckoning, ekf, riekf, isam2 (causal optimum), batch (hindsight optimum)."""
+
+    estimator: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
+    """Your own, as module:attribute ...; a callable Recording -> Estimate. LOADS AND RUNS THAT CODE."""
+
+    out: Path | None = None
+    """Folder of the results; without it only the table is printed."""
+
+    json: bool = False
+    """Print metrics.json on standard output instead of the table."""
+
+    def __call__(self) -> None:
+        """Load, grade and, if asked to, write."""
+        from compare.files import load_recording, load_truth
+
+        recording = load_recording(self.recording)
+        beside = self.recording.with_name("truth.npz")
+        path = self.truth or (beside if beside.exists() else None)
+        truth = None if path is None else load_truth(path)
+        title = f"{self.recording.parent.resolve().name}/{self.recording.name}"
+        grading = _Grading(self.estimators, _flat(self.estimator), self.out, self.json, title)
+        grading.grade(truth, recording)
+
+
+@dataclass
+class VictoriaPark:
+    """The Victoria Park recording, as distributed with GTSAM's examples (no ground truth)."""
+
+    path: tyro.conf.Positional[Path]
+    """victoria_park.txt"""
+
+    out: Path
+    """Folder for recording.npz."""
+
+    max_range: float = math.inf
+    """Drop observations from farther away [m]."""
+
+    def __call__(self) -> None:
+        """Read and store."""
+        from compare.victoria_park import read_victoria_park
+
+        _store(self.out, read_victoria_park(self.path, max_range=self.max_range), None)
+
+
+@dataclass
+class LostInTheWoods:
+    """The Lost in the Woods recording (University of Toronto, AER1513), with ground truth."""
+
+    path: tyro.conf.Positional[Path]
+    """dataset2.mat"""
+
+    out: Path
+    """Folder for recording.npz and truth.npz."""
+
+    max_range: float = 5.0
+    """Drop observations from farther away [m]."""
+
+    lateral_slip: float = 0.02
+    """Standard deviation of the sideways velocity that estimators shall assume [m/s]."""
+
+    def __call__(self) -> None:
+        """Read and store."""
+        from compare.lost_in_the_woods import read_lost_in_the_woods
+
+        recording, truth = read_lost_in_the_woods(
+            self.path, max_range=self.max_range, lateral_slip=self.lateral_slip
+        )
+        _store(self.out, recording, truth)
+
+
+@dataclass
+class Import:
+    """Turn a published recording into recording.npz (and truth.npz)."""
+
+    format: (
+        Annotated[VictoriaPark, tyro.conf.subcommand(name="victoria-park")]
+        | Annotated[LostInTheWoods, tyro.conf.subcommand(name="lost-in-the-woods")]
+    )
+
+    def __call__(self) -> None:
+        """Read and store."""
+        self.format()
+
+
+@dataclass(frozen=True)
+class _Grading:
+    """What `run` and `evaluate` share: estimators in, table and folder out."""
+
+    estimators: str
+    own: Sequence[str]
+    out: Path | None
+    as_json: bool
+    title: str
+    scenario: str | None = None
+    seed: int | None = None
+
+    def grade(self, truth: Truth | None, recording: Recording) -> None:
+        from contextlib import nullcontext
+
+        from compare.comparison import compare_estimators, metrics, table, write_comparison
+        from compare.estimators import load_estimators
+        from compare.files import staged_folder
+
+        names = [name.strip() for name in self.estimators.split(",") if name.strip()]
+        estimators = load_estimators(names, self.own)
+        if not estimators:
+            raise ValueError("estimators: none given; name at least one, for example --estimators ekf,batch")
+        with nullcontext() if self.out is None else staged_folder(self.out) as folder:
+            comparison = compare_estimators(truth, recording, estimators)
+            content = metrics(comparison, self.scenario, self.seed)
+            if folder is not None:
+                write_comparison(folder, comparison, content, self.title)
+        print(json.dumps(content, indent=2, allow_nan=False) if self.as_json else table(comparison))
+        if self.out is not None:
+            print(f"written to {self.out}", file=sys.stderr)
+
+
+def _flat(groups: Sequence[Sequence[str]]) -> list[str]:
+    return [text for group in groups for text in group]
+
+
+def _store(out: Path, recording: Recording, truth: Truth | None) -> None:
+    from compare.files import save, staged_folder
+
+    with staged_folder(out, last="recording.npz") as folder:
+        save(folder / "recording.npz", recording)
+        if truth is not None:
+            save(folder / "truth.npz", truth)
+    print(
+        f"{recording.steps} steps, {len(recording.observation)} observations, "
+        f"{'with' if truth is not None else 'no'} ground truth: written to {out}",
+        file=sys.stderr,
+    )
+
+
+Command = (
+    Annotated[Scenarios, tyro.conf.subcommand(name="scenarios")]
+    | Annotated[Run, tyro.conf.subcommand(name="run")]
+    | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
+    | Annotated[Import, tyro.conf.subcommand(name="import")]
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; exit status 0 done, 2 bad input (one line on standard error), 130 interrupted."""
+    command = tyro.cli(
+        Command,  # pyright: ignore[reportArgumentType]
+        prog="slamgauge",
+        description="How far is your SLAM filter from the best that its measurements allow?",
+        args=arguments,
+    )
+    try:
+        command()
+    except ValueError as error:
+        print(f"slamgauge: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("slamgauge: interrupted; nothing was written", file=sys.stderr)
+        return 130
+    return 0

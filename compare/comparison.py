@@ -1,0 +1,126 @@
+"""Estimators run side by side on one recording: estimates, scores, table and files."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from compare.estimators import run_estimator
+from compare.files import save, write_tum
+from compare.scores import Score, evaluate
+from slam2d import Estimate, Estimator, Recording, Truth
+
+OPTIMUM = {"filtered": "isam2", "smoothed": "batch"}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What came out: the estimate and the score of each estimator, by name."""
+
+    truth: Truth | None
+    recording: Recording
+    estimates: dict[str, Estimate]
+    scores: dict[str, Score]
+
+
+def compare_estimators(
+    truth: Truth | None, recording: Recording, estimators: Mapping[str, Estimator]
+) -> Comparison:
+    """Run every estimator on the recording alone, then score each against truth and optimum.
+
+    The optimum of filtered estimates is `isam2`, that of smoothed ones `batch`, where they are among
+    the estimators.
+
+    Raises:
+        ValueError: an estimator raised, or returned what does not fit; names the estimator.
+    """
+    estimates: dict[str, Estimate] = {}
+    seconds: dict[str, float] = {}
+    progress = tqdm(estimators.items(), disable=None, leave=False, unit="estimator")
+    for name, estimator in progress:
+        progress.set_description(name)
+        estimates[name], seconds[name] = run_estimator(name, estimator, recording)
+    scores: dict[str, Score] = {}
+    for name, estimate in estimates.items():
+        optimum = estimates.get(OPTIMUM[estimate.kind])
+        try:
+            score = evaluate(truth, recording, estimate, optimum, estimates.get("batch"))
+        except ValueError as error:
+            raise ValueError(f"estimator {name}: {error}") from error
+        scores[name] = score if estimate.seconds is not None else replace(score, seconds_total=seconds[name])
+    return Comparison(truth, recording, estimates, scores)
+
+
+def metrics(comparison: Comparison, scenario: str | None, seed: int | None) -> dict[str, Any]:
+    """The content of metrics.json; scenario and seed are None for a stored recording."""
+    return {
+        "scenario": scenario,
+        "seed": seed,
+        "digest": digest(comparison.recording),
+        "truth": comparison.truth is not None and comparison.truth.poses is not None,
+        "estimators": {name: score.to_json() for name, score in comparison.scores.items()},
+    }
+
+
+def digest(recording: Recording) -> str:
+    """SHA-256 of a recording's fields: equal digests, equal measurements."""
+    total = hashlib.sha256()
+    for field in fields(recording):
+        value = getattr(recording, field.name)
+        total.update(field.name.encode())
+        total.update(value.tobytes() if isinstance(value, np.ndarray) else str(value).encode())
+    return total.hexdigest()
+
+
+def write_comparison(folder: Path, comparison: Comparison, content: dict[str, Any], title: str) -> None:
+    """Write recording, truth, estimates, TUM trajectories, figure and metrics into an existing folder."""
+    from compare.plots import save_figure  # noqa: PLC0415 -- matplotlib only where pictures are made
+
+    recording = comparison.recording
+    save(folder / "recording.npz", recording)
+    if comparison.truth is not None:
+        save(folder / "truth.npz", comparison.truth)
+    (folder / "estimates").mkdir()
+    (folder / "trajectories").mkdir()
+    for name, estimate in comparison.estimates.items():
+        save(folder / "estimates" / f"{name}.npz", estimate)
+        write_tum(folder / "trajectories" / f"{name}.tum", recording.stamps, estimate.poses)
+    if comparison.truth is not None and comparison.truth.poses is not None:
+        write_tum(folder / "trajectories" / "truth.tum", recording.stamps, comparison.truth.poses)
+    save_figure(folder, comparison.truth, recording, comparison.estimates, title)
+    text = json.dumps(content, indent=2, allow_nan=False)
+    (folder / "metrics.json").write_text(text + "\n", encoding="utf-8")
+
+
+_COLUMNS = (
+    ("ATE [m]", "ate_m", "{:.3f}"),
+    ("heading [rad]", "heading_rmse_rad", "{:.4f}"),
+    ("end [m]", "final_position_error_m", "{:.3f}"),
+    ("NEES", "nees_pose", "{:.2f}"),
+    ("NIS/dof", "nis_per_dof", "{:.3f}"),
+    ("map [m]", "landmark_rmse_m", "{:.3f}"),
+    ("x optimum", "ratio_to_optimum", "{:.2f}"),
+    ("d to optimum", "mahalanobis_to_optimum", "{:.3g}"),
+    ("end to batch [m]", "final_distance_to_batch_m", "{:.3f}"),
+    ("time [s]", "seconds_total", "{:.2f}"),
+)
+
+
+def table(comparison: Comparison) -> str:
+    """The scores as a text table, filtered estimates before smoothed ones; `-` where none applies."""
+    rows = [["estimator", "kind", *(title for title, _, _ in _COLUMNS)]]
+    for name, score in sorted(comparison.scores.items(), key=lambda item: item[1].kind):
+        figures = [(getattr(score, key), form) for _, key, form in _COLUMNS]
+        rows.append([name, score.kind, *("-" if value is None else form.format(value) for value, form in figures)])
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) if i < 2 else cell.rjust(width) for i, (cell, width) in enumerate(zip(row, widths, strict=True)))
+        for row in rows
+    )

@@ -1,0 +1,100 @@
+"""Estimators by name: those that come with slamgauge, and people's own."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import traceback
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from time import perf_counter
+
+from slam2d import Estimate, Estimator, Recording
+
+# name: module and attribute, imported when asked for
+SHIPPED = {
+    "dead-reckoning": ("ekf", "dead_reckoning"),
+    "ekf": ("ekf", "ekf"),
+    "riekf": ("ekf", "riekf"),
+    "isam2": ("graph_baseline", "isam2"),
+    "batch": ("graph_baseline", "batch"),
+}
+
+
+def load_estimators(names: Sequence[str], own: Sequence[str] = ()) -> dict[str, Estimator]:
+    """Estimators by the name that results carry.
+
+    Args:
+        names: shipped names.
+        own: import paths `module:attribute`; this loads and runs the code found there, with the current
+            folder searched first.
+
+    Raises:
+        ValueError: an unknown name, or an import path that leads to no callable.
+    """
+    estimators: dict[str, Estimator] = {}
+    for name in names:
+        if name not in SHIPPED:
+            near = get_close_matches(name, SHIPPED, n=1)
+            remedy = f"did you mean {near[0]}?" if near else f"use {', '.join(SHIPPED)}"
+            raise ValueError(f"estimator {name!r} is not known; {remedy}")
+        module, attribute = SHIPPED[name]
+        estimators[name] = getattr(importlib.import_module(module), attribute)
+    for path in own:
+        estimators[path] = _import_estimator(path)
+    return estimators
+
+
+def _import_estimator(path: str) -> Estimator:
+    module_name, _, attribute = path.partition(":")
+    if not module_name or not attribute:
+        raise ValueError(f"estimator {path!r}: write module:attribute, for example my_filter:estimate")
+    if str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))
+    try:
+        estimator = getattr(importlib.import_module(module_name), attribute)
+    except Exception as error:  # noqa: BLE001 -- any code may run here, and it is not ours
+        raise ValueError(f"estimator {path}: cannot be loaded, {_where_it_broke(error)}") from error
+    if not callable(estimator):
+        raise ValueError(f"estimator {path}: is a {type(estimator).__name__}; give a callable Recording -> Estimate")
+    return estimator  # pyright: ignore[reportReturnType]
+
+
+def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tuple[Estimate, float]:
+    """The estimate, checked against the recording, and the seconds that it took.
+
+    Raises:
+        ValueError: the estimator raised, or what it returned does not fit the recording.
+    """
+    start = perf_counter()
+    try:
+        estimate: object = estimator(recording)
+    except Exception as error:
+        if name in SHIPPED and not isinstance(error, ValueError):
+            raise
+        reason = str(error) if name in SHIPPED else _where_it_broke(error)
+        raise ValueError(f"estimator {name}: {reason}") from error
+    seconds = perf_counter() - start
+    if not isinstance(estimate, Estimate):
+        raise ValueError(f"estimator {name}: returned a {type(estimate).__name__}; return a slam2d.Estimate")
+    if len(estimate.poses) != recording.steps + 1:
+        raise ValueError(
+            f"estimator {name}: returned {len(estimate.poses)} poses; "
+            f"return {recording.steps + 1}, one for the start and one for every step"
+        )
+    if estimate.association is not None and len(estimate.association) != len(recording.observation):
+        raise ValueError(
+            f"estimator {name}: association has {len(estimate.association)} entries; "
+            f"return {len(recording.observation)}, one for every observation"
+        )
+    return estimate, seconds
+
+
+def _where_it_broke(error: Exception) -> str:
+    """One line: what was raised, and the last line of code that it passed through."""
+    what = f"it raised {type(error).__name__}: {' '.join(str(error).split()) or '(no message)'}"
+    if isinstance(error, SyntaxError):
+        return what
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{what} ({Path(frame.filename).name}, line {frame.lineno}); mend it and run again"

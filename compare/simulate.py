@@ -1,0 +1,85 @@
+"""Simulation of a scenario: the true path, the odometry and the observations of one seed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compare.scenario import Scenario
+from compare.scenario_schema import Sensor, Trajectory
+from slam2d import Float, Int, Recording, Truth, chain, rotation, wrap
+
+
+def simulate(scenario: Scenario, seed: int) -> tuple[Truth, Recording]:
+    """One run: its truth, and the recording that estimators see (association known).
+
+    The truth follows the commanded increments (v dt, 0, omega dt) exactly; the odometry is the command
+    with noise on v and omega. Start, motion and sensor draw from streams of their own, so a change of
+    the map leaves the odometry as it was.
+
+    Raises:
+        ValueError: If the seed is negative.
+    """
+    if seed < 0:
+        raise ValueError(f"seed: {seed} is negative; use a whole number >= 0")
+    start_stream, motion_stream, sensor_stream = np.random.SeedSequence(seed).spawn(3)
+
+    command = _commanded_increments(scenario.trajectory)
+    poses = chain(_start(scenario, start_stream), command)
+    landmarks = np.array(scenario.landmarks.positions, dtype=np.float64).reshape(-1, 2)
+    seen_at, seen, observation = _observe(poses, landmarks, scenario.sensor, sensor_stream)
+
+    dt = scenario.trajectory.step
+    sigma_increment = dt * np.array([scenario.motion.sigma_speed, 0.0, np.deg2rad(scenario.motion.sigma_yaw_rate_deg)])
+    motion_noise = sigma_increment * np.random.default_rng(motion_stream).standard_normal(command.shape)
+    odometry_cov = scenario.assumed.motion_scale * np.diag(sigma_increment**2)
+    observation_cov = scenario.assumed.sensor_scale * np.diag(scenario.sensor.sigmas**2)
+
+    truth = Truth(poses=poses, landmark_ids=np.arange(len(landmarks)), landmarks=landmarks, association=seen)
+    recording = Recording(
+        stamps=np.arange(len(poses), dtype=np.float64) * dt,
+        prior_mean=np.array(scenario.prior.mean),
+        prior_cov=np.diag(scenario.prior.variances),
+        odometry=command + motion_noise,
+        odometry_cov=np.broadcast_to(odometry_cov, (len(command), 3, 3)),
+        sensor=scenario.sensor.kind,
+        observation_step=seen_at,
+        observation=observation,
+        observation_cov=np.broadcast_to(observation_cov, (len(seen), 2, 2)),
+        landmark=seen,
+    )
+    return truth, recording
+
+
+def _start(scenario: Scenario, stream: np.random.SeedSequence) -> Float:
+    """True start pose (3,): the prior's mean, or drawn from the prior."""
+    mean = np.array(scenario.prior.mean)
+    if scenario.start == "mean":
+        return mean
+    return mean + np.sqrt(scenario.prior.variances) * np.random.default_rng(stream).standard_normal(3)
+
+
+def _commanded_increments(trajectory: Trajectory) -> Float:
+    """Body-frame increments (N, 3) of the commanded path."""
+    rates = [(segment.speed, 0.0, segment.yaw_rate) for segment in trajectory.segments]
+    return np.repeat(np.array(rates) * trajectory.step, trajectory.steps, axis=0)
+
+
+def _observe(poses: Float, landmarks: Float, sensor: Sensor, stream: np.random.SeedSequence) -> tuple[Int, Int, Float]:
+    """Steps (M,), landmark ids (M,) and noisy values (M, 2) of all that the sensor sees, in that order."""
+    offsets = landmarks - poses[:, None, :2]
+    body = np.einsum("nji,nlj->nli", rotation(poses[:, 2]), offsets)
+    distance = np.linalg.norm(body, axis=2)
+    seen_at, seen = np.nonzero((sensor.min_range <= distance) & (distance <= sensor.max_range))
+
+    # a stream per landmark, drawn for every step: a landmark added to the map leaves the others' noise as it was
+    noise = np.empty((len(poses), len(landmarks), 2))
+    for landmark, child in enumerate(stream.spawn(len(landmarks))):
+        noise[:, landmark] = sensor.sigmas * np.random.default_rng(child).standard_normal((len(poses), 2))
+
+    noise, body = noise[seen_at, seen], body[seen_at, seen]
+    if sensor.kind == "position":
+        return seen_at, seen, body + noise
+    ranges = distance[seen_at, seen] + noise[:, 0]
+    bearings = np.arctan2(body[:, 1], body[:, 0]) + noise[:, 1]
+    # no sensor reports a negative range: noise that reaches past zero is reflected
+    return seen_at, seen, np.column_stack([np.abs(ranges), wrap(bearings)])

@@ -1,0 +1,131 @@
+"""Compilation of the filter kernels, and the BLAS and LAPACK routines that they call.
+
+Kernels are compiled by numba on first use and kept on disk for later processes. BLAS is the one that
+scipy brings; its routines are registered under names of our own, so that cached machine code finds
+them again in another process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar
+
+import llvmlite.binding as llvm
+import numpy as np
+from numba import njit, types
+from numba.core.types import ExternalFunction
+from numba.extending import get_cython_function_address
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile `function` on first call; machine code is cached on disk where that is possible."""
+    try:
+        return njit(cache=True, error_model="numpy")(function)
+    except RuntimeError:  # no folder that numba may write to
+        return njit(error_model="numpy")(function)
+
+
+def _fortran(library: str, routine: str, arguments: int) -> ExternalFunction:
+    """A BLAS or LAPACK routine of scipy's, callable from kernels with `arguments` pointers."""
+    name = f"slamgauge_{routine}"
+    llvm.add_symbol(name, get_cython_function_address(f"scipy.linalg.cython_{library}", routine))
+    return ExternalFunction(name, types.void(*[types.voidptr] * arguments))
+
+
+_dsyrk = _fortran("blas", "dsyrk", 10)
+_dsyr2 = _fortran("blas", "dsyr2", 9)
+_dtrsm = _fortran("blas", "dtrsm", 11)
+_dgemv = _fortran("blas", "dgemv", 11)
+_dpotrf = _fortran("lapack", "dpotrf", 5)
+
+_LETTERS = np.frombuffer(b"LNRT", dtype=np.uint8)
+_L, _N, _R, _T = range(4)
+_REALS = np.array([0.0, 1.0, -1.0])
+_ZERO, _ONE, _MINUS_ONE = range(3)
+_UNIT_STRIDE = np.array([1], dtype=np.int32)
+
+# Fortran reads our row-major matrices transposed: what is the upper triangle here is "L" there.
+
+
+@kernel
+def cholesky(S, rows):
+    """Factor S[:rows, :rows] = U'U in place, upper triangle only; True if it is positive definite."""
+    sizes = np.array([rows, S.shape[1], 0], dtype=np.int32)
+    _dpotrf(_LETTERS[_L:].ctypes, sizes.ctypes, S.ctypes, sizes[1:].ctypes, sizes[2:].ctypes)
+    return sizes[2] == 0
+
+
+@kernel
+def solve_factor(S, W, rows, size):
+    """W[:rows, :size] <- U'^-1 W for the factor U that `cholesky` left in S."""
+    sizes = np.array([size, rows, S.shape[1], W.shape[1]], dtype=np.int32)
+    _dtrsm(
+        _LETTERS[_R:].ctypes,
+        _LETTERS[_L:].ctypes,
+        _LETTERS[_T:].ctypes,
+        _LETTERS[_N:].ctypes,
+        sizes.ctypes,
+        sizes[1:].ctypes,
+        _REALS[_ONE:].ctypes,
+        S.ctypes,
+        sizes[2:].ctypes,
+        W.ctypes,
+        sizes[3:].ctypes,
+    )
+
+
+@kernel
+def subtract_gram(P, W, rows, size):
+    """P <- P - W'W on the upper triangle of P[:size, :size], for W[:rows, :size]."""
+    sizes = np.array([size, rows, P.shape[1], W.shape[1]], dtype=np.int32)
+    _dsyrk(
+        _LETTERS[_L:].ctypes,
+        _LETTERS[_N:].ctypes,
+        sizes.ctypes,
+        sizes[1:].ctypes,
+        _REALS[_MINUS_ONE:].ctypes,
+        W.ctypes,
+        sizes[3:].ctypes,
+        _REALS[_ONE:].ctypes,
+        P.ctypes,
+        sizes[2:].ctypes,
+    )
+
+
+@kernel
+def add_outer_pair(P, u, v, size):
+    """P <- P + u v' + v u' on the upper triangle of P[:size, :size]."""
+    sizes = np.array([size, P.shape[1]], dtype=np.int32)
+    _dsyr2(
+        _LETTERS[_L:].ctypes,
+        sizes.ctypes,
+        _REALS[_ONE:].ctypes,
+        u.ctypes,
+        _UNIT_STRIDE.ctypes,
+        v.ctypes,
+        _UNIT_STRIDE.ctypes,
+        P.ctypes,
+        sizes[1:].ctypes,
+    )
+
+
+@kernel
+def combine_rows(W, weights, out, rows, size):
+    """out[:size] = W' weights for W[:rows, :size]."""
+    sizes = np.array([size, rows, W.shape[1]], dtype=np.int32)
+    _dgemv(
+        _LETTERS[_N:].ctypes,
+        sizes.ctypes,
+        sizes[1:].ctypes,
+        _REALS[_ONE:].ctypes,
+        W.ctypes,
+        sizes[2:].ctypes,
+        weights.ctypes,
+        _UNIT_STRIDE.ctypes,
+        _REALS[_ZERO:].ctypes,
+        out.ctypes,
+        _UNIT_STRIDE.ctypes,
+    )

@@ -1,0 +1,77 @@
+"""The filters as estimators: a loop over the online form."""
+
+from __future__ import annotations
+
+from time import perf_counter
+
+import numpy as np
+
+from ekf.filter import Correction, SlamFilter
+from slam2d import Estimate, Recording
+
+
+def ekf(recording: Recording) -> Estimate:
+    """Textbook EKF-SLAM (the practical, equations 1.1).
+
+    Raises:
+        ValueError: bearing-only recordings and unknown association are not for this filter.
+    """
+    return _run(recording, "standard")
+
+
+def riekf(recording: Recording) -> Estimate:
+    """Right-invariant EKF-SLAM (Barrau and Bonnabel, arXiv 1510.06263).
+
+    Raises:
+        ValueError: bearing-only recordings and unknown association are not for this filter.
+    """
+    return _run(recording, "right-invariant")
+
+
+def dead_reckoning(recording: Recording) -> Estimate:
+    """Odometry alone: the prior carried along the increments."""
+    blind = SlamFilter("position", recording.prior_mean, recording.prior_cov, landmarks=0)
+    poses, pose_covs = np.empty((recording.steps + 1, 3)), np.empty((recording.steps + 1, 3, 3))
+    poses[0], pose_covs[0] = blind.pose, blind.pose_cov
+    seconds = np.zeros(recording.steps + 1)
+    for k in range(recording.steps):
+        start = perf_counter()
+        blind.predict(recording.odometry[k], recording.odometry_cov[k])
+        seconds[k + 1] = perf_counter() - start
+        poses[k + 1], pose_covs[k + 1] = blind.pose, blind.pose_cov
+    return Estimate(kind="filtered", poses=poses, pose_covs=pose_covs, seconds=seconds)
+
+
+def _run(recording: Recording, correction: Correction) -> Estimate:
+    if recording.landmark is None:
+        raise ValueError("landmark: this filter needs known association; the recording has no ids")
+    slam = SlamFilter(
+        recording.sensor,
+        recording.prior_mean,
+        recording.prior_cov,
+        correction,
+        landmarks=len(np.unique(recording.landmark)),
+    )
+    steps = recording.steps
+    poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
+    nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1)
+    for k, observations in enumerate(recording.scans()):
+        start = perf_counter()
+        if k > 0:
+            slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
+        if len(observations.value):
+            nis[k], nis_dof[k] = slam.update(observations)
+        seconds[k] = perf_counter() - start
+        poses[k], pose_covs[k] = slam.pose, slam.pose_cov
+    return Estimate(
+        kind="filtered",
+        poses=poses,
+        pose_covs=pose_covs,
+        landmark_ids=slam.landmark_ids,
+        landmarks=slam.landmarks,
+        landmark_covs=slam.landmark_covs,
+        association=recording.landmark,
+        nis=nis,
+        nis_dof=nis_dof,
+        seconds=seconds,
+    )

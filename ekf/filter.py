@@ -1,0 +1,182 @@
+"""The online filter: what a robot calls at every step."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ekf import kernels
+from ekf.corrections import update_right_invariant, update_standard
+from ekf.models import SENSOR_CODES
+from ekf.warm_up import compile_once
+from slam2d import Float, Int, Observations
+
+Correction = Literal["standard", "right-invariant"]
+
+_UPDATES = {"standard": update_standard, "right-invariant": update_right_invariant}
+
+
+class SlamFilter:
+    """Landmark EKF-SLAM with known association and one blocked update per step.
+
+    Args:
+        sensor: `range-bearing` or `position` (see `slam2d.Recording`).
+        prior_mean: (3,) start pose.
+        prior_cov: (3, 3) its covariance; zero is legal.
+        correction: `standard`, or `right-invariant` (see `ekf.corrections`).
+        landmarks: how many to make room for at first; the filter grows beyond that by itself.
+
+    Raises:
+        ValueError: the sensor is not one that this filter can use.
+    """
+
+    def __init__(
+        self,
+        sensor: str,
+        prior_mean: ArrayLike,
+        prior_cov: ArrayLike,
+        correction: Correction = "standard",
+        landmarks: int = 32,
+    ) -> None:
+        if sensor not in SENSOR_CODES:
+            raise ValueError(f"sensor: {sensor!r} does not fit this filter; use one of {', '.join(SENSOR_CODES)}")
+        compile_once()
+        self._sensor = SENSOR_CODES[sensor]
+        self._update = _UPDATES[correction]
+        self._ids: Int = np.zeros(0, dtype=np.int64)  # in slot order
+        self._sorted_ids: Int = self._ids
+        self._sorted_slots: Int = self._ids
+        self._size = 3
+        capacity = 3 + 2 * landmarks
+        self._state = np.zeros(capacity)
+        self._cov = np.zeros((capacity, capacity))
+        self._state[:3] = prior_mean
+        self._cov[:3, :3] = prior_cov
+        self._increment = np.zeros(3)
+        self._increment_cov = np.zeros((3, 3))
+        self._work = kernels.allocate_workspace(0, capacity)
+
+    @property
+    def pose(self) -> Float:
+        """(3,) x, y [m], heading [rad] in the world frame."""
+        return self._state[:3].copy()
+
+    @property
+    def pose_cov(self) -> Float:
+        """(3, 3) covariance of the additive pose error in the world frame."""
+        return self._cov[:3, :3].copy()
+
+    @property
+    def landmark_ids(self) -> Int:
+        """(L,) ids of the mapped landmarks, in the order of their first sight."""
+        return self._ids.copy()
+
+    @property
+    def landmarks(self) -> Float:
+        """(L, 2) their positions [m] in the world frame."""
+        return self._state[3 : self._size].reshape(-1, 2).copy()
+
+    @property
+    def landmark_covs(self) -> Float:
+        """(L, 2, 2) their covariances [m^2]."""
+        first = np.arange(3, self._size, 2)
+        xx, xy, yy = self._cov[first, first], self._cov[first, first + 1], self._cov[first + 1, first + 1]
+        return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+
+    @property
+    def cov(self) -> Float:
+        """(3 + 2L, 3 + 2L) covariance of robot and landmarks in the order of `landmark_ids`."""
+        upper = np.triu(self._cov[: self._size, : self._size])
+        return upper + np.triu(upper, 1).T
+
+    def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
+        """Move by a body-frame increment (3,) [m, m, rad] with covariance (3, 3).
+
+        Raises:
+            ValueError: a number is not finite; the filter is unchanged.
+        """
+        self._increment[:] = increment
+        self._increment_cov[:] = cov
+        if not kernels.predict(self._state, self._cov, self._size, self._increment, self._increment_cov):
+            raise ValueError(f"increment: {increment} or its covariance is not finite; drop the step or repair it")
+
+    def update(self, observations: Observations) -> tuple[float, int]:
+        """Correct with all observations of one step, then map the landmarks that are new.
+
+        Returns:
+            The normalised innovation squared and its degrees of freedom (0, 0 without mapped landmarks).
+
+        Raises:
+            ValueError: no ids, shapes that do not fit, or an update that has no solution because a
+                number is not finite or a covariance not positive definite; the filter is unchanged.
+        """
+        ids, values, covs = observations
+        if ids is None:
+            raise ValueError("landmark: this filter needs known association; give the ids of the observations")
+        count = len(ids)
+        if count > len(self._work.ids):
+            self._work = kernels.allocate_workspace(count, len(self._state))
+        work = self._work
+        work.ids[:count] = ids
+        unmapped = kernels.find_slots(self._sorted_ids, self._sorted_slots, work.ids[:count], work.slots)
+        if unmapped:
+            return self._update_and_map(Observations(np.asarray(ids), np.asarray(values), np.asarray(covs)))
+        work.observation[:count] = values
+        work.observation_cov[:count] = covs
+        nis, informative = self._update(self._sensor, self._state, self._cov, self._size, count, work)
+        if not np.isfinite(nis):
+            raise ValueError(
+                f"observation: no update exists for landmarks {work.ids[:count].tolist()}; "
+                "make every value finite and every covariance positive definite"
+            )
+        return nis, informative
+
+    def _update_and_map(self, observations: Observations) -> tuple[float, int]:
+        """An update in which some landmarks are new: first the mapped ones, then augmentation.
+
+        A new landmark that is seen more than once in the step is mapped by its first sight; the
+        others correct it in an update of their own.
+        """
+        ids, values, covs = observations
+        assert ids is not None
+        if not (np.isfinite(values).all() and np.isfinite(covs).all()):
+            raise ValueError("observation: a value or covariance is not finite; drop the row")
+        mapped = np.isin(ids, self._ids)
+        first = np.zeros(len(ids), dtype=bool)
+        first[np.unique(ids, return_index=True)[1]] = True
+        new = first & ~mapped
+        again = ~first & ~mapped
+        total, dof = 0.0, 0
+        if mapped.any():
+            total, dof = self.update(Observations(ids[mapped], values[mapped], covs[mapped]))
+        self._map(Observations(ids[new], values[new], covs[new]))
+        if again.any():
+            nis, informative = self.update(Observations(ids[again], values[again], covs[again]))
+            total, dof = total + nis, dof + informative
+        return total, dof
+
+    def _map(self, new: Observations) -> None:
+        ids, values, covs = new
+        assert ids is not None
+        count = len(ids)
+        self._reserve(self._size + 2 * count)
+        self._work.observation[:count] = values
+        self._work.observation_cov[:count] = covs
+        kernels.augment(self._sensor, self._state, self._cov, self._size, count, self._work)
+        self._size += 2 * count
+        self._ids = np.concatenate([self._ids, ids])
+        self._sorted_slots = np.argsort(self._ids)
+        self._sorted_ids = self._ids[self._sorted_slots]
+
+    def _reserve(self, size: int) -> None:
+        """Make room for `size` state entries; untouched pages of the larger array cost no memory."""
+        if size <= len(self._state):
+            return
+        capacity = 2 * size
+        state, cov = np.zeros(capacity), np.zeros((capacity, capacity))
+        state[: self._size] = self._state[: self._size]
+        cov[: self._size, : self._size] = self._cov[: self._size, : self._size]
+        self._state, self._cov = state, cov
+        self._work = kernels.allocate_workspace(len(self._work.ids), capacity)

@@ -1,0 +1,255 @@
+"""The steps of landmark EKF-SLAM on a preallocated state, compiled.
+
+State vector: robot (x, y, heading), then two world coordinates per mapped landmark; `size` entries of
+`state` and of the square `cov` are in use. Landmark in slot i starts at entry 3 + 2 i. Of `cov` only
+the upper triangle is kept, and the robot's own 3 x 3 block is kept whole. Covariances are those of the
+additive error in the world frame, for both filters.
+
+Source: the practical, equations 1.1; Sola, "Simultaneous localization and mapping with the extended
+Kalman filter" (2014) for the block structure.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ekf.compiled import cholesky, kernel, solve_factor
+from ekf.models import locate, observe, wrap, wrap_innovation
+from slam2d import Float, Int
+
+TILE = 64  # rows of `cov` that a strided pass keeps in cache
+
+
+class Workspace(NamedTuple):
+    """Arrays that an update reads and fills, for up to m observations and `capacity` state entries."""
+
+    ids: Int  # (m,)
+    slots: Int  # (m,)
+    observation: Float  # (m, 2)
+    observation_cov: Float  # (m, 2, 2)
+    jacobian: Float  # (2m, 5)
+    innovation: Float  # (2m,)
+    S: Float  # (2m, 2m)
+    W: Float  # (2m, capacity)
+    scratch: Float  # (3, capacity)
+
+
+def allocate_workspace(observations: int, capacity: int) -> Workspace:
+    """Room for `observations` at a time in a state of up to `capacity` entries."""
+    rows = 2 * observations
+    return Workspace(
+        ids=np.zeros(observations, dtype=np.int64),
+        slots=np.zeros(observations, dtype=np.int64),
+        observation=np.zeros((observations, 2)),
+        observation_cov=np.zeros((observations, 2, 2)),
+        jacobian=np.zeros((rows, 5)),
+        innovation=np.zeros(rows),
+        S=np.zeros((rows, rows)),
+        W=np.zeros((rows, capacity)),
+        scratch=np.zeros((3, capacity)),
+    )
+
+
+@kernel
+def predict(state, cov, size, increment, increment_cov):
+    """Move the robot by a body-frame increment: P_rr <- F P_rr F' + G Q G', P_rm <- F P_rm.
+
+    Returns False, with nothing changed, when a number is not finite.
+    """
+    if not math.isfinite(increment.sum() + increment_cov.sum()):
+        return False
+    c, s = math.cos(state[2]), math.sin(state[2])
+    moved_x = c * increment[0] - s * increment[1]
+    moved_y = s * increment[0] + c * increment[1]
+    state[0] += moved_x
+    state[1] += moved_y
+    state[2] = wrap(state[2] + increment[2])
+    # F = [I, J moved; 0, 1]: the heading's row leaks into the position's rows
+    for j in range(2, size):
+        cov[0, j] -= moved_y * cov[2, j]
+        cov[1, j] += moved_x * cov[2, j]
+    cov[0, 0] -= moved_y * (cov[2, 0] + cov[0, 2])
+    cov[0, 1] += moved_x * cov[0, 2] - moved_y * cov[2, 1]
+    cov[1, 1] += moved_x * (cov[2, 1] + cov[1, 2])
+    _add_increment_noise(cov, c, s, increment_cov)
+    return True
+
+
+@kernel
+def _add_increment_noise(cov, c, s, Q):
+    """Add G Q G' with G = blkdiag(R(heading), 1) to the robot's block, and mirror that block."""
+    qx0, qx1, qx2 = c * Q[0, 0] - s * Q[1, 0], c * Q[0, 1] - s * Q[1, 1], c * Q[0, 2] - s * Q[1, 2]
+    qy0, qy1, qy2 = s * Q[0, 0] + c * Q[1, 0], s * Q[0, 1] + c * Q[1, 1], s * Q[0, 2] + c * Q[1, 2]
+    cov[0, 0] += qx0 * c - qx1 * s
+    cov[0, 1] += qx0 * s + qx1 * c
+    cov[1, 1] += qy0 * s + qy1 * c
+    cov[0, 2] += qx2
+    cov[1, 2] += qy2
+    cov[2, 2] += Q[2, 2]
+    mirror_robot_block(cov)
+
+
+@kernel
+def mirror_robot_block(cov):
+    """Copy the upper triangle of the robot's block to its lower triangle."""
+    cov[1, 0] = cov[0, 1]
+    cov[2, 0] = cov[0, 2]
+    cov[2, 1] = cov[1, 2]
+
+
+@kernel
+def linearise(sensor, state, slots, observation, innovation, jacobian):
+    """Innovations (2m,) and compact Jacobians (2m, 5): columns robot x, y, heading, landmark x, y.
+
+    H = A R(heading)' [-I, -J (l - p), I]. Returns the number of rows that carry information.
+    """
+    c, s = math.cos(state[2]), math.sin(state[2])
+    informative = 0
+    for i in range(len(slots)):
+        landmark = 3 + 2 * slots[i]
+        ex = state[landmark] - state[0]
+        ey = state[landmark + 1] - state[1]
+        z0, z1, a00, a01, a10, a11 = observe(sensor, c * ex + s * ey, c * ey - s * ex)
+        for row, predicted, ax, ay in ((0, z0, a00, a01), (1, z1, a10, a11)):
+            k = 2 * i + row
+            hx, hy = ax * c - ay * s, ax * s + ay * c
+            jacobian[k, 0] = -hx
+            jacobian[k, 1] = -hy
+            jacobian[k, 2] = hx * ey - hy * ex
+            jacobian[k, 3] = hx
+            jacobian[k, 4] = hy
+            if hx == 0.0 and hy == 0.0:
+                innovation[k] = 0.0
+            else:
+                innovation[k] = wrap_innovation(sensor, row, observation[i, row] - predicted)
+                informative += 1
+    return informative
+
+
+@kernel
+def project_covariance(cov, size, slots, jacobian, W):
+    """W[:2m, :size] = H P from the upper triangle of P."""
+    for i in range(len(slots)):
+        for k in (2 * i, 2 * i + 1):
+            h0, h1, h2 = jacobian[k, 0], jacobian[k, 1], jacobian[k, 2]
+            for j in range(size):
+                W[k, j] = h0 * cov[0, j] + h1 * cov[1, j] + h2 * cov[2, j]
+    for first in range(0, size, TILE):
+        last = min(first + TILE, size)
+        for i in range(len(slots)):
+            _project_landmark(cov, first, last, 3 + 2 * slots[i], 2 * i, jacobian, W)
+
+
+@kernel
+def _project_landmark(cov, first, last, landmark, k, jacobian, W):
+    """Add the landmark's share of H P to columns first..last of W's rows k and k + 1."""
+    a3, a4, b3, b4 = jacobian[k, 3], jacobian[k, 4], jacobian[k + 1, 3], jacobian[k + 1, 4]
+    above = min(last, landmark)
+    for j in range(first, above):
+        px, py = cov[j, landmark], cov[j, landmark + 1]
+        W[k, j] += a3 * px + a4 * py
+        W[k + 1, j] += b3 * px + b4 * py
+    for j in range(max(first, landmark), last):
+        px = cov[landmark, j]
+        py = cov[min(j, landmark + 1), max(j, landmark + 1)]
+        W[k, j] += a3 * px + a4 * py
+        W[k + 1, j] += b3 * px + b4 * py
+
+
+@kernel
+def innovation_covariance(W, slots, jacobian, observation_cov, S):
+    """Upper triangle of S = H P H' + R from W = H P."""
+    rows = 2 * len(slots)
+    for a in range(rows):
+        for b in range(a, rows):
+            column = 3 + 2 * slots[b // 2]
+            S[a, b] = (
+                W[a, 0] * jacobian[b, 0]
+                + W[a, 1] * jacobian[b, 1]
+                + W[a, 2] * jacobian[b, 2]
+                + W[a, column] * jacobian[b, 3]
+                + W[a, column + 1] * jacobian[b, 4]
+            )
+    for i in range(len(slots)):
+        k = 2 * i
+        S[k, k] += observation_cov[i, 0, 0]
+        S[k + 1, k + 1] += observation_cov[i, 1, 1]
+        if jacobian[k + 1, 3] != 0.0 or jacobian[k + 1, 4] != 0.0:  # else row k + 1 was skipped
+            S[k, k + 1] += observation_cov[i, 0, 1]
+
+
+@kernel
+def whiten(sensor, state, cov, size, count, work):
+    """Prepare an update with the first `count` observations in `work`, all of mapped landmarks.
+
+    Leaves W = U'^-1 H P and the whitened innovation y = U'^-1 v in `work`, where S = U'U, so that the
+    correction is W'y and the covariance decreases by W'W. Returns (NIS, its degrees of freedom); the
+    NIS is not finite when S is not positive definite or an observation is not finite.
+    """
+    rows = 2 * count
+    slots = work.slots[:count]
+    W, S, y = work.W, work.S, work.innovation
+    informative = linearise(sensor, state, slots, work.observation, y, work.jacobian)
+    project_covariance(cov, size, slots, work.jacobian, W)
+    innovation_covariance(W, slots, work.jacobian, work.observation_cov, S)
+    if not cholesky(S, rows):
+        return math.nan, informative
+    solve_factor(S, W, rows, size)
+    nis = 0.0
+    for a in range(rows):
+        for b in range(a):
+            y[a] -= S[b, a] * y[b]
+        y[a] /= S[a, a]
+        nis += y[a] * y[a]
+    return nis, informative
+
+
+@kernel
+def find_slots(sorted_ids, sorted_slots, ids, slots):
+    """Slot of each id by bisection, -1 for ids that are not mapped; returns how many are not."""
+    unmapped = 0
+    for i in range(len(ids)):
+        low, high = 0, len(sorted_ids)
+        while low < high:
+            middle = (low + high) // 2
+            if sorted_ids[middle] < ids[i]:
+                low = middle + 1
+            else:
+                high = middle
+        if low < len(sorted_ids) and sorted_ids[low] == ids[i]:
+            slots[i] = sorted_slots[low]
+        else:
+            slots[i] = -1
+            unmapped += 1
+    return unmapped
+
+
+@kernel
+def augment(sensor, state, cov, size, count, work):
+    """Append the landmarks of the first `count` observations in `work`, in their order."""
+    for i in range(count):
+        _append_landmark(sensor, state, cov, size + 2 * i, work.observation[i], work.observation_cov[i])
+
+
+@kernel
+def _append_landmark(sensor, state, cov, size, z, R):
+    """Append a landmark seen at z: P_l. = J_r P_r., P_ll = J_r P_rr J_r' + J_z R J_z'."""
+    c, s = math.cos(state[2]), math.sin(state[2])
+    dx, dy, b00, b01, b10, b11 = locate(sensor, z[0], z[1])
+    ex, ey = c * dx - s * dy, s * dx + c * dy
+    x, y = size, size + 1
+    state[x] = state[0] + ex
+    state[y] = state[1] + ey
+    # J_r = [I, J (l - p)]
+    for j in range(size):
+        cov[j, x] = cov[0, j] - ey * cov[2, j]
+        cov[j, y] = cov[1, j] + ex * cov[2, j]
+    jx0, jx1, jy0, jy1 = c * b00 - s * b10, c * b01 - s * b11, s * b00 + c * b10, s * b01 + c * b11
+    rx0, rx1 = jx0 * R[0, 0] + jx1 * R[1, 0], jx0 * R[0, 1] + jx1 * R[1, 1]
+    ry0, ry1 = jy0 * R[0, 0] + jy1 * R[1, 0], jy0 * R[0, 1] + jy1 * R[1, 1]
+    cov[x, x] = cov[0, x] - ey * cov[2, x] + rx0 * jx0 + rx1 * jx1
+    cov[x, y] = cov[0, y] - ey * cov[2, y] + rx0 * jy0 + rx1 * jy1
+    cov[y, y] = cov[1, y] + ex * cov[2, y] + ry0 * jy0 + ry1 * jy1

@@ -1,0 +1,44 @@
+"""Compilation ahead of the first step, announced when it takes long."""
+
+from __future__ import annotations
+
+import functools
+import sys
+import threading
+
+import numpy as np
+
+from ekf import corrections, kernels
+
+ANNOUNCE_AFTER = 1.0  # s; loading kernels from the cache is faster than this
+
+
+@functools.cache
+def compile_once() -> None:
+    """Compile (or load from the cache) every kernel of the online filter, once per process.
+
+    Says so on standard error when it takes longer than a second: the first use after installation.
+    """
+    announcement = threading.Timer(
+        ANNOUNCE_AFTER,
+        print,
+        args=["slamgauge: compiling the filter kernels (once per installation, kept on disk) ..."],
+        kwargs={"file": sys.stderr},
+    )
+    announcement.start()
+    try:
+        _run_every_kernel()
+    finally:
+        announcement.cancel()
+
+
+def _run_every_kernel() -> None:
+    sensor = 0
+    state, cov, work = np.zeros(5), np.eye(5), kernels.allocate_workspace(1, 5)
+    work.observation[:] = 1.0, 0.0
+    work.observation_cov[:] = np.eye(2)
+    kernels.predict(state, cov, 3, np.zeros(3), np.zeros((3, 3)))
+    kernels.augment(sensor, state, cov, 3, 1, work)
+    kernels.find_slots(work.ids, work.slots, work.ids, work.slots)
+    corrections.update_standard(sensor, state, cov, 5, 1, work)
+    corrections.update_right_invariant(sensor, state, cov, 5, 1, work)

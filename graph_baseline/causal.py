@@ -1,0 +1,111 @@
+"""The causal optimum: iSAM2 fed step by step, its newest pose and marginal at every step."""
+
+from __future__ import annotations
+
+from time import perf_counter
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import L, X
+
+from graph_baseline.factors import GraphBuilder, as_range_bearing, first_sights, require_known_landmarks
+from graph_baseline.undetermined import explained
+from slam2d import Estimate, Float, Recording, rotation
+
+RELINEARIZE_THRESHOLD = 0.05  # m or rad
+
+
+def isam2(recording: Recording) -> Estimate:
+    """What the measurements up to each step allow: the newest pose of an incremental optimum (iSAM2).
+
+    The `position` sensor enters as range and bearing with its covariance carried over.
+
+    Raises:
+        ValueError: the recording cannot be turned into a graph, or leaves a variable undetermined.
+    """
+    growing = _GrowingProblem(recording)
+    steps = recording.steps
+    poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
+    with explained():
+        for k in range(steps + 1):
+            start = perf_counter()
+            growing.add_step(k)
+            growing.optimise()
+            poses[k], pose_covs[k] = growing.newest_pose(), growing.newest_pose_cov()
+            seconds[k] = perf_counter() - start
+        landmark_ids = first_sights(recording)[0]
+        landmarks = [growing.solver.calculateEstimatePoint2(L(name)) for name in landmark_ids.tolist()]
+        landmark_covs = [growing.solver.marginalCovariance(L(name)) for name in landmark_ids.tolist()]
+    return Estimate(
+        kind="filtered",
+        poses=poses,
+        pose_covs=pose_covs,
+        landmark_ids=landmark_ids,
+        landmarks=np.reshape(landmarks, (-1, 2)),
+        landmark_covs=np.reshape(landmark_covs, (-1, 2, 2)),
+        association=recording.landmark,
+        seconds=seconds,
+    )
+
+
+def optimise_incrementally(recording: Recording, steps_per_update: int) -> gtsam.Values:
+    """The solution that iSAM2 reaches when the recording is fed to it in portions."""
+    growing = _GrowingProblem(recording)
+    with explained():
+        for k in range(recording.steps + 1):
+            growing.add_step(k)
+            if k % steps_per_update == 0 or k == recording.steps:
+                growing.optimise()
+        return growing.solver.calculateEstimate()
+
+
+class _GrowingProblem:
+    """iSAM2 and the factors and first guesses that wait for its next update."""
+
+    def __init__(self, recording: Recording) -> None:
+        parameters = gtsam.ISAM2Params()
+        parameters.setFactorization("QR")  # the one that takes constraints, zero motion variance
+        parameters.setRelinearizeThreshold(RELINEARIZE_THRESHOLD)
+        parameters.relinearizeSkip = 10
+        self.solver = gtsam.ISAM2(parameters)
+        self._builder = GraphBuilder(recording)
+        self._recording = recording
+        self._landmark = require_known_landmarks(recording).tolist()
+        self._polar = as_range_bearing(recording)[0].tolist()
+        self._odometry = recording.odometry.tolist()
+        self._bounds = np.searchsorted(recording.observation_step, np.arange(recording.steps + 2)).tolist()
+        self._known: set[int] = set()
+        self._newest = 0
+        self._guess = gtsam.Pose2(*recording.prior_mean)
+        self._graph = gtsam.NonlinearFactorGraph()
+        self._values = gtsam.Values()
+
+    def add_step(self, k: int) -> None:
+        self._builder.add_step(self._graph, k)
+        if k > 0:
+            self._guess = self._guess.compose(gtsam.Pose2(*self._odometry[k - 1]))
+        self._newest = k
+        self._values.insert(X(k), self._guess)
+        for i in range(self._bounds[k], self._bounds[k + 1]):
+            name = self._landmark[i]
+            if name not in self._known:
+                self._known.add(name)
+                distance, bearing = self._polar[i]
+                sight = gtsam.Point2(distance * np.cos(bearing), distance * np.sin(bearing))
+                self._values.insert(L(name), self._guess.transformFrom(sight))
+
+    def optimise(self) -> None:
+        self.solver.update(self._graph, self._values)
+        self._graph.resize(0)
+        self._values.clear()
+        self._guess = self.solver.calculateEstimatePose2(X(self._newest))
+
+    def newest_pose(self) -> Float:
+        return np.array([self._guess.x(), self._guess.y(), self._guess.theta()])
+
+    def newest_pose_cov(self) -> Float:
+        """(3, 3) in world coordinates; GTSAM's is in the body frame."""
+        to_world = np.eye(3)
+        to_world[:2, :2] = rotation(self._guess.theta())
+        covariance = to_world @ self.solver.marginalCovariance(X(self._newest)) @ to_world.T
+        return (covariance + covariance.T) / 2

@@ -1,0 +1,168 @@
+"""The recording as a GTSAM factor graph: built-in factors, poses X(k) and landmarks L(id).
+
+The `position` sensor has no planar built-in factor. Its observations enter as range and bearing, with
+the covariance carried over at the measured point; `smoother` then finishes on the exact model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import L, X
+
+from slam2d import Float, Int, Recording, chain
+
+# m or rad; lent to a fixed start, because GTSAM's marginal of pose 1 is wrongly zero when constraints on
+# the prior and on the motion meet (GTSAM 4.3.0)
+FIXED_START_SIGMA = 1e-9
+
+
+def require_known_landmarks(recording: Recording) -> Int:
+    """The landmark ids of a recording that a graph can be built from.
+
+    Raises:
+        ValueError: unknown association, or a sensor without depth.
+    """
+    if recording.landmark is None:
+        raise ValueError("landmark: the graph needs known association; the recording has no ids")
+    if recording.sensor == "bearing":
+        raise ValueError("sensor: the graph needs range-bearing or position, not 'bearing'")
+    return recording.landmark
+
+
+def as_range_bearing(recording: Recording) -> tuple[Float, Float]:
+    """Observations (M, 2) as range [m] and bearing [rad], and their covariances (M, 2, 2)."""
+    if recording.sensor == "range-bearing":
+        return recording.observation, recording.observation_cov
+    x, y = recording.observation.T
+    distance = np.hypot(x, y)
+    if not distance.all():
+        row = int(np.argmin(distance))
+        raise ValueError(f"observation[{row}]: a landmark at the sensor itself has no bearing; drop the row")
+    jacobian = np.stack([np.stack([x, y], -1) / distance[:, None], np.stack([-y, x], -1) / distance[:, None] ** 2], 1)
+    polar = np.column_stack([distance, np.arctan2(y, x)])
+    return polar, jacobian @ recording.observation_cov @ jacobian.swapaxes(1, 2)
+
+
+def noise_models(
+    name: str, covariances: Float, minimum_sigma: float = 0.0
+) -> Callable[[int], gtsam.noiseModel.Base]:
+    """Noise model of each row of `covariances` (n, d, d); equal covariances share one model.
+
+    A variance of exactly 0 becomes a constraint, or a standard deviation of `minimum_sigma`.
+
+    Raises:
+        ValueError: a covariance is singular in a direction that is not a coordinate axis.
+    """
+    models: dict[bytes, gtsam.noiseModel.Base] = {}
+
+    def model(row: int) -> gtsam.noiseModel.Base:
+        key = covariances[row].tobytes()
+        if key not in models:
+            models[key] = _noise_model(f"{name}[{row}]", covariances[row], minimum_sigma)
+        return models[key]
+
+    return model
+
+
+def _noise_model(place: str, covariance: Float, minimum_sigma: float) -> gtsam.noiseModel.Base:
+    variances = np.diag(covariance)
+    sigmas = np.sqrt(variances)
+    if np.array_equal(covariance, np.diag(variances)):
+        return gtsam.noiseModel.Diagonal.Sigmas(np.maximum(sigmas, minimum_sigma))
+    scale = np.where(sigmas > 0, sigmas, 1.0)
+    if np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0] < 1e-12:
+        raise ValueError(
+            f"{place}: singular in a direction that is not x, y or heading; "
+            "give that direction a variance (an import's lateral slip), or make the matrix diagonal"
+        )
+    # not smart: GTSAM would take correlations for rounding where covariances are below 1e-9
+    return gtsam.noiseModel.Gaussian.Covariance(covariance, False)
+
+
+class GraphBuilder:
+    """Factors of a recording, step by step.
+
+    Args:
+        recording: known association, `range-bearing` or `position`.
+        minimum_sigma: lent to motion directions whose variance is exactly 0 (m or rad); 0 keeps them
+            as hard constraints.
+
+    Raises:
+        ValueError: the recording cannot be turned into a graph; says why and what to do.
+    """
+
+    def __init__(self, recording: Recording, minimum_sigma: float = 0.0) -> None:
+        self._landmark = require_known_landmarks(recording).tolist()
+        polar, polar_cov = as_range_bearing(recording)
+        self._polar = polar.tolist()
+        self._odometry = recording.odometry.tolist()
+        self._prior = gtsam.PriorFactorPose2(
+            X(0),
+            gtsam.Pose2(*recording.prior_mean),
+            noise_models("prior_cov", recording.prior_cov[None], FIXED_START_SIGMA)(0),
+        )
+        self._motion_noise = noise_models("odometry_cov", recording.odometry_cov, minimum_sigma)
+        # GTSAM's order is bearing, range
+        self._sensor_noise = noise_models("observation_cov", polar_cov[:, ::-1, ::-1].copy())
+        self._bounds = np.searchsorted(recording.observation_step, np.arange(recording.steps + 2)).tolist()
+
+    def add_step(self, graph: gtsam.NonlinearFactorGraph, k: int) -> None:
+        """Append the prior (k = 0) or the increment that leads to pose k, and pose k's observations."""
+        if k == 0:
+            graph.add(self._prior)
+        else:
+            measured = gtsam.Pose2(*self._odometry[k - 1])
+            graph.add(gtsam.BetweenFactorPose2(X(k - 1), X(k), measured, self._motion_noise(k - 1)))
+        for i in range(self._bounds[k], self._bounds[k + 1]):
+            distance, bearing = self._polar[i]
+            graph.add(
+                gtsam.BearingRangeFactor2D(
+                    X(k), L(self._landmark[i]), gtsam.Rot2(bearing), distance, self._sensor_noise(i)
+                )
+            )
+
+
+def build_graph(recording: Recording, minimum_sigma: float = 0.0) -> gtsam.NonlinearFactorGraph:
+    """The whole recording as a graph; see `GraphBuilder`."""
+    builder = GraphBuilder(recording, minimum_sigma)
+    graph = gtsam.NonlinearFactorGraph()
+    for k in range(recording.steps + 1):
+        builder.add_step(graph, k)
+    return graph
+
+
+def first_sights(recording: Recording) -> tuple[Int, Int]:
+    """Ids of the landmarks in increasing order, and the row of each one's first observation."""
+    return np.unique(require_known_landmarks(recording), return_index=True)
+
+
+def landmarks_at_first_sight(recording: Recording, poses: Float) -> Float:
+    """Landmarks (L, 2), in the order of `first_sights`, where their first sight from `poses` puts them."""
+    rows = first_sights(recording)[1]
+    seen_from = poses[recording.observation_step[rows]]
+    polar = as_range_bearing(recording)[0][rows]
+    angle = seen_from[:, 2] + polar[:, 1]
+    return seen_from[:, :2] + polar[:, :1] * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def dead_reckoned(recording: Recording) -> Float:
+    """Poses (N+1, 3) of the prior mean carried along the odometry."""
+    return chain(recording.prior_mean, recording.odometry)
+
+
+def make_values(poses: Float, landmark_ids: Int, landmarks: Float) -> gtsam.Values:
+    """GTSAM's form of poses (N+1, 3) and landmarks (L, 2)."""
+    values = gtsam.Values()
+    for k, pose in enumerate(poses.tolist()):
+        values.insert(X(k), gtsam.Pose2(*pose))
+    for name, landmark in zip(landmark_ids.tolist(), landmarks.tolist(), strict=True):
+        values.insert(L(name), gtsam.Point2(*landmark))
+    return values
+
+
+def read_values(values: gtsam.Values) -> tuple[Float, Float]:
+    """Poses (N+1, 3) and landmarks (L, 2) in increasing id order."""
+    return gtsam.utilities.extractPose2(values), gtsam.utilities.extractPoint2(values).reshape(-1, 2)

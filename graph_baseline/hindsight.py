@@ -1,0 +1,110 @@
+"""The hindsight optimum: all measurements at once, every pose and landmark with its covariance.
+
+1. GTSAM's Levenberg-Marquardt runs from two starts, dead reckoning and a portion-wise iSAM2 solution;
+   the lower cost is kept. Motion directions of zero variance are lent a small slip for this, because
+   damping and hard constraints do not agree: damped steps leave the constraint and stop early.
+2. Exact Newton steps through the Schur complement (see `smoother`) finish on the recording's own model,
+   zero variances and all, until a step is negligible against the standard deviations it has found.
+   The gradient vanishes there, and positive definite information makes it a minimum.
+"""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+
+from graph_baseline.causal import optimise_incrementally
+from graph_baseline.factors import (
+    build_graph,
+    dead_reckoned,
+    first_sights,
+    landmarks_at_first_sight,
+    make_values,
+    read_values,
+    require_known_landmarks,
+)
+from graph_baseline.linearisation import cost, linearise
+from graph_baseline.smoother import Solution, solve
+from graph_baseline.undetermined import UndeterminedError, explained, undetermined_variable
+from slam2d import Estimate, Float, Int, Recording, wrap
+
+LENT_SLIP = 1e-4  # m (rad for a heading): three hundredths of a per cent of a 0.3 m step, and released in part 2
+STEPS_PER_UPDATE = 50
+MAX_NEWTON_STEPS = 30
+NEGLIGIBLE = 1e-6  # of a standard deviation
+
+
+def batch(recording: Recording) -> Estimate:
+    """What the measurements allow in hindsight: the maximum a posteriori trajectory and map.
+
+    Raises:
+        ValueError: the recording cannot be turned into a graph, leaves a variable undetermined, or the
+            optimum was not reached.
+    """
+    landmark_ids = first_sights(recording)[0]
+    poses, landmarks = _minimise(recording, landmark_ids)
+    poses, landmarks, solution = _finish(recording, landmark_ids, poses, landmarks)
+    return Estimate(
+        kind="smoothed",
+        poses=poses,
+        pose_covs=solution.pose_covs,
+        landmark_ids=landmark_ids,
+        landmarks=landmarks,
+        landmark_covs=solution.landmark_covs,
+        association=recording.landmark,
+    )
+
+
+def _minimise(recording: Recording, landmark_ids: Int) -> tuple[Float, Float]:
+    """Poses and landmarks of the lower of two Levenberg-Marquardt solutions, with slip lent."""
+    graph = build_graph(recording, minimum_sigma=LENT_SLIP)
+    dead = dead_reckoned(recording)
+    starts = [
+        make_values(dead, landmark_ids, landmarks_at_first_sight(recording, dead)),
+        optimise_incrementally(recording, STEPS_PER_UPDATE),
+    ]
+    with explained():
+        solutions = [_levenberg_marquardt(graph, values) for values in starts]
+    return read_values(min(solutions, key=graph.error))
+
+
+def _levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Values:
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setRelativeErrorTol(1e-6)
+    return gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
+
+
+def _finish(
+    recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float
+) -> tuple[Float, Float, Solution]:
+    """Newton steps on the exact model until they are negligible; the solution's covariances with it."""
+    slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
+    for _ in range(MAX_NEWTON_STEPS):
+        try:
+            solution = solve(linearise(recording, slot, poses, landmarks), len(landmark_ids))
+        except np.linalg.LinAlgError:
+            raise undetermined_variable("l", _weakest_landmark(recording, landmark_ids, slot)) from None
+        poses, landmarks = poses + solution.dx, landmarks + solution.dm
+        poses[:, 2] = wrap(poses[:, 2])
+        if _relative_size(solution) < NEGLIGIBLE:
+            return poses, landmarks, solution
+    raise UndeterminedError(
+        f"batch: no minimum after {MAX_NEWTON_STEPS} exact steps (cost {cost(recording, poses, landmark_ids, landmarks):g}); "
+        "the measurements contradict each other: check associations and covariances"
+    )
+
+
+def _relative_size(solution: Solution) -> float:
+    """Largest component of the step in units of its own standard deviation."""
+    sizes = [0.0]
+    for step, covs in ((solution.dx, solution.pose_covs), (solution.dm, solution.landmark_covs)):
+        sigma = np.sqrt(np.maximum(np.diagonal(covs, axis1=1, axis2=2), 0.0))
+        sizes.append(float(np.max(np.abs(step) / np.where(sigma > 1e-9, sigma, np.inf), initial=0.0)))
+    return max(sizes)
+
+
+def _weakest_landmark(recording: Recording, landmark_ids: Int, slot: Int) -> int:
+    """Id of the landmark that its own observations tell least about."""
+    precision = np.zeros(len(landmark_ids))
+    np.add.at(precision, slot, 1.0 / np.linalg.eigvalsh(recording.observation_cov)[:, -1])
+    return int(landmark_ids[np.argmin(precision)])

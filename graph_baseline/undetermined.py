@@ -1,0 +1,38 @@
+"""Errors that say which landmark or pose the measurements leave undetermined, and what to do."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class UndeterminedError(ValueError):
+    """The measurements do not determine the optimum, or it was not reached."""
+
+
+@contextmanager
+def explained() -> Iterator[None]:
+    """Turn GTSAM's report of an indeterminate system into one line that names variable and remedy."""
+    try:
+        yield
+    except RuntimeError as error:
+        variable = re.search(r"\b([lx])(\d+)\b", str(error))
+        if variable is None:
+            raise UndeterminedError(
+                f"graph: GTSAM stopped ({str(error).strip().splitlines()[0]}); check the recording's covariances"
+            ) from None
+        raise undetermined_variable(variable[1], int(variable[2])) from None
+
+
+def undetermined_variable(kind: str, index: int) -> UndeterminedError:
+    """The error for landmark (`l`) or pose (`x`) number `index`."""
+    if kind == "l":
+        return UndeterminedError(
+            f"landmark {index}: its observations do not determine its position; "
+            "add sights with smaller covariances or from other places, or drop its observations"
+        )
+    return UndeterminedError(
+        f"pose {index}: odometry and observations do not determine it; "
+        f"give prior_cov and odometry_cov[{max(index - 1, 0)}] smaller variances"
+    )

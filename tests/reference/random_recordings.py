@@ -1,0 +1,72 @@
+"""Small random recordings for tests: full covariances, any sensor, singular motion noise on request."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slam2d import Float, Recording, Truth, between, chain, rotation, wrap
+
+
+def random_covariances(rng: np.random.Generator, count: int, sigmas: Float) -> Float:
+    """(count, d, d) correlated covariances with standard deviations near `sigmas`."""
+    dim = len(sigmas)
+    A = np.eye(dim) + 0.3 * rng.normal(size=(count, dim, dim))
+    A = A * np.asarray(sigmas)[:, None]
+    return A @ A.swapaxes(1, 2)
+
+
+def random_recording(
+    seed: int,
+    *,
+    sensor: str = "range-bearing",
+    steps: int = 40,
+    landmarks: int = 6,
+    slip: bool = True,
+    noise: float = 1.0,
+    prior_sigmas: tuple[float, float, float] = (0.1, 0.1, 0.02),
+) -> tuple[Truth, Recording]:
+    """A winding path among random landmarks, each seen with probability 1/2 at every step.
+
+    Args:
+        slip: with False the lateral motion noise is exactly zero.
+        noise: scale of every standard deviation.
+    """
+    rng = np.random.default_rng(seed)
+    commands = np.column_stack([np.full(steps, 0.5), np.zeros(steps), rng.normal(0.05, 0.2, steps)])
+    if slip:
+        motion_cov = random_covariances(rng, steps, noise * np.array([0.03, 0.02, 0.01]))
+    else:
+        motion_cov = np.tile(np.diag([0.03, 0.0, 0.01]) ** 2 * noise**2, (steps, 1, 1))
+    prior_cov = np.diag(prior_sigmas) ** 2 * noise**2
+    start = np.array([0.3, -0.2, 0.4])
+    poses = chain(rng.multivariate_normal(start, prior_cov), commands)
+    positions = poses[rng.integers(0, steps, landmarks), :2] + rng.choice([-1, 1], (landmarks, 2)) * rng.uniform(
+        1.5, 4.0, (landmarks, 2)
+    )
+    step, landmark = np.nonzero(rng.random((steps + 1, landmarks)) < 0.5)
+    delta = np.einsum("nji,nj->ni", rotation(poses[step, 2]), positions[landmark] - poses[step, :2])
+    exact = delta if sensor == "position" else np.column_stack([np.hypot(*delta.T), np.arctan2(delta[:, 1], delta[:, 0])])
+    sigmas = noise * np.array([0.1, 0.1] if sensor == "position" else [0.1, 0.05])
+    observation_cov = random_covariances(rng, len(step), sigmas)
+    observation = exact + np.einsum("nij,nj->ni", np.linalg.cholesky(observation_cov), rng.normal(size=exact.shape))
+    if sensor == "range-bearing":
+        observation[:, 1] = wrap(observation[:, 1])
+    root = np.linalg.cholesky(motion_cov + 1e-300 * np.eye(3))
+    odometry = commands + np.einsum("nij,nj->ni", root, rng.normal(size=(steps, 3)))
+    recording = Recording(
+        stamps=np.arange(steps + 1) * 0.1,
+        prior_mean=start,
+        prior_cov=prior_cov,
+        odometry=odometry,
+        odometry_cov=motion_cov,
+        sensor=sensor,  # pyright: ignore[reportArgumentType]
+        observation_step=step,
+        observation=observation,
+        observation_cov=observation_cov,
+        landmark=landmark * 3 + 2,
+    )
+    truth = Truth(
+        poses=poses, landmark_ids=np.arange(landmarks) * 3 + 2, landmarks=positions, association=landmark * 3 + 2
+    )
+    assert np.allclose(between(poses[:-1], poses[1:])[:, :2], commands[:, :2])
+    return truth, recording
