@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from compare.plots import plot_run, save_figure
     from compare.scenario import Scenario, load_scenario, shipped_scenarios
     from compare.scores import Score, evaluate
-    from compare.simulate import simulate
+    from compare.simulation import simulate
 
 _HOME = {
     "Comparison": "comparison",
@@ -36,7 +36,7 @@ _HOME = {
     "save": "files",
     "save_figure": "plots",
     "shipped_scenarios": "scenario",
-    "simulate": "simulate",
+    "simulate": "simulation",
 }
 
 __all__ = [

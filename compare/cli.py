@@ -71,7 +71,7 @@ class Run:
     def __call__(self) -> None:
         """Simulate, grade and write."""
         from compare.scenario import load_scenario
-        from compare.simulate import simulate
+        from compare.simulation import simulate
 
         scenario = load_scenario(self.scenario, _flat(self.set))
         truth, recording = simulate(scenario, self.seed)

@@ -48,7 +48,7 @@ def straight(steps: int = 4, seen: list[tuple[int, int]] | None = None, dt: floa
     at, ids = np.array(seen or [], dtype=int).reshape(-1, 2).T
     count = len(at)
     return Recording(
-        stamps=dt * np.arange(steps + 1),
+        stamps=np.linspace(0, steps * dt, steps + 1),
         prior_mean=np.zeros(3),
         prior_cov=np.eye(3),
         odometry=np.tile([1.0, 0.0, 0.0], (steps, 1)),

@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import chi2
 
 from compare.scenario import Scenario, load_scenario
-from compare.simulate import simulate
+from compare.simulation import simulate
 from slam2d import Float, Recording, Truth, chain, rotation, wrap
 
 T = TypeVar("T")
