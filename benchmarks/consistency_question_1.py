@@ -46,7 +46,7 @@ def main() -> None:
     with ProcessPoolExecutor() as pool:
         runs = list(tqdm(pool.map(one_run, [options.scenario] * options.runs, seeds), total=options.runs, disable=None))
     low, high = (bound / options.runs for bound in chi2_band(options.band, 3 * options.runs))
-    print(f"{options.scenario}, {options.runs} runs; band of the mean pose NEES at {options.band:.1%}: {low:.2f} to {high:.2f}")
+    print(f"{options.scenario}, {options.runs} runs; mean pose NEES at {options.band:.1%}: {low:.2f} to {high:.2f}")
     print(f"{'estimator':10} {'ATE [m]':>15} {'x isam2':>8} {'mean NEES':>10} {'steps in band':>14} {'NIS/dof':>8}")
     optimal = np.mean([run["isam2"][0] for run in runs])
     for name in NAMES:

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from compare.assertions import assert_error_bounds
     from compare.comparison import Comparison, compare_estimators
+    from compare.error_panels import plot_errors
     from compare.estimators import load_estimators
     from compare.files import load_estimate, load_recording, load_truth, save
-    from compare.error_panels import plot_errors
     from compare.plots import plot_run, save_figure
     from compare.scenario import Scenario, load_scenario, shipped_scenarios
     from compare.scores import Score, evaluate

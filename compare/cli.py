@@ -156,9 +156,7 @@ class LostInTheWoods:
         """Read and store."""
         from compare.lost_in_the_woods import read_lost_in_the_woods
 
-        recording, truth = read_lost_in_the_woods(
-            self.path, max_range=self.max_range, lateral_slip=self.lateral_slip
-        )
+        recording, truth = read_lost_in_the_woods(self.path, max_range=self.max_range, lateral_slip=self.lateral_slip)
         _store(self.out, recording, truth)
 
 
@@ -242,6 +240,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="slamgauge",
         description="How far is your SLAM filter from the best that its measurements allow?",
         args=arguments,
+        config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
     )
     try:
         command()

@@ -30,9 +30,7 @@ class Comparison:
     scores: dict[str, Score]
 
 
-def compare_estimators(
-    truth: Truth | None, recording: Recording, estimators: Mapping[str, Estimator]
-) -> Comparison:
+def compare_estimators(truth: Truth | None, recording: Recording, estimators: Mapping[str, Estimator]) -> Comparison:
     """Run every estimator on the recording alone, then score each against truth and optimum.
 
     The optimum of filtered estimates is `isam2`, that of smoothed ones `batch`, where they are among
@@ -81,7 +79,7 @@ def digest(recording: Recording) -> str:
 
 def write_comparison(folder: Path, comparison: Comparison, content: dict[str, Any], title: str) -> None:
     """Write recording, truth, estimates, TUM trajectories, figure and metrics into an existing folder."""
-    from compare.plots import save_figure  # noqa: PLC0415 -- matplotlib only where pictures are made
+    from compare.plots import save_figure  # matplotlib only where pictures are made
 
     recording = comparison.recording
     save(folder / "recording.npz", recording)
@@ -120,7 +118,9 @@ def table(comparison: Comparison) -> str:
         figures = [(getattr(score, key), form) for _, key, form in _COLUMNS]
         rows.append([name, score.kind, *("-" if value is None else form.format(value) for value, form in figures)])
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return "\n".join(
-        "  ".join(cell.ljust(width) if i < 2 else cell.rjust(width) for i, (cell, width) in enumerate(zip(row, widths, strict=True)))
-        for row in rows
-    )
+    lines: list[str] = []
+    for name, kind, *figures in rows:
+        cells = [name.ljust(widths[0]), kind.ljust(widths[1])]
+        cells += [figure.rjust(width) for figure, width in zip(figures, widths[2:], strict=True)]
+        lines.append("  ".join(cells))
+    return "\n".join(lines)

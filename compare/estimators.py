@@ -54,7 +54,7 @@ def _import_estimator(path: str) -> Estimator:
         sys.path.insert(0, str(Path.cwd()))
     try:
         estimator = getattr(importlib.import_module(module_name), attribute)
-    except Exception as error:  # noqa: BLE001 -- any code may run here, and it is not ours
+    except Exception as error:  # any code may run here, and it is not ours
         raise ValueError(f"estimator {path}: cannot be loaded, {_where_it_broke(error)}") from error
     if not callable(estimator):
         raise ValueError(f"estimator {path}: is a {type(estimator).__name__}; give a callable Recording -> Estimate")

@@ -8,7 +8,7 @@ them again in another process.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar, cast
 
 import llvmlite.binding as llvm
 import numpy as np
@@ -16,11 +16,13 @@ from numba import njit, types
 from numba.core.types import ExternalFunction
 from numba.extending import get_cython_function_address
 
-P = ParamSpec("P")
-R = TypeVar("R")
+from slam2d import Float
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 
-def kernel(function: Callable[P, R]) -> Callable[P, R]:
+def kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Compile `function` on first call; machine code is cached on disk where that is possible."""
     try:
         return njit(cache=True, error_model="numpy")(function)
@@ -28,11 +30,11 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
         return njit(error_model="numpy")(function)
 
 
-def _fortran(library: str, routine: str, arguments: int) -> ExternalFunction:
+def _fortran(library: str, routine: str, arguments: int) -> Callable[..., None]:
     """A BLAS or LAPACK routine of scipy's, callable from kernels with `arguments` pointers."""
     name = f"slamgauge_{routine}"
     llvm.add_symbol(name, get_cython_function_address(f"scipy.linalg.cython_{library}", routine))
-    return ExternalFunction(name, types.void(*[types.voidptr] * arguments))
+    return cast("Callable[..., None]", ExternalFunction(name, types.void(*[types.voidptr] * arguments)))
 
 
 _dsyrk = _fortran("blas", "dsyrk", 10)
@@ -51,7 +53,7 @@ _UNIT_STRIDE = np.array([1], dtype=np.int32)
 
 
 @kernel
-def cholesky(S, rows):
+def cholesky(S: Float, rows: int) -> bool:
     """Factor S[:rows, :rows] = U'U in place, upper triangle only; True if it is positive definite."""
     sizes = np.array([rows, S.shape[1], 0], dtype=np.int32)
     _dpotrf(_LETTERS[_L:].ctypes, sizes.ctypes, S.ctypes, sizes[1:].ctypes, sizes[2:].ctypes)
@@ -59,7 +61,7 @@ def cholesky(S, rows):
 
 
 @kernel
-def solve_factor(S, W, rows, size):
+def solve_factor(S: Float, W: Float, rows: int, size: int) -> None:
     """W[:rows, :size] <- U'^-1 W for the factor U that `cholesky` left in S."""
     sizes = np.array([size, rows, S.shape[1], W.shape[1]], dtype=np.int32)
     _dtrsm(
@@ -78,7 +80,7 @@ def solve_factor(S, W, rows, size):
 
 
 @kernel
-def subtract_gram(P, W, rows, size):
+def subtract_gram(P: Float, W: Float, rows: int, size: int) -> None:
     """P <- P - W'W on the upper triangle of P[:size, :size], for W[:rows, :size]."""
     sizes = np.array([size, rows, P.shape[1], W.shape[1]], dtype=np.int32)
     _dsyrk(
@@ -96,7 +98,7 @@ def subtract_gram(P, W, rows, size):
 
 
 @kernel
-def add_outer_pair(P, u, v, size):
+def add_outer_pair(P: Float, u: Float, v: Float, size: int) -> None:
     """P <- P + u v' + v u' on the upper triangle of P[:size, :size]."""
     sizes = np.array([size, P.shape[1]], dtype=np.int32)
     _dsyr2(
@@ -113,7 +115,7 @@ def add_outer_pair(P, u, v, size):
 
 
 @kernel
-def combine_rows(W, weights, out, rows, size):
+def combine_rows(W: Float, weights: Float, out: Float, rows: int, size: int) -> None:
     """out[:size] = W' weights for W[:rows, :size]."""
     sizes = np.array([size, rows, W.shape[1]], dtype=np.int32)
     _dgemv(

@@ -23,13 +23,14 @@ from __future__ import annotations
 import math
 
 from ekf.compiled import add_outer_pair, combine_rows, kernel, subtract_gram
-from ekf.kernels import mirror_robot_block, whiten
+from ekf.kernels import Workspace, mirror_robot_block, whiten
 from ekf.models import wrap
+from slam2d import Float
 
 
 @kernel
-def update_standard(sensor, state, cov, size, count, work):
-    """x <- x + dx, P <- P - W'W; returns as `whiten`, changing nothing when the NIS is not finite."""
+def update_standard(sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace) -> tuple[float, int]:
+    """Correct: x <- x + dx, P <- P - W'W; returns as `whiten`, changing nothing when the NIS is not finite."""
     nis, informative = whiten(sensor, state, cov, size, count, work)
     if not math.isfinite(nis):
         return nis, informative
@@ -44,8 +45,10 @@ def update_standard(sensor, state, cov, size, count, work):
 
 
 @kernel
-def update_right_invariant(sensor, state, cov, size, count, work):
-    """x <- exp(D^-1 dx) x, P <- T (P - W'W) T'; returns as `update_standard`."""
+def update_right_invariant(
+    sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace
+) -> tuple[float, int]:
+    """Correct: x <- exp(D^-1 dx) x, P <- T (P - W'W) T'; returns as `update_standard`."""
     nis, informative = whiten(sensor, state, cov, size, count, work)
     if not math.isfinite(nis):
         return nis, informative
@@ -73,7 +76,7 @@ def update_right_invariant(sensor, state, cov, size, count, work):
 
 
 @kernel
-def _move(state, dx, u, i, v_cos, v_sin):
+def _move(state: Float, dx: Float, u: Float, i: int, v_cos: float, v_sin: float) -> None:
     """Move the point at entry i by V dx, and note J times that move in u."""
     move_x = v_cos * dx[i] - v_sin * dx[i + 1]
     move_y = v_sin * dx[i] + v_cos * dx[i + 1]

@@ -54,7 +54,7 @@ def allocate_workspace(observations: int, capacity: int) -> Workspace:
 
 
 @kernel
-def predict(state, cov, size, increment, increment_cov):
+def predict(state: Float, cov: Float, size: int, increment: Float, increment_cov: Float) -> bool:
     """Move the robot by a body-frame increment: P_rr <- F P_rr F' + G Q G', P_rm <- F P_rm.
 
     Returns False, with nothing changed, when a number is not finite.
@@ -79,7 +79,7 @@ def predict(state, cov, size, increment, increment_cov):
 
 
 @kernel
-def _add_increment_noise(cov, c, s, Q):
+def _add_increment_noise(cov: Float, c: float, s: float, Q: Float) -> None:
     """Add G Q G' with G = blkdiag(R(heading), 1) to the robot's block, and mirror that block."""
     qx0, qx1, qx2 = c * Q[0, 0] - s * Q[1, 0], c * Q[0, 1] - s * Q[1, 1], c * Q[0, 2] - s * Q[1, 2]
     qy0, qy1, qy2 = s * Q[0, 0] + c * Q[1, 0], s * Q[0, 1] + c * Q[1, 1], s * Q[0, 2] + c * Q[1, 2]
@@ -93,7 +93,7 @@ def _add_increment_noise(cov, c, s, Q):
 
 
 @kernel
-def mirror_robot_block(cov):
+def mirror_robot_block(cov: Float) -> None:
     """Copy the upper triangle of the robot's block to its lower triangle."""
     cov[1, 0] = cov[0, 1]
     cov[2, 0] = cov[0, 2]
@@ -101,7 +101,7 @@ def mirror_robot_block(cov):
 
 
 @kernel
-def linearise(sensor, state, slots, observation, innovation, jacobian):
+def linearise(sensor: int, state: Float, slots: Int, observation: Float, innovation: Float, jacobian: Float) -> int:
     """Innovations (2m,) and compact Jacobians (2m, 5): columns robot x, y, heading, landmark x, y.
 
     H = A R(heading)' [-I, -J (l - p), I]. Returns the number of rows that carry information.
@@ -130,7 +130,7 @@ def linearise(sensor, state, slots, observation, innovation, jacobian):
 
 
 @kernel
-def project_covariance(cov, size, slots, jacobian, W):
+def project_covariance(cov: Float, size: int, slots: Int, jacobian: Float, W: Float) -> None:
     """W[:2m, :size] = H P from the upper triangle of P."""
     for i in range(len(slots)):
         for k in (2 * i, 2 * i + 1):
@@ -144,7 +144,7 @@ def project_covariance(cov, size, slots, jacobian, W):
 
 
 @kernel
-def _project_landmark(cov, first, last, landmark, k, jacobian, W):
+def _project_landmark(cov: Float, first: int, last: int, landmark: int, k: int, jacobian: Float, W: Float) -> None:
     """Add the landmark's share of H P to columns first..last of W's rows k and k + 1."""
     a3, a4, b3, b4 = jacobian[k, 3], jacobian[k, 4], jacobian[k + 1, 3], jacobian[k + 1, 4]
     above = min(last, landmark)
@@ -160,7 +160,7 @@ def _project_landmark(cov, first, last, landmark, k, jacobian, W):
 
 
 @kernel
-def innovation_covariance(W, slots, jacobian, observation_cov, S):
+def innovation_covariance(W: Float, slots: Int, jacobian: Float, observation_cov: Float, S: Float) -> None:
     """Upper triangle of S = H P H' + R from W = H P."""
     rows = 2 * len(slots)
     for a in range(rows):
@@ -182,7 +182,7 @@ def innovation_covariance(W, slots, jacobian, observation_cov, S):
 
 
 @kernel
-def whiten(sensor, state, cov, size, count, work):
+def whiten(sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace) -> tuple[float, int]:
     """Prepare an update with the first `count` observations in `work`, all of mapped landmarks.
 
     Leaves W = U'^-1 H P and the whitened innovation y = U'^-1 v in `work`, where S = U'U, so that the
@@ -208,7 +208,7 @@ def whiten(sensor, state, cov, size, count, work):
 
 
 @kernel
-def find_slots(sorted_ids, sorted_slots, ids, slots):
+def find_slots(sorted_ids: Int, sorted_slots: Int, ids: Int, slots: Int) -> int:
     """Slot of each id by bisection, -1 for ids that are not mapped; returns how many are not."""
     unmapped = 0
     for i in range(len(ids)):
@@ -228,14 +228,14 @@ def find_slots(sorted_ids, sorted_slots, ids, slots):
 
 
 @kernel
-def augment(sensor, state, cov, size, count, work):
+def augment(sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace) -> None:
     """Append the landmarks of the first `count` observations in `work`, in their order."""
     for i in range(count):
         _append_landmark(sensor, state, cov, size + 2 * i, work.observation[i], work.observation_cov[i])
 
 
 @kernel
-def _append_landmark(sensor, state, cov, size, z, R):
+def _append_landmark(sensor: int, state: Float, cov: Float, size: int, z: Float, R: Float) -> None:
     """Append a landmark seen at z: P_l. = J_r P_r., P_ll = J_r P_rr J_r' + J_z R J_z'."""
     c, s = math.cos(state[2]), math.sin(state[2])
     dx, dy, b00, b01, b10, b11 = locate(sensor, z[0], z[1])

@@ -18,13 +18,13 @@ MIN_BEARING_DISTANCE = 0.01  # m; the bearing of anything closer carries no info
 
 
 @kernel
-def wrap(angle):
+def wrap(angle: float) -> float:
     """Angle in rad brought into (-pi, pi]."""
     return angle - 2.0 * math.pi * math.ceil((angle - math.pi) / (2.0 * math.pi))
 
 
 @kernel
-def observe(sensor, dx, dy):
+def observe(sensor: int, dx: float, dy: float) -> tuple[float, float, float, float, float, float]:
     """Prediction (z0, z1) for a landmark at delta = (dx, dy), and A = dz/d(delta) row by row.
 
     A bearing from closer than MIN_BEARING_DISTANCE, and a range from exactly 0, get zero rows.
@@ -42,7 +42,7 @@ def observe(sensor, dx, dy):
 
 
 @kernel
-def locate(sensor, z0, z1):
+def locate(sensor: int, z0: float, z1: float) -> tuple[float, float, float, float, float, float]:
     """Delta = (dx, dy) of a landmark seen at (z0, z1), and B = d(delta)/dz row by row."""
     if sensor == POSITION:
         return z0, z1, 1.0, 0.0, 0.0, 1.0
@@ -51,7 +51,7 @@ def locate(sensor, z0, z1):
 
 
 @kernel
-def wrap_innovation(sensor, row, value):
+def wrap_innovation(sensor: int, row: int, value: float) -> float:
     """A difference of two observations' row; a bearing's is wrapped."""
     if sensor == RANGE_BEARING and row == 1:
         return wrap(value)

@@ -46,9 +46,7 @@ def as_range_bearing(recording: Recording) -> tuple[Float, Float]:
     return polar, jacobian @ recording.observation_cov @ jacobian.swapaxes(1, 2)
 
 
-def noise_models(
-    name: str, covariances: Float, minimum_sigma: float = 0.0
-) -> Callable[[int], gtsam.noiseModel.Base]:
+def noise_models(name: str, covariances: Float, minimum_sigma: float = 0.0) -> Callable[[int], gtsam.noiseModel.Base]:
     """Noise model of each row of `covariances` (n, d, d); equal covariances share one model.
 
     A variance of exactly 0 becomes a constraint, or a standard deviation of `minimum_sigma`.

@@ -74,9 +74,7 @@ def _levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
     return gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
 
 
-def _finish(
-    recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float
-) -> tuple[Float, Float, Solution]:
+def _finish(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Solution]:
     """Newton steps on the exact model until they are negligible; the solution's covariances with it."""
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     for _ in range(MAX_NEWTON_STEPS):
@@ -88,8 +86,9 @@ def _finish(
         poses[:, 2] = wrap(poses[:, 2])
         if _relative_size(solution) < NEGLIGIBLE:
             return poses, landmarks, solution
+    reached = cost(recording, poses, landmark_ids, landmarks)
     raise UndeterminedError(
-        f"batch: no minimum after {MAX_NEWTON_STEPS} exact steps (cost {cost(recording, poses, landmark_ids, landmarks):g}); "
+        f"batch: no minimum after {MAX_NEWTON_STEPS} exact steps (cost {reached:g}); "
         "the measurements contradict each other: check associations and covariances"
     )
 

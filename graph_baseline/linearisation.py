@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from graph_baseline.factors import require_known_landmarks
 from slam2d import Float, Int, Recording, between, rotation, wrap
 
 
@@ -85,7 +86,7 @@ def cost(recording: Recording, poses: Float, landmark_ids: Int, landmarks: Float
     `landmark_ids` must hold every landmark of the recording.
     """
     order = np.argsort(landmark_ids)
-    slot = order[np.searchsorted(landmark_ids, recording.landmark, sorter=order)]
+    slot = order[np.searchsorted(landmark_ids, require_known_landmarks(recording), sorter=order)]
     observed = _observations(recording, slot, poses, landmarks)[2]
     prior = log_se2(between(recording.prior_mean, poses[0])[None])
     motion = log_se2(between(recording.odometry, between(poses[:-1], poses[1:])))

@@ -116,8 +116,8 @@ def _forward(model: LinearModel, scans: _Scans, landmarks: int) -> tuple[Float, 
         G = scans.G[k]
         innovation = G @ A[k]
         begin, end = bounds[k], bounds[k + 1]
-        by_landmark = innovation[:, :-1].reshape(3, landmarks, 2)
-        np.add.at(by_landmark, (slice(None), model.slot[begin:end]), scans.X[begin:end].swapaxes(0, 1))
+        by_landmark = innovation[:, :-1].reshape(3, landmarks, 2).swapaxes(0, 1)
+        np.add.at(by_landmark, model.slot[begin:end], scans.X[begin:end])
         innovation[:, -1] += scans.g[k]
         lower_inverse = np.linalg.inv(np.linalg.cholesky(identity + G @ P[k] @ G.T))
         rows[k] = lower_inverse @ innovation

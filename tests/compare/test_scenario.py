@@ -219,7 +219,7 @@ def distances(name: str) -> tuple[Float, Float]:
     return np.linalg.norm(positions[:, None] - landmarks, axis=2), landmarks
 
 
-@pytest.mark.parametrize(("name", "count"), [("q1-short-dense", (16, 20)), ("q1-long-dense", (28, 32))])
+@pytest.mark.parametrize(("name", "count"), [("q1-short-dense", (16, 20)), ("q1-long-dense", (34, 40))])
 def test_dense_maps_keep_eight_landmarks_in_view(name: str, count: tuple[int, int]):
     distance, landmarks = distances(name)
     assert count[0] <= len(landmarks) <= count[1]

@@ -86,7 +86,7 @@ def test_everything_in_range_is_seen_from_step_zero_on():
     np.testing.assert_array_equal(recording.observation_step, step)
     np.testing.assert_array_equal(recording.landmark, landmark)
     np.testing.assert_array_equal(truth.association, landmark)
-    np.testing.assert_array_equal(truth.landmark_ids, np.arange(31))
+    np.testing.assert_array_equal(truth.landmark_ids, np.arange(37))
 
 
 def test_a_map_without_landmarks():
@@ -156,15 +156,15 @@ def test_sensor_noise_has_the_stated_size(overrides: tuple[str, ...], sigmas: li
 
 def test_landmarks_have_independent_noise():
     truth, recording = simulate(scenario("sensor.max_range=1000"), 13)
-    noise = sensor_noise(truth, recording)[:, 0].reshape(1258, 31) / 0.1
-    correlation = np.asarray(np.corrcoef(noise, rowvar=False))[np.triu_indices(31, 1)]
+    noise = sensor_noise(truth, recording)[:, 0].reshape(1258, 37) / 0.1
+    correlation = np.asarray(np.corrcoef(noise, rowvar=False))[np.triu_indices(37, 1)]
     assert_chi_square(correlation * np.sqrt(1258))
 
 
 def test_streams_are_independent_of_one_another():
     truth, recording = simulate(scenario("sensor.max_range=1000"), 14)
     motion = (recording.odometry[:, 0] - 0.1) / 0.03
-    sensor = sensor_noise(truth, recording)[:, 0].reshape(1258, 31)[1:] / 0.1
+    sensor = sensor_noise(truth, recording)[:, 0].reshape(1258, 37)[1:] / 0.1
     assert_chi_square(motion @ sensor / np.sqrt(np.sum(sensor**2, axis=0)))
 
 

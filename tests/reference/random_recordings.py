@@ -45,7 +45,8 @@ def random_recording(
     )
     step, landmark = np.nonzero(rng.random((steps + 1, landmarks)) < 0.5)
     delta = np.einsum("nji,nj->ni", rotation(poses[step, 2]), positions[landmark] - poses[step, :2])
-    exact = delta if sensor == "position" else np.column_stack([np.hypot(*delta.T), np.arctan2(delta[:, 1], delta[:, 0])])
+    polar = np.column_stack([np.hypot(*delta.T), np.arctan2(delta[:, 1], delta[:, 0])])
+    exact = delta if sensor == "position" else polar
     sigmas = noise * np.array([0.1, 0.1] if sensor == "position" else [0.1, 0.05])
     observation_cov = random_covariances(rng, len(step), sigmas)
     observation = exact + np.einsum("nij,nj->ni", np.linalg.cholesky(observation_cov), rng.normal(size=exact.shape))
@@ -54,7 +55,7 @@ def random_recording(
     root = np.linalg.cholesky(motion_cov + 1e-300 * np.eye(3))
     odometry = commands + np.einsum("nij,nj->ni", root, rng.normal(size=(steps, 3)))
     recording = Recording(
-        stamps=np.arange(steps + 1) * 0.1,
+        stamps=np.linspace(0.0, 0.1 * steps, steps + 1),
         prior_mean=start,
         prior_cov=prior_cov,
         odometry=odometry,

@@ -18,7 +18,7 @@ def observe(sensor: str, delta: Float) -> tuple[Float, Float]:
     """Prediction and its Jacobian for a landmark at `delta` in the body frame."""
     if sensor == "position":
         return delta, np.eye(2)
-    rho = np.linalg.norm(delta)
+    rho = float(np.hypot(*delta))
     return np.array([rho, np.arctan2(delta[1], delta[0])]), np.vstack([delta / rho, J @ delta / rho**2])
 
 
