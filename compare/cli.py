@@ -191,7 +191,7 @@ class _Grading:
 
         from compare.comparison import compare_estimators, metrics, table, write_comparison
         from compare.estimators import load_estimators
-        from compare.files import staged_folder
+        from compare.files import explained, staged_folder
 
         names = [name.strip() for name in self.estimators.split(",") if name.strip()]
         estimators = load_estimators(names, self.own)
@@ -200,8 +200,9 @@ class _Grading:
         with nullcontext() if self.out is None else staged_folder(self.out) as folder:
             comparison = compare_estimators(truth, recording, estimators)
             content = metrics(comparison, self.scenario, self.seed)
-            if folder is not None:
-                write_comparison(folder, comparison, content, self.title)
+            if folder is not None and self.out is not None:
+                with explained(self.out, "written"):
+                    write_comparison(folder, comparison, content, self.title)
         print(json.dumps(content, indent=2, allow_nan=False) if self.as_json else table(comparison))
         if self.out is not None:
             print(f"written to {self.out}", file=sys.stderr)

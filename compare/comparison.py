@@ -37,8 +37,10 @@ def compare_estimators(truth: Truth | None, recording: Recording, estimators: Ma
     the estimators.
 
     Raises:
-        ValueError: an estimator raised, or returned what does not fit; names the estimator.
+        ValueError: the truth is of another recording; an estimator raised, or returned what does not fit, and
+            then the estimator is named.
     """
+    _require_same_run(truth, recording)
     estimates: dict[str, Estimate] = {}
     seconds: dict[str, float] = {}
     progress = tqdm(estimators.items(), disable=None, leave=False, unit="estimator")
@@ -54,6 +56,16 @@ def compare_estimators(truth: Truth | None, recording: Recording, estimators: Ma
             raise ValueError(f"estimator {name}: {error}") from error
         scores[name] = score if estimate.seconds is not None else replace(score, seconds_total=seconds[name])
     return Comparison(truth, recording, estimates, scores)
+
+
+def _require_same_run(truth: Truth | None, recording: Recording) -> None:
+    """Refuse a truth of another length before any estimator spends its time."""
+    for name, given, expected in (
+        ("poses", truth and truth.poses, recording.steps + 1),
+        ("association", truth and truth.association, len(recording.observation)),
+    ):
+        if given is not None and len(given) != expected:
+            raise ValueError(f"truth.{name}: {len(given)} rows, but the recording needs {expected}; give its own truth")
 
 
 def metrics(comparison: Comparison, scenario: str | None, seed: int | None) -> dict[str, Any]:

@@ -6,10 +6,13 @@ import importlib
 import sys
 import traceback
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from difflib import get_close_matches
 from pathlib import Path
 from time import perf_counter
+from typing import cast
 
+import slam2d
 from slam2d import Estimate, Estimator, Recording
 
 # name: module and attribute, imported when asked for
@@ -53,9 +56,20 @@ def _import_estimator(path: str) -> Estimator:
     if str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))
     try:
-        estimator = getattr(importlib.import_module(module_name), attribute)
-    except Exception as error:  # any code may run here, and it is not ours
+        with redirect_stdout(sys.stderr):
+            module = importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):  # a module that theirs imports
+            raise ValueError(f"estimator {path}: cannot be loaded, {_where_it_broke(error)}") from error
+        remedy = "run in its folder or install it, and write module:attribute"
+        raise ValueError(f"estimator {path}: no module {error.name!r} is found; {remedy}") from None
+    except (Exception, SystemExit) as error:
         raise ValueError(f"estimator {path}: cannot be loaded, {_where_it_broke(error)}") from error
+    if not hasattr(module, attribute):
+        near = get_close_matches(attribute, vars(module), n=1)
+        remedy = f"did you mean {near[0]}?" if near else "name a callable Recording -> Estimate of that module"
+        raise ValueError(f"estimator {path}: {module_name} has no {attribute!r}; {remedy}")
+    estimator = getattr(module, attribute)
     if not callable(estimator):
         raise ValueError(f"estimator {path}: is a {type(estimator).__name__}; give a callable Recording -> Estimate")
     return estimator  # pyright: ignore[reportReturnType]
@@ -69,8 +83,9 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
     """
     start = perf_counter()
     try:
-        estimate: object = estimator(recording)
-    except Exception as error:
+        with redirect_stdout(sys.stderr):  # standard output is for results
+            estimate = cast("object", estimator(recording))
+    except (Exception, SystemExit) as error:
         if name in SHIPPED and not isinstance(error, ValueError):
             raise
         reason = str(error) if name in SHIPPED else _where_it_broke(error)
@@ -91,10 +106,12 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
     return estimate, seconds
 
 
-def _where_it_broke(error: Exception) -> str:
-    """One line: what was raised, and the last line of code that it passed through."""
+def _where_it_broke(error: BaseException) -> str:
+    """One line: what was raised, and the last line of the user's code, or of what it called, that it passed through."""
     what = f"it raised {type(error).__name__}: {' '.join(str(error).split()) or '(no message)'}"
-    if isinstance(error, SyntaxError):
-        return what
-    frame = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{what} ({Path(frame.filename).name}, line {frame.lineno}); mend it and run again"
+    if not isinstance(error, SyntaxError):  # its message names the line
+        ours = {__file__, slam2d.__file__, importlib.__file__}
+        frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename not in ours]
+        frames = [frame for frame in frames if not frame.filename.startswith("<frozen")]
+        what += "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in frames[-1:])
+    return f"{what}; mend it and run again"

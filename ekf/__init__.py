@@ -1,10 +1,11 @@
 """Planar landmark SLAM filters.
 
 `models` (sensors), `kernels` (the steps, compiled), `corrections` (what tells the filters apart),
-`filter` (the online form), `estimators` (recording in, estimate out).
+`filter` (the online form), `compressed` (the same for large maps), `estimators` (recording in, estimate out).
 """
 
+from ekf.compressed import CompressedFilter
 from ekf.estimators import dead_reckoning, ekf, riekf
 from ekf.filter import SlamFilter
 
-__all__ = ["SlamFilter", "dead_reckoning", "ekf", "riekf"]
+__all__ = ["CompressedFilter", "SlamFilter", "dead_reckoning", "ekf", "riekf"]

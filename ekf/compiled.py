@@ -41,6 +41,7 @@ _dsyrk = _fortran("blas", "dsyrk", 10)
 _dsyr2 = _fortran("blas", "dsyr2", 9)
 _dtrsm = _fortran("blas", "dtrsm", 11)
 _dgemv = _fortran("blas", "dgemv", 11)
+_dgemm = _fortran("blas", "dgemm", 13)
 _dpotrf = _fortran("lapack", "dpotrf", 5)
 
 _LETTERS = np.frombuffer(b"LNRT", dtype=np.uint8)
@@ -130,4 +131,25 @@ def combine_rows(W: Float, weights: Float, out: Float, rows: int, size: int) -> 
         _REALS[_ZERO:].ctypes,
         out.ctypes,
         _UNIT_STRIDE.ctypes,
+    )
+
+
+@kernel
+def subtract_product(out: Float, W: Float, T: Float, rows: int, height: int, width: int) -> None:
+    """out[:height, :width] <- out - W'T for W[:rows, :height] and T[:rows, :width]."""
+    sizes = np.array([width, height, rows, T.shape[1], W.shape[1], out.shape[1]], dtype=np.int32)
+    _dgemm(
+        _LETTERS[_N:].ctypes,
+        _LETTERS[_T:].ctypes,
+        sizes.ctypes,
+        sizes[1:].ctypes,
+        sizes[2:].ctypes,
+        _REALS[_MINUS_ONE:].ctypes,
+        T.ctypes,
+        sizes[3:].ctypes,
+        W.ctypes,
+        sizes[4:].ctypes,
+        _REALS[_ONE:].ctypes,
+        out.ctypes,
+        sizes[5:].ctypes,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -14,8 +15,9 @@ from ekf.warm_up import compile_once
 from slam2d import Float, Int, Observations
 
 Correction = Literal["standard", "right-invariant"]
+Update = Callable[[int, Float, Float, int, int, kernels.Workspace], tuple[float, int]]
 
-_UPDATES = {"standard": update_standard, "right-invariant": update_right_invariant}
+UPDATES: dict[str, Update] = {"standard": update_standard, "right-invariant": update_right_invariant}
 
 
 class SlamFilter:
@@ -25,7 +27,7 @@ class SlamFilter:
         sensor: `range-bearing` or `position` (see `slam2d.Recording`).
         prior_mean: (3,) start pose.
         prior_cov: (3, 3) its covariance; zero is legal.
-        correction: `standard`, or `right-invariant` (see `ekf.corrections`).
+        correction: `standard`, `right-invariant` (see `ekf.corrections`), or an update kernel of the same form.
         landmarks: how many to make room for at first; the filter grows beyond that by itself.
 
     Raises:
@@ -37,14 +39,14 @@ class SlamFilter:
         sensor: str,
         prior_mean: ArrayLike,
         prior_cov: ArrayLike,
-        correction: Correction = "standard",
+        correction: Correction | Update = "standard",
         landmarks: int = 32,
     ) -> None:
         if sensor not in SENSOR_CODES:
             raise ValueError(f"sensor: {sensor!r} does not fit this filter; use one of {', '.join(SENSOR_CODES)}")
         compile_once()
         self._sensor = SENSOR_CODES[sensor]
-        self._update = _UPDATES[correction]
+        self._update = UPDATES[correction] if isinstance(correction, str) else correction
         self._ids: Int = np.zeros(0, dtype=np.int64)  # in slot order
         self._sorted_ids: Int = self._ids
         self._sorted_slots: Int = self._ids
@@ -91,6 +93,15 @@ class SlamFilter:
         upper = np.triu(self._cov[: self._size, : self._size])
         return upper + np.triu(upper, 1).T
 
+    def set_map(self, landmark_ids: Int, landmarks: Float, cov: Float) -> None:
+        """Replace the map: ids (L,), positions (L, 2), and the covariance (3 + 2L, 3 + 2L) with the robot first."""
+        size = 3 + 2 * len(landmark_ids)
+        self._reserve(size)
+        self._size = size
+        self._state[3:size] = np.ravel(landmarks)
+        self._cov[:size, :size] = cov
+        self._index(landmark_ids)
+
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
         """Move by a body-frame increment (3,) [m, m, rad] with covariance (3, 3).
 
@@ -122,7 +133,7 @@ class SlamFilter:
         work.ids[:count] = ids
         unmapped = kernels.find_slots(self._sorted_ids, self._sorted_slots, work.ids[:count], work.slots)
         if unmapped:
-            return self._update_and_map(Observations(np.asarray(ids), np.asarray(values), np.asarray(covs)))
+            return self._update_and_map(np.asarray(ids), np.asarray(values), np.asarray(covs))
         work.observation[:count] = values
         work.observation_cov[:count] = covs
         nis, informative = self._update(self._sensor, self._state, self._cov, self._size, count, work)
@@ -133,16 +144,14 @@ class SlamFilter:
             )
         return nis, informative
 
-    def _update_and_map(self, observations: Observations) -> tuple[float, int]:
+    def _update_and_map(self, ids: Int, values: Float, covs: Float) -> tuple[float, int]:
         """An update in which some landmarks are new: first the mapped ones, then augmentation.
 
         A new landmark that is seen more than once in the step is mapped by its first sight; the
         others correct it in an update of their own.
         """
-        ids, values, covs = observations
-        assert ids is not None
-        if not (np.isfinite(values).all() and np.isfinite(covs).all()):
-            raise ValueError("observation: a value or covariance is not finite; drop the row")
+        if not (np.isfinite(values).all() and np.isfinite(covs).all() and (np.linalg.eigvalsh(covs) > 0).all()):
+            raise ValueError("observation: a value is not finite, or a covariance not positive definite; drop the row")
         mapped = np.isin(ids, self._ids)
         first = np.zeros(len(ids), dtype=bool)
         first[np.unique(ids, return_index=True)[1]] = True
@@ -151,24 +160,26 @@ class SlamFilter:
         total, dof = 0.0, 0
         if mapped.any():
             total, dof = self.update(Observations(ids[mapped], values[mapped], covs[mapped]))
-        self._map(Observations(ids[new], values[new], covs[new]))
+        self._map(ids[new], values[new], covs[new])
         if again.any():
             nis, informative = self.update(Observations(ids[again], values[again], covs[again]))
             total, dof = total + nis, dof + informative
         return total, dof
 
-    def _map(self, new: Observations) -> None:
-        ids, values, covs = new
-        assert ids is not None
+    def _map(self, ids: Int, values: Float, covs: Float) -> None:
         count = len(ids)
         self._reserve(self._size + 2 * count)
         self._work.observation[:count] = values
         self._work.observation_cov[:count] = covs
         kernels.augment(self._sensor, self._state, self._cov, self._size, count, self._work)
         self._size += 2 * count
-        self._ids = np.concatenate([self._ids, ids])
-        self._sorted_slots = np.argsort(self._ids)
-        self._sorted_ids = self._ids[self._sorted_slots]
+        self._index(np.concatenate([self._ids, ids]))
+
+    def _index(self, ids: Int) -> None:
+        """Note the ids in slot order, and sorted for the search by `find_slots`."""
+        self._ids = ids
+        self._sorted_slots = np.argsort(ids)
+        self._sorted_ids = ids[self._sorted_slots]
 
     def _reserve(self, size: int) -> None:
         """Make room for `size` state entries; untouched pages of the larger array cost no memory."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from time import perf_counter
 
 import gtsam
@@ -12,7 +13,16 @@ from graph_baseline.factors import GraphBuilder, as_range_bearing, first_sights,
 from graph_baseline.undetermined import explained
 from slam2d import Estimate, Float, Recording, rotation
 
-RELINEARIZE_THRESHOLD = 0.05  # m or rad
+
+@dataclass(frozen=True)
+class Settings:
+    """When iSAM2 linearises anew; see `benchmarks/isam2_settings.py` for accuracy against time."""
+
+    relinearize_threshold: float  # m or rad
+    relinearize_every: int  # steps
+
+
+SETTINGS = Settings(relinearize_threshold=0.05, relinearize_every=10)
 
 
 def isam2(recording: Recording) -> Estimate:
@@ -23,7 +33,12 @@ def isam2(recording: Recording) -> Estimate:
     Raises:
         ValueError: the recording cannot be turned into a graph, or leaves a variable undetermined.
     """
-    growing = _GrowingProblem(recording)
+    return causal_optimum(recording, SETTINGS)
+
+
+def causal_optimum(recording: Recording, settings: Settings) -> Estimate:
+    """`isam2` with other settings."""
+    growing = _GrowingProblem(recording, settings)
     steps = recording.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
     with explained():
@@ -50,7 +65,7 @@ def isam2(recording: Recording) -> Estimate:
 
 def optimise_incrementally(recording: Recording, steps_per_update: int) -> gtsam.Values:
     """The solution that iSAM2 reaches when the recording is fed to it in portions."""
-    growing = _GrowingProblem(recording)
+    growing = _GrowingProblem(recording, SETTINGS)
     with explained():
         for k in range(recording.steps + 1):
             growing.add_step(k)
@@ -62,11 +77,11 @@ def optimise_incrementally(recording: Recording, steps_per_update: int) -> gtsam
 class _GrowingProblem:
     """iSAM2 and the factors and first guesses that wait for its next update."""
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: Recording, settings: Settings) -> None:
         parameters = gtsam.ISAM2Params()
         parameters.setFactorization("QR")  # the one that takes constraints, zero motion variance
-        parameters.setRelinearizeThreshold(RELINEARIZE_THRESHOLD)
-        parameters.relinearizeSkip = 10
+        parameters.setRelinearizeThreshold(settings.relinearize_threshold)
+        parameters.relinearizeSkip = settings.relinearize_every
         self.solver = gtsam.ISAM2(parameters)
         self._builder = GraphBuilder(recording)
         self._recording = recording

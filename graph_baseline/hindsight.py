@@ -42,8 +42,8 @@ def batch(recording: Recording) -> Estimate:
             optimum was not reached.
     """
     landmark_ids = first_sights(recording)[0]
-    poses, landmarks = _minimise(recording, landmark_ids)
-    poses, landmarks, solution = _finish(recording, landmark_ids, poses, landmarks)
+    poses, landmarks = minimise(recording, build_graph(recording, minimum_sigma=LENT_SLIP))
+    poses, landmarks, solution = finish(recording, landmark_ids, poses, landmarks)
     return Estimate(
         kind="smoothed",
         poses=poses,
@@ -55,10 +55,10 @@ def batch(recording: Recording) -> Estimate:
     )
 
 
-def _minimise(recording: Recording, landmark_ids: Int) -> tuple[Float, Float]:
-    """Poses and landmarks of the lower of two Levenberg-Marquardt solutions, with slip lent."""
-    graph = build_graph(recording, minimum_sigma=LENT_SLIP)
+def minimise(recording: Recording, graph: gtsam.NonlinearFactorGraph) -> tuple[Float, Float]:
+    """Poses and landmarks of the lower of two Levenberg-Marquardt solutions of `graph`, slip lent."""
     dead = dead_reckoned(recording)
+    landmark_ids = first_sights(recording)[0]
     starts = [
         make_values(dead, landmark_ids, landmarks_at_first_sight(recording, dead)),
         optimise_incrementally(recording, STEPS_PER_UPDATE),
@@ -74,7 +74,7 @@ def _levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
     return gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
 
 
-def _finish(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Solution]:
+def finish(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Solution]:
     """Newton steps on the exact model until they are negligible; the solution's covariances with it."""
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     for _ in range(MAX_NEWTON_STEPS):

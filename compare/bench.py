@@ -1,0 +1,202 @@
+"""Step time against map size, side by side in one run.
+
+The workload is two rounds of a circle at 1 m/s with a 10 m sensor; medians are over the second round,
+when the map is complete.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from compare.estimators import load_estimators
+from compare.plain_numpy import plain_numpy_ekf
+from compare.scenario import Scenario
+from compare.simulation import simulate
+from ekf import SlamFilter
+from ekf.filter import UPDATES, Correction
+from ekf.kernels import Workspace
+from slam2d import Estimate, Float, Recording
+
+WORKLOAD = (
+    "circle, 1 m/s, two rounds, 0.1 s steps, range 10 m, the practical's noise, known association; "
+    "up to 300 landmarks: radius 10 m, landmarks uniform in a 30 x 30 m box; "
+    "above: radius 20 m, landmarks uniform within 9.8 m of the circle"
+)
+STEPPED = ("ekf", "riekf", "isam2")
+YARDSTICK = "plain-numpy"
+CORRECTIONS: dict[str, Correction] = {"ekf": "standard", "riekf": "right-invariant"}
+
+
+def workload(landmarks: int, seed: int = 0) -> Scenario:
+    """The scenario of the bench with that many landmarks."""
+    radius = 10.0 if landmarks <= 300 else 20.0
+    return Scenario.model_validate(
+        {
+            "name": f"bench-{landmarks}",
+            "description": WORKLOAD,
+            "trajectory": {"step": 0.1, "speed": 1.0, "yaw_rate": 1.0 / radius, "duration": 4.0 * np.pi * radius},
+            "motion": {"sigma_speed": 0.3, "sigma_yaw_rate_deg": 3.0},
+            "sensor": {"kind": "range-bearing", "max_range": 10.0, "sigma_range": 0.1, "sigma_bearing_deg": 5.0},
+            "landmarks": {"positions": _positions(landmarks, radius, np.random.default_rng(seed)).tolist()},
+        }
+    )
+
+
+def _positions(landmarks: int, radius: float, rng: np.random.Generator) -> Float:
+    centre = np.array([0.0, radius])
+    if landmarks <= 300:
+        return centre + rng.uniform(-15.0, 15.0, (landmarks, 2))
+    reach = radius + 9.8
+    drawn = rng.uniform(-reach, reach, (10 * landmarks, 2))
+    ring = drawn[np.abs(np.hypot(*drawn.T) - radius) <= 9.8]
+    return centre + ring[:landmarks]
+
+
+def run_bench(sizes: Sequence[int], names: Sequence[str], seed: int = 0) -> dict[str, Any]:
+    """Measure every estimator on every map size; see `slamgauge bench --json` for the keys.
+
+    Raises:
+        ValueError: an estimator that is not known, or that takes no steps.
+    """
+    estimators = load_estimators(names)
+    for name in names:
+        if name not in STEPPED:
+            raise ValueError(f"estimator {name!r} takes no steps of its own; use {', '.join(STEPPED)}")
+    contestants = {**estimators, YARDSTICK: plain_numpy_ekf}
+    results: dict[str, dict[str, dict[str, float]]] = {name: {} for name in contestants}
+    progress = tqdm(total=len(sizes) * len(contestants), disable=None, leave=False, unit="run")
+    for size in sizes:
+        _, recording = simulate(workload(size, seed), seed)
+        for name, estimator in contestants.items():
+            progress.set_description(f"{name}, {size} landmarks")
+            estimator(first_steps(recording, 20))  # compiled code loaded, caches warm
+            start = perf_counter()
+            estimate = estimator(recording)
+            total = perf_counter() - start
+            results[name][str(size)] = _figures(name, recording, estimate, total)
+            progress.update()
+    progress.close()
+    for name, by_size in results.items():
+        for size, figures in by_size.items():
+            for other in (YARDSTICK, "isam2"):
+                if other in results and other != name:
+                    figures[f"ratio_to_{other}"] = figures["median_s"] / results[other][size]["median_s"]
+    exponents = {name: growth_exponent(by_size) for name, by_size in results.items()}
+    return {"workload": WORKLOAD, "estimators": results, "growth_exponent": exponents}
+
+
+def _figures(name: str, recording: Recording, estimate: Estimate, total: float) -> dict[str, float]:
+    assert estimate.seconds is not None
+    second_round = estimate.seconds[recording.steps // 2 :]
+    figures = {
+        "median_s": float(np.median(second_round)),
+        "p95_s": float(np.quantile(second_round, 0.95)),
+        "runs_per_second": 1.0 / total,
+        "mean_observations": len(recording.observation) / (recording.steps + 1),
+    }
+    if name in CORRECTIONS:
+        figures["share_outside_update_kernel"] = _share_outside_update(recording, CORRECTIONS[name])
+    return figures
+
+
+def _share_outside_update(recording: Recording, correction: Correction) -> float:
+    """Share of the second round's time that is not spent in the compiled update."""
+    inside, total = 0.0, 0.0
+    compiled = UPDATES[correction]
+
+    def timed(sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace) -> tuple[float, int]:
+        nonlocal inside
+        start = perf_counter()
+        result = compiled(sensor, state, cov, size, count, work)
+        inside += perf_counter() - start
+        return result
+
+    slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov, timed)
+    for k, scan in enumerate(recording.scans()):
+        if k == recording.steps // 2:
+            inside, total = 0.0, 0.0
+        start = perf_counter()
+        if k > 0:
+            slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
+        if len(scan.value):
+            slam.update(scan)
+        total += perf_counter() - start
+    return 1.0 - inside / total
+
+
+def first_steps(recording: Recording, steps: int) -> Recording:
+    """The recording up to and with pose `steps`."""
+    last = int(np.searchsorted(recording.observation_step, steps, side="right"))
+    return Recording(
+        stamps=recording.stamps[: steps + 1],
+        prior_mean=recording.prior_mean,
+        prior_cov=recording.prior_cov,
+        odometry=recording.odometry[:steps],
+        odometry_cov=recording.odometry_cov[:steps],
+        sensor=recording.sensor,
+        observation_step=recording.observation_step[:last],
+        observation=recording.observation[:last],
+        observation_cov=recording.observation_cov[:last],
+        landmark=None if recording.landmark is None else recording.landmark[:last],
+    )
+
+
+def growth_exponent(by_size: dict[str, dict[str, float]]) -> float | None:
+    """Slope of log(median step) over log(map size), least squares; None for a single size."""
+    if len(by_size) < 2:
+        return None
+    sizes = np.log([float(size) for size in by_size])
+    medians = np.log([figures["median_s"] for figures in by_size.values()])
+    return float(np.polyfit(sizes, medians, 1)[0])
+
+
+def bench_table(result: dict[str, Any]) -> str:
+    """The result as text: milliseconds a step, median and 95 % quantile, against map size."""
+    lines = [f"workload: {result['workload']}", ""]
+    columns = ("median [ms]", "p95 [ms]", "runs/s", "outside update", "x plain-numpy", "x isam2")
+    lines.append(f"{'estimator':12} {'landmarks':>9} " + " ".join(f"{column:>15}" for column in columns))
+    for name, by_size in result["estimators"].items():
+        for size, figures in by_size.items():
+            cells = [
+                f"{figures['median_s'] * 1e3:.4f}",
+                f"{figures['p95_s'] * 1e3:.4f}",
+                f"{figures['runs_per_second']:.3g}",
+                _cell(figures.get("share_outside_update_kernel"), "{:.0%}"),
+                _cell(figures.get(f"ratio_to_{YARDSTICK}"), "{:.3f}"),
+                _cell(figures.get("ratio_to_isam2"), "{:.4f}"),
+            ]
+            lines.append(f"{name:12} {size:>9} " + " ".join(f"{cell:>15}" for cell in cells))
+    for name, exponent in result["growth_exponent"].items():
+        lines.append(f"growth of {name}: landmarks^{_cell(exponent, '{:.2f}')}")
+    return "\n".join(lines)
+
+
+def _cell(value: float | None, form: str) -> str:
+    return "-" if value is None else form.format(value)
+
+
+def save_bench_figure(path: Path, result: dict[str, Any]) -> None:
+    """Median and 95 % quantile of the step time against map size, both axes logarithmic."""
+    from matplotlib.figure import Figure
+
+    from compare.plot_style import styles
+
+    figure = Figure(figsize=(4.6, 3.4), layout="constrained")
+    axes = figure.subplots()
+    for name, style in styles(result["estimators"]).items():
+        by_size = result["estimators"][name]
+        sizes = [int(size) for size in by_size]
+        medians = np.array([figures["median_s"] for figures in by_size.values()]) * 1e3
+        high = np.array([figures["p95_s"] for figures in by_size.values()]) * 1e3
+        axes.plot(sizes, medians, color=style.color, linestyle=style.dashes, marker="o", markersize=3, label=name)
+        axes.plot(sizes, high, color=style.color, linestyle="none", marker="_", markersize=6)
+    axes.set(xscale="log", yscale="log", xlabel="landmarks", ylabel="ms a step: median, dash: 95 %")
+    axes.grid(visible=True, which="major", linewidth=0.3)
+    axes.legend(frameon=False)
+    figure.savefig(path, dpi=200)

@@ -1,0 +1,92 @@
+"""The standard filter in plain numpy: what a careful user writes, the yardstick of `slamgauge bench`.
+
+One blocked update per step and structured prediction, on full symmetric matrices.
+"""
+
+from __future__ import annotations
+
+from time import perf_counter
+
+import numpy as np
+
+from slam2d import Estimate, Float, Int, Recording, rotation, wrap
+
+
+def plain_numpy_ekf(recording: Recording) -> Estimate:
+    """EKF-SLAM for `range-bearing` recordings whose landmark ids are 0..L-1."""
+    assert recording.landmark is not None
+    count = int(recording.landmark.max(initial=-1)) + 1
+    state, cov = np.zeros(3 + 2 * count), np.zeros((3 + 2 * count, 3 + 2 * count))
+    state[:3], cov[:3, :3] = recording.prior_mean, recording.prior_cov
+    slot, size = np.full(count, -1), 3
+    steps = recording.steps
+    poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
+    for k, (ids, values, covs) in enumerate(recording.scans()):
+        assert ids is not None
+        start = perf_counter()
+        if k > 0:
+            _predict(state, cov[:size, :size], recording.odometry[k - 1], recording.odometry_cov[k - 1])
+        old = slot[ids] >= 0
+        if old.any():
+            _update(state[:size], cov[:size, :size], slot[ids[old]], values[old], covs[old])
+        for i in np.flatnonzero(~old):
+            slot[ids[i]] = (size - 3) // 2
+            _augment(state, cov, size, values[i], covs[i])
+            size += 2
+        seconds[k] = perf_counter() - start
+        poses[k], pose_covs[k] = state[:3], cov[:3, :3]
+    return Estimate(kind="filtered", poses=poses, pose_covs=pose_covs, seconds=seconds)
+
+
+def _predict(state: Float, P: Float, increment: Float, Q: Float) -> None:
+    turn = np.eye(3)
+    turn[:2, :2] = rotation(state[2])
+    moved = turn[:2, :2] @ increment[:2]
+    F = np.array([[1.0, 0.0, -moved[1]], [0.0, 1.0, moved[0]], [0.0, 0.0, 1.0]])
+    P[:3, :] = F @ P[:3, :]
+    P[:, :3] = P[:, :3] @ F.T
+    P[:3, :3] += turn @ Q @ turn.T
+    state[:2] += moved
+    state[2] = wrap(state[2] + increment[2])
+
+
+def _update(state: Float, P: Float, slots: Int, z: Float, R: Float) -> None:
+    rows = 2 * len(slots)
+    landmarks = 3 + 2 * slots
+    offset = np.column_stack([state[landmarks], state[landmarks + 1]]) - state[:2]
+    distance = np.hypot(*offset.T)
+    along = offset / distance[:, None]
+    across = np.column_stack([-along[:, 1], along[:, 0]]) / distance[:, None]
+    by_landmark = np.stack([along, across], axis=1)
+    H = np.zeros((len(slots), 2, len(state)))
+    H[:, :, :2] = -by_landmark
+    H[:, 1, 2] = -1.0
+    index = np.arange(len(slots))
+    H[index, :, landmarks] = by_landmark[:, :, 0]
+    H[index, :, landmarks + 1] = by_landmark[:, :, 1]
+    H = H.reshape(rows, -1)
+    bearing = np.arctan2(offset[:, 1], offset[:, 0]) - state[2]
+    innovation = z - np.column_stack([distance, bearing])
+    innovation[:, 1] = wrap(innovation[:, 1])
+    HP = H @ P
+    S = HP @ H.T
+    for i in range(len(slots)):
+        S[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += R[i]
+    W = np.linalg.solve(np.linalg.cholesky(S), np.column_stack([HP, innovation.ravel()]))
+    state += W[:, :-1].T @ W[:, -1]
+    state[2] = wrap(state[2])
+    P -= W[:, :-1].T @ W[:, :-1]
+
+
+def _augment(state: Float, P: Float, size: int, z: Float, R: Float) -> None:
+    angle = state[2] + z[1]
+    direction = np.array([np.cos(angle), np.sin(angle)])
+    offset = z[0] * direction
+    lever = np.array([-offset[1], offset[0]])
+    Jr = np.column_stack([np.eye(2), lever])
+    Jz = np.column_stack([direction, lever])
+    new = slice(size, size + 2)
+    state[new] = state[:2] + offset
+    P[new, :size] = Jr @ P[:3, :size]
+    P[:size, new] = P[new, :size].T
+    P[new, new] = Jr @ P[:3, :3] @ Jr.T + Jz @ R @ Jz.T

@@ -1,0 +1,170 @@
+"""The standard filter on large maps: while the robot stays in an area, the rest of the map waits.
+
+Everything that happens in an area changes the rest B of the map only through the area's own entries A,
+as they were on entry (index 0). Three small matrices keep account of it, exactly:
+
+    P_AB = T P_AB0,    P_BB = P_BB0 + P_BA0 C P_AB0,    x_B = x_B0 + P_BA0 g
+
+with T = I, C = 0, g = 0 on entry; T <- F T in a prediction; in an update with whitened Jacobian H
+(S = I) and innovation y: N = H T, C <- C - N'N, g <- g + N'y, T <- T - (H P)'N. A step costs what it
+would cost in a map that holds the area alone (some four times, for the account's sake), and the rest
+of the map is settled when the robot leaves the area, or sees a landmark outside it.
+
+Source: Guivant and Nebot, IEEE Transactions on Robotics and Automation 17(3), 2001.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ekf.compiled import kernel, solve_factor, subtract_gram, subtract_product
+from ekf.corrections import update_standard
+from ekf.filter import SlamFilter
+from ekf.kernels import Workspace
+from slam2d import Float, Int, Observations
+
+
+@kernel
+def account_for_update(count: int, size: int, work: Workspace, T: Float, N: Float, C: Float, vector: Float) -> None:
+    """Carry the update that `work` describes into the area's account: T, C and g (`vector`)."""
+    width = C.shape[0]
+    for i in range(count):
+        landmark = 3 + 2 * work.slots[i]
+        for k in (2 * i, 2 * i + 1):
+            h = work.jacobian[k]
+            for j in range(width):
+                N[k, j] = h[0] * T[0, j] + h[1] * T[1, j] + h[2] * T[2, j]
+                N[k, j] += h[3] * T[landmark, j] + h[4] * T[landmark + 1, j]
+    rows = 2 * count
+    solve_factor(work.S, N, rows, width)
+    subtract_gram(C, N, rows, width)
+    subtract_product(T, work.W, N, rows, size, width)
+    for k in range(rows):
+        for j in range(width):
+            vector[j] += N[k, j] * work.innovation[k]
+
+
+class CompressedFilter:
+    """Standard EKF-SLAM with known association; equal to `SlamFilter`, faster on large maps.
+
+    Args:
+        sensor: `range-bearing` or `position` (see `slam2d.Recording`).
+        prior_mean: (3,) start pose.
+        prior_cov: (3, 3) its covariance.
+        area_radius: landmarks within this distance [m] of the robot form its area, which it leaves a
+            third of that distance away; one and a half times the sensor's range serves well.
+    """
+
+    def __init__(self, sensor: str, prior_mean: ArrayLike, prior_cov: ArrayLike, area_radius: float) -> None:
+        self._sensor = sensor
+        self._area_radius = area_radius
+        self._ids: Int = np.zeros(0, dtype=np.int64)
+        self._mean = np.array(prior_mean, dtype=np.float64)
+        self._cov = np.array(prior_cov, dtype=np.float64)
+        self._enter_area(self._ids)
+
+    @property
+    def pose(self) -> Float:
+        """(3,) x, y [m], heading [rad] in the world frame."""
+        return self._local.pose
+
+    @property
+    def pose_cov(self) -> Float:
+        """(3, 3) covariance of the additive pose error in the world frame."""
+        return self._local.pose_cov
+
+    @property
+    def landmark_ids(self) -> Int:
+        """(L,) ids of the mapped landmarks, in the order of their first sight."""
+        return np.concatenate([self._ids, self._local.landmark_ids[self._entered :]])
+
+    @property
+    def landmarks(self) -> Float:
+        """(L, 2) their positions [m]; settles the account of the area."""
+        self._settle(self._local.landmark_ids)
+        return self._mean[3:].reshape(-1, 2).copy()
+
+    @property
+    def cov(self) -> Float:
+        """(3 + 2L, 3 + 2L) covariance of robot and landmarks; settles the account of the area."""
+        self._settle(self._local.landmark_ids)
+        return self._cov.copy()
+
+    def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
+        """Move by a body-frame increment; see `SlamFilter.predict`."""
+        before = self._local.pose
+        self._local.predict(increment, cov)
+        moved = self._local.pose - before
+        self._T[0] -= moved[1] * self._T[2]
+        self._T[1] += moved[0] * self._T[2]
+
+    def update(self, observations: Observations) -> tuple[float, int]:
+        """Correct with all observations of one step, then map new landmarks; see `SlamFilter.update`."""
+        if observations.landmark is None:
+            raise ValueError("landmark: this filter needs known association; give the ids of the observations")
+        ids = np.asarray(observations.landmark)
+        outside = np.isin(ids, self._ids) & ~np.isin(ids, self._local.landmark_ids)
+        travelled = np.hypot(*(self._local.pose - self._entry)[:2])
+        if outside.any() or travelled > self._area_radius / 3.0:
+            self._settle(ids)
+        known = len(self._local.landmark_ids)
+        result = self._local.update(observations)
+        self._account_for_new_landmarks(known)
+        return result
+
+    def _account_for_new_landmarks(self, known: int) -> None:
+        """Rows of T for landmarks that were mapped in this update: J_r times the robot's rows."""
+        offsets = self._local.landmarks[known:] - self._local.pose[:2]
+        if len(offsets):
+            rows = np.repeat(self._T[None, :2], len(offsets), axis=0)
+            rows[:, 0] -= offsets[:, 1:] * self._T[2]
+            rows[:, 1] += offsets[:, :1] * self._T[2]
+            self._T = np.concatenate([self._T, rows.reshape(-1, self._T.shape[1])])
+
+    def _update_local(
+        self, sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace
+    ) -> tuple[float, int]:
+        nis, informative = update_standard(sensor, state, cov, size, count, work)
+        if np.isfinite(nis):
+            if len(self._N) < 2 * count:
+                self._N = np.zeros((2 * count, len(self._C)))
+            account_for_update(count, size, work, self._T, self._N, self._C, self._vector)
+        return nis, informative
+
+    def _enter_area(self, seen: Int) -> None:
+        """Start an account for the landmarks around the robot and those that it has just `seen`."""
+        self._entry = self._mean[:3].copy()
+        positions = self._mean[3:].reshape(-1, 2)
+        distances = np.hypot(*(positions - self._mean[:2]).T)
+        near = np.flatnonzero((distances <= self._area_radius) | np.isin(self._ids, seen))
+        self._area = np.concatenate([np.arange(3), (3 + 2 * near[:, None] + np.arange(2)).ravel()])
+        self._entered = len(near)
+        area_cov = self._cov[np.ix_(self._area, self._area)]
+        self._local = SlamFilter(
+            self._sensor, self._mean[:3], area_cov[:3, :3], self._update_local, landmarks=len(near) + 32
+        )
+        self._local.set_map(self._ids[near], positions[near], area_cov)
+        size = len(self._area)
+        self._T, self._C, self._N = np.eye(size), np.zeros((size, size)), np.zeros((0, size))
+        self._vector = np.zeros(size)
+
+    def _settle(self, seen: Int) -> None:
+        """Bring the whole map up to date, and enter the area around the robot."""
+        area, old = self._area, len(self._mean)
+        rest = np.setdiff1d(np.arange(old), area, assume_unique=True)
+        added = self._local.landmark_ids[self._entered :]
+        P_AB = self._cov[np.ix_(area, rest)]
+        C = np.triu(self._C) + np.triu(self._C, 1).T
+        size = old + 2 * len(added)
+        now = np.concatenate([area, np.arange(old, size)])
+        mean, cov = np.zeros(size), np.zeros((size, size))
+        mean[rest] = self._mean[rest] + P_AB.T @ self._vector
+        mean[now] = np.concatenate([self._local.pose, self._local.landmarks.ravel()])
+        cov[np.ix_(rest, rest)] = self._cov[np.ix_(rest, rest)] + P_AB.T @ C @ P_AB
+        cov[np.ix_(now, rest)] = self._T @ P_AB
+        cov[np.ix_(rest, now)] = cov[np.ix_(now, rest)].T
+        cov[np.ix_(now, now)] = self._local.cov
+        self._mean, self._cov = mean, cov
+        self._ids = np.concatenate([self._ids, added])
+        self._enter_area(seen)

@@ -1,0 +1,50 @@
+"""Jacobians by differences: the check that every model's analytic Jacobian has to pass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from slam2d import Float, wrap
+
+
+def differentiate(
+    function: Callable[[Float], Float], at: ArrayLike, step: ArrayLike = 1e-3, angles: Sequence[int] = ()
+) -> Float:
+    """Jacobian (m, n) of `function` (n,) -> (m,) by fourth-order central differences.
+
+    Args:
+        step: of each argument, or of all; about a thousandth of the length over which the function bends
+            balances truncation (step^4) against rounding.
+        angles: rows of the result that are angles [rad]; their differences are wrapped.
+    """
+    at = np.asarray(at, dtype=np.float64)
+    columns: list[Float] = []
+    for i, h in enumerate(np.broadcast_to(step, at.shape)):
+        offset = np.zeros_like(at)
+        offset[i] = h
+        near = function(at + offset) - function(at - offset)
+        far = function(at + 2 * offset) - function(at - 2 * offset)
+        for row in angles:
+            near[row], far[row] = wrap(near[row]), wrap(far[row])
+        columns.append((8 * near - far) / (12 * h))
+    return np.column_stack(columns)
+
+
+def assert_jacobian(
+    function: Callable[[Float], Float],
+    jacobian: ArrayLike,
+    at: ArrayLike,
+    *,
+    step: ArrayLike = 1e-3,
+    angles: Sequence[int] = (),
+    tolerance: float = 1e-9,
+) -> None:
+    """`jacobian` is the derivative of `function` at `at`, each row to `tolerance` of its largest entry (or of 1)."""
+    expected = differentiate(function, at, step, angles)
+    actual = np.asarray(jacobian, dtype=np.float64)
+    assert actual.shape == expected.shape
+    scale = np.maximum(1.0, np.abs(expected).max(axis=1, keepdims=True))
+    np.testing.assert_allclose(actual / scale, expected / scale, rtol=0, atol=tolerance)
