@@ -11,7 +11,7 @@ not fit raises ``ValueError`` with the field, the row, the value and the remedy 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal, NamedTuple, Protocol
 
@@ -144,6 +144,20 @@ class Recording:
     def steps(self) -> int:
         """Number N of odometry increments."""
         return len(self.odometry)
+
+    def first(self, steps: int) -> Recording:
+        """The recording up to pose `steps` and with its observations."""
+        last = int(np.searchsorted(self.observation_step, steps, side="right"))
+        return replace(
+            self,
+            stamps=self.stamps[: steps + 1],
+            odometry=self.odometry[:steps],
+            odometry_cov=self.odometry_cov[:steps],
+            observation_step=self.observation_step[:last],
+            observation=self.observation[:last],
+            observation_cov=self.observation_cov[:last],
+            landmark=None if self.landmark is None else self.landmark[:last],
+        )
 
     def scans(self) -> Iterator[Observations]:
         """The observations of step 0, 1, ..., N in turn (views, not copies)."""

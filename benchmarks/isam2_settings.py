@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from compare import simulate
-from compare.bench import first_steps, workload
+from compare.bench import workload
 from graph_baseline import batch
 from graph_baseline.causal import SETTINGS, causal_optimum
 
@@ -33,7 +33,7 @@ def main() -> None:
     for size in map(int, options.landmarks.split(",")):
         _, recording = simulate(workload(size), 0)
         steps = np.linspace(recording.steps / 10, recording.steps, 10).astype(int)
-        optima = [batch(first_steps(recording, int(k))) for k in steps]
+        optima = [batch(recording.first(int(k))) for k in steps]
         for threshold, every in ((0.1, 1), (0.1, 10), (0.05, 1), (0.05, 10), (0.02, 1), (0.02, 10), (0.01, 10)):
             settings = replace(SETTINGS, relinearize_threshold=threshold, relinearize_every=every)
             estimate = causal_optimum(recording, settings)

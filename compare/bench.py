@@ -75,7 +75,7 @@ def run_bench(sizes: Sequence[int], names: Sequence[str], seed: int = 0) -> dict
         _, recording = simulate(workload(size, seed), seed)
         for name, estimator in contestants.items():
             progress.set_description(f"{name}, {size} landmarks")
-            estimator(first_steps(recording, 20))  # compiled code loaded, caches warm
+            estimator(recording.first(20))  # compiled code loaded, caches warm
             start = perf_counter()
             estimate = estimator(recording)
             total = perf_counter() - start
@@ -128,23 +128,6 @@ def _share_outside_update(recording: Recording, correction: Correction) -> float
             slam.update(scan)
         total += perf_counter() - start
     return 1.0 - inside / total
-
-
-def first_steps(recording: Recording, steps: int) -> Recording:
-    """The recording up to and with pose `steps`."""
-    last = int(np.searchsorted(recording.observation_step, steps, side="right"))
-    return Recording(
-        stamps=recording.stamps[: steps + 1],
-        prior_mean=recording.prior_mean,
-        prior_cov=recording.prior_cov,
-        odometry=recording.odometry[:steps],
-        odometry_cov=recording.odometry_cov[:steps],
-        sensor=recording.sensor,
-        observation_step=recording.observation_step[:last],
-        observation=recording.observation[:last],
-        observation_cov=recording.observation_cov[:last],
-        landmark=None if recording.landmark is None else recording.landmark[:last],
-    )
 
 
 def growth_exponent(by_size: dict[str, dict[str, float]]) -> float | None:

@@ -245,6 +245,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     try:
         command()
+        sys.stdout.flush()
+    except BrokenPipeError:  # whoever reads our output (`head`, a pager) has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except ValueError as error:
         print(f"slamgauge: {error}", file=sys.stderr)
         return 2

@@ -112,6 +112,6 @@ def _where_it_broke(error: BaseException) -> str:
     if not isinstance(error, SyntaxError):  # its message names the line
         ours = {__file__, slam2d.__file__, importlib.__file__}
         frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename not in ours]
-        frames = [frame for frame in frames if not frame.filename.startswith("<frozen")]
+        frames = [frame for frame in frames if not frame.filename.startswith("<")]
         what += "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in frames[-1:])
     return f"{what}; mend it and run again"

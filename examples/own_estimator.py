@@ -1,7 +1,8 @@
 """A landmark filter of your own, graded against the optimum.
 
 It corrects one observation at a time and forgets that the errors of robot and landmarks are correlated:
-easy to write, far too sure of itself. From this folder, grade it on q1-long-dense,
+easy to write, far too sure of itself (see its NEES; the error of a single run has luck in it).
+From this folder, grade it on q1-long-dense,
 
     python own_estimator.py
 

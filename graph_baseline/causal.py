@@ -63,17 +63,6 @@ def causal_optimum(recording: Recording, settings: Settings) -> Estimate:
     )
 
 
-def optimise_incrementally(recording: Recording, steps_per_update: int) -> gtsam.Values:
-    """The solution that iSAM2 reaches when the recording is fed to it in portions."""
-    growing = _GrowingProblem(recording, SETTINGS)
-    with explained():
-        for k in range(recording.steps + 1):
-            growing.add_step(k)
-            if k % steps_per_update == 0 or k == recording.steps:
-                growing.optimise()
-        return growing.solver.calculateEstimate()
-
-
 class _GrowingProblem:
     """iSAM2 and the factors and first guesses that wait for its next update."""
 

@@ -12,7 +12,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from slam2d import Float, Int, Recording, chain
+from slam2d import Float, Int, Recording
 
 # m or rad; lent to a fixed start, because GTSAM's marginal of pose 1 is wrongly zero when constraints on
 # the prior and on the motion meet (GTSAM 4.3.0)
@@ -144,11 +144,6 @@ def landmarks_at_first_sight(recording: Recording, poses: Float) -> Float:
     polar = as_range_bearing(recording)[0][rows]
     angle = seen_from[:, 2] + polar[:, 1]
     return seen_from[:, :2] + polar[:, :1] * np.column_stack([np.cos(angle), np.sin(angle)])
-
-
-def dead_reckoned(recording: Recording) -> Float:
-    """Poses (N+1, 3) of the prior mean carried along the odometry."""
-    return chain(recording.prior_mean, recording.odometry)
 
 
 def make_values(poses: Float, landmark_ids: Int, landmarks: Float) -> gtsam.Values:

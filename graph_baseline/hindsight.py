@@ -1,8 +1,9 @@
 """The hindsight optimum: all measurements at once, every pose and landmark with its covariance.
 
-1. GTSAM's Levenberg-Marquardt runs from two starts, dead reckoning and a portion-wise iSAM2 solution;
-   the lower cost is kept. Motion directions of zero variance are lent a small slip for this, because
-   damping and hard constraints do not agree: damped steps leave the constraint and stop early.
+1. GTSAM's Levenberg-Marquardt runs from two starts, dead reckoning (which ends in a local minimum on
+   Victoria Park) and one that is grown portion by portion; the lower cost is kept. Motion directions of
+   zero variance are lent a small slip for this, because damping and hard constraints do not agree:
+   damped steps leave the constraint and stop early.
 2. Exact Newton steps through the Schur complement (see `smoother`) finish on the recording's own model,
    zero variances and all, until a step is negligible against the standard deviations it has found.
    The gradient vanishes there, and positive definite information makes it a minimum.
@@ -13,10 +14,8 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
-from graph_baseline.causal import optimise_incrementally
 from graph_baseline.factors import (
     build_graph,
-    dead_reckoned,
     first_sights,
     landmarks_at_first_sight,
     make_values,
@@ -26,10 +25,10 @@ from graph_baseline.factors import (
 from graph_baseline.linearisation import cost, linearise
 from graph_baseline.smoother import Solution, solve
 from graph_baseline.undetermined import UndeterminedError, explained, undetermined_variable
-from slam2d import Estimate, Float, Int, Recording, wrap
+from slam2d import Estimate, Float, Int, Recording, chain, wrap
 
 LENT_SLIP = 1e-4  # m (rad for a heading): three hundredths of a per cent of a 0.3 m step, and released in part 2
-STEPS_PER_UPDATE = 50
+PORTIONS = 8  # of the recording, in the grown start
 MAX_NEWTON_STEPS = 30
 NEGLIGIBLE = 1e-6  # of a standard deviation
 
@@ -57,20 +56,41 @@ def batch(recording: Recording) -> Estimate:
 
 def minimise(recording: Recording, graph: gtsam.NonlinearFactorGraph) -> tuple[Float, Float]:
     """Poses and landmarks of the lower of two Levenberg-Marquardt solutions of `graph`, slip lent."""
-    dead = dead_reckoned(recording)
-    landmark_ids = first_sights(recording)[0]
-    starts = [
-        make_values(dead, landmark_ids, landmarks_at_first_sight(recording, dead)),
-        optimise_incrementally(recording, STEPS_PER_UPDATE),
-    ]
     with explained():
+        starts = [_grown_start(recording), _extended(recording, np.zeros((0, 3)), {})]
         solutions = [_levenberg_marquardt(graph, values) for values in starts]
     return read_values(min(solutions, key=graph.error))
 
 
-def _levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Values:
+def _grown_start(recording: Recording) -> gtsam.Values:
+    """A few iterations on the first portion of the recording, then on more and more of it."""
+    poses, known = np.zeros((0, 3)), dict[int, Float]()
+    for portion in range(1, PORTIONS):
+        part = recording.first(recording.steps * portion // PORTIONS)
+        values = _extended(part, poses, known)
+        poses, landmarks = read_values(_levenberg_marquardt(build_graph(part, LENT_SLIP), values, iterations=2))
+        known = dict(zip(first_sights(part)[0].tolist(), landmarks, strict=True))
+    return _extended(recording, poses, known)
+
+
+def _extended(recording: Recording, poses: Float, known: dict[int, Float]) -> gtsam.Values:
+    """The first `poses` carried on by odometry, with landmarks that are not `known` at their first sight."""
+    done = len(poses)
+    last = poses[-1] if done else recording.prior_mean
+    path = np.concatenate([poses[:-1], chain(last, recording.odometry[max(done - 1, 0) :])])
+    landmark_ids = first_sights(recording)[0]
+    landmarks = landmarks_at_first_sight(recording, path)
+    for slot, name in enumerate(landmark_ids.tolist()):
+        landmarks[slot] = known.get(name, landmarks[slot])
+    return make_values(path, landmark_ids, landmarks)
+
+
+def _levenberg_marquardt(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int = 100
+) -> gtsam.Values:
     parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setRelativeErrorTol(1e-6)
+    parameters.setRelativeErrorTol(1e-5)
+    parameters.setMaxIterations(iterations)
     return gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
 
 

@@ -72,11 +72,22 @@ def _observations(recording: Recording, slot: Int, poses: Float, landmarks: Floa
         residual[:, 1] = wrap(residual[:, 1])
         across = np.column_stack([-delta[:, 1], delta[:, 0]]) / distance[:, None] ** 2
         H = np.stack([delta / distance[:, None], across], axis=1) @ to_body
-    whitener = np.linalg.inv(np.linalg.cholesky(recording.observation_cov))
+    whitener = _inverse_cholesky(recording.observation_cov)
     Hm = whitener @ H
     lever = np.column_stack([-offset[:, 1], offset[:, 0]])
     Hx = np.concatenate([-Hm, -np.einsum("mij,mj->mi", Hm, lever)[:, :, None]], axis=2)
     return Hx, Hm, np.einsum("mij,mj->mi", whitener, residual)
+
+
+def _inverse_cholesky(covariance: Float) -> Float:
+    """Lower triangular L^-1 (M, 2, 2) of covariances L L' (M, 2, 2)."""
+    first = 1.0 / np.sqrt(covariance[:, 0, 0])
+    slope = covariance[:, 0, 1] * first
+    second = 1.0 / np.sqrt(covariance[:, 1, 1] - slope**2)
+    inverse = np.zeros_like(covariance)
+    inverse[:, 0, 0], inverse[:, 1, 1] = first, second
+    inverse[:, 1, 0] = -slope * first * second
+    return inverse
 
 
 def cost(recording: Recording, poses: Float, landmark_ids: Int, landmarks: Float) -> float:

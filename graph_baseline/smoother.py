@@ -9,7 +9,7 @@ Singular motion noise and a fixed start are exact: no covariance of a pose is ev
 A scan of m observations meets its pose through three numbers only, so it is first compressed to three
 equations G dx + X dm + g = unit noise; what else it says is about its landmarks alone.
 
-Cost: O(N L^2) in two symmetric products; no matrix larger than (3N, 2L).
+Cost: O(N L^2) in two symmetric products, and recursions of 3 x 3 matrices; no matrix larger than (3N, 2L).
 Source: Bierman, "Factorization methods for discrete sequential estimation" (1977), chapter X.
 """
 
@@ -21,9 +21,9 @@ import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from graph_baseline.linearisation import LinearModel
-from slam2d import Float
+from slam2d import Float, Int
 
-CHUNK = 512  # steps whose rows are gathered in one symmetric product
+CHUNK = 128  # steps whose rows, a few megabytes, are handled together
 
 
 class Solution(NamedTuple):
@@ -35,115 +35,143 @@ class Solution(NamedTuple):
     landmark_covs: Float  # (L, 2, 2)
 
 
-class _Scans(NamedTuple):
-    """Compressed scans: G dx + X dm + g = unit noise, and the landmarks' remaining information."""
-
-    G: Float  # (N+1, 3, 3)
-    X: Float  # (M, 3, 2)
-    g: Float  # (N+1, 3)
-    information: Float  # (2L, 2L)
-    vector: Float  # (2L,)
-
-
 def solve(model: LinearModel, landmarks: int) -> Solution:
     """Minimise the linear model over all poses and `landmarks` landmarks.
 
     Raises:
         numpy.linalg.LinAlgError: the observations do not determine the landmarks.
     """
-    scans = _compress(model, landmarks)
-    A, P, rows = _forward(model, scans, landmarks)
-    Lambda, vector = scans.information, scans.vector
-    for first in range(0, len(rows), CHUNK):
-        chunk = rows[first : first + CHUNK].reshape(-1, rows.shape[2])
-        Lambda += chunk[:, :-1].T @ chunk[:, :-1]
-        vector += chunk[:, :-1].T @ chunk[:, -1]
-    factor = np.linalg.cholesky(Lambda)
-    dm = -cho_solve((factor, True), vector)
-    _backward(model, scans, A, P, rows)
+    G, X = _compressed_scans(model, landmarks)
+    joint = _landmarks_alone(model, landmarks)
+    _subtract_scans(joint, X, model)
+    P, carry, gain = _filter_covariances(model, G)
+    A = _filter_maps(model, X, carry, gain)
+    whitener = np.linalg.inv(np.linalg.cholesky(np.eye(3) + G @ P @ _transposed(G)))
+    observed = whitener @ G
+    for steps in _chunks(len(A)):
+        innovation = whitener[steps] @ (G[steps] @ A[steps] + X[steps])
+        joint += _gram(innovation)
+        X[steps] = _transposed(observed[steps]) @ innovation
+    _smooth(A, P, carry, observed, adjoint=X)
+
+    factor = np.linalg.cholesky(joint[:-1, :-1])
+    dm = -cho_solve((factor, True), joint[:-1, -1])
     dx = A[:, :, :-1] @ dm + A[:, :, -1]
-    spread = solve_triangular(factor, A[:, :, :-1].reshape(-1, 2 * landmarks).T, lower=True, check_finite=False)
-    spread = spread.T.reshape(len(A), 3, 2 * landmarks)
-    pose_covs = P + spread @ spread.swapaxes(1, 2)
-    covariance = cho_solve((factor, True), np.eye(2 * landmarks)).reshape(landmarks, 2, landmarks, 2)
-    own = np.arange(landmarks)
-    return Solution(dx, dm.reshape(-1, 2), pose_covs, covariance[own, :, own, :])
+    for steps in _chunks(len(A)):
+        maps = A[steps, :, :-1].reshape(-1, 2 * landmarks)
+        spread = solve_triangular(factor, maps.T, lower=True, check_finite=False, overwrite_b=True)
+        spread = spread.T.reshape(-1, 3, 2 * landmarks)
+        P[steps] += spread @ _transposed(spread)
+    return Solution(dx, dm.reshape(-1, 2), P, _own_blocks_of_inverse(factor))
 
 
-def _compress(model: LinearModel, landmarks: int) -> _Scans:
+def _chunks(steps: int) -> list[slice]:
+    """Slices that cover the steps."""
+    return [slice(first, first + CHUNK) for first in range(0, steps, CHUNK)]
+
+
+def _own_blocks_of_inverse(factor: Float) -> Float:
+    """Diagonal blocks (L, 2, 2) of (factor factor')^-1."""
+    root = solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False)
+    even, odd = root[:, 0::2], root[:, 1::2]
+    xx, xy, yy = ((one * other).sum(axis=0) for one, other in ((even, even), (even, odd), (odd, odd)))
+    return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+
+
+def _compressed_scans(model: LinearModel, landmarks: int) -> tuple[Float, Float]:
+    """Three equations a scan, G dx + X (dm, 1) = unit noise: G (N+1, 3, 3), X (N+1, 3, 2L+1)."""
     poses = len(model.F) + 1
-    information = np.zeros((poses, 3, 3))
-    np.add.at(information, model.step, model.Hx.swapaxes(1, 2) @ model.Hx)
-    vector = np.zeros((poses, 3))
-    np.add.at(vector, model.step, np.einsum("mij,mi->mj", model.Hx, model.r))
-    value, axes = np.linalg.eigh(information)
+    by_pose = _transposed(model.Hx)
+    value, axes = np.linalg.eigh(_sum_by(model.step, by_pose @ model.Hx, poses))
     value[value < 1e-13 * value[:, -1:]] = 0.0
     root = np.sqrt(value)
     inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0)
-    G = root[:, :, None] * axes.swapaxes(1, 2)
-    to_rows = inverse[:, :, None] * axes.swapaxes(1, 2)
-    g = np.einsum("nij,nj->ni", to_rows, vector)
-    X = to_rows[model.step] @ (model.Hx.swapaxes(1, 2) @ model.Hm)
+    to_rows = inverse[:, :, None] * _transposed(axes)
+    X = np.zeros((poses, 3, 2 * landmarks + 1))
+    by_landmark = X[:, :, :-1].reshape(poses, 3, landmarks, 2).swapaxes(1, 2)
+    np.add.at(by_landmark, (model.step, model.slot), to_rows[model.step] @ (by_pose @ model.Hm))
+    X[:, :, -1:] = to_rows @ _sum_by(model.step, by_pose @ model.r[:, :, None], poses)
+    return root[:, :, None] * _transposed(axes), X
 
-    own = np.zeros((landmarks, 2, 2))
-    np.add.at(own, model.slot, model.Hm.swapaxes(1, 2) @ model.Hm)
-    remaining = np.zeros((landmarks, 2, landmarks, 2))
+
+def _landmarks_alone(model: LinearModel, landmarks: int) -> Float:
+    """Information (2L+1, 2L+1) of all observations on (dm, 1), the poses held fixed."""
+    joint = np.zeros((2 * landmarks + 1, 2 * landmarks + 1))
+    own = joint[:-1, :-1].reshape(landmarks, 2, landmarks, 2)
     index = np.arange(landmarks)
-    remaining[index, :, index, :] = own
-    remaining = remaining.reshape(2 * landmarks, 2 * landmarks)
-    own_vector = np.zeros((landmarks, 2))
-    np.add.at(own_vector, model.slot, np.einsum("mij,mi->mj", model.Hm, model.r))
-    remaining_vector = own_vector.ravel()
-    for first in range(0, poses, CHUNK):
-        last = min(first + CHUNK, poses)
-        rows = np.zeros((last - first, 3, landmarks, 2))
-        begin, end = np.searchsorted(model.step, [first, last])
-        np.add.at(rows.swapaxes(1, 2), (model.step[begin:end] - first, model.slot[begin:end]), X[begin:end])
-        flat = rows.reshape(-1, 2 * landmarks)
-        remaining -= flat.T @ flat
-        remaining_vector -= flat.T @ g[first:last].ravel()
-    return _Scans(G, X, g, remaining, remaining_vector)
+    by_landmark = _transposed(model.Hm)
+    own[index, :, index, :] = _sum_by(model.slot, by_landmark @ model.Hm, landmarks)
+    joint[:-1, -1] = _sum_by(model.slot, by_landmark @ model.r[:, :, None], landmarks).ravel()
+    return joint
 
 
-def _forward(model: LinearModel, scans: _Scans, landmarks: int) -> tuple[Float, Float, Float]:
-    """Predicted affine maps A (N+1, 3, 2L+1) and covariances P (N+1, 3, 3), whitened innovations."""
-    poses, width = len(model.F) + 1, 2 * landmarks + 1
-    A, P, rows = np.zeros((poses, 3, width)), np.empty((poses, 3, 3)), np.empty((poses, 3, width))
-    A[0, :, -1], P[0] = model.start, model.start_cov
-    bounds = np.searchsorted(model.step, np.arange(poses + 1)).tolist()
+def _subtract_scans(joint: Float, X: Float, model: LinearModel) -> None:
+    """Subtract X'X, chunk by chunk on the columns of the landmarks that the chunk has seen."""
+    for steps in _chunks(len(X)):
+        begin, end = np.searchsorted(model.step, [steps.start, steps.stop])
+        seen = np.unique(model.slot[begin:end])
+        columns = np.append((2 * seen[:, None] + np.arange(2)).ravel(), len(joint) - 1)
+        joint[np.ix_(columns, columns)] -= _gram(X[steps][:, :, columns])
+
+
+def _filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Float]:
+    """Kalman filter of a pose given the landmarks: predicted covariances P (N+1, 3, 3), carry F (I - K G), gain F K."""
+    P, carry, gain = (np.empty((len(G), 3, 3)) for _ in range(3))
+    P[0] = model.start_cov
     identity = np.eye(3)
-    for k in range(poses):
-        G = scans.G[k]
-        innovation = G @ A[k]
-        begin, end = bounds[k], bounds[k + 1]
-        by_landmark = innovation[:, :-1].reshape(3, landmarks, 2).swapaxes(0, 1)
-        np.add.at(by_landmark, model.slot[begin:end], scans.X[begin:end])
-        innovation[:, -1] += scans.g[k]
-        lower_inverse = np.linalg.inv(np.linalg.cholesky(identity + G @ P[k] @ G.T))
-        rows[k] = lower_inverse @ innovation
-        if k + 1 < poses:
-            gain = P[k] @ (lower_inverse @ G).T
-            F = model.F[k]
-            A[k + 1] = F @ (A[k] - gain @ rows[k])
-            A[k + 1, :, -1] += model.c[k]
-            P[k + 1] = F @ (P[k] - gain @ gain.T) @ F.T + model.W[k]
-    return A, P, rows
+    moves = np.concatenate([model.F, identity[None]])
+    noises = np.concatenate([model.W, np.zeros((1, 3, 3))])
+    for k, (g, F, W) in enumerate(zip(G, moves, noises, strict=True)):
+        PG = P[k] @ g.T
+        K = PG @ np.linalg.inv(identity + g @ PG)
+        gain[k] = F @ K
+        carry[k] = F - gain[k] @ g
+        if k + 1 < len(G):
+            following = F @ (P[k] - K @ PG.T) @ F.T + W
+            P[k + 1] = (following + following.T) / 2
+    return P, carry, gain
 
 
-def _backward(model: LinearModel, scans: _Scans, A: Float, P: Float, rows: Float) -> None:
-    """Replace predicted maps A and covariances P by smoothed ones, in place."""
-    poses = len(A)
-    adjoint, adjoint_cov = np.zeros_like(A[0]), np.zeros((3, 3))
-    identity = np.eye(3)
-    for k in range(poses - 1, -1, -1):
-        G = scans.G[k]
-        whitened = np.linalg.inv(np.linalg.cholesky(identity + G @ P[k] @ G.T)) @ G
-        carry = identity - P[k] @ whitened.T @ whitened  # I - K G
-        adjoint = whitened.T @ rows[k] + carry.T @ adjoint
-        adjoint_cov = whitened.T @ whitened + carry.T @ adjoint_cov @ carry
-        A[k] -= P[k] @ adjoint
-        smoothed = P[k] - P[k] @ adjoint_cov @ P[k]
-        P[k] = (smoothed + smoothed.T) / 2
-        if k:
-            adjoint = model.F[k - 1].T @ adjoint
-            adjoint_cov = model.F[k - 1].T @ adjoint_cov @ model.F[k - 1]
+def _filter_maps(model: LinearModel, X: Float, carry: Float, gain: Float) -> Float:
+    """Predicted poses as affine maps A (N+1, 3, 2L+1) of (dm, 1)."""
+    A = np.empty_like(X)
+    A[0] = 0.0
+    A[0, :, -1] = model.start
+    np.matmul(-gain[:-1], X[:-1], out=A[1:])
+    A[1:, :, -1] += model.c
+    for k in range(len(A) - 1):
+        A[k + 1] += carry[k] @ A[k]
+    return A
+
+
+def _smooth(A: Float, P: Float, carry: Float, observed: Float, adjoint: Float) -> None:
+    """Turn predicted maps A and covariances P into smoothed ones, in place (modified Bryson-Frazier).
+
+    `adjoint` holds each scan's own part, observed' innovation, and is overwritten.
+    """
+    adjoint_cov = _transposed(observed) @ observed
+    for k in range(len(A) - 2, -1, -1):
+        adjoint[k] += carry[k].T @ adjoint[k + 1]
+        adjoint_cov[k] += carry[k].T @ adjoint_cov[k + 1] @ carry[k]
+    for steps in _chunks(len(A)):
+        A[steps] -= P[steps] @ adjoint[steps]
+        smoothed = P[steps] - P[steps] @ adjoint_cov[steps] @ P[steps]
+        P[steps] = (smoothed + _transposed(smoothed)) / 2
+
+
+def _sum_by(group: Int, rows: Float, groups: int) -> Float:
+    """Sums (groups, a, b) of the matrices `rows` (M, a, b) that share a group."""
+    sums = np.empty((groups, rows.shape[1] * rows.shape[2]))
+    for column, values in enumerate(rows.reshape(len(rows), -1).T):
+        sums[:, column] = np.bincount(group, values, groups)
+    return sums.reshape(groups, *rows.shape[1:])
+
+
+def _gram(blocks: Float) -> Float:
+    """Sum of B'B over the blocks (n, 3, width)."""
+    rows = blocks.reshape(-1, blocks.shape[2])
+    return rows.T @ rows
+
+
+def _transposed(matrices: Float) -> Float:
+    return matrices.swapaxes(-1, -2)

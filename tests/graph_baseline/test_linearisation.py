@@ -8,6 +8,7 @@ import gtsam
 import numpy as np
 import pytest
 from jacobians import assert_jacobian, differentiate
+from optimum import exp_se2
 from random_recordings import random_recording
 
 from graph_baseline.linearisation import LinearModel, linearise, log_se2, right_jacobian
@@ -19,13 +20,6 @@ PLACES = [[0.0, 0.0], [0.3, -0.1], [-40.0, 25.0]]
 
 
 # --- SE(2) in exponential coordinates ------------------------------------------------------------
-
-
-def exp_se2(tangent: Float) -> Float:
-    """Exponential of SE(2) without cancellation at any turn; GTSAM's loses digits below 1e-2 rad."""
-    turn = tangent[2]
-    v_cos, v_sin = np.sinc(turn / PI), np.sin(turn / 2) * np.sinc(turn / 2 / PI)
-    return np.append(np.array([[v_cos, -v_sin], [v_sin, v_cos]]) @ tangent[:2], turn)
 
 
 @pytest.mark.parametrize("turn", [*TURNS, PI])

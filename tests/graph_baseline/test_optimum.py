@@ -1,0 +1,480 @@
+"""The optimum against independent solutions: scipy's, GTSAM's own marginals, and every other estimate.
+
+Residuals are GTSAM's: Log(measured^-1 between) with the recording's covariance as it is. Differences are
+judged in standard deviations of the optimum. Problems are small and their seeds fixed, so that every figure
+quoted here is reproducible.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+import pytest
+from exact_graph import as_values, exact_graph, marginals, solve_graph
+from gtsam.symbol_shorthand import L, X
+from numpy.typing import ArrayLike
+from optimum import ExactProblem
+from random_recordings import random_recording
+
+from ekf import dead_reckoning, ekf, riekf
+from graph_baseline import UndeterminedError, batch, cost, isam2
+from graph_baseline.factors import build_graph
+from graph_baseline.undetermined import explained
+from slam2d import Estimate, Float, Int, Recording, Truth, between, compose, rotation, wrap
+
+Estimator = Callable[[Recording], Estimate]
+SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+SLIP = pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])
+SEEDS = pytest.mark.parametrize("seed", range(3))
+OPTIMA = pytest.mark.parametrize("estimator", [batch, isam2])
+
+
+class Answer(NamedTuple):
+    """The arrays of an estimate that all of these tests need."""
+
+    poses: Float
+    pose_covs: Float
+    ids: Int
+    landmarks: Float
+    landmark_covs: Float
+
+
+def answer(estimate: Estimate) -> Answer:
+    """With landmarks in increasing id order."""
+    assert estimate.pose_covs is not None
+    assert estimate.landmark_ids is not None
+    assert estimate.landmarks is not None
+    assert estimate.landmark_covs is not None
+    order = np.argsort(estimate.landmark_ids)
+    return Answer(
+        estimate.poses,
+        estimate.pose_covs,
+        estimate.landmark_ids[order],
+        estimate.landmarks[order],
+        estimate.landmark_covs[order],
+    )
+
+
+@functools.cache
+def problem(seed: int, sensor: str, slip: bool, fixed: bool = False) -> tuple[Truth, Recording]:
+    sigmas = (0.0, 0.0, 0.0) if fixed else (0.1, 0.1, 0.02)
+    return random_recording(seed, sensor=sensor, slip=slip, steps=25, landmarks=5, prior_sigmas=sigmas)
+
+
+@functools.cache
+def optimum(seed: int, sensor: str, slip: bool, fixed: bool = False) -> Answer:
+    return answer(batch(problem(seed, sensor, slip, fixed)[1]))
+
+
+def cost_of(recording: Recording, at: Answer) -> float:
+    return cost(recording, at.poses, at.ids, at.landmarks)
+
+
+def sigmas_of(covs: Float) -> Float:
+    """Standard deviations (n, d); 1 where there is none, so that what is fixed is compared as it is."""
+    variances = np.diagonal(covs, axis1=1, axis2=2)
+    return np.sqrt(np.where(variances > 1e-30, variances, 1.0))
+
+
+def pose_difference(poses: Float, reference: Answer) -> Float:
+    """(N+1, 3) in standard deviations of `reference`."""
+    difference = poses - reference.poses
+    difference[:, 2] = wrap(difference[:, 2])
+    return difference / sigmas_of(reference.pose_covs)
+
+
+def assert_same_covariances(actual: Float, expected: Float, tolerance: float) -> None:
+    sigma = sigmas_of(expected)
+    unit = sigma[:, :, None] * sigma[:, None, :]
+    np.testing.assert_allclose(actual / unit, expected / unit, rtol=0, atol=tolerance)
+
+
+# --- scipy ---------------------------------------------------------------------------------------
+
+
+@SEEDS
+@SENSORS
+@SLIP
+@pytest.mark.parametrize("fixed", [False, True], ids=["prior", "fixed"])
+def test_batch_is_the_minimum_that_scipy_finds(seed: int, sensor: str, slip: bool, fixed: bool) -> None:
+    """Measured: cost equal to 1e-14, poses within 1e-7 sigma, covariances within 4e-8."""
+    recording = problem(seed, sensor, slip, fixed)[1]
+    reference = ExactProblem(recording)
+    unknowns = reference.solve(reference.start())
+    found = optimum(seed, sensor, slip, fixed)
+    pose_covs, landmark_covs = reference.covariances(unknowns)
+    expected = Answer(reference.poses(unknowns), pose_covs, reference.ids, reference.landmarks(unknowns), landmark_covs)
+    np.testing.assert_array_equal(found.ids, expected.ids)
+    np.testing.assert_allclose(cost_of(recording, found), reference.cost(unknowns), rtol=1e-12)
+    np.testing.assert_allclose(pose_difference(found.poses, expected), 0.0, atol=1e-6)
+    np.testing.assert_allclose((found.landmarks - expected.landmarks) / sigmas_of(landmark_covs), 0.0, atol=1e-6)
+    assert_same_covariances(found.pose_covs, pose_covs, 1e-6)
+    assert_same_covariances(found.landmark_covs, landmark_covs, 1e-6)
+
+
+@SENSORS
+@SLIP
+@pytest.mark.parametrize("seed", [1, 9, 14])
+def test_batch_is_not_above_what_scipy_finds_from_other_starts(seed: int, sensor: str, slip: bool) -> None:
+    """Twice the noise, and starts drawn at random from all that odometry and prior allow."""
+    _, recording = random_recording(seed, sensor=sensor, slip=slip, steps=25, landmarks=5, noise=2.0)
+    reference = ExactProblem(recording)
+    rng = np.random.default_rng(seed)
+    starts = [None, *rng.normal(size=(2, reference.noises))]
+    costs = [reference.cost(reference.solve(reference.start(noise))) for noise in starts]
+    assert cost_of(recording, answer(batch(recording))) == pytest.approx(min(costs), rel=1e-9)
+
+
+# --- GTSAM ---------------------------------------------------------------------------------------
+
+
+@SEEDS
+@SENSORS
+@SLIP
+def test_covariances_are_gtsams_marginals(seed: int, sensor: str, slip: bool) -> None:
+    """On an exact graph, constraints for zero variances; a fixed start is left out (GTSAM 4.3.0 errs there)."""
+    recording, found = problem(seed, sensor, slip)[1], optimum(seed, sensor, slip)
+    values = as_values(found.poses, found.ids, found.landmarks)
+    pose_covs, landmark_covs = marginals(exact_graph(recording), values, found.poses, found.ids)
+    assert_same_covariances(found.pose_covs, pose_covs, 1e-6)
+    assert_same_covariances(found.landmark_covs, landmark_covs, 1e-6)
+
+
+@SEEDS
+@SENSORS
+@SLIP
+def test_gtsam_stays_at_the_optimum_of_the_exact_graph(seed: int, sensor: str, slip: bool) -> None:
+    recording, found = problem(seed, sensor, slip)[1], optimum(seed, sensor, slip)
+    values = as_values(found.poses, found.ids, found.landmarks)
+    np.testing.assert_allclose(pose_difference(solve_graph(exact_graph(recording), values), found), 0.0, atol=2e-6)
+
+
+@SEEDS
+@SENSORS
+def test_cost_is_gtsams_error_anywhere(seed: int, sensor: str) -> None:
+    (truth, recording), found = problem(seed, sensor, True), optimum(seed, sensor, True)
+    assert truth.poses is not None
+    rng = np.random.default_rng(seed)
+    turned = compose(truth.poses, rng.uniform(-1, 1, truth.poses.shape) * [1, 1, 3])
+    for poses in (found.poses, truth.poses, turned):
+        landmarks = found.landmarks + rng.normal(size=found.landmarks.shape)
+        values = as_values(poses, found.ids, landmarks)
+        ours = cost(recording, poses, found.ids, landmarks)
+        assert ours == pytest.approx(exact_graph(recording).error(values), rel=1e-10)
+        assert cost(recording, poses, found.ids[::-1], landmarks[::-1]) == pytest.approx(ours, rel=1e-13)
+        if sensor == "range-bearing":
+            assert ours == pytest.approx(build_graph(recording).error(values), rel=1e-10)
+
+
+@SEEDS
+@SLIP
+def test_the_position_sensor_is_solved_exactly_and_not_as_range_and_bearing(seed: int, slip: bool) -> None:
+    """The polar equivalent, which serves as a start, is 0.01 to 0.06 sigma (2 to 7 mm) from the exact optimum."""
+    recording, found = problem(seed, "position", slip)[1], optimum(seed, "position", slip)
+    values = as_values(found.poses, found.ids, found.landmarks)
+    polar = solve_graph(exact_graph(recording, polar=True), values)
+    away = np.abs(pose_difference(polar, found)).max()
+    assert 0.01 < away < 0.06
+    built = solve_graph(build_graph(recording), values)
+    np.testing.assert_allclose(pose_difference(built, found._replace(poses=polar)), 0.0, atol=1e-6)
+
+
+# --- a minimum -----------------------------------------------------------------------------------
+
+
+def cost_by_odometry(recording: Recording) -> float:
+    """Of dead reckoning, with every landmark where its first sight puts it."""
+    reference = ExactProblem(recording)
+    start = reference.start()
+    blind = dead_reckoning(recording).poses
+    np.testing.assert_allclose(between(reference.poses(start), blind), 0.0, atol=1e-12)
+    return cost(recording, blind, reference.ids, reference.landmarks(start))
+
+
+@SENSORS
+@pytest.mark.parametrize("seed", range(6))
+def test_nothing_costs_less_than_the_optimum(seed: int, sensor: str) -> None:
+    truth, recording = problem(seed, sensor, True)
+    assert truth.poses is not None
+    assert truth.landmarks is not None
+    assert truth.landmark_ids is not None
+    found = optimum(seed, sensor, True)
+    best = cost_of(recording, found)
+    seen = np.isin(truth.landmark_ids, found.ids)
+    others = {
+        "truth": cost(recording, truth.poses, truth.landmark_ids[seen], truth.landmarks[seen]),
+        "dead reckoning": cost_by_odometry(recording),
+    }
+    for estimator in (ekf, riekf, isam2):
+        others[estimator.__name__] = cost_of(recording, answer(estimator(recording)))
+    assert min(others.values()) > best, others
+
+
+@SENSORS
+@SEEDS
+def test_the_gradient_vanishes(seed: int, sensor: str) -> None:
+    """Along random directions; at a point 0.01 sigma away it does not."""
+    recording, found = problem(seed, sensor, True)[1], optimum(seed, sensor, True)
+    rng = np.random.default_rng(seed)
+    for _ in range(10):
+        poses = rng.normal(size=found.poses.shape) * sigmas_of(found.pose_covs)
+        landmarks = rng.normal(size=found.landmarks.shape) * sigmas_of(found.landmark_covs)
+
+        def along(t: float, dx: Float = poses, dm: Float = landmarks) -> float:
+            return cost(recording, found.poses + t * dx, found.ids, found.landmarks + t * dm)
+
+        h = 1e-4
+        curvature = (along(h) - 2 * along(0) + along(-h)) / h**2
+        unit = 1 / math.sqrt(curvature)  # a step of `unit` raises the cost by 1/2, like one sigma
+        slopes = [(along(t + h * unit) - along(t - h * unit)) / (2 * h) for t in (0.0, 0.01 * unit)]
+        assert curvature > 0
+        assert abs(slopes[0]) < 1e-5
+        assert slopes[1] == pytest.approx(0.01, rel=0.05)
+
+
+@SENSORS
+def test_motion_that_cannot_be_costs_infinitely_much(sensor: str) -> None:
+    """A robot that cannot slip: the optimum and dead reckoning obey, filters do not (their corrections slip)."""
+    recording, found = problem(0, sensor, False)[1], optimum(0, sensor, False)
+    assert cost_of(recording, found) < cost_by_odometry(recording) < math.inf
+    assert cost_of(recording, answer(ekf(recording))) == math.inf
+    sideways = compose(found.poses, np.array([[0.0, 2e-6, 0.0]] * 13 + [[0.0, 0.0, 0.0]] * 13))
+    assert cost(recording, sideways, found.ids, found.landmarks) == math.inf
+
+
+@SENSORS
+@SLIP
+@pytest.mark.parametrize("motion", [[3.0, -4.0, 2.0], [-20.0, 7.0, math.pi]])
+def test_moving_the_world_moves_the_optimum_with_it(sensor: str, slip: bool, motion: list[float]) -> None:
+    recording, before = problem(2, sensor, slip)[1], optimum(2, sensor, slip)
+    moved = replace(recording, prior_mean=compose(motion, recording.prior_mean))  # its covariance is isotropic
+    after = answer(batch(moved))
+    turn = np.eye(3)
+    turn[:2, :2] = rotation(motion[2])
+    np.testing.assert_allclose(between(compose(motion, before.poses), after.poses), 0.0, atol=1e-8)
+    np.testing.assert_allclose(after.pose_covs, turn @ before.pose_covs @ turn.T, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(after.landmarks, motion[:2] + before.landmarks @ turn[:2, :2].T, rtol=0, atol=1e-8)
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="graph_baseline hands prior_cov to GTSAM and to `linearise` as if it were in the body frame; "
+    "slam2d.Recording and the filters have it in the world frame",
+)
+@OPTIMA
+def test_the_priors_covariance_is_in_the_world_frame(estimator: Estimator) -> None:
+    """A first sight says nothing about the pose that it is seen from: the prior must come out again."""
+    prior_cov = np.array([[1.0, 0.02, 0.05], [0.02, 0.01, 0.0], [0.05, 0.0, 0.01]])
+    recording = sights_from_the_start(prior_mean=[0.0, 0.0, math.pi / 2], prior_cov=prior_cov)
+    np.testing.assert_allclose(answer(ekf(recording)).pose_covs[0], prior_cov, atol=1e-12)
+    np.testing.assert_allclose(answer(estimator(recording)).pose_covs[0], prior_cov, atol=1e-9)
+
+
+def sights_from_the_start(prior_mean: list[float], prior_cov: Float) -> Recording:
+    return Recording(
+        stamps=np.zeros(1),
+        prior_mean=np.array(prior_mean),
+        prior_cov=prior_cov,
+        odometry=np.zeros((0, 3)),
+        odometry_cov=np.zeros((0, 3, 3)),
+        sensor="range-bearing",
+        observation_step=np.zeros(1, dtype=np.int64),
+        observation=np.array([[2.0, 0.3]]),
+        observation_cov=np.diag([0.01, 0.01])[None],
+        landmark=np.array([3]),
+    )
+
+
+# --- the causal optimum --------------------------------------------------------------------------
+
+
+@SENSORS
+@SLIP
+def test_isam2_uses_no_measurement_of_the_future(sensor: str, slip: bool) -> None:
+    recording = problem(1, sensor, slip)[1]
+    whole, until = answer(isam2(recording)), 14
+    cut = answer(isam2(recording.first(until)))
+    np.testing.assert_array_equal(cut.poses, whole.poses[: until + 1])
+    np.testing.assert_array_equal(cut.pose_covs, whole.pose_covs[: until + 1])
+
+
+@SENSORS
+@SLIP
+@SEEDS
+def test_isam2_ends_where_batch_ends(seed: int, sensor: str, slip: bool) -> None:
+    """Measured: within 0.013 sigma for range and bearing, 0.05 for `position`, which isam2 takes as polar."""
+    incremental = answer(isam2(problem(seed, sensor, slip)[1]))
+    away = np.abs(pose_difference(incremental.poses, optimum(seed, sensor, slip))[-1]).max()
+    assert away < (0.02 if sensor == "range-bearing" else 0.06)
+
+
+@SLIP
+@SEEDS
+def test_isam2_is_near_the_optimum_of_the_measurements_so_far(seed: int, slip: bool) -> None:
+    """Measured: 0.013 sigma on average, 0.071 at worst."""
+    recording = problem(seed, "range-bearing", slip)[1]
+    incremental = isam2(recording).poses
+    for k in range(1, 26, 4):
+        so_far = answer(batch(recording.first(k)))
+        assert np.abs(pose_difference(incremental[: k + 1], so_far)[-1]).max() < 0.1
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="causal.newest_pose_cov turns GTSAM's covariance by the estimate's heading; it belongs to the "
+    "linearisation point's, up to RELINEARIZE_THRESHOLD = 0.05 rad away: sigmas are up to 3 % off instead of 0.5 %",
+)
+def test_isam2_ends_with_batchs_standard_deviations() -> None:
+    for seed, slip in [(0, True), (2, True), (2, False), (5, True)]:
+        _, recording = random_recording(seed, slip=slip, steps=40)
+        incremental, smoothed = answer(isam2(recording)), answer(batch(recording))
+        ratio = sigmas_of(incremental.pose_covs)[-1] / sigmas_of(smoothed.pose_covs)[-1]
+        np.testing.assert_allclose(ratio, 1.0, atol=0.01)
+
+
+# --- what cannot be solved -----------------------------------------------------------------------
+
+
+def altered(row: int, value: ArrayLike, array: Float) -> Float:
+    array = array.copy()
+    array[row] = value
+    return array
+
+
+def broken(kind: str) -> Recording:
+    recording = problem(0, "position" if kind == "at the sensor" else "range-bearing", True)[1]
+    leaning = np.array([0.03, 0.02, 0.01])
+    changes = {
+        "bearing": {
+            "sensor": "bearing",
+            "observation": recording.observation[:, 1:],
+            "observation_cov": recording.observation_cov[:, 1:, 1:],
+        },
+        "unknown": {"landmark": None},
+        "singular motion": {"odometry_cov": altered(4, np.outer(leaning, leaning), recording.odometry_cov)},
+        "singular prior": {"prior_cov": np.outer(leaning, leaning)},
+        "at the sensor": {"observation": altered(3, 0.0, recording.observation)},
+    }
+    return replace(recording, **changes[kind])
+
+
+@OPTIMA
+@pytest.mark.parametrize(
+    ("kind", "start", "remedy"),
+    [
+        ("bearing", "sensor: ", "needs range-bearing or position, not 'bearing'"),
+        ("unknown", "landmark: ", "needs known association"),
+        ("singular motion", "odometry_cov[4]: ", "give that direction a variance"),
+        ("singular prior", "prior_cov", "give that direction a variance"),
+        ("at the sensor", "observation[3]: ", "drop the row"),
+    ],
+)
+def test_a_recording_that_is_no_graph_is_refused_in_one_line(
+    estimator: Estimator, kind: str, start: str, remedy: str
+) -> None:
+    with pytest.raises(ValueError) as caught:
+        estimator(broken(kind))
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(start)
+    assert remedy in message
+
+
+def hardly_seen(bearing_variance: float) -> Recording:
+    """Landmark 5 is seen once only, at about 3 m, its bearing with a huge variance."""
+    _, recording = random_recording(0, steps=10, landmarks=3)
+    assert recording.landmark is not None
+    row = int(np.flatnonzero(recording.landmark == 5)[3])
+    keep = (recording.landmark != 5) | (np.arange(len(recording.landmark)) == row)
+    covs = altered(row, np.diag([0.01, bearing_variance]), recording.observation_cov)
+    return replace(
+        recording,
+        observation_step=recording.observation_step[keep],
+        observation=recording.observation[keep],
+        observation_cov=covs[keep],
+        landmark=recording.landmark[keep],
+    )
+
+
+@pytest.mark.parametrize(
+    ("key", "start", "remedy"), [(L(5), "landmark 5: ", "add sights"), (X(7), "pose 7: ", "smaller variances")]
+)
+def test_what_gtsam_finds_undetermined_is_named_with_a_remedy(key: int, start: str, remedy: str) -> None:
+    """A graph that knows only how far a variable is from the origin."""
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph.add(gtsam.PriorFactorPose2(X(0), gtsam.Pose2(), gtsam.noiseModel.Isotropic.Sigma(3, 0.1)))
+    values.insert(X(0), gtsam.Pose2())
+    distance = gtsam.noiseModel.Isotropic.Sigma(1, 0.1)
+    if key == L(5):
+        graph.add(gtsam.RangeFactor2D(X(0), key, 2.0, distance))
+        values.insert(key, np.array([2.0, 1.0]))
+    else:
+        graph.add(gtsam.RangeFactorPose2(X(0), key, 2.0, distance))
+        values.insert(key, gtsam.Pose2(2.0, 1.0, 0.0))
+    with pytest.raises(UndeterminedError) as caught, explained():
+        gtsam.GaussNewtonOptimizer(graph, values).optimize()
+    message = str(caught.value)
+    assert message.startswith(start)
+    assert remedy in message
+    assert "\n" not in message
+    assert isinstance(caught.value, ValueError)
+
+
+def misjudged(estimator: Estimator, bearing_variance: float) -> float:
+    """How far the landmark's sigma is from what its only sight says, relatively; 0 if the recording is refused."""
+    recording = hardly_seen(bearing_variance)
+    try:
+        found = answer(estimator(recording))
+    except UndeterminedError:
+        return 0.0
+    distance = recording.observation[list(recording.landmark if recording.landmark is not None else []).index(5), 0]
+    own = found.landmark_covs[found.ids.tolist().index(5)]
+    return abs(math.sqrt(float(np.trace(own)) / bearing_variance) / distance - 1)
+
+
+@OPTIMA
+@pytest.mark.parametrize("bearing_variance", [1e2, 1e6, 1e10])
+def test_a_landmark_that_is_hardly_determined_has_the_covariance_that_its_sight_gives(
+    estimator: Estimator, bearing_variance: float
+) -> None:
+    assert misjudged(estimator, bearing_variance) < 0.01
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="rounding decides whether batch's Cholesky notices a singular information matrix: often it returns a "
+    "sigma far too small; isam2 returns 0.3 m for a landmark that is known to 3e8 m",
+)
+@OPTIMA
+def test_a_landmark_beyond_double_precision_is_refused_or_right(estimator: Estimator) -> None:
+    assert max(misjudged(estimator, 10.0**power) for power in range(11, 31)) < 0.1
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        isam2,
+        pytest.param(
+            batch,
+            marks=pytest.mark.xfail(
+                strict=True, reason="smoother.solve: cannot reshape array of size 0 into shape (0)"
+            ),
+        ),
+    ],
+)
+def test_without_observations_the_optimum_is_dead_reckoning(estimator: Estimator) -> None:
+    recording = problem(0, "range-bearing", True)[1]
+    blind = replace(
+        recording,
+        observation_step=np.zeros(0, dtype=np.int64),
+        observation=np.zeros((0, 2)),
+        observation_cov=np.zeros((0, 2, 2)),
+        landmark=np.zeros(0, dtype=np.int64),
+    )
+    np.testing.assert_allclose(between(dead_reckoning(blind).poses, answer(estimator(blind)).poses), 0.0, atol=1e-9)

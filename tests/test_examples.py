@@ -1,0 +1,100 @@
+"""The examples: each runs as its docstring says, and what it prints and saves shows what it promises."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from ekf.warm_up import compile_once
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled_kernels() -> None:
+    """Where they are compiled for the first time, that is announced on standard error."""
+    compile_once()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """The examples, somewhere else."""
+    return shutil.copytree(EXAMPLES, tmp_path / "examples", ignore=shutil.ignore_patterns("__pycache__", "results"))
+
+
+def run(folder: Path, *arguments: str, status: int = 0) -> tuple[str, str]:
+    """What Python, started in the folder, prints on standard output and on standard error."""
+    done = subprocess.run([sys.executable, *arguments], cwd=folder, capture_output=True, text=True, check=False)
+    assert (done.returncode, "Traceback" in done.stderr) == (status, False), done.stderr
+    return done.stdout, done.stderr
+
+
+def rows(text: str) -> dict[str, dict[str, str]]:
+    """A printed table: the cells of each estimator by the titles of their columns."""
+    titles, *lines = (re.split(r"\s{2,}", line.strip()) for line in text.strip().splitlines())
+    return {line[0]: dict(zip(titles, line, strict=True)) for line in lines}
+
+
+def test_own_estimator(folder: Path):
+    """On one fixed run the naive filter is worse than the optimum and far too sure of itself, but follows the robot."""
+    printed, errors = run(folder, "own_estimator.py")
+    assert errors == ""
+    table = rows(printed)
+    assert list(table) == ["own", "isam2", "batch"]
+    assert 1.2 < float(table["own"]["x optimum"]) < 3.0
+    assert float(table["own"]["NEES"]) > 30.0
+    assert 0.0 < float(table["isam2"]["NEES"]) < 5.0
+
+    run(folder, "-m", "compare", "run", "q1-long-dense", "--estimators", "dead-reckoning", "--out", "first-run")
+    arguments = ("--estimators", "dead-reckoning,riekf", "--estimator", "own_estimator:estimate")
+    printed, _ = run(folder, "-m", "compare", "evaluate", "first-run/recording.npz", *arguments)
+    again = rows(printed)
+    assert list(again) == ["dead-reckoning", "riekf", "own_estimator:estimate"]
+    own = again["own_estimator:estimate"]
+    columns = ("kind", "ATE [m]", "heading [rad]", "end [m]", "NEES", "map [m]")
+    assert [own[column] for column in columns] == [table["own"][column] for column in columns]
+    assert float(again["riekf"]["ATE [m]"]) < float(own["ATE [m]"]) < float(again["dead-reckoning"]["ATE [m]"]) / 5
+
+
+def test_own_estimator_refuses_what_it_does_not_know(folder: Path):
+    overrides = ["sensor.kind='position'", "sensor.sigma_position=0.1", "trajectory.duration=2"]
+    path = folder / "positions.toml"
+    shipped = EXAMPLES.parent / "compare/scenarios/q1-short-dense.toml"
+    lines = shipped.read_text(encoding="utf-8").splitlines(keepends=True)
+    path.write_text("".join(line for line in lines if not line.startswith(("sigma_range", "sigma_bearing"))))
+    simulated = ("run", "positions.toml", "--estimators", "dead-reckoning", "--out", "run", "--set", *overrides)
+    run(folder, "-m", "compare", *simulated)
+    own = ("--estimators", "dead-reckoning", "--estimator", "own_estimator:estimate")
+    printed, errors = run(folder, "-m", "compare", "evaluate", "run/recording.npz", *own, status=2)
+    assert printed == ""
+    (line,) = errors.splitlines()
+    assert "this filter needs known association, ranges and bearings (own_estimator.py, line " in line
+
+
+def test_compare_question_1(folder: Path):
+    printed, errors = run(folder, "compare_question_1.py", "--out", "maps of mine")
+    assert errors == ""
+    short, dense, sparse, last = printed.split("\n\n")
+    for text, scenario in ((short, "q1-short-dense"), (dense, "q1-long-dense"), (sparse, "q1-long-sparse")):
+        title, _, body = text.partition("\n")
+        assert title == f"{scenario}, seed 0"
+        table = rows(body)
+        assert list(table) == ["dead-reckoning", "ekf", "riekf", "isam2", "batch"]
+        assert float(table["isam2"]["x optimum"]) == float(table["batch"]["x optimum"]) == 1.0
+        assert 0.95 < float(table["ekf"]["NIS/dof"]) < 1.05
+        assert float(table["dead-reckoning"]["x optimum"]) > (2.0 if scenario == "q1-long-sparse" else 5.0)
+        assert float(table["riekf"]["d to optimum"]) < float(table["ekf"]["d to optimum"])
+    assert last == "maps: maps of mine/maps.png\n"
+
+    picture = imread(folder / "maps of mine/maps.png")[:, :, :3]
+    assert picture.shape == (1050, 2250, 3)
+    saturation = picture.max(axis=2) - picture.min(axis=2)
+    for third in np.split(saturation, 3, axis=1):
+        assert (third > 0.3).sum() > 2000  # coloured paths in each of the three maps

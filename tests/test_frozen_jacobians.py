@@ -1,0 +1,155 @@
+"""The exact identity between filter and graph (MATH.md, section 4).
+
+A Kalman filter solves a linear least-squares problem. Freeze every factor of the graph at the Jacobian
+that the textbook EKF used (motions at the filtered pose, observations at the predicted state, a new
+landmark's first sight at the place where it was put), solve that linear graph once, over all poses and
+landmarks at the same time: its newest pose and its landmarks have the EKF's mean and covariance.
+
+Poses are eliminated through the noise that drives them, x_k = F x_{k-1} + c + G w_k, so that motion
+without lateral noise and a fixed start are exact: a noise that does not exist is no unknown.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from optimum import square_root
+from random_recordings import random_recording
+from textbook import J, augment, innovation, locate, moved, observe, predict_standard, update
+
+from ekf import SlamFilter, ekf
+from slam2d import Float, Recording, rotation, wrap
+
+
+@dataclass
+class FrozenFactors:
+    """Affine factors over x_0, w_1, w_2, ... and the landmarks, with the points at which they were frozen."""
+
+    motions: list[tuple[Float, Float, Float]] = field(default_factory=list)  # F, c, G of each step
+    observations: list[tuple[int, int, Float, Float, Float, Float]] = field(default_factory=list)
+    # step, landmark slot, Hx, Hl, constant b and covariance R of 0 = Hx x + Hl l - b + noise
+    ids: list[int] = field(default_factory=list)
+
+
+def freeze(recording: Recording) -> FrozenFactors:
+    """Run the textbook EKF and note where it linearises. Headings of the factors are not wrapped."""
+    assert recording.landmark is not None
+    frozen = FrozenFactors()
+    x, P = recording.prior_mean.copy(), recording.prior_cov.copy()
+    for k, scan in enumerate(recording.scans()):
+        if k > 0:
+            increment, Q = recording.odometry[k - 1], recording.odometry_cov[k - 1]
+            before = x[:3].copy()
+            after = np.append(moved(x, increment)[:2], before[2] + increment[2])
+            F, G = np.eye(3), np.eye(3)
+            F[:2, 2], G[:2, :2] = J @ (after[:2] - before[:2]), rotation(before[2])
+            frozen.motions.append((F, after - F @ before, G))
+            x, P = predict_standard(x, P, increment, Q)
+            x[2] = after[2]
+        assert scan.landmark is not None
+        names = scan.landmark.tolist()
+        old = [i for i, name in enumerate(names) if name in frozen.ids]
+        for i in old:
+            slot = frozen.ids.index(names[i])
+            frozen.observations.append(frozen_sight(recording.sensor, k, slot, x, scan.value[i], scan.cov[i]))
+        if old:
+            slots, heading = [frozen.ids.index(names[i]) for i in old], x[2]
+            x, P, _ = update(recording.sensor, x, P, slots, scan.value[old], scan.cov[old], invariant=False)
+            x[2] = heading + wrap(x[2] - heading)
+        for i, name in enumerate(names):
+            if name not in frozen.ids:
+                frozen.ids.append(name)
+                x, P = augment(recording.sensor, x, P, scan.value[i], scan.cov[i], invariant=False)
+                sight = frozen_sight(recording.sensor, k, len(frozen.ids) - 1, x, scan.value[i], scan.cov[i])
+                delta = rotation(x[2]).T @ (x[-2:] - x[:2])
+                np.testing.assert_allclose(locate(recording.sensor, scan.value[i])[0], delta, atol=1e-12)
+                frozen.observations.append(sight)
+    return frozen
+
+
+def frozen_sight(
+    sensor: str, step: int, slot: int, x: Float, z: Float, R: Float
+) -> tuple[int, int, Float, Float, Float, Float]:
+    """The factor z = h(x^) + H (x - x^) + noise."""
+    pose, landmark = x[:3], x[3 + 2 * slot : 5 + 2 * slot]
+    offset = landmark - pose[:2]
+    predicted, A = observe(sensor, rotation(pose[2]).T @ offset)
+    Hl = A @ rotation(pose[2]).T
+    Hx = np.column_stack([-Hl, -Hl @ J @ offset])
+    b = innovation(sensor, z.copy(), predicted) + Hx @ pose + Hl @ landmark
+    return step, slot, Hx, Hl, b, R
+
+
+def solve(recording: Recording, frozen: FrozenFactors) -> tuple[Float, Float]:
+    """Mean and covariance of the newest pose and all landmarks, from one dense least-squares problem.
+
+    Unknowns: unit-variance coordinates of the start and of every motion's noise, then the landmarks.
+    """
+    roots = [square_root(recording.prior_cov), *(square_root(Q) for Q in recording.odometry_cov)]
+    noises = sum(root.shape[1] for root in roots)
+    size = noises + 2 * len(frozen.ids)
+    maps, constants = [np.zeros((3, size))], [recording.prior_mean]
+    maps[0][:, : roots[0].shape[1]] = roots[0]
+    first = roots[0].shape[1]
+    for (F, c, G), root in zip(frozen.motions, roots[1:], strict=True):
+        pose = F @ maps[-1]
+        pose[:, first : first + root.shape[1]] += G @ root
+        first += root.shape[1]
+        maps.append(pose)
+        constants.append(F @ constants[-1] + c)
+    rows, right = [np.eye(noises, size)], [np.zeros(noises)]
+    for step, slot, Hx, Hl, b, R in frozen.observations:
+        row = Hx @ maps[step]
+        row[:, noises + 2 * slot : noises + 2 * slot + 2] += Hl
+        whitener = np.linalg.inv(np.linalg.cholesky(R))
+        rows.append(whitener @ row)
+        right.append(whitener @ (b - Hx @ constants[step]))
+    q, r = np.linalg.qr(np.vstack(rows))
+    newest = np.eye(3 + 2 * len(frozen.ids), size, k=noises - 3)
+    newest[:3] = maps[-1]
+    spread = np.linalg.solve(r.T, newest.T)
+    mean = spread.T @ (q.T @ np.concatenate(right))
+    mean[:3] += constants[-1]
+    return mean, spread.T @ spread
+
+
+@pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+@pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])
+@pytest.mark.parametrize("start", ["prior", "fixed"])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_linear_graph_frozen_at_the_filters_jacobians_gives_the_filter(
+    seed: int, start: str, slip: bool, sensor: str
+) -> None:
+    sigmas = (0.1, 0.1, 0.02) if start == "prior" else (0.0, 0.0, 0.0)
+    _, recording = random_recording(seed, sensor=sensor, slip=slip, steps=40, prior_sigmas=sigmas)
+    if start == "prior":  # correlated, and turned against the axes
+        root = np.random.default_rng(seed).normal(size=(3, 3)) * [[0.1], [0.1], [0.02]]
+        recording = replace(recording, prior_cov=root @ root.T)
+    frozen = freeze(recording)
+    mean, cov = solve(recording, frozen)
+    sigma = np.sqrt(np.diag(cov))
+
+    estimate = ekf(recording)
+    assert estimate.landmarks is not None
+    np.testing.assert_array_equal(estimate.landmark_ids, frozen.ids)
+    difference = np.concatenate([estimate.poses[-1], estimate.landmarks.ravel()]) - mean
+    difference[2] = wrap(difference[2])
+    np.testing.assert_allclose(difference / sigma, 0.0, atol=1e-9)
+
+    unit = np.outer(sigma, sigma)
+    np.testing.assert_allclose(joint_covariance(recording) / unit, cov / unit, rtol=0, atol=1e-9)
+    assert estimate.pose_covs is not None
+    np.testing.assert_allclose(estimate.pose_covs[-1] / unit[:3, :3], (cov / unit)[:3, :3], rtol=0, atol=1e-9)
+
+
+def joint_covariance(recording: Recording) -> Float:
+    """Of robot and landmarks together, from the online form of the same filter."""
+    slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov)
+    for k, scan in enumerate(recording.scans()):
+        if k > 0:
+            slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
+        if len(scan.value):
+            slam.update(scan)
+    return slam.cov

@@ -1,0 +1,79 @@
+"""The wheel: it holds the program and nothing else, and works without the source tree."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path, PurePosixPath
+from zipfile import ZipFile
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("compare", "ekf", "graph_baseline")
+SCENARIOS = sorted(path.stem for path in (ROOT / "compare/scenarios").glob("*.toml"))
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built from a copy of the tree, tests and all: a build leaves its traces where it runs, and finds older ones."""
+    folder = tmp_path_factory.mktemp("wheel")
+    passing = (".*", "__pycache__", "*.egg-info", "build", "dist", "results")
+    source = shutil.copytree(ROOT, folder / "source", ignore=shutil.ignore_patterns(*passing))
+    arguments = ["-m", "build", "--wheel", "--no-isolation", "--outdir", folder / "dist", source]
+    done = subprocess.run([sys.executable, *arguments], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (built,) = (folder / "dist").iterdir()
+    return built
+
+
+@pytest.fixture(scope="module")
+def unpacked(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("unpacked")
+    with ZipFile(wheel) as archive:
+        archive.extractall(folder)
+    return folder
+
+
+def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path):
+    with ZipFile(wheel) as archive:
+        names = {PurePosixPath(name) for name in archive.namelist()}
+    program = {name for name in names if not name.parts[0].endswith(".dist-info")}
+    source = [ROOT / "slam2d.py", *(ROOT / "compare/scenarios").glob("*.toml")]
+    source += [file for package in PACKAGES for file in (ROOT / package).glob("*.py")]
+    assert program == {PurePosixPath(file.relative_to(ROOT).as_posix()) for file in source}
+    assert set(SCENARIOS) >= {"q1-long-dense", "q1-long-sparse", "q1-short-dense"}
+    assert wheel.name.endswith("-py3-none-any.whl")
+    licences = [name for name in names - program if "licenses" in name.parts]
+    assert [name.name for name in licences] == ["LICENSE"]
+
+
+def python(unpacked: Path, cwd: Path, *arguments: str) -> str:
+    """What Python prints, with the unpacked wheel ahead of the installed project."""
+    environment = {**os.environ, "PYTHONPATH": str(unpacked)}
+    command = [sys.executable, *arguments]
+    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_unpacked_wheel_is_what_runs(unpacked: Path, tmp_path: Path):
+    code = "import json, compare, ekf, graph_baseline, slam2d; "
+    code += "print(json.dumps([module.__file__ for module in (compare, ekf, graph_baseline, slam2d)]))"
+    files = [Path(file) for file in json.loads(python(unpacked, tmp_path, "-c", code))]
+    assert [unpacked in file.parents for file in files] == [True] * 4
+
+
+def test_the_unpacked_wheel_finds_its_scenarios(unpacked: Path, tmp_path: Path):
+    lines = python(unpacked, tmp_path, "-m", "compare", "scenarios").splitlines()
+    assert [line.split()[0] for line in lines] == SCENARIOS
+
+
+def test_the_unpacked_wheel_runs_one(unpacked: Path, tmp_path: Path):
+    arguments = ("--set", "trajectory.duration=2", "--estimators", "isam2,batch", "--out", "run", "--json")
+    metrics = json.loads(python(unpacked, tmp_path, "-m", "compare", "run", "q1-short-dense", *arguments))
+    assert set(metrics["estimators"]) == {"isam2", "batch"}
+    assert (tmp_path / "run/figure.svg").exists()
