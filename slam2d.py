@@ -32,7 +32,9 @@ OBSERVATION_DIM: dict[str, int] = {"range-bearing": 2, "bearing": 1, "position":
 def wrap(angle: ArrayLike) -> Float:
     """Angle(s) in rad brought into (-pi, pi]; an angle already there is returned unchanged."""
     angle = np.asarray(angle, dtype=np.float64)
-    return angle - 2.0 * np.pi * np.ceil((angle - np.pi) / (2.0 * np.pi))
+    wrapped = angle - 2.0 * np.pi * np.ceil((angle - np.pi) / (2.0 * np.pi))
+    wrapped = np.where((wrapped <= -np.pi) | (wrapped > np.pi), np.pi, wrapped)  # rounding at the seam
+    return np.where((angle > -np.pi) & (angle <= np.pi), angle, wrapped)
 
 
 def rotation(heading: ArrayLike) -> Float:
@@ -305,7 +307,8 @@ def _floats(name: str, value: object, shape: tuple[int | None, ...]) -> Float:
 
 def _ints(name: str, value: object, shape: tuple[int | None, ...]) -> Int:
     array = _floats(name, value, shape)
-    _each(name, array == np.floor(array), array, "every entry must be a whole number")
+    whole = (array == np.floor(array)) & (np.abs(array) < 2.0**53)
+    _each(name, whole, array, "every entry must be a whole number below 2**53")
     return array.astype(np.int64)
 
 
@@ -323,13 +326,15 @@ def _covariances(name: str, value: object, shape: tuple[int | None, ...], *, def
     stack = array.reshape(-1, *array.shape[-2:])
     transposed = stack.swapaxes(1, 2)
     scale = np.abs(stack).max(axis=(1, 2), initial=0.0)
-    symmetric = np.abs(stack - transposed).max(axis=(1, 2), initial=0.0) <= 1e-9 * scale
+    sigmas = np.sqrt(np.abs(np.diagonal(stack, axis1=1, axis2=2)))  # units differ: judge each pair by its own
+    allowed = 1e-9 * sigmas[:, :, None] * sigmas[:, None, :] + 1e-15 * scale[:, None, None]
+    symmetric = (np.abs(stack - transposed) <= allowed).all(axis=(1, 2))
     _each(name, symmetric, stack, "a covariance must be symmetric; use (P + P.T) / 2")
     stack = (stack + transposed) / 2
     variances = np.diagonal(stack, axis1=1, axis2=2)
     nonnegative = (variances >= -1e-12 * scale[:, None]).all(axis=1)
     _each(name, nonnegative, stack, "a covariance must not have a negative variance")
-    sigmas = np.sqrt(np.where(variances > 0, variances, 1.0))  # units differ: judge the correlations
+    sigmas = np.sqrt(np.where(variances > 0, variances, 1.0))
     smallest = np.linalg.eigvalsh(stack / (sigmas[:, :, None] * sigmas[:, None, :]))[:, 0]
     _each(name, smallest >= -1e-9, stack, "a covariance must not have a negative eigenvalue")
     if definite:

@@ -7,7 +7,6 @@ when the map is complete.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -162,24 +161,3 @@ def bench_table(result: dict[str, Any]) -> str:
 
 def _cell(value: float | None, form: str) -> str:
     return "-" if value is None else form.format(value)
-
-
-def save_bench_figure(path: Path, result: dict[str, Any]) -> None:
-    """Median and 95 % quantile of the step time against map size, both axes logarithmic."""
-    from matplotlib.figure import Figure
-
-    from compare.plot_style import styles
-
-    figure = Figure(figsize=(4.6, 3.4), layout="constrained")
-    axes = figure.subplots()
-    for name, style in styles(result["estimators"]).items():
-        by_size = result["estimators"][name]
-        sizes = [int(size) for size in by_size]
-        medians = np.array([figures["median_s"] for figures in by_size.values()]) * 1e3
-        high = np.array([figures["p95_s"] for figures in by_size.values()]) * 1e3
-        axes.plot(sizes, medians, color=style.color, linestyle=style.dashes, marker="o", markersize=3, label=name)
-        axes.plot(sizes, high, color=style.color, linestyle="none", marker="_", markersize=6)
-    axes.set(xscale="log", yscale="log", xlabel="landmarks", ylabel="ms a step: median, dash: 95 %")
-    axes.grid(visible=True, which="major", linewidth=0.3)
-    axes.legend(frameon=False)
-    figure.savefig(path, dpi=200)

@@ -15,6 +15,7 @@ import json
 import math
 import sys
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -174,6 +175,40 @@ class Import:
         self.format()
 
 
+@dataclass
+class Bench:
+    """Measure step times against map size, side by side in one run."""
+
+    landmarks: str = "20,100,300,1000"
+    """Comma-separated map sizes."""
+
+    estimators: str = "ekf,riekf,isam2"
+    """Comma-separated: ekf, riekf, isam2; a plain numpy filter is always measured beside them."""
+
+    out: Path | None = None
+    """Folder for bench.json and bench.png."""
+
+    json: bool = False
+    """Print JSON on standard output instead of the table."""
+
+    def __call__(self) -> None:
+        """Measure, print and, if asked to, write."""
+        from compare.bench import bench_table, run_bench
+
+        words = [word.strip() for word in self.landmarks.split(",")]
+        if not all(word.isdecimal() and int(word) > 0 for word in words):
+            raise ValueError(f"landmarks {self.landmarks!r}: give map sizes > 0, for example 20,100")
+        with _folder(self.out, last="bench.json") as folder:
+            result = run_bench([int(word) for word in words], _names(self.estimators))
+            text = json.dumps(result, indent=2, allow_nan=False)
+            if folder is not None:
+                from compare.bench_figure import save_bench_figure
+
+                save_bench_figure(folder / "bench.png", result)
+                (folder / "bench.json").write_text(text + "\n", encoding="utf-8")
+        print(text if self.json else bench_table(result))
+
+
 @dataclass(frozen=True)
 class _Grading:
     """What `run` and `evaluate` share: estimators in, table and folder out."""
@@ -187,17 +222,15 @@ class _Grading:
     seed: int | None = None
 
     def grade(self, truth: Truth | None, recording: Recording) -> None:
-        from contextlib import nullcontext
-
         from compare.comparison import compare_estimators, metrics, table, write_comparison
         from compare.estimators import load_estimators
-        from compare.files import explained, staged_folder
+        from compare.files import explained
 
-        names = [name.strip() for name in self.estimators.split(",") if name.strip()]
+        names = _names(self.estimators)
         estimators = load_estimators(names, self.own)
         if not estimators:
             raise ValueError("estimators: none given; name at least one, for example --estimators ekf,batch")
-        with nullcontext() if self.out is None else staged_folder(self.out) as folder:
+        with _folder(self.out, last="metrics.json") as folder:
             comparison = compare_estimators(truth, recording, estimators)
             content = metrics(comparison, self.scenario, self.seed)
             if folder is not None and self.out is not None:
@@ -206,6 +239,17 @@ class _Grading:
         print(json.dumps(content, indent=2, allow_nan=False) if self.as_json else table(comparison))
         if self.out is not None:
             print(f"written to {self.out}", file=sys.stderr)
+
+
+def _names(comma_separated: str) -> list[str]:
+    return [name.strip() for name in comma_separated.split(",") if name.strip()]
+
+
+def _folder(out: Path | None, last: str) -> AbstractContextManager[Path | None]:
+    """The staged folder for results, or nothing to write to."""
+    from compare.files import staged_folder
+
+    return nullcontext() if out is None else staged_folder(out, last)
 
 
 def _flat(groups: Sequence[Sequence[str]]) -> list[str]:
@@ -231,6 +275,7 @@ Command = (
     | Annotated[Run, tyro.conf.subcommand(name="run")]
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
     | Annotated[Import, tyro.conf.subcommand(name="import")]
+    | Annotated[Bench, tyro.conf.subcommand(name="bench")]
 )
 
 

@@ -108,14 +108,13 @@ class CompressedFilter:
         travelled = np.hypot(*(self._local.pose - self._entry)[:2])
         if outside.any() or travelled > self._area_radius / 3.0:
             self._settle(ids)
-        known = len(self._local.landmark_ids)
         result = self._local.update(observations)
-        self._account_for_new_landmarks(known)
+        self._account_for_new_landmarks(self._local.pose, self._local.landmarks.ravel())
         return result
 
-    def _account_for_new_landmarks(self, known: int) -> None:
-        """Rows of T for landmarks that were mapped in this update: J_r times the robot's rows."""
-        offsets = self._local.landmarks[known:] - self._local.pose[:2]
+    def _account_for_new_landmarks(self, pose: Float, landmarks: Float) -> None:
+        """Rows of T for landmarks (2L,) that have been mapped since: J_r times the robot's rows."""
+        offsets = landmarks[len(self._T) - 3 :].reshape(-1, 2) - pose[:2]
         if len(offsets):
             rows = np.repeat(self._T[None, :2], len(offsets), axis=0)
             rows[:, 0] -= offsets[:, 1:] * self._T[2]
@@ -125,6 +124,7 @@ class CompressedFilter:
     def _update_local(
         self, sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace
     ) -> tuple[float, int]:
+        self._account_for_new_landmarks(state[:3], state[3:size])  # a step may see a new landmark twice
         nis, informative = update_standard(sensor, state, cov, size, count, work)
         if np.isfinite(nis):
             if len(self._N) < 2 * count:

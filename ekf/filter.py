@@ -127,6 +127,8 @@ class SlamFilter:
         if ids is None:
             raise ValueError("landmark: this filter needs known association; give the ids of the observations")
         count = len(ids)
+        if count == 0:
+            return 0.0, 0
         if count > len(self._work.ids):
             self._work = kernels.allocate_workspace(count, len(self._state))
         work = self._work

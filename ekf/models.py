@@ -20,7 +20,10 @@ MIN_BEARING_DISTANCE = 0.01  # m; the bearing of anything closer carries no info
 @kernel
 def wrap(angle: float) -> float:
     """Angle in rad brought into (-pi, pi]."""
-    return angle - 2.0 * math.pi * math.ceil((angle - math.pi) / (2.0 * math.pi))
+    if -math.pi < angle <= math.pi:
+        return angle
+    wrapped = angle - 2.0 * math.pi * math.ceil((angle - math.pi) / (2.0 * math.pi))
+    return math.pi if wrapped <= -math.pi or wrapped > math.pi else wrapped  # rounding at the seam
 
 
 @kernel

@@ -81,6 +81,7 @@ class _GrowingProblem:
         self._known: set[int] = set()
         self._newest = 0
         self._guess = gtsam.Pose2(*recording.prior_mean)
+        self._heading_at_linearisation = self._guess.theta()
         self._graph = gtsam.NonlinearFactorGraph()
         self._values = gtsam.Values()
 
@@ -90,6 +91,7 @@ class _GrowingProblem:
             self._guess = self._guess.compose(gtsam.Pose2(*self._odometry[k - 1]))
         self._newest = k
         self._values.insert(X(k), self._guess)
+        self._heading_at_linearisation = self._guess.theta()
         for i in range(self._bounds[k], self._bounds[k + 1]):
             name = self._landmark[i]
             if name not in self._known:
@@ -108,8 +110,11 @@ class _GrowingProblem:
         return np.array([self._guess.x(), self._guess.y(), self._guess.theta()])
 
     def newest_pose_cov(self) -> Float:
-        """(3, 3) in world coordinates; GTSAM's is in the body frame."""
+        """(3, 3) in world coordinates; GTSAM's is in the body frame of the linearisation point.
+
+        A pose's own update linearises it where it was inserted.
+        """
         to_world = np.eye(3)
-        to_world[:2, :2] = rotation(self._guess.theta())
+        to_world[:2, :2] = rotation(self._heading_at_linearisation)
         covariance = to_world @ self.solver.marginalCovariance(X(self._newest)) @ to_world.T
         return (covariance + covariance.T) / 2

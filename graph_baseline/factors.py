@@ -12,11 +12,14 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from slam2d import Float, Int, Recording
+from graph_baseline.undetermined import undetermined_variable
+from slam2d import Float, Int, Recording, rotation
 
 # m or rad; lent to a fixed start, because GTSAM's marginal of pose 1 is wrongly zero when constraints on
 # the prior and on the motion meet (GTSAM 4.3.0)
 FIXED_START_SIGMA = 1e-9
+
+MAX_LANDMARK_SIGMA = 3e5  # m; what is known less well drowns in the rounding of what is known to a millimetre
 
 
 def require_known_landmarks(recording: Recording) -> Int:
@@ -46,6 +49,13 @@ def as_range_bearing(recording: Recording) -> tuple[Float, Float]:
     return polar, jacobian @ recording.observation_cov @ jacobian.swapaxes(1, 2)
 
 
+def prior_cov_in_body(recording: Recording) -> Float:
+    """The prior's covariance (3, 3) in the body frame of its mean, where GTSAM expects it."""
+    turn = np.eye(3)
+    turn[:2, :2] = rotation(recording.prior_mean[2])
+    return turn.T @ recording.prior_cov @ turn
+
+
 def noise_models(name: str, covariances: Float, minimum_sigma: float = 0.0) -> Callable[[int], gtsam.noiseModel.Base]:
     """Noise model of each row of `covariances` (n, d, d); equal covariances share one model.
 
@@ -66,9 +76,9 @@ def noise_models(name: str, covariances: Float, minimum_sigma: float = 0.0) -> C
 
 
 def _noise_model(place: str, covariance: Float, minimum_sigma: float) -> gtsam.noiseModel.Base:
-    variances = np.diag(covariance)
-    sigmas = np.sqrt(variances)
-    if np.array_equal(covariance, np.diag(variances)):
+    sigmas = np.sqrt(np.diag(covariance))
+    correlated = np.abs(covariance) > 1e-12 * np.outer(sigmas, sigmas)  # more than a turned frame's rounding
+    if not (correlated & ~np.eye(len(covariance), dtype=bool)).any():
         return gtsam.noiseModel.Diagonal.Sigmas(np.maximum(sigmas, minimum_sigma))
     scale = np.where(sigmas > 0, sigmas, 1.0)
     if np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0] < 1e-12:
@@ -95,12 +105,13 @@ class GraphBuilder:
     def __init__(self, recording: Recording, minimum_sigma: float = 0.0) -> None:
         self._landmark = require_known_landmarks(recording).tolist()
         polar, polar_cov = as_range_bearing(recording)
+        _refuse_lost_landmarks(recording, polar, polar_cov)
         self._polar = polar.tolist()
         self._odometry = recording.odometry.tolist()
         self._prior = gtsam.PriorFactorPose2(
             X(0),
             gtsam.Pose2(*recording.prior_mean),
-            noise_models("prior_cov", recording.prior_cov[None], FIXED_START_SIGMA)(0),
+            noise_models("prior_cov", prior_cov_in_body(recording)[None], FIXED_START_SIGMA)(0),
         )
         self._motion_noise = noise_models("odometry_cov", recording.odometry_cov, minimum_sigma)
         # GTSAM's order is bearing, range
@@ -130,6 +141,17 @@ def build_graph(recording: Recording, minimum_sigma: float = 0.0) -> gtsam.Nonli
     for k in range(recording.steps + 1):
         builder.add_step(graph, k)
     return graph
+
+
+def _refuse_lost_landmarks(recording: Recording, polar: Float, polar_cov: Float) -> None:
+    """Raise for a landmark that no sight places within MAX_LANDMARK_SIGMA."""
+    across = polar[:, 0] ** 2 * polar_cov[:, 1, 1]
+    sigma = np.sqrt(np.maximum(polar_cov[:, 0, 0], across))
+    landmark_ids, slot = np.unique(require_known_landmarks(recording), return_inverse=True)
+    best = np.full(len(landmark_ids), np.inf)
+    np.minimum.at(best, slot, sigma)
+    if (best > MAX_LANDMARK_SIGMA).any():
+        raise undetermined_variable("l", int(landmark_ids[np.argmax(best)]))
 
 
 def first_sights(recording: Recording) -> tuple[Int, Int]:

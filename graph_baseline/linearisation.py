@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from graph_baseline.factors import require_known_landmarks
+from graph_baseline.factors import prior_cov_in_body, require_known_landmarks
 from slam2d import Float, Int, Recording, between, rotation, wrap
 
 
@@ -44,7 +44,7 @@ def linearise(recording: Recording, slot: Int, poses: Float, landmarks: Float) -
     Hx, Hm, r = _observations(recording, slot, poses, landmarks)
     return LinearModel(
         start=-(turn[0] @ prior_residual[0]),
-        start_cov=(B0 @ recording.prior_cov @ B0.swapaxes(1, 2))[0],
+        start_cov=(B0 @ prior_cov_in_body(recording) @ B0.swapaxes(1, 2))[0],
         F=F,
         c=-np.einsum("nij,nj->ni", turn[1:], residual),
         W=B @ recording.odometry_cov @ B.swapaxes(1, 2),
@@ -101,7 +101,7 @@ def cost(recording: Recording, poses: Float, landmark_ids: Int, landmarks: Float
     observed = _observations(recording, slot, poses, landmarks)[2]
     prior = log_se2(between(recording.prior_mean, poses[0])[None])
     motion = log_se2(between(recording.odometry, between(poses[:-1], poses[1:])))
-    squares = _mahalanobis(prior, recording.prior_cov[None]) + _mahalanobis(motion, recording.odometry_cov)
+    squares = _mahalanobis(prior, prior_cov_in_body(recording)[None]) + _mahalanobis(motion, recording.odometry_cov)
     return 0.5 * (squares + float((observed**2).sum()))
 
 
@@ -126,12 +126,11 @@ def log_se2(increment: Float) -> Float:
 def right_jacobian(tangent: Float) -> Float:
     """Right Jacobian (n, 3, 3) of SE(2) at `tangent` (n, 3) (Sola et al., arXiv 1812.01537, equation 163)."""
     x, y, t = tangent.T
-    small = np.abs(t) < 1e-4
-    safe = np.where(small, 1.0, t)
-    sine = np.where(small, 1.0 - t**2 / 6.0, np.sin(t) / safe)
-    versine = np.where(small, t / 2.0, (1.0 - np.cos(t)) / safe)
-    a = np.where(small, t / 6.0, (t - np.sin(t)) / safe**2)
-    b = np.where(small, 0.5 - t**2 / 24.0, (1.0 - np.cos(t)) / safe**2)
+    safe = np.where(t == 0, 1.0, t)
+    sine = np.where(t == 0, 1.0, np.sin(t) / safe)
+    versine = 2.0 * np.sin(t / 2.0) ** 2 / safe
+    b = np.where(t == 0, 0.5, versine / safe)
+    a = np.where(np.abs(t) < 1e-2, t / 6.0 - t**3 / 120.0 + t**5 / 5040.0, (t - np.sin(t)) / safe**2)
     jacobian = np.zeros((len(tangent), 3, 3))
     jacobian[:, 0] = np.column_stack([sine, versine, a * x - b * y])
     jacobian[:, 1] = np.column_stack([-versine, sine, b * x + a * y])

@@ -54,13 +54,13 @@ def solve(model: LinearModel, landmarks: int) -> Solution:
         X[steps] = _transposed(observed[steps]) @ innovation
     _smooth(A, P, carry, observed, adjoint=X)
 
-    factor = np.linalg.cholesky(joint[:-1, :-1])
+    factor = np.asarray(np.linalg.cholesky(joint[:-1, :-1]), dtype=np.float64)
     dm = -cho_solve((factor, True), joint[:-1, -1])
     dx = A[:, :, :-1] @ dm + A[:, :, -1]
     for steps in _chunks(len(A)):
-        maps = A[steps, :, :-1].reshape(-1, 2 * landmarks)
+        maps = A[steps, :, :-1].reshape(3 * len(A[steps]), 2 * landmarks)
         spread = solve_triangular(factor, maps.T, lower=True, check_finite=False, overwrite_b=True)
-        spread = spread.T.reshape(-1, 3, 2 * landmarks)
+        spread = spread.T.reshape(len(A[steps]), 3, 2 * landmarks)
         P[steps] += spread @ _transposed(spread)
     return Solution(dx, dm.reshape(-1, 2), P, _own_blocks_of_inverse(factor))
 
@@ -161,8 +161,9 @@ def _smooth(A: Float, P: Float, carry: Float, observed: Float, adjoint: Float) -
 
 def _sum_by(group: Int, rows: Float, groups: int) -> Float:
     """Sums (groups, a, b) of the matrices `rows` (M, a, b) that share a group."""
-    sums = np.empty((groups, rows.shape[1] * rows.shape[2]))
-    for column, values in enumerate(rows.reshape(len(rows), -1).T):
+    entries = rows.shape[1] * rows.shape[2]
+    sums = np.empty((groups, entries))
+    for column, values in enumerate(rows.reshape(len(rows), entries).T):
         sums[:, column] = np.bincount(group, values, groups)
     return sums.reshape(groups, *rows.shape[1:])
 

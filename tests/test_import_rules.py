@@ -20,7 +20,7 @@ ALLOWED = {
 }
 # modules of `compare` that may import what no other may
 HOMES = {
-    "matplotlib": {"plots", "error_panels", "plot_style"},
+    "matplotlib": {"plots", "error_panels", "plot_style", "bench_figure"},
     "plotly": {"report"},
     "jinja2": {"report"},
     "tyro": {"cli"},
@@ -72,12 +72,7 @@ def test_filters_and_optimum_know_neither_each_other_nor_compare(package: str, o
     assert not [source.name for source in sources(package) if imported(source) & {other, "compare"}]
 
 
-DRAWS_ITSELF = pytest.mark.xfail(strict=True, reason="compare/bench.py imports matplotlib; a plot module should draw")
-
-
-@pytest.mark.parametrize(
-    "library", [pytest.param(name, marks=[DRAWS_ITSELF] if name == "matplotlib" else []) for name in HOMES]
-)
+@pytest.mark.parametrize("library", HOMES)
 def test_a_library_is_imported_at_its_home_alone(library: str) -> None:
     users = {source.stem for source in sources("compare") if library in imported(source)}
     assert users <= HOMES[library]

@@ -30,11 +30,6 @@ poses = st.tuples(lengths, lengths, headings).map(np.array)
 fixed_seed = settings(derandomize=True, deadline=None)
 
 
-def known_bug(text: str) -> pytest.MarkDecorator:
-    """A defect of the product; the mark must go when the defect is mended (strict)."""
-    return pytest.mark.xfail(strict=True, reason=text)
-
-
 # --- SE(2) -------------------------------------------------------------------------------------
 
 
@@ -56,7 +51,6 @@ def test_an_angle_inside_the_circle_is_not_touched(angle: float) -> None:
     assert float(wrap(angle)) == angle
 
 
-@known_bug("wrap(nextafter(-pi, 0)) is 3.1415926535897936 > pi: its angle - pi rounds to -2 pi")
 @pytest.mark.parametrize("angle", [JUST_ABOVE_MINUS_PI, math.nextafter(-5 * PI, 0.0)])
 def test_the_number_next_to_an_odd_multiple_of_pi_is_wrapped_into_the_circle(angle: float) -> None:
     assert -PI < wrap(angle) <= PI
@@ -331,7 +325,6 @@ def test_the_examples_themselves_are_valid() -> None:
     assert estimate().nis_dof is not None
 
 
-@known_bug("ids pass through float64: 2**53 and 2**53 + 1 become one landmark; >= 2**63 is reported as negative")
 def test_ids_too_large_for_whole_float64_numbers_are_not_merged_silently() -> None:
     """Two ids that differ must stay different, or be refused."""
     try:
@@ -367,7 +360,6 @@ def test_rounding_of_a_symmetric_matrix_is_removed() -> None:
     assert np.array_equal(accepted, accepted.T)
 
 
-@known_bug("symmetry is judged against the largest entry of the whole matrix")
 def test_an_asymmetric_block_beside_a_large_variance_is_refused() -> None:
     """Units differ within a covariance, so symmetry has to be judged against each pair's own sigmas."""
     with pytest.raises(ValueError, match="symmetric"):
@@ -411,6 +403,19 @@ def test_scans_come_step_by_step() -> None:
     np.testing.assert_array_equal(scans[2].value, [[3.0, -0.2], [1.0, 3.1]])
     assert scans[2].cov.shape == (2, 2, 2)
     assert [scan.landmark for scan in recording(landmark=None).scans()] == [None, None, None]
+
+
+def test_the_first_steps_are_a_recording_of_their_own() -> None:
+    whole = recording(observation_step=[0, 1, 2])
+    for steps in range(3):
+        part = whole.first(steps)
+        assert part.steps == steps
+        np.testing.assert_array_equal(part.stamps, whole.stamps[: steps + 1])
+        np.testing.assert_array_equal(part.odometry_cov, whole.odometry_cov[:steps])
+        for ours, theirs in zip(part.scans(), list(whole.scans())[: steps + 1], strict=True):
+            for actual, expected in zip(ours, theirs, strict=True):
+                np.testing.assert_array_equal(actual, expected)
+    assert recording(landmark=None).first(1).landmark is None
 
 
 def test_a_truth_may_lack_anything() -> None:

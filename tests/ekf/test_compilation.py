@@ -1,0 +1,30 @@
+"""Compiled code: kept on disk, announced, and working where nothing can be kept."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+PROGRAM = (
+    "import numpy as np; from ekf import SlamFilter;"
+    "s = SlamFilter('position', np.zeros(3), np.eye(3)); s.predict([1, 0, 0], np.eye(3)); print(s.pose_cov[0, 0])"
+)
+
+
+def run(cache: Path | str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    return subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True)
+
+
+def test_first_use_is_announced_and_later_ones_load_from_disk(tmp_path: Path) -> None:
+    first, second = run(tmp_path), run(tmp_path)
+    assert "compiling" in first.stderr
+    assert second.stderr == ""
+    assert first.stdout == second.stdout == "2.0\n"
+
+
+def test_works_where_nothing_can_be_written() -> None:
+    """A folder below a device cannot exist, whoever runs the test."""
+    assert run("/dev/null/cache").stdout == "2.0\n"
