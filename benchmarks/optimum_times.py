@@ -23,8 +23,8 @@ from gtsam.symbol_shorthand import L, X
 
 from compare import simulate
 from compare.bench import workload
-from graph_baseline.factors import build_graph, first_sights, make_values, require_known_landmarks
-from graph_baseline.hindsight import LENT_SLIP, finish, minimise
+from graph_baseline.factors import LENT_SLIP, build_graph, first_sights, make_values, require_known_landmarks
+from graph_baseline.hindsight import finish, minimise
 from graph_baseline.linearisation import linearise
 from graph_baseline.smoother import Solution, solve
 from slam2d import Float, Int, Recording

@@ -13,11 +13,11 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 
 from graph_baseline.undetermined import undetermined_variable
-from slam2d import Float, Int, Recording, rotation
+from slam2d import Float, Int, Recording, chain, rotation
 
-# m or rad; lent to a fixed start, because GTSAM's marginal of pose 1 is wrongly zero when constraints on
-# the prior and on the motion meet (GTSAM 4.3.0)
-FIXED_START_SIGMA = 1e-9
+# Lent to a motion direction of zero variance, as a share of the largest standard deviation of its step
+# (0.1 mm beside the practical's 30 mm), where GTSAM's solvers would stumble over a hard constraint.
+LENT_SLIP = 1.0 / 300.0
 
 MAX_LANDMARK_SIGMA = 3e5  # m; what is known less well drowns in the rounding of what is known to a millimetre
 
@@ -56,36 +56,31 @@ def prior_cov_in_body(recording: Recording) -> Float:
     return turn.T @ recording.prior_cov @ turn
 
 
-def noise_models(name: str, covariances: Float, minimum_sigma: float = 0.0) -> Callable[[int], gtsam.noiseModel.Base]:
+def noise_models(covariances: Float, lent: float = 0.0) -> Callable[[int], gtsam.noiseModel.Base]:
     """Noise model of each row of `covariances` (n, d, d); equal covariances share one model.
 
-    A variance of exactly 0 becomes a constraint, or a standard deviation of `minimum_sigma`.
-
-    Raises:
-        ValueError: a covariance is singular in a direction that is not a coordinate axis.
+    A variance of exactly 0 becomes a constraint, or is `lent` a share of the row's largest standard deviation.
     """
     models: dict[bytes, gtsam.noiseModel.Base] = {}
 
     def model(row: int) -> gtsam.noiseModel.Base:
         key = covariances[row].tobytes()
         if key not in models:
-            models[key] = _noise_model(f"{name}[{row}]", covariances[row], minimum_sigma)
+            models[key] = _noise_model(covariances[row], lent * np.sqrt(covariances[row].max()))
         return models[key]
 
     return model
 
 
-def _noise_model(place: str, covariance: Float, minimum_sigma: float) -> gtsam.noiseModel.Base:
+def _noise_model(covariance: Float, minimum_sigma: float) -> gtsam.noiseModel.Base:
     sigmas = np.sqrt(np.diag(covariance))
     correlated = np.abs(covariance) > 1e-12 * np.outer(sigmas, sigmas)  # more than a turned frame's rounding
     if not (correlated & ~np.eye(len(covariance), dtype=bool)).any():
         return gtsam.noiseModel.Diagonal.Sigmas(np.maximum(sigmas, minimum_sigma))
     scale = np.where(sigmas > 0, sigmas, 1.0)
     if np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0] < 1e-12:
-        raise ValueError(
-            f"{place}: singular in a direction that is not x, y or heading; "
-            "give that direction a variance (an import's lateral slip), or make the matrix diagonal"
-        )
+        variances, axes = np.linalg.eigh(covariance)
+        covariance = axes * np.maximum(variances, minimum_sigma**2) @ axes.T
     # not smart: GTSAM would take correlations for rounding where covariances are below 1e-9
     return gtsam.noiseModel.Gaussian.Covariance(covariance, False)
 
@@ -95,27 +90,27 @@ class GraphBuilder:
 
     Args:
         recording: known association, `range-bearing` or `position`.
-        minimum_sigma: lent to motion directions whose variance is exactly 0 (m or rad); 0 keeps them
-            as hard constraints.
+        lent: share of a step's largest standard deviation that its directions of zero variance are lent
+            (those of the start: of its own or the first step's); 0 keeps them as hard constraints.
 
     Raises:
         ValueError: the recording cannot be turned into a graph; says why and what to do.
     """
 
-    def __init__(self, recording: Recording, minimum_sigma: float = 0.0) -> None:
+    def __init__(self, recording: Recording, lent: float = 0.0) -> None:
         self._landmark = require_known_landmarks(recording).tolist()
         polar, polar_cov = as_range_bearing(recording)
         _refuse_lost_landmarks(recording, polar, polar_cov)
         self._polar = polar.tolist()
         self._odometry = recording.odometry.tolist()
+        prior_cov = prior_cov_in_body(recording)
+        largest = np.sqrt(max(recording.odometry_cov[:1].max(initial=0.0), prior_cov.max()))
         self._prior = gtsam.PriorFactorPose2(
-            X(0),
-            gtsam.Pose2(*recording.prior_mean),
-            noise_models("prior_cov", prior_cov_in_body(recording)[None], FIXED_START_SIGMA)(0),
+            X(0), gtsam.Pose2(*recording.prior_mean), _noise_model(prior_cov, lent * largest)
         )
-        self._motion_noise = noise_models("odometry_cov", recording.odometry_cov, minimum_sigma)
+        self._motion_noise = noise_models(recording.odometry_cov, lent)
         # GTSAM's order is bearing, range
-        self._sensor_noise = noise_models("observation_cov", polar_cov[:, ::-1, ::-1].copy())
+        self._sensor_noise = noise_models(polar_cov[:, ::-1, ::-1].copy())
         self._bounds = np.searchsorted(recording.observation_step, np.arange(recording.steps + 2)).tolist()
 
     def add_step(self, graph: gtsam.NonlinearFactorGraph, k: int) -> None:
@@ -134,9 +129,9 @@ class GraphBuilder:
             )
 
 
-def build_graph(recording: Recording, minimum_sigma: float = 0.0) -> gtsam.NonlinearFactorGraph:
+def build_graph(recording: Recording, lent: float = 0.0) -> gtsam.NonlinearFactorGraph:
     """The whole recording as a graph; see `GraphBuilder`."""
-    builder = GraphBuilder(recording, minimum_sigma)
+    builder = GraphBuilder(recording, lent)
     graph = gtsam.NonlinearFactorGraph()
     for k in range(recording.steps + 1):
         builder.add_step(graph, k)
@@ -144,14 +139,16 @@ def build_graph(recording: Recording, minimum_sigma: float = 0.0) -> gtsam.Nonli
 
 
 def _refuse_lost_landmarks(recording: Recording, polar: Float, polar_cov: Float) -> None:
-    """Raise for a landmark that no sight places within MAX_LANDMARK_SIGMA."""
-    across = polar[:, 0] ** 2 * polar_cov[:, 1, 1]
-    sigma = np.sqrt(np.maximum(polar_cov[:, 0, 0], across))
+    """Raise for a landmark whose sights together place it no better than MAX_LANDMARK_SIGMA."""
+    path = chain(recording.prior_mean, recording.odometry)
+    H = rotation(path[recording.observation_step, 2] + polar[:, 1]).swapaxes(1, 2)  # along the ray, and across it
+    H[:, 1] /= np.maximum(polar[:, :1], 1e-6)
     landmark_ids, slot = np.unique(require_known_landmarks(recording), return_inverse=True)
-    best = np.full(len(landmark_ids), np.inf)
-    np.minimum.at(best, slot, sigma)
-    if (best > MAX_LANDMARK_SIGMA).any():
-        raise undetermined_variable("l", int(landmark_ids[np.argmax(best)]))
+    information = np.zeros((len(landmark_ids), 2, 2))
+    np.add.at(information, slot, H.swapaxes(1, 2) @ np.linalg.inv(polar_cov) @ H)
+    weakest = np.linalg.eigvalsh(information)[:, 0]
+    if (weakest < 1.0 / MAX_LANDMARK_SIGMA**2).any():
+        raise undetermined_variable("l", int(landmark_ids[np.argmin(weakest)]))
 
 
 def first_sights(recording: Recording) -> tuple[Int, Int]:

@@ -15,6 +15,7 @@ import gtsam
 import numpy as np
 
 from graph_baseline.factors import (
+    LENT_SLIP,
     build_graph,
     first_sights,
     landmarks_at_first_sight,
@@ -27,7 +28,6 @@ from graph_baseline.smoother import Solution, solve
 from graph_baseline.undetermined import UndeterminedError, explained, undetermined_variable
 from slam2d import Estimate, Float, Int, Recording, chain, wrap
 
-LENT_SLIP = 1e-4  # m (rad for a heading): three hundredths of a per cent of a 0.3 m step, and released in part 2
 PORTIONS = 8  # of the recording, in the grown start
 MAX_NEWTON_STEPS = 30
 NEGLIGIBLE = 1e-6  # of a standard deviation
@@ -41,7 +41,7 @@ def batch(recording: Recording) -> Estimate:
             optimum was not reached.
     """
     landmark_ids = first_sights(recording)[0]
-    poses, landmarks = minimise(recording, build_graph(recording, minimum_sigma=LENT_SLIP))
+    poses, landmarks = minimise(recording, build_graph(recording, LENT_SLIP))
     poses, landmarks, solution = finish(recording, landmark_ids, poses, landmarks)
     return Estimate(
         kind="smoothed",
