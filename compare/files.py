@@ -97,8 +97,8 @@ def write_tum(path: str | Path, stamps: Float, poses: Float) -> None:
 def staged_folder(out: str | Path, last: str = "metrics.json") -> Generator[Path]:
     """A temporary folder whose files are published in `out` when the block ends, and dropped when it fails.
 
-    A new `out` appears in one atomic rename. In an existing `out` files are replaced one by one: if the
-    block wrote the file `last`, the old one is removed before and the new one put in place after all
+    A new `out` appears in one atomic rename. In an existing `out` files and folders are replaced one by one:
+    if the block wrote the file `last`, the old one is removed before and the new one put in place after all
     others, so that a folder which holds it is whole.
 
     Raises:
@@ -123,11 +123,10 @@ def _publish(stage: Path, out: Path, last: str) -> None:
         return
     if (stage / last).exists():
         (out / last).unlink(missing_ok=True)
-    files = [file for file in stage.rglob("*") if file.is_file()]
-    for file in sorted(files, key=lambda file: file == stage / last):
-        target = out / file.relative_to(stage)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        file.replace(target)
+    for entry in sorted(stage.iterdir(), key=lambda entry: entry.name == last):
+        if (out / entry.name).is_dir():  # its old files may be of estimators that did not run this time
+            shutil.rmtree(out / entry.name)
+        entry.replace(out / entry.name)
 
 
 def _load(path: str | Path, kind: type[Record]) -> Record:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from time import perf_counter
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from slam2d import Estimate, Float, Int, Recording, rotation, wrap
 
@@ -58,24 +59,23 @@ def _update(state: Float, P: Float, slots: Int, z: Float, R: Float) -> None:
     along = offset / distance[:, None]
     across = np.column_stack([-along[:, 1], along[:, 0]]) / distance[:, None]
     by_landmark = np.stack([along, across], axis=1)
-    H = np.zeros((len(slots), 2, len(state)))
-    H[:, :, :2] = -by_landmark
-    H[:, 1, 2] = -1.0
-    index = np.arange(len(slots))
-    H[index, :, landmarks] = by_landmark[:, :, 0]
-    H[index, :, landmarks + 1] = by_landmark[:, :, 1]
-    H = H.reshape(rows, -1)
+    by_robot = np.zeros((len(slots), 2, 3))
+    by_robot[:, :, :2] = -by_landmark
+    by_robot[:, 1, 2] = -1.0
     bearing = np.arctan2(offset[:, 1], offset[:, 0]) - state[2]
     innovation = z - np.column_stack([distance, bearing])
     innovation[:, 1] = wrap(innovation[:, 1])
-    HP = H @ P
-    S = HP @ H.T
-    for i in range(len(slots)):
-        S[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += R[i]
-    W = np.linalg.solve(np.linalg.cholesky(S), np.column_stack([HP, innovation.ravel()]))
-    state += W[:, :-1].T @ W[:, -1]
+    pairs = np.stack([P[landmarks], P[landmarks + 1]], axis=1)
+    HP = (by_robot @ P[:3] + by_landmark @ pairs).reshape(rows, -1)
+    pairs = np.stack([HP[:, landmarks], HP[:, landmarks + 1]], axis=2)
+    S = np.einsum("ka,mia->kmi", HP[:, :3], by_robot) + np.einsum("kma,mia->kmi", pairs, by_landmark)
+    index = np.arange(len(slots))
+    S.reshape(len(slots), 2, len(slots), 2)[index, :, index, :] += R
+    factor = np.linalg.cholesky(S.reshape(rows, rows))
+    W = solve_triangular(factor, HP, lower=True, check_finite=False)
+    state += W.T @ solve_triangular(factor, innovation.ravel(), lower=True, check_finite=False)
     state[2] = wrap(state[2])
-    P -= W[:, :-1].T @ W[:, :-1]
+    P -= W.T @ W
 
 
 def _augment(state: Float, P: Float, size: int, z: Float, R: Float) -> None:

@@ -196,3 +196,15 @@ def test_an_unusable_place_is_refused_on_entry(tmp_path: Path):
     for out in (tmp_path / "file", tmp_path / "file" / "run"):
         with pytest.raises(ValueError, match=r"run|file: cannot be written \(.+\); check the path"), staged_folder(out):
             pytest.fail("the block must not run")
+
+
+def test_a_folder_inside_is_replaced_as_a_whole(tmp_path: Path) -> None:
+    """What an earlier run left there would be taken for a result of the later one."""
+    out = tmp_path / "run"
+    for name in ("ekf", "riekf"):
+        with staged_folder(out) as stage:
+            (stage / "estimates").mkdir()
+            (stage / "estimates" / f"{name}.npz").touch()
+            (stage / "metrics.json").write_text(name)
+    assert [file.name for file in (out / "estimates").iterdir()] == ["riekf.npz"]
+    assert (out / "metrics.json").read_text() == "riekf"
