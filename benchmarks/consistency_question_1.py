@@ -57,7 +57,7 @@ def main() -> None:
         error = ates.std(ddof=1) / np.sqrt(len(ates))
         print(
             f"{name:10} {ates.mean():8.4f} ± {error:.4f} {ates.mean() / optimal:8.3f} {nees.mean():10.2f} "
-            f"{inside:14.1%} {nis:8.3f}"
+            f"{inside:14.1%} {'-' if np.isnan(nis) else f'{nis:.3f}':>8}"
         )
 
 

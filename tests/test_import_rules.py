@@ -15,7 +15,7 @@ PACKAGES = ("slam2d", "ekf", "graph_baseline", "compare")
 # beyond the standard library
 ALLOWED = {
     "slam2d": {"numpy"},
-    "ekf": {"slam2d", "ekf", "numpy", "scipy", "numba", "llvmlite", "threadpoolctl"},
+    "ekf": {"slam2d", "ekf", "numpy", "scipy", "numba", "llvmlite"},
     "graph_baseline": {"slam2d", "graph_baseline", "numpy", "scipy", "gtsam"},
 }
 # modules of `compare` that may import what no other may
