@@ -85,7 +85,6 @@ class _GrowingProblem:
         parameters.relinearizeSkip = settings.relinearize_every
         self.solver = gtsam.ISAM2(parameters)
         self._builder = GraphBuilder(recording, LENT_SLIP)
-        self._recording = recording
         self._landmark = require_known_landmarks(recording).tolist()
         self._polar = as_range_bearing(recording)[0].tolist()
         self._odometry = recording.odometry.tolist()
