@@ -8,19 +8,20 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from compare.bench import step_time
 from compare.plot_style import styles
 
 
 def save_bench_figure(path: Path, result: dict[str, Any]) -> None:
-    """Median and 95 % quantile of the step time against map size, both axes logarithmic."""
+    """Step time (median, or mean of a whole run) and its 95 % quantile against map size, both axes logarithmic."""
     figure = Figure(figsize=(4.6, 3.4), layout="constrained")
     axes = figure.subplots()
     for name, style in styles(result["estimators"]).items():
         by_size = result["estimators"][name]
         sizes = [int(size) for size in by_size]
-        medians = np.array([figures["median_s"] for figures in by_size.values()]) * 1e3
-        high = np.array([figures["p95_s"] for figures in by_size.values()]) * 1e3
-        axes.plot(sizes, medians, color=style.color, linestyle=style.dashes, marker="o", markersize=3, label=name)
+        times = np.array([step_time(figures) for figures in by_size.values()]) * 1e3
+        high = np.array([figures.get("p95_s", np.nan) for figures in by_size.values()]) * 1e3
+        axes.plot(sizes, times, color=style.color, linestyle=style.dashes, marker="o", markersize=3, label=name)
         axes.plot(sizes, high, color=style.color, linestyle="none", marker="_", markersize=6)
     axes.set(xscale="log", yscale="log", xlabel="landmarks", ylabel="ms a step: median, dash: 95 %")
     sizes = sorted({int(size) for by_size in result["estimators"].values() for size in by_size})

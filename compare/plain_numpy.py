@@ -8,9 +8,11 @@ from __future__ import annotations
 from time import perf_counter
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import get_blas_funcs
 
 from slam2d import Estimate, Float, Int, Recording, rotation, wrap
+
+trsm, trsv = get_blas_funcs(("trsm", "trsv"))
 
 
 def plain_numpy_ekf(recording: Recording) -> Estimate:
@@ -20,6 +22,7 @@ def plain_numpy_ekf(recording: Recording) -> Estimate:
     state, cov = np.zeros(3 + 2 * count), np.zeros((3 + 2 * count, 3 + 2 * count))
     state[:3], cov[:3, :3] = recording.prior_mean, recording.prior_cov
     slot, size = np.full(count, -1), 3
+    room = np.empty(cov.size)
     steps = recording.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
     for k, (ids, values, covs) in enumerate(recording.scans()):
@@ -29,7 +32,8 @@ def plain_numpy_ekf(recording: Recording) -> Estimate:
             _predict(state, cov[:size, :size], recording.odometry[k - 1], recording.odometry_cov[k - 1])
         old = slot[ids] >= 0
         if old.any():
-            _update(state[:size], cov[:size, :size], slot[ids[old]], values[old], covs[old])
+            gram = room[: size * size].reshape(size, size)
+            _update(state[:size], cov[:size, :size], slot[ids[old]], values[old], covs[old], gram)
         for i in np.flatnonzero(~old):
             slot[ids[i]] = (size - 3) // 2
             _augment(state, cov, size, values[i], covs[i])
@@ -51,7 +55,7 @@ def _predict(state: Float, P: Float, increment: Float, Q: Float) -> None:
     state[2] = wrap(state[2] + increment[2])
 
 
-def _update(state: Float, P: Float, slots: Int, z: Float, R: Float) -> None:
+def _update(state: Float, P: Float, slots: Int, z: Float, R: Float, gram: Float) -> None:
     rows = 2 * len(slots)
     landmarks = 3 + 2 * slots
     offset = np.column_stack([state[landmarks], state[landmarks + 1]]) - state[:2]
@@ -62,20 +66,23 @@ def _update(state: Float, P: Float, slots: Int, z: Float, R: Float) -> None:
     by_robot = np.zeros((len(slots), 2, 3))
     by_robot[:, :, :2] = -by_landmark
     by_robot[:, 1, 2] = -1.0
+    by_robot = by_robot.reshape(rows, 3)
     bearing = np.arctan2(offset[:, 1], offset[:, 0]) - state[2]
     innovation = z - np.column_stack([distance, bearing])
     innovation[:, 1] = wrap(innovation[:, 1])
-    pairs = np.stack([P[landmarks], P[landmarks + 1]], axis=1)
-    HP = (by_robot @ P[:3] + by_landmark @ pairs).reshape(rows, -1)
-    pairs = np.stack([HP[:, landmarks], HP[:, landmarks + 1]], axis=2)
-    S = np.einsum("ka,mia->kmi", HP[:, :3], by_robot) + np.einsum("kma,mia->kmi", pairs, by_landmark)
+    HP = by_robot @ P[:3]
+    HP += (by_landmark @ P[landmarks[:, None] + np.arange(2)]).reshape(rows, -1)
+    S = HP[:, :3] @ by_robot.T
+    HPx, HPy = HP[:, landmarks], HP[:, landmarks + 1]
+    S[:, 0::2] += HPx * by_landmark[:, 0, 0] + HPy * by_landmark[:, 0, 1]
+    S[:, 1::2] += HPx * by_landmark[:, 1, 0] + HPy * by_landmark[:, 1, 1]
     index = np.arange(len(slots))
     S.reshape(len(slots), 2, len(slots), 2)[index, :, index, :] += R
-    factor = np.linalg.cholesky(S.reshape(rows, rows))
-    W = solve_triangular(factor, HP, lower=True, check_finite=False)
-    state += W.T @ solve_triangular(factor, innovation.ravel(), lower=True, check_finite=False)
+    factor = np.linalg.cholesky(S)
+    W = trsm(1.0, factor.T, HP.T, side=1, overwrite_b=True)  # HP' L'^-1
+    state += W @ trsv(factor.T, innovation.ravel(), trans=1)
     state[2] = wrap(state[2])
-    P -= W.T @ W
+    P -= np.matmul(W, W.T, out=gram)
 
 
 def _augment(state: Float, P: Float, size: int, z: Float, R: Float) -> None:

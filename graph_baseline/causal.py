@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from graph_baseline.factors import LENT_SLIP, GraphBuilder, as_range_bearing, first_sights, require_known_landmarks
+from graph_baseline.factors import LENT_SLIP, GraphBuilder, first_sights
 from graph_baseline.undetermined import explained
 from slam2d import Estimate, Float, Recording, rotation
 
@@ -85,10 +85,7 @@ class _GrowingProblem:
         parameters.relinearizeSkip = settings.relinearize_every
         self.solver = gtsam.ISAM2(parameters)
         self._builder = GraphBuilder(recording, LENT_SLIP)
-        self._landmark = require_known_landmarks(recording).tolist()
-        self._polar = as_range_bearing(recording)[0].tolist()
-        self._odometry = recording.odometry.tolist()
-        self._bounds = np.searchsorted(recording.observation_step, np.arange(recording.steps + 2)).tolist()
+        self._order = gtsam.KeyGroupMap()  # what is eliminated late (1) and last (2)
         self._known: set[int] = set()
         self._newest = 0
         self._guess = gtsam.Pose2(*recording.prior_mean)
@@ -98,21 +95,28 @@ class _GrowingProblem:
 
     def add_step(self, k: int) -> None:
         self._builder.add_step(self._graph, k)
+        self._order = gtsam.KeyGroupMap()
         if k > 0:
-            self._guess = self._guess.compose(gtsam.Pose2(*self._odometry[k - 1]))
+            self._guess = self._guess.compose(self._builder.increment(k))
+            self._order.insert2(X(k - 1), 1)
+        self._order.insert2(X(k), 2)
         self._newest = k
         self._values.insert(X(k), self._guess)
         self._heading_at_linearisation = self._guess.theta()
-        for i in range(self._bounds[k], self._bounds[k + 1]):
-            name = self._landmark[i]
+        for name, distance, bearing in self._builder.sights(k):
+            self._order.insert2(L(name), 1)
             if name not in self._known:
                 self._known.add(name)
-                distance, bearing = self._polar[i]
                 sight = gtsam.Point2(distance * np.cos(bearing), distance * np.sin(bearing))
                 self._values.insert(L(name), self._guess.transformFrom(sight))
 
     def optimise(self) -> None:
-        self.solver.update(self._graph, self._values)
+        """Take in what waits; what is seen now is eliminated late, and the newest pose last: its marginal is cheap.
+
+        GTSAM's ordering needs more variables than there are groups; without them it orders by itself.
+        """
+        order = self._order if self._order.size() > 2 else None
+        self.solver.update(self._graph, self._values, [], order)
         self._graph.resize(0)
         self._values.clear()
         self._guess = self.solver.calculateEstimatePose2(X(self._newest))

@@ -100,7 +100,9 @@ class GraphBuilder:
     def __init__(self, recording: Recording, lent: float = 0.0) -> None:
         self._landmark = require_known_landmarks(recording).tolist()
         polar, polar_cov = as_range_bearing(recording)
-        _refuse_lost_landmarks(recording, polar, polar_cov)
+        landmark, sigma = least_known_landmark(recording)
+        if sigma > MAX_LANDMARK_SIGMA:
+            raise undetermined_variable("l", landmark)
         self._polar = polar.tolist()
         self._odometry = recording.odometry.tolist()
         prior_cov = prior_cov_in_body(recording)
@@ -113,20 +115,24 @@ class GraphBuilder:
         self._sensor_noise = noise_models(polar_cov[:, ::-1, ::-1].copy())
         self._bounds = np.searchsorted(recording.observation_step, np.arange(recording.steps + 2)).tolist()
 
+    def increment(self, k: int) -> gtsam.Pose2:
+        """The measured motion that leads to pose k > 0."""
+        return gtsam.Pose2(*self._odometry[k - 1])
+
+    def sights(self, k: int) -> list[tuple[int, float, float]]:
+        """What is seen from pose k: landmark id, range [m], bearing [rad]."""
+        rows = slice(self._bounds[k], self._bounds[k + 1])
+        return [(name, *polar) for name, polar in zip(self._landmark[rows], self._polar[rows], strict=True)]
+
     def add_step(self, graph: gtsam.NonlinearFactorGraph, k: int) -> None:
         """Append the prior (k = 0) or the increment that leads to pose k, and pose k's observations."""
         if k == 0:
             graph.add(self._prior)
         else:
-            measured = gtsam.Pose2(*self._odometry[k - 1])
-            graph.add(gtsam.BetweenFactorPose2(X(k - 1), X(k), measured, self._motion_noise(k - 1)))
-        for i in range(self._bounds[k], self._bounds[k + 1]):
-            distance, bearing = self._polar[i]
-            graph.add(
-                gtsam.BearingRangeFactor2D(
-                    X(k), L(self._landmark[i]), gtsam.Rot2(bearing), distance, self._sensor_noise(i)
-                )
-            )
+            graph.add(gtsam.BetweenFactorPose2(X(k - 1), X(k), self.increment(k), self._motion_noise(k - 1)))
+        for row, (name, distance, bearing) in enumerate(self.sights(k), self._bounds[k]):
+            noise = self._sensor_noise(row)
+            graph.add(gtsam.BearingRangeFactor2D(X(k), L(name), gtsam.Rot2(bearing), distance, noise))
 
 
 def build_graph(recording: Recording, lent: float = 0.0) -> gtsam.NonlinearFactorGraph:
@@ -138,8 +144,14 @@ def build_graph(recording: Recording, lent: float = 0.0) -> gtsam.NonlinearFacto
     return graph
 
 
-def _refuse_lost_landmarks(recording: Recording, polar: Float, polar_cov: Float) -> None:
-    """Raise for a landmark whose sights together place it no better than MAX_LANDMARK_SIGMA."""
+def least_known_landmark(recording: Recording) -> tuple[int, float]:
+    """The landmark that its sights, from the dead-reckoned path, place worst, and its largest sigma [m].
+
+    (-1, 0.0) for a recording without observations.
+    """
+    polar, polar_cov = as_range_bearing(recording)
+    if len(polar) == 0:
+        return -1, 0.0
     path = chain(recording.prior_mean, recording.odometry)
     H = rotation(path[recording.observation_step, 2] + polar[:, 1]).swapaxes(1, 2)  # along the ray, and across it
     H[:, 1] /= np.maximum(polar[:, :1], 1e-6)
@@ -147,8 +159,8 @@ def _refuse_lost_landmarks(recording: Recording, polar: Float, polar_cov: Float)
     information = np.zeros((len(landmark_ids), 2, 2))
     np.add.at(information, slot, H.swapaxes(1, 2) @ np.linalg.inv(polar_cov) @ H)
     weakest = np.linalg.eigvalsh(information)[:, 0]
-    if (weakest < 1.0 / MAX_LANDMARK_SIGMA**2).any():
-        raise undetermined_variable("l", int(landmark_ids[np.argmin(weakest)]))
+    worst = int(np.argmin(weakest))
+    return int(landmark_ids[worst]), float(1.0 / np.sqrt(max(weakest[worst], 1e-300)))
 
 
 def first_sights(recording: Recording) -> tuple[Int, Int]:

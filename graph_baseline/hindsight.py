@@ -1,9 +1,10 @@
 """The hindsight optimum: all measurements at once, every pose and landmark with its covariance.
 
-1. GTSAM's Levenberg-Marquardt runs from two starts, dead reckoning (which ends in a local minimum on
-   Victoria Park) and one that is grown portion by portion; the lower cost is kept. Motion directions of
-   zero variance are lent a small slip for this, because damping and hard constraints do not agree:
-   damped steps leave the constraint and stop early.
+1. GTSAM's Levenberg-Marquardt runs from dead reckoning. A cost that the stated noise explains (two-sided
+   chi-square band of its degrees of freedom) ends the search; otherwise, as on Victoria Park, where dead
+   reckoning ends in a local minimum, it also runs from a start that is grown portion by portion, and the
+   lower cost is kept. Motion directions of zero variance are lent a small slip for this, because damping
+   and hard constraints do not agree: damped steps leave the constraint and stop early.
 2. Exact Newton steps through the Schur complement (see `smoother`) finish on the recording's own model,
    zero variances and all, until a step is negligible against the standard deviations it has found.
    The gradient vanishes there, and positive definite information makes it a minimum.
@@ -13,17 +14,19 @@ from __future__ import annotations
 
 import gtsam
 import numpy as np
+from scipy.special import chdtr
 
 from graph_baseline.factors import (
     LENT_SLIP,
     build_graph,
     first_sights,
     landmarks_at_first_sight,
+    least_known_landmark,
     make_values,
     read_values,
     require_known_landmarks,
 )
-from graph_baseline.linearisation import cost, linearise
+from graph_baseline.linearisation import linearise
 from graph_baseline.smoother import Solution, solve
 from graph_baseline.undetermined import UndeterminedError, explained, undetermined_variable
 from slam2d import Estimate, Float, Int, Recording, chain, wrap
@@ -31,6 +34,7 @@ from slam2d import Estimate, Float, Int, Recording, chain, wrap
 PORTIONS = 8  # of the recording, in the grown start
 MAX_NEWTON_STEPS = 30
 NEGLIGIBLE = 1e-6  # of a standard deviation
+OUTSIDE_BAND = 1e-3  # probability that true noise makes a cost that is taken for unexplained
 
 
 def batch(recording: Recording) -> Estimate:
@@ -55,11 +59,22 @@ def batch(recording: Recording) -> Estimate:
 
 
 def minimise(recording: Recording, graph: gtsam.NonlinearFactorGraph) -> tuple[Float, Float]:
-    """Poses and landmarks of the lower of two Levenberg-Marquardt solutions of `graph`, slip lent."""
+    """Poses and landmarks of the lowest Levenberg-Marquardt solution of `graph`, slip lent."""
     with explained():
-        starts = [_grown_start(recording), _extended(recording, np.zeros((0, 3)), {})]
-        solutions = [_levenberg_marquardt(graph, values) for values in starts]
-    return read_values(min(solutions, key=graph.error))
+        solution = _levenberg_marquardt(graph, _extended(recording, np.zeros((0, 3)), {}))
+        if not _explained_by_noise(recording, graph.error(solution)):
+            second = _levenberg_marquardt(graph, _grown_start(recording))
+            solution = min(solution, second, key=graph.error)
+    return read_values(solution)
+
+
+def _explained_by_noise(recording: Recording, cost: float) -> bool:
+    """Whether twice the optimum's cost lies in the two-sided band of its chi-square distribution.
+
+    Rows less unknowns is two for every observation less two for every landmark.
+    """
+    freedom = 2 * (len(recording.observation) - len(first_sights(recording)[0]))
+    return OUTSIDE_BAND / 2 < chdtr(freedom, 2.0 * cost) < 1.0 - OUTSIDE_BAND / 2
 
 
 def _grown_start(recording: Recording) -> gtsam.Values:
@@ -101,15 +116,22 @@ def finish(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Flo
         try:
             solution = solve(linearise(recording, slot, poses, landmarks), len(landmark_ids))
         except np.linalg.LinAlgError:
-            raise undetermined_variable("l", _weakest_landmark(recording, landmark_ids, slot)) from None
+            raise undetermined_variable("l", least_known_landmark(recording)[0]) from None
         poses, landmarks = poses + solution.dx, landmarks + solution.dm
         poses[:, 2] = wrap(poses[:, 2])
         if _relative_size(solution) < NEGLIGIBLE:
             return poses, landmarks, solution
-    reached = cost(recording, poses, landmark_ids, landmarks)
-    raise UndeterminedError(
-        f"batch: no minimum after {MAX_NEWTON_STEPS} exact steps (cost {reached:g}); "
-        "the measurements contradict each other: check associations and covariances"
+    raise UndeterminedError(_why_no_minimum(recording, landmark_ids[slot], poses, landmarks[slot]))
+
+
+def _why_no_minimum(recording: Recording, seen: Int, poses: Float, positions: Float) -> str:
+    """For observations of the landmarks `seen` (M,) at `positions` (M, 2)."""
+    distance = np.hypot(*(positions - poses[recording.observation_step, :2]).T)
+    row = int(np.argmin(distance))
+    return (
+        f"batch: no minimum after {MAX_NEWTON_STEPS} exact steps; check associations and covariances, or drop "
+        f"observation {row}: it sees landmark {seen[row]} from {distance[row]:.2g} m, the nearest of all, and on the "
+        "robot itself neither range nor bearing is smooth"
     )
 
 
@@ -120,10 +142,3 @@ def _relative_size(solution: Solution) -> float:
         sigma = np.sqrt(np.maximum(np.diagonal(covs, axis1=1, axis2=2), 0.0))
         sizes.append(float(np.max(np.abs(step) / np.where(sigma > 1e-9, sigma, np.inf), initial=0.0)))
     return max(sizes)
-
-
-def _weakest_landmark(recording: Recording, landmark_ids: Int, slot: Int) -> int:
-    """Id of the landmark that its own observations tell least about."""
-    precision = np.zeros(len(landmark_ids))
-    np.add.at(precision, slot, 1.0 / np.linalg.eigvalsh(recording.observation_cov)[:, -1])
-    return int(landmark_ids[np.argmin(precision)])

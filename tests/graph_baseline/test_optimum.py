@@ -23,7 +23,7 @@ from optimum import ExactProblem
 from random_recordings import random_recording
 
 from ekf import dead_reckoning, ekf, riekf
-from graph_baseline import UndeterminedError, batch, cost, isam2
+from graph_baseline import UndeterminedError, batch, cost, hindsight, isam2
 from graph_baseline.factors import LENT_SLIP, build_graph
 from graph_baseline.undetermined import explained
 from slam2d import Estimate, Float, Int, Recording, Truth, between, compose, rotation, wrap
@@ -484,3 +484,58 @@ def test_without_observations_the_optimum_is_dead_reckoning(estimator: Estimator
         landmark=np.zeros(0, dtype=np.int64),
     )
     np.testing.assert_allclose(between(dead_reckoning(blind).poses, answer(estimator(blind)).poses), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("seen", [(0,), (1,), (0, 3), (4,)])
+def test_isam2_takes_few_sights_and_many_stretches_without(seen: tuple[int, ...]) -> None:
+    recording = problem(0, "range-bearing", True)[1]
+    keep = np.isin(recording.observation_step, seen) & (require_known_landmarks(recording) == 0)
+    sparse = replace(
+        recording,
+        observation_step=recording.observation_step[keep],
+        observation=recording.observation[keep],
+        observation_cov=recording.observation_cov[keep],
+        landmark=recording.landmark[keep],
+    )
+    last = answer(batch(sparse))
+    off = between(last.poses, answer(isam2(sparse)).poses)[-1]
+    assert (np.abs(off) < 0.02 * np.sqrt(np.diag(last.pose_covs[-1]))).all()
+
+
+def test_the_grown_start_is_for_what_the_noise_does_not_explain(monkeypatch: pytest.MonkeyPatch) -> None:
+    grown: list[int] = []
+    original = hindsight._grown_start  # pyright: ignore[reportPrivateUsage]
+
+    def counted(recording: Recording) -> gtsam.Values:
+        grown.append(recording.steps)
+        return original(recording)
+
+    monkeypatch.setattr(hindsight, "_grown_start", counted)
+    recording = problem(0, "range-bearing", True)[1]
+    batch(recording)
+    assert not grown
+    for factor in (0.1, 10.0):
+        batch(replace(recording, observation_cov=recording.observation_cov * factor))
+    assert len(grown) == 2
+
+
+def test_a_landmark_on_the_robot_is_named() -> None:
+    rng = np.random.default_rng(0)
+    steps = np.arange(11)
+    observation = np.column_stack([np.abs(5.0 - steps), np.where(steps < 5, 0.0, np.pi)])
+    observation += rng.normal(0.0, [0.1, 0.05], (11, 2))
+    observation[5] = 1e-3, 2.0
+    through = Recording(
+        sensor="range-bearing",
+        stamps=steps.astype(np.float64),
+        odometry=np.tile([1.0, 0.0, 0.0], (10, 1)),
+        odometry_cov=np.tile(np.diag([0.01, 0.01, 0.001]), (10, 1, 1)),
+        observation_step=steps,
+        observation=observation,
+        observation_cov=np.tile(np.diag([0.01, 0.0025]), (11, 1, 1)),
+        landmark=np.full(11, 7),
+        prior_mean=np.zeros(3),
+        prior_cov=np.diag([0.01, 0.01, 0.001]),
+    )
+    with pytest.raises(UndeterminedError, match=r"^batch: no minimum .* drop observation 5: it sees landmark 7 from"):
+        batch(through)
