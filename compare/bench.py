@@ -18,7 +18,7 @@ from compare.plain_numpy import plain_numpy_ekf
 from compare.scenario import Scenario
 from compare.simulation import simulate
 from ekf import SlamFilter
-from ekf.filter import UPDATES, Correction
+from ekf.filter import RULES, Correction
 from ekf.kernels import Workspace
 from slam2d import Estimate, Float, Recording
 
@@ -29,7 +29,12 @@ WORKLOAD = (
 )
 YARDSTICK = "plain-numpy"
 SHARE_STEPS = 500  # of the second round, over which the time outside the update kernel is measured
-CORRECTIONS: dict[str, Correction] = {"ekf": "standard", "riekf": "right-invariant"}
+CORRECTIONS: dict[str, Correction] = {
+    "ekf": "standard",
+    "fej-ekf": "first-estimates",
+    "iekf": "iterated",
+    "riekf": "right-invariant",
+}
 
 
 def workload(landmarks: int, seed: int = 0) -> Scenario:
@@ -100,16 +105,18 @@ def _figures(name: str, recording: Recording, estimate: Estimate, run_s: float) 
 def _share_outside_update(recording: Recording, correction: Correction) -> float:
     """Share of the second round's time that is not spent in the compiled update."""
     inside, total = 0.0, 0.0
-    compiled = UPDATES[correction]
+    rule = RULES[correction]
 
-    def timed(sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace) -> tuple[float, int]:
+    def timed(
+        sensor: int, state: Float, point: Float, cov: Float, size: int, count: int, work: Workspace
+    ) -> tuple[float, int]:
         nonlocal inside
         start = perf_counter()
-        result = compiled(sensor, state, cov, size, count, work)
+        result = rule.update(sensor, state, point, cov, size, count, work)
         inside += perf_counter() - start
         return result
 
-    slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov, timed)
+    slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov, rule._replace(update=timed))
     first = recording.steps // 2
     for k, scan in enumerate(recording.first(min(first + SHARE_STEPS, recording.steps)).scans()):
         if k == first:

@@ -19,6 +19,8 @@ from slam2d import Estimate, Estimator, Recording
 SHIPPED = {
     "dead-reckoning": ("ekf", "dead_reckoning"),
     "ekf": ("ekf", "ekf"),
+    "fej-ekf": ("ekf", "fej_ekf"),
+    "iekf": ("ekf", "iekf"),
     "riekf": ("ekf", "riekf"),
     "isam2": ("graph_baseline", "isam2"),
     "batch": ("graph_baseline", "batch"),

@@ -5,7 +5,7 @@
 """
 
 from ekf.compressed import CompressedFilter
-from ekf.estimators import dead_reckoning, ekf, riekf
+from ekf.estimators import dead_reckoning, ekf, fej_ekf, iekf, riekf
 from ekf.filter import SlamFilter
 
-__all__ = ["CompressedFilter", "SlamFilter", "dead_reckoning", "ekf", "riekf"]
+__all__ = ["CompressedFilter", "SlamFilter", "dead_reckoning", "ekf", "fej_ekf", "iekf", "riekf"]

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from ekf.compiled import kernel, solve_factor, subtract_gram, subtract_product
 from ekf.corrections import update_standard
-from ekf.filter import SlamFilter
+from ekf.filter import Rule, SlamFilter
 from ekf.kernels import Workspace
 from slam2d import Float, Int, Observations
 
@@ -122,10 +122,10 @@ class CompressedFilter:
             self._T = np.concatenate([self._T, rows.reshape(-1, self._T.shape[1])])
 
     def _update_local(
-        self, sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace
+        self, sensor: int, state: Float, point: Float, cov: Float, size: int, count: int, work: Workspace
     ) -> tuple[float, int]:
         self._account_for_new_landmarks(state[:3], state[3:size])  # a step may see a new landmark twice
-        nis, informative = update_standard(sensor, state, cov, size, count, work)
+        nis, informative = update_standard(sensor, state, point, cov, size, count, work)
         if np.isfinite(nis):
             if len(self._N) < 2 * count:
                 self._N = np.zeros((2 * count, len(self._C)))
@@ -142,7 +142,7 @@ class CompressedFilter:
         self._entered = len(near)
         area_cov = self._cov[np.ix_(self._area, self._area)]
         self._local = SlamFilter(
-            self._sensor, self._mean[:3], area_cov[:3, :3], self._update_local, landmarks=len(near) + 32
+            self._sensor, self._mean[:3], area_cov[:3, :3], Rule(self._update_local), landmarks=len(near) + 32
         )
         self._local.set_map(self._ids[near], positions[near], area_cov)
         size = len(self._area)

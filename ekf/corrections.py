@@ -1,7 +1,14 @@
 """What tells the filters apart: how a step's innovations correct the state and its covariance.
 
-Both start from the same additive quantities that `kernels.whiten` leaves: the gain's factor W and the
+All start from the same additive quantities that `kernels.whiten` leaves: the gain's factor W and the
 whitened innovation y, with dx = W'y and P <- P - W'W.
+
+The first-estimates filter is the standard one with Jacobians at another `point`: where a landmark was
+first put, and where the robot was last predicted. Turn and shift of the whole map then stay unobservable,
+as H F...F N = 0 for N = [I, J p; 0, 1; I, J l]. It leans on good first estimates.
+
+The iterated filter takes its Jacobians where its own correction leads, until that place stands still:
+Gauss-Newton on the step's prior and observations, x <- x^ + K (z - h(x) - H (x^ - x)).
 
 The right-invariant filter needs no other coordinates than these. Its error xi, with
 theta = theta^ + xi_theta and p = R(xi_theta) p^ + V(xi_theta) xi_p (landmarks likewise), is
@@ -15,7 +22,9 @@ xi = D^-1 (additive error), D = [I, J p; 0, 1] with landmark rows [I, J l]. Writ
 That last step is a symmetric rank-2 change. It is what keeps the unobservable directions (shift and
 turn of the whole map) unobservable: the standard filter leaves P at the old estimate.
 
-Source: Barrau and Bonnabel, arXiv 1510.06263 (2015); Zhang et al., RA-L 2017.
+Sources: Huang, Mourikis and Roumeliotis, IJRR 29(5), 2010 (first estimates); Bell and Cathey, IEEE
+Transactions on Automatic Control 38(2), 1993 (iterated); Barrau and Bonnabel, arXiv 1510.06263 (2015)
+and Zhang et al., RA-L 2017 (right-invariant).
 """
 
 from __future__ import annotations
@@ -23,15 +32,24 @@ from __future__ import annotations
 import math
 
 from ekf.compiled import add_outer_pair, combine_rows, kernel, subtract_gram
-from ekf.kernels import Workspace, mirror_robot_block, whiten
+from ekf.kernels import Workspace, linearise, mirror_robot_block, whiten
 from ekf.models import wrap
 from slam2d import Float
 
+MAX_ITERATIONS = 20
+SETTLED = 1e-12  # m or rad: an iterate that moves less has arrived
+
 
 @kernel
-def update_standard(sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace) -> tuple[float, int]:
-    """Correct: x <- x + dx, P <- P - W'W; returns as `whiten`, changing nothing when the NIS is not finite."""
-    nis, informative = whiten(sensor, state, cov, size, count, work)
+def update_standard(
+    sensor: int, state: Float, point: Float, cov: Float, size: int, count: int, work: Workspace
+) -> tuple[float, int]:
+    """Correct: x <- x + dx, P <- P - W'W, with Jacobians at `point`.
+
+    Returns the NIS and its degrees of freedom; when the NIS is not finite, nothing has changed.
+    """
+    informative = linearise(sensor, state, point, work.slots[:count], work.observation, work.innovation, work.jacobian)
+    nis = whiten(cov, size, count, work)
     if not math.isfinite(nis):
         return nis, informative
     dx = work.scratch[0]
@@ -45,11 +63,64 @@ def update_standard(sensor: int, state: Float, cov: Float, size: int, count: int
 
 
 @kernel
+def update_iterated(
+    sensor: int, state: Float, _point: Float, cov: Float, size: int, count: int, work: Workspace
+) -> tuple[float, int]:
+    """Correct with Jacobians where the correction leads; returns as `update_standard`, the NIS of the first pass."""
+    return iterate(sensor, state, cov, size, count, work, MAX_ITERATIONS)
+
+
+@kernel
+def iterate(
+    sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace, iterations: int
+) -> tuple[float, int]:
+    """`update_iterated` with at most so many passes; a single one is the standard update."""
+    dx, iterate = work.scratch[0], work.scratch[1]
+    iterate[:size] = state[:size]
+    first_nis, first_informative = 0.0, 0
+    for iteration in range(iterations):
+        informative = linearise(
+            sensor, iterate, iterate, work.slots[:count], work.observation, work.innovation, work.jacobian
+        )
+        _refer_to_prediction(state, iterate, count, work)
+        nis = whiten(cov, size, count, work)
+        if not math.isfinite(nis):
+            return nis, informative
+        if iteration == 0:
+            first_nis, first_informative = nis, informative
+        combine_rows(work.W, work.innovation, dx, 2 * count, size)
+        change = 0.0
+        for i in range(size):
+            change = max(change, abs(state[i] + dx[i] - iterate[i]))
+            iterate[i] = state[i] + dx[i]
+        if change < SETTLED:
+            break
+    state[:size] = iterate[:size]
+    state[2] = wrap(state[2])
+    subtract_gram(cov, work.W, 2 * count, size)
+    mirror_robot_block(cov)
+    return first_nis, first_informative
+
+
+@kernel
+def _refer_to_prediction(state: Float, iterate: Float, count: int, work: Workspace) -> None:
+    """Turn innovations at the iterate x into z - h(x) - H (state - x)."""
+    for i in range(count):
+        landmark = 3 + 2 * work.slots[i]
+        for k in (2 * i, 2 * i + 1):
+            for j in range(3):
+                work.innovation[k] -= work.jacobian[k, j] * (state[j] - iterate[j])
+            for j in range(2):
+                work.innovation[k] -= work.jacobian[k, 3 + j] * (state[landmark + j] - iterate[landmark + j])
+
+
+@kernel
 def update_right_invariant(
-    sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace
+    sensor: int, state: Float, point: Float, cov: Float, size: int, count: int, work: Workspace
 ) -> tuple[float, int]:
     """Correct: x <- exp(D^-1 dx) x, P <- T (P - W'W) T'; returns as `update_standard`."""
-    nis, informative = whiten(sensor, state, cov, size, count, work)
+    informative = linearise(sensor, state, point, work.slots[:count], work.observation, work.innovation, work.jacobian)
+    nis = whiten(cov, size, count, work)
     if not math.isfinite(nis):
         return nis, informative
     dx, u, heading_row = work.scratch[0], work.scratch[1], work.scratch[2]

@@ -19,6 +19,27 @@ def ekf(recording: Recording) -> Estimate:
     return _run(recording, "standard")
 
 
+def fej_ekf(recording: Recording) -> Estimate:
+    """EKF-SLAM with first-estimates Jacobians (Huang, Mourikis and Roumeliotis, IJRR 2010).
+
+    It leans on good first estimates: where landmarks are close to the robot, or first seen from a poorly known
+    pose, it can diverge.
+
+    Raises:
+        ValueError: bearing-only recordings and unknown association are not for this filter.
+    """
+    return _run(recording, "first-estimates")
+
+
+def iekf(recording: Recording) -> Estimate:
+    """Iterated EKF-SLAM (Bell and Cathey 1993); known to be less consistent than the plain EKF.
+
+    Raises:
+        ValueError: bearing-only recordings and unknown association are not for this filter.
+    """
+    return _run(recording, "iterated")
+
+
 def riekf(recording: Recording) -> Estimate:
     """Right-invariant EKF-SLAM (Barrau and Bonnabel, arXiv 1510.06263).
 

@@ -3,21 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ekf import kernels
-from ekf.corrections import update_right_invariant, update_standard
+from ekf.corrections import update_iterated, update_right_invariant, update_standard
 from ekf.models import SENSOR_CODES
 from ekf.warm_up import compile_once
 from slam2d import Float, Int, Observations
 
-Correction = Literal["standard", "right-invariant"]
-Update = Callable[[int, Float, Float, int, int, kernels.Workspace], tuple[float, int]]
+Correction = Literal["standard", "first-estimates", "iterated", "right-invariant"]
+Update = Callable[[int, Float, Float, Float, int, int, kernels.Workspace], tuple[float, int]]
 
-UPDATES: dict[str, Update] = {"standard": update_standard, "right-invariant": update_right_invariant}
+
+class Rule(NamedTuple):
+    """How a filter corrects: its update kernel, and whether Jacobians are taken at first estimates."""
+
+    update: Update
+    first_estimates: bool = False
+
+
+RULES: dict[str, Rule] = {
+    "standard": Rule(update_standard),
+    "first-estimates": Rule(update_standard, first_estimates=True),
+    "iterated": Rule(update_iterated),
+    "right-invariant": Rule(update_right_invariant),
+}
 
 
 class SlamFilter:
@@ -27,7 +40,8 @@ class SlamFilter:
         sensor: `range-bearing` or `position` (see `slam2d.Recording`).
         prior_mean: (3,) start pose.
         prior_cov: (3, 3) its covariance; zero is legal.
-        correction: `standard`, `right-invariant` (see `ekf.corrections`), or an update kernel of the same form.
+        correction: `standard`, `first-estimates`, `iterated`, `right-invariant` (see `ekf.corrections`), or a
+            rule of your own.
         landmarks: how many to make room for at first; the filter grows beyond that by itself.
 
     Raises:
@@ -39,14 +53,14 @@ class SlamFilter:
         sensor: str,
         prior_mean: ArrayLike,
         prior_cov: ArrayLike,
-        correction: Correction | Update = "standard",
+        correction: Correction | Rule = "standard",
         landmarks: int = 32,
     ) -> None:
         if sensor not in SENSOR_CODES:
             raise ValueError(f"sensor: {sensor!r} does not fit this filter; use one of {', '.join(SENSOR_CODES)}")
         compile_once()
         self._sensor = SENSOR_CODES[sensor]
-        self._update = UPDATES[correction] if isinstance(correction, str) else correction
+        self._rule = RULES[correction] if isinstance(correction, str) else correction
         self._ids: Int = np.zeros(0, dtype=np.int64)  # in slot order
         self._sorted_ids: Int = self._ids
         self._sorted_slots: Int = self._ids
@@ -56,6 +70,7 @@ class SlamFilter:
         self._cov = np.zeros((capacity, capacity))
         self._state[:3] = prior_mean
         self._cov[:3, :3] = prior_cov
+        self._point = self._state.copy() if self._rule.first_estimates else self._state
         self._increment = np.zeros(3)
         self._increment_cov = np.zeros((3, 3))
         self._work = kernels.allocate_workspace(0, capacity)
@@ -98,7 +113,7 @@ class SlamFilter:
         size = 3 + 2 * len(landmark_ids)
         self._reserve(size)
         self._size = size
-        self._state[3:size] = np.ravel(landmarks)
+        self._state[3:size] = self._point[3:size] = np.ravel(landmarks)
         self._cov[:size, :size] = cov
         self._index(landmark_ids)
 
@@ -110,7 +125,7 @@ class SlamFilter:
         """
         self._increment[:] = increment
         self._increment_cov[:] = cov
-        if not kernels.predict(self._state, self._cov, self._size, self._increment, self._increment_cov):
+        if not kernels.predict(self._state, self._point, self._cov, self._size, self._increment, self._increment_cov):
             raise ValueError(f"increment: {increment} or its covariance is not finite; drop the step or repair it")
 
     def update(self, observations: Observations) -> tuple[float, int]:
@@ -138,7 +153,7 @@ class SlamFilter:
             return self._update_and_map(np.asarray(ids), np.asarray(values), np.asarray(covs))
         work.observation[:count] = values
         work.observation_cov[:count] = covs
-        nis, informative = self._update(self._sensor, self._state, self._cov, self._size, count, work)
+        nis, informative = self._rule.update(self._sensor, self._state, self._point, self._cov, self._size, count, work)
         if not np.isfinite(nis):
             raise ValueError(
                 f"observation: no update exists for landmarks {work.ids[:count].tolist()}; "
@@ -173,7 +188,7 @@ class SlamFilter:
         self._reserve(self._size + 2 * count)
         self._work.observation[:count] = values
         self._work.observation_cov[:count] = covs
-        kernels.augment(self._sensor, self._state, self._cov, self._size, count, self._work)
+        kernels.augment(self._sensor, self._state, self._point, self._cov, self._size, count, self._work)
         self._size += 2 * count
         self._index(np.concatenate([self._ids, ids]))
 
@@ -191,5 +206,10 @@ class SlamFilter:
         state, cov = np.zeros(capacity), np.zeros((capacity, capacity))
         state[: self._size] = self._state[: self._size]
         cov[: self._size, : self._size] = self._cov[: self._size, : self._size]
-        self._state, self._cov = state, cov
+        if self._rule.first_estimates:
+            point = np.zeros(capacity)
+            point[: self._size] = self._point[: self._size]
+        else:
+            point = state
+        self._state, self._point, self._cov = state, point, cov
         self._work = kernels.allocate_workspace(len(self._work.ids), capacity)

@@ -3,7 +3,10 @@
 State vector: robot (x, y, heading), then two world coordinates per mapped landmark; `size` entries of
 `state` and of the square `cov` are in use. Landmark in slot i starts at entry 3 + 2 i. Of `cov` only
 the upper triangle is kept, and the robot's own 3 x 3 block is kept whole. Covariances are those of the
-additive error in the world frame, for both filters.
+additive error in the world frame, for every filter.
+
+Jacobians are taken at `point`, laid out like `state`: the state itself (the same array), or, for the
+first-estimates filter, each landmark's first position and the robot's last predicted pose.
 
 Source: the practical, equations 1.1; Sola, "Simultaneous localization and mapping with the extended
 Kalman filter" (2014) for the block structure.
@@ -54,26 +57,30 @@ def allocate_workspace(observations: int, capacity: int) -> Workspace:
 
 
 @kernel
-def predict(state: Float, cov: Float, size: int, increment: Float, increment_cov: Float) -> bool:
+def predict(state: Float, point: Float, cov: Float, size: int, increment: Float, increment_cov: Float) -> bool:
     """Move the robot by a body-frame increment: P_rr <- F P_rr F' + G Q G', P_rm <- F P_rm.
 
-    Returns False, with nothing changed, when a number is not finite.
+    F = [I, J lever; 0, 1], where the lever reaches from `point`'s robot to the new position. `point` then
+    takes the predicted pose. Returns False, with nothing changed, when a number is not finite.
     """
     if not math.isfinite(increment.sum() + increment_cov.sum()):
         return False
     c, s = math.cos(state[2]), math.sin(state[2])
     moved_x = c * increment[0] - s * increment[1]
     moved_y = s * increment[0] + c * increment[1]
+    lever_x = moved_x + (state[0] - point[0])
+    lever_y = moved_y + (state[1] - point[1])
     state[0] += moved_x
     state[1] += moved_y
     state[2] = wrap(state[2] + increment[2])
-    # F = [I, J moved; 0, 1]: the heading's row leaks into the position's rows
+    point[:3] = state[:3]
+    # the heading's row leaks into the position's rows
     for j in range(2, size):
-        cov[0, j] -= moved_y * cov[2, j]
-        cov[1, j] += moved_x * cov[2, j]
-    cov[0, 0] -= moved_y * (cov[2, 0] + cov[0, 2])
-    cov[0, 1] += moved_x * cov[0, 2] - moved_y * cov[2, 1]
-    cov[1, 1] += moved_x * (cov[2, 1] + cov[1, 2])
+        cov[0, j] -= lever_y * cov[2, j]
+        cov[1, j] += lever_x * cov[2, j]
+    cov[0, 0] -= lever_y * (cov[2, 0] + cov[0, 2])
+    cov[0, 1] += lever_x * cov[0, 2] - lever_y * cov[2, 1]
+    cov[1, 1] += lever_x * (cov[2, 1] + cov[1, 2])
     _add_increment_noise(cov, c, s, increment_cov)
     return True
 
@@ -101,18 +108,23 @@ def mirror_robot_block(cov: Float) -> None:
 
 
 @kernel
-def linearise(sensor: int, state: Float, slots: Int, observation: Float, innovation: Float, jacobian: Float) -> int:
-    """Innovations (2m,) and compact Jacobians (2m, 5): columns robot x, y, heading, landmark x, y.
+def linearise(
+    sensor: int, state: Float, point: Float, slots: Int, observation: Float, innovation: Float, jacobian: Float
+) -> int:
+    """Innovations (2m,) at `state` and compact Jacobians (2m, 5) at `point`.
 
-    H = A R(heading)' [-I, -J (l - p), I]. Returns the number of rows that carry information.
+    Columns: robot x, y, heading, landmark x, y; H = A R(heading)' [-I, -J (l - p), I]. Returns the number
+    of rows that carry information.
     """
-    c, s = math.cos(state[2]), math.sin(state[2])
+    c, s = math.cos(point[2]), math.sin(point[2])
+    c_now, s_now = math.cos(state[2]), math.sin(state[2])
     informative = 0
     for i in range(len(slots)):
         landmark = 3 + 2 * slots[i]
-        ex = state[landmark] - state[0]
-        ey = state[landmark + 1] - state[1]
-        z0, z1, a00, a01, a10, a11 = observe(sensor, c * ex + s * ey, c * ey - s * ex)
+        ex, ey = state[landmark] - state[0], state[landmark + 1] - state[1]
+        z0, z1, _, _, _, _ = observe(sensor, c_now * ex + s_now * ey, c_now * ey - s_now * ex)
+        ex, ey = point[landmark] - point[0], point[landmark + 1] - point[1]
+        _, _, a00, a01, a10, a11 = observe(sensor, c * ex + s * ey, c * ey - s * ex)
         for row, predicted, ax, ay in ((0, z0, a00, a01), (1, z1, a10, a11)):
             k = 2 * i + row
             hx, hy = ax * c - ay * s, ax * s + ay * c
@@ -182,21 +194,20 @@ def innovation_covariance(W: Float, slots: Int, jacobian: Float, observation_cov
 
 
 @kernel
-def whiten(sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace) -> tuple[float, int]:
-    """Prepare an update with the first `count` observations in `work`, all of mapped landmarks.
+def whiten(cov: Float, size: int, count: int, work: Workspace) -> float:
+    """Prepare the update that `linearise` has described in `work` for its first `count` observations.
 
     Leaves W = U'^-1 H P and the whitened innovation y = U'^-1 v in `work`, where S = U'U, so that the
-    correction is W'y and the covariance decreases by W'W. Returns (NIS, its degrees of freedom); the
-    NIS is not finite when S is not positive definite or an observation is not finite.
+    correction is W'y and the covariance decreases by W'W. Returns the NIS, which is not finite when S is
+    not positive definite or an observation is not finite.
     """
     rows = 2 * count
     slots = work.slots[:count]
     W, S, y = work.W, work.S, work.innovation
-    informative = linearise(sensor, state, slots, work.observation, y, work.jacobian)
     project_covariance(cov, size, slots, work.jacobian, W)
     innovation_covariance(W, slots, work.jacobian, work.observation_cov, S)
     if not cholesky(S, rows):
-        return math.nan, informative
+        return math.nan
     solve_factor(S, W, rows, size)
     nis = 0.0
     for a in range(rows):
@@ -204,7 +215,7 @@ def whiten(sensor: int, state: Float, cov: Float, size: int, count: int, work: W
             y[a] -= S[b, a] * y[b]
         y[a] /= S[a, a]
         nis += y[a] * y[a]
-    return nis, informative
+    return nis
 
 
 @kernel
@@ -228,22 +239,27 @@ def find_slots(sorted_ids: Int, sorted_slots: Int, ids: Int, slots: Int) -> int:
 
 
 @kernel
-def augment(sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace) -> None:
+def augment(sensor: int, state: Float, point: Float, cov: Float, size: int, count: int, work: Workspace) -> None:
     """Append the landmarks of the first `count` observations in `work`, in their order."""
     for i in range(count):
-        _append_landmark(sensor, state, cov, size + 2 * i, work.observation[i], work.observation_cov[i])
+        _append_landmark(sensor, state, point, cov, size + 2 * i, work.observation[i], work.observation_cov[i])
 
 
 @kernel
-def _append_landmark(sensor: int, state: Float, cov: Float, size: int, z: Float, R: Float) -> None:
-    """Append a landmark seen at z: P_l. = J_r P_r., P_ll = J_r P_rr J_r' + J_z R J_z'."""
+def _append_landmark(sensor: int, state: Float, point: Float, cov: Float, size: int, z: Float, R: Float) -> None:
+    """Append a landmark seen at z: P_l. = J_r P_r., P_ll = J_r P_rr J_r' + J_z R J_z'.
+
+    J_r = [I, J lever], where the lever reaches from `point`'s robot to the landmark.
+    """
     c, s = math.cos(state[2]), math.sin(state[2])
     dx, dy, b00, b01, b10, b11 = locate(sensor, z[0], z[1])
     ex, ey = c * dx - s * dy, s * dx + c * dy
     x, y = size, size + 1
     state[x] = state[0] + ex
     state[y] = state[1] + ey
-    # J_r = [I, J (l - p)]
+    point[x], point[y] = state[x], state[y]
+    ex += state[0] - point[0]
+    ey += state[1] - point[1]
     for j in range(size):
         cov[j, x] = cov[0, j] - ey * cov[2, j]
         cov[j, y] = cov[1, j] + ex * cov[2, j]

@@ -37,8 +37,8 @@ def _run_every_kernel() -> None:
     state, cov, work = np.zeros(5), np.eye(5), kernels.allocate_workspace(1, 5)
     work.observation[:] = 1.0, 0.0
     work.observation_cov[:] = np.eye(2)
-    kernels.predict(state, cov, 3, np.zeros(3), np.zeros((3, 3)))
-    kernels.augment(sensor, state, cov, 3, 1, work)
+    kernels.predict(state, state, cov, 3, np.zeros(3), np.zeros((3, 3)))
+    kernels.augment(sensor, state, state, cov, 3, 1, work)
     kernels.find_slots(work.ids, work.slots, work.ids, work.slots)
-    corrections.update_standard(sensor, state, cov, 5, 1, work)
-    corrections.update_right_invariant(sensor, state, cov, 5, 1, work)
+    for update in (corrections.update_standard, corrections.update_iterated, corrections.update_right_invariant):
+        update(sensor, state, state, cov, 5, 1, work)

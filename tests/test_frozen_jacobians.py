@@ -46,7 +46,7 @@ def freeze(recording: Recording) -> FrozenFactors:
             F, G = np.eye(3), np.eye(3)
             F[:2, 2], G[:2, :2] = J @ (after[:2] - before[:2]), rotation(before[2])
             frozen.motions.append((F, after - F @ before, G))
-            x, P = predict_standard(x, P, increment, Q)
+            x, P = predict_standard(x, x, P, increment, Q)
             x[2] = after[2]
         assert scan.landmark is not None
         names = scan.landmark.tolist()
@@ -56,12 +56,12 @@ def freeze(recording: Recording) -> FrozenFactors:
             frozen.observations.append(frozen_sight(recording.sensor, k, slot, x, scan.value[i], scan.cov[i]))
         if old:
             slots, heading = [frozen.ids.index(names[i]) for i in old], x[2]
-            x, P, _ = update(recording.sensor, x, P, slots, scan.value[old], scan.cov[old], invariant=False)
+            x, P, _ = update(recording.sensor, x, x, P, slots, scan.value[old], scan.cov[old], invariant=False)
             x[2] = heading + wrap(x[2] - heading)
         for i, name in enumerate(names):
             if name not in frozen.ids:
                 frozen.ids.append(name)
-                x, P = augment(recording.sensor, x, P, scan.value[i], scan.cov[i], invariant=False)
+                x, P = augment(recording.sensor, x, x, P, scan.value[i], scan.cov[i], invariant=False)
                 sight = frozen_sight(recording.sensor, k, len(frozen.ids) - 1, x, scan.value[i], scan.cov[i])
                 delta = rotation(x[2]).T @ (x[-2:] - x[:2])
                 np.testing.assert_allclose(locate(recording.sensor, scan.value[i])[0], delta, atol=1e-12)

@@ -7,13 +7,19 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from random_recordings import random_recording
-from textbook import textbook_ekf, textbook_riekf
+from textbook import textbook_ekf, textbook_fej_ekf, textbook_iekf, textbook_riekf
 
-from ekf import SlamFilter, ekf, riekf
+from ekf import SlamFilter, ekf, fej_ekf, iekf, riekf
+from ekf.filter import Correction
 from slam2d import Estimate, Observations, Recording
 
 Estimator = Callable[[Recording], Estimate]
-PAIRS = [pytest.param(ekf, textbook_ekf, id="ekf"), pytest.param(riekf, textbook_riekf, id="riekf")]
+PAIRS = [
+    pytest.param(ekf, textbook_ekf, id="ekf"),
+    pytest.param(fej_ekf, textbook_fej_ekf, id="fej-ekf"),
+    pytest.param(iekf, textbook_iekf, id="iekf"),
+    pytest.param(riekf, textbook_riekf, id="riekf"),
+]
 
 
 @pytest.mark.parametrize("sensor", ["range-bearing", "position"])
@@ -36,10 +42,9 @@ def assert_same(actual: Estimate, expected: Estimate) -> None:
         np.testing.assert_allclose(getattr(actual, name), getattr(expected, name), rtol=1e-9, atol=1e-9, err_msg=name)
 
 
-@pytest.mark.parametrize("estimator", [ekf, riekf])
-def test_full_covariance_stays_positive_semi_definite_over_many_updates(estimator: Estimator) -> None:
+@pytest.mark.parametrize("correction", ["standard", "first-estimates", "iterated", "right-invariant"])
+def test_full_covariance_stays_positive_semi_definite_over_many_updates(correction: Correction) -> None:
     """100 000 updates of one scan; the covariance must neither lose symmetry nor an eigenvalue's sign."""
-    correction = "standard" if estimator is ekf else "right-invariant"
     slam = SlamFilter("range-bearing", np.zeros(3), np.diag([0.01, 0.01, 1e-4]), correction)
     rng = np.random.default_rng(0)
     positions = rng.uniform(-8, 8, (6, 2))

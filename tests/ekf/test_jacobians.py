@@ -122,11 +122,14 @@ def test_a_bearing_from_too_close_is_skipped_and_its_range_kept(bearing: float) 
 # --- the innovation's Jacobian -------------------------------------------------------------------
 
 
-def linearised(sensor: int, state: Float, slots: list[int], z: Float) -> tuple[Float, Float, int]:
+def linearised(
+    sensor: int, state: Float, slots: list[int], z: Float, point: Float | None = None
+) -> tuple[Float, Float, int]:
     """Innovations (2m,), the dense Jacobian (2m, size) and the number of rows that carry information."""
     count = len(slots)
+    point = state if point is None else point
     innovation, compact = np.empty(2 * count), np.empty((2 * count, 5))
-    informative = kernels.linearise(sensor, state, np.array(slots), z, innovation, compact)
+    informative = kernels.linearise(sensor, state, point, np.array(slots), z, innovation, compact)
     dense = np.zeros((2 * count, len(state)))
     for row in range(2 * count):
         columns = [0, 1, 2, 3 + 2 * slots[row // 2], 4 + 2 * slots[row // 2]]
@@ -176,16 +179,27 @@ def test_an_innovation_across_the_cut_is_the_short_way_round() -> None:
         assert abs(innovation[1]) < 0.11
 
 
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_the_innovation_is_taken_at_the_state_and_the_jacobian_at_the_point(sensor: int) -> None:
+    state, point = np.array([3.0, -4.0, 0.4, 5.0, 1.0]), np.array([2.5, -4.2, 0.7, 4.6, 1.3])
+    z = np.array([[5.0, 0.3]])
+    innovation, H, _ = linearised(sensor, state, [0], z, point)
+    np.testing.assert_array_equal(innovation, linearised(sensor, state, [0], z)[0])
+    np.testing.assert_array_equal(H, linearised(sensor, point, [0], z)[1])
+
+
 # --- prediction ----------------------------------------------------------------------------------
 
 INCREMENTS = [[0.3, 0.0, 0.02], [0.0, 0.0, 0.0], [0.0, 0.0, PI], [-0.2, 0.7, -2.0], [40.0, 0.0, 1e-9]]
 
 
-def predicted(pose: Float, cov: Float, increment: list[float], noise: Float) -> tuple[Float, Float]:
+def predicted(
+    pose: Float, cov: Float, increment: list[float], noise: Float, point: Float | None = None
+) -> tuple[Float, Float]:
     """The state and the upper triangle of its covariance after `kernels.predict`."""
     size = len(cov)
     state, cov = np.concatenate([pose, np.zeros(size - 3)]), cov.copy()
-    assert kernels.predict(state, cov, size, np.array(increment), noise)
+    assert kernels.predict(state, state if point is None else point, cov, size, np.array(increment), noise)
     return state, np.triu(cov)
 
 
@@ -220,6 +234,17 @@ def test_prediction_adds_noise_and_moves_the_robots_covariance_by_both_jacobians
         np.testing.assert_allclose(after, np.triu(expected), rtol=0, atol=1e-10 * np.abs(expected).max())
 
 
+def test_prediction_from_another_point_reaches_from_there_to_the_new_position() -> None:
+    pose, point, increment = np.array([3.0, -4.0, 0.6]), np.array([2.8, -4.1, 0.5, 0.0]), [0.3, 0.1, 0.02]
+    cov = np.zeros((6, 6))
+    cov[:3, 3:] = np.eye(3)
+    before = point.copy()
+    state, after = predicted(pose, cov, increment, np.zeros((3, 3)), point)
+    lever = state[:2] - before[:2]
+    np.testing.assert_allclose(after[:3, 3:], [[1, 0, -lever[1]], [0, 1, lever[0]], [0, 0, 1]], atol=1e-15)
+    np.testing.assert_array_equal(point, [*state[:3], 0.0])
+
+
 # --- augmentation --------------------------------------------------------------------------------
 
 
@@ -230,7 +255,7 @@ def augmented(sensor: int, pose: Float, cov: Float, z: Float, R: Float) -> tuple
     room[:size, :size] = cov
     work = kernels.allocate_workspace(1, size + 2)
     work.observation[0], work.observation_cov[0] = z, R
-    kernels.augment(sensor, state, room, size, 1, work)
+    kernels.augment(sensor, state, state, room, size, 1, work)
     np.testing.assert_array_equal(room[:size, :size], cov)
     return state[size:], room[:, size:]
 

@@ -1,6 +1,9 @@
 """Textbook filters, dense and slow: the references that the project's filters are held against.
 
 `textbook_ekf` is the practical's equations 1.1 on full matrices, with an explicit inverse.
+`textbook_fej_ekf` keeps, beside the estimate, the point of its Jacobians: each landmark's first position and
+the last predicted pose (Huang, Mourikis and Roumeliotis, IJRR 2010). `textbook_iekf` is Gauss-Newton on the
+prior and the observations of one step (Bell and Cathey 1993).
 `textbook_riekf` lives in the right-invariant error's own coordinates (Barrau and Bonnabel, arXiv
 1510.06263): F = I, noise on every landmark, updates by exp(K r), additive covariances at the end.
 """
@@ -38,16 +41,26 @@ def locate(sensor: str, z: Float) -> tuple[Float, Float]:
 
 
 def textbook_ekf(recording: Recording) -> Estimate:
-    return _run(recording, invariant=False)
+    return _run(recording, "standard")
+
+
+def textbook_fej_ekf(recording: Recording) -> Estimate:
+    return _run(recording, "first-estimates")
+
+
+def textbook_iekf(recording: Recording) -> Estimate:
+    return _run(recording, "iterated")
 
 
 def textbook_riekf(recording: Recording) -> Estimate:
-    return _run(recording, invariant=True)
+    return _run(recording, "invariant")
 
 
-def _run(recording: Recording, *, invariant: bool) -> Estimate:
+def _run(recording: Recording, kind: str) -> Estimate:
     assert recording.landmark is not None
+    invariant = kind == "invariant"
     x, P, ids = recording.prior_mean.copy(), recording.prior_cov.copy(), []
+    first = x.copy()
     if invariant:
         D = additive_from_invariant(x)
         P = np.linalg.inv(D) @ P @ np.linalg.inv(D).T
@@ -55,18 +68,27 @@ def _run(recording: Recording, *, invariant: bool) -> Estimate:
     for k, scan in enumerate(recording.scans()):
         if k > 0:
             predict = predict_invariant if invariant else predict_standard
-            x, P = predict(x, P, recording.odometry[k - 1], recording.odometry_cov[k - 1])
+            point = first if kind == "first-estimates" else x
+            x, P = predict(x, point, P, recording.odometry[k - 1], recording.odometry_cov[k - 1])
+            first[:3] = x[:3]
         assert scan.landmark is not None
         old = [i for i, name in enumerate(scan.landmark) if name in ids]
         nis.append(0.0)
         dof.append(2 * len(old))
         if old:
             slots = [ids.index(scan.landmark[i]) for i in old]
-            x, P, nis[-1] = update(recording.sensor, x, P, slots, scan.value[old], scan.cov[old], invariant=invariant)
+            z, R = scan.value[old], scan.cov[old]
+            if kind == "iterated":
+                x, P, nis[-1] = update_iterated(recording.sensor, x, P, slots, z, R)
+            else:
+                point = first if kind == "first-estimates" else x
+                x, P, nis[-1] = update(recording.sensor, x, point, P, slots, z, R, invariant=invariant)
         for i, name in enumerate(scan.landmark):
             if name not in ids:
                 ids.append(name)
-                x, P = augment(recording.sensor, x, P, scan.value[i], scan.cov[i], invariant=invariant)
+                point = first if kind == "first-estimates" else x
+                x, P = augment(recording.sensor, x, point, P, scan.value[i], scan.cov[i], invariant=invariant)
+                first = np.concatenate([first, x[-2:]])
         D = additive_from_invariant(x) if invariant else np.eye(len(x))
         poses.append(x[:3])
         pose_covs.append((D @ P @ D.T)[:3, :3])
@@ -100,15 +122,15 @@ def moved(x: Float, increment: Float) -> Float:
     return x
 
 
-def predict_standard(x: Float, P: Float, increment: Float, Q: Float) -> tuple[Float, Float]:
+def predict_standard(x: Float, point: Float, P: Float, increment: Float, Q: Float) -> tuple[Float, Float]:
     after = moved(x, increment)
     F, G = np.eye(len(x)), np.zeros((len(x), 3))
-    F[:2, 2] = J @ (after[:2] - x[:2])
+    F[:2, 2] = J @ (after[:2] - point[:2])
     G[:2, :2], G[2, 2] = rotation(x[2]), 1.0
     return after, F @ P @ F.T + G @ Q @ G.T
 
 
-def predict_invariant(x: Float, P: Float, increment: Float, Q: Float) -> tuple[Float, Float]:
+def predict_invariant(x: Float, _: Float, P: Float, increment: Float, Q: Float) -> tuple[Float, Float]:
     after = moved(x, increment)
     G = np.zeros((len(x), 3))
     G[:2, :2], G[2, 2] = rotation(x[2]), 1.0
@@ -118,28 +140,59 @@ def predict_invariant(x: Float, P: Float, increment: Float, Q: Float) -> tuple[F
     return after, P + G @ Q @ G.T
 
 
-def update(
-    sensor: str, x: Float, P: Float, slots: list[int], z: Float, R: Float, *, invariant: bool
-) -> tuple[Float, Float, float]:
-    m = len(slots)
-    H, v, noise = np.zeros((2 * m, len(x))), np.zeros(2 * m), np.zeros((2 * m, 2 * m))
+def linearised(
+    sensor: str, x: Float, point: Float, slots: list[int], z: Float, *, invariant: bool = False
+) -> tuple[Float, Float]:
+    """Innovation (2m,) at `x` and Jacobian H (2m, n) at `point`."""
+    H, v = np.zeros((2 * len(slots), len(x))), np.zeros(2 * len(slots))
     for a, slot in enumerate(slots):
         rows, cols = slice(2 * a, 2 * a + 2), slice(3 + 2 * slot, 5 + 2 * slot)
-        offset = x[cols] - x[:2]
-        predicted, A = observe(sensor, rotation(x[2]).T @ offset)
-        B = A @ rotation(x[2]).T
+        offset = point[cols] - point[:2]
+        B = observe(sensor, rotation(point[2]).T @ offset)[1] @ rotation(point[2]).T
         H[rows, :2], H[rows, cols] = -B, B
         if not invariant:
             H[rows, 2] = -B @ J @ offset
-        v[rows] = innovation(sensor, z[a], predicted)
-        noise[rows, rows] = R[a]
-    S = H @ P @ H.T + noise
+        v[rows] = innovation(sensor, z[a], observe(sensor, rotation(x[2]).T @ (x[cols] - x[:2]))[0])
+    return v, H
+
+
+def block_diagonal(R: Float) -> Float:
+    noise = np.zeros((2 * len(R), 2 * len(R)))
+    for a, block in enumerate(R):
+        noise[2 * a : 2 * a + 2, 2 * a : 2 * a + 2] = block
+    return noise
+
+
+def update(
+    sensor: str, x: Float, point: Float, P: Float, slots: list[int], z: Float, R: Float, *, invariant: bool
+) -> tuple[Float, Float, float]:
+    v, H = linearised(sensor, x, point, slots, z, invariant=invariant)
+    S = H @ P @ H.T + block_diagonal(R)
     K = P @ H.T @ np.linalg.inv(S)
     P = (np.eye(len(x)) - K @ H) @ P
     P = (P + P.T) / 2
     x = exp_action(K @ v, x) if invariant else x + K @ v
     x[2] = wrap(x[2])
     return x, P, float(v @ np.linalg.inv(S) @ v)
+
+
+def update_iterated(
+    sensor: str, x: Float, P: Float, slots: list[int], z: Float, R: Float
+) -> tuple[Float, Float, float]:
+    """At most twenty passes, ended by one that moves the iterate by less than 1e-12."""
+    iterate, nis = x.copy(), []
+    while True:
+        v, H = linearised(sensor, iterate, iterate, slots, z)
+        v -= H @ (x - iterate)
+        S = H @ P @ H.T + block_diagonal(R)
+        K = P @ H.T @ np.linalg.inv(S)
+        nis.append(float(v @ np.linalg.inv(S) @ v))
+        before, iterate = iterate, x + K @ v
+        if np.abs(iterate - before).max() < 1e-12 or len(nis) == 20:
+            break
+    P = (np.eye(len(x)) - K @ H) @ P
+    iterate[2] = wrap(iterate[2])
+    return iterate, (P + P.T) / 2, nis[0]
 
 
 def exp_action(xi: Float, x: Float) -> Float:
@@ -154,14 +207,16 @@ def exp_action(xi: Float, x: Float) -> Float:
     return out
 
 
-def augment(sensor: str, x: Float, P: Float, z: Float, R: Float, *, invariant: bool) -> tuple[Float, Float]:
+def augment(
+    sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, *, invariant: bool
+) -> tuple[Float, Float]:
     delta, Jz = locate(sensor, z)
     Jz = rotation(x[2]) @ Jz
     offset = rotation(x[2]) @ delta
     Jr = np.zeros((2, len(x)))
     Jr[:, :2] = np.eye(2)
     if not invariant:
-        Jr[:, 2] = J @ offset
+        Jr[:, 2] = J @ (x[:2] + offset - point[:2])
     T = np.vstack([np.eye(len(x)), Jr])
     P = T @ P @ T.T
     P[-2:, -2:] += Jz @ R @ Jz.T
