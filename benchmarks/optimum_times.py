@@ -18,16 +18,13 @@ from time import perf_counter
 from typing import ParamSpec, TypeVar
 
 import gtsam
-import numpy as np
 from gtsam.symbol_shorthand import L, X
 
 from compare import simulate
 from compare.bench import workload
-from graph_baseline.factors import LENT_SLIP, build_graph, first_sights, make_values, require_known_landmarks
+from graph_baseline.factors import LENT_SLIP, build_graph, first_sights, make_values
 from graph_baseline.hindsight import finish, minimise
-from graph_baseline.linearisation import linearise
-from graph_baseline.smoother import Solution, solve
-from slam2d import Float, Int, Recording
+from graph_baseline.smoother import solve_at
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -52,7 +49,7 @@ def main() -> None:
         build, graph = timed(build_graph, recording, LENT_SLIP)
         optimise, (poses, landmarks) = timed(minimise, recording, graph)
         finishing, (poses, landmarks, _) = timed(finish, recording, ids, poses, landmarks)
-        once, _ = timed(newton_step, recording, ids, poses, landmarks)
+        once, _ = timed(solve_at, recording, ids, poses, landmarks)
         marginal_time = "-"
         if size <= options.marginals:
             exact, values = build_graph(recording), make_values(poses, ids, landmarks)
@@ -60,11 +57,6 @@ def main() -> None:
             marginal_time = f"{seconds:.2f}"
         cells = (f"{build:.3f}", f"{optimise:.2f}", f"{build / optimise:.1%}", f"{finishing:.2f}", f"{once:.3f}")
         print(" ".join(f"{cell:>10}" for cell in (size, *cells, marginal_time)), flush=True)
-
-
-def newton_step(recording: Recording, ids: Int, poses: Float, landmarks: Float) -> Solution:
-    slot = np.searchsorted(ids, require_known_landmarks(recording))
-    return solve(linearise(recording, slot, poses, landmarks), len(ids))
 
 
 def every_marginal(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, poses: int, ids: list[int]) -> None:

@@ -5,14 +5,13 @@ Every command imports what it needs when it runs, so that `--help` answers at on
 
 from __future__ import annotations
 
-import os
+from compare.executors import pin_blas_threads
 
-# before numpy is imported: two BLAS threads are slower than one on matrices of these sizes
-for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
+pin_blas_threads()  # before numpy is imported
 
 import json
 import math
+import os
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -23,6 +22,9 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from compare.scenario import Scenario
     from slam2d import Recording, Truth
 
 DEFAULT_ESTIMATORS = "ekf,riekf,isam2,batch"
@@ -58,7 +60,7 @@ class Run:
     """Seed of all noise."""
 
     estimators: str = DEFAULT_ESTIMATORS
-    """Comma-separated: dead-reckoning, ekf, riekf, isam2 (causal optimum), batch (hindsight optimum)."""
+    """Comma-separated: dead-reckoning, ekf, fej-ekf, iekf, riekf, isam2 (causal optimum), batch (hindsight)."""
 
     set: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
@@ -93,7 +95,7 @@ class Evaluate:
     """The truth, if it lies elsewhere."""
 
     estimators: str = DEFAULT_ESTIMATORS
-    """Comma-separated: dead-reckoning, ekf, riekf, isam2 (causal optimum), batch (hindsight optimum)."""
+    """Comma-separated: dead-reckoning, ekf, fej-ekf, iekf, riekf, isam2 (causal optimum), batch (hindsight)."""
 
     estimator: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
     """Your own, as module:attribute ...; a callable Recording -> Estimate. LOADS AND RUNS THAT CODE."""
@@ -176,6 +178,101 @@ class Import:
 
 
 @dataclass
+class Study:
+    """Monte Carlo: many independent runs, their statistics and figures. Interrupted, it goes on where it was."""
+
+    scenario: tyro.conf.Positional[str]
+    """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file; the true start is drawn
+    from the prior unless --set start=mean."""
+
+    out: Path
+    """Folder of study.sqlite, summary.json and the figures."""
+
+    runs: int = 100
+    """How many runs; give more later, and only those are carried out."""
+
+    seed: int = 0
+    """Root seed, from which the runs' own seeds are spawned."""
+
+    estimators: str = "ekf,riekf,isam2"
+    """Comma-separated: dead-reckoning, ekf, fej-ekf, iekf, riekf, isam2 (causal optimum), batch (hindsight)."""
+
+    set: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
+    """Override keys of the scenario: dotted.key=value ..."""
+
+    jobs: int = os.cpu_count() or 1
+    """Worker processes, one BLAS thread each."""
+
+    scheduler: str | None = None
+    """Address of a Dask scheduler, tcp://host:port, whose workers carry the runs instead."""
+
+    json: bool = False
+    """Print summary.json on standard output instead of the table."""
+
+    def __call__(self) -> None:
+        """Run what is missing, sum up, print and write."""
+        from compare.study import load_runs, run_study, write_study
+        from compare.study_summary import summary_table
+
+        scenario, names = _sampled(self.scenario, self.set), _names(self.estimators)
+        try:
+            with _executor(self.jobs, self.scheduler) as executor:
+                summary = run_study(scenario, self.runs, self.seed, names, self.out, executor)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
+        runs = load_runs(scenario, self.runs, self.seed, names, self.out)
+        write_study(self.out, summary, runs, scenario.trajectory.step)
+        print(json.dumps(summary.to_json(), indent=2, allow_nan=False) if self.json else summary_table(summary))
+        print(f"written to {self.out}", file=sys.stderr)
+
+
+@dataclass
+class Budget:
+    """The error budget: where a filter's error comes from, rung by rung, on the same measurements."""
+
+    scenario: tyro.conf.Positional[str]
+    """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file; the true start is drawn
+    from the prior unless --set start=mean."""
+
+    out: Path
+    """Folder of budget.json, budget.png and budget.svg."""
+
+    filter: str = "ekf"
+    """The filter whose error is split: ekf, fej-ekf, iekf, riekf."""
+
+    runs: int = 20
+    """How many runs."""
+
+    seed: int = 0
+    """Root seed, from which the runs' own seeds are spawned."""
+
+    set: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
+    """Override keys of the scenario: dotted.key=value ..."""
+
+    jobs: int = os.cpu_count() or 1
+    """Worker processes, one BLAS thread each."""
+
+    json: bool = False
+    """Print budget.json on standard output instead of the table."""
+
+    def __call__(self) -> None:
+        """Run, print and write."""
+        from compare.error_budget import budget_table, error_budget
+
+        scenario = _sampled(self.scenario, self.set)
+        with _folder(self.out, last="budget.json") as folder, _executor(self.jobs) as executor:
+            budget = error_budget(scenario, self.filter, self.runs, self.seed, executor)
+            text = json.dumps(budget.to_json(), indent=2, allow_nan=False)
+            if folder is not None:
+                from compare.budget_figure import save_budget_figure
+
+                save_budget_figure(folder, budget)
+                (folder / "budget.json").write_text(text + "\n", encoding="utf-8")
+        print(text if self.json else budget_table(budget))
+        print(f"written to {self.out}", file=sys.stderr)
+
+
+@dataclass
 class Bench:
     """Measure step times against map size, side by side in one run (all four sizes: a quarter of an hour)."""
 
@@ -241,6 +338,24 @@ class _Grading:
             print(f"written to {self.out}", file=sys.stderr)
 
 
+def _sampled(scenario: str, overrides: Sequence[Sequence[str]]) -> Scenario:
+    """The scenario with the true start drawn from the prior, as statistics need it, unless it is overridden."""
+    from compare.scenario import load_scenario
+
+    return load_scenario(scenario, ["start=sampled", *_flat(overrides)])
+
+
+def _executor(jobs: int, scheduler: str | None = None) -> AbstractContextManager[Executor]:
+    """Who carries the runs."""
+    from compare.executors import dask_cluster, local_processes
+
+    if scheduler is not None:
+        return dask_cluster(scheduler)
+    if jobs < 1:
+        raise ValueError(f"jobs: {jobs} carry nothing; give at least 1")
+    return local_processes(jobs)
+
+
 def _names(comma_separated: str) -> list[str]:
     return [name.strip() for name in comma_separated.split(",") if name.strip()]
 
@@ -275,6 +390,8 @@ Command = (
     | Annotated[Run, tyro.conf.subcommand(name="run")]
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
     | Annotated[Import, tyro.conf.subcommand(name="import")]
+    | Annotated[Study, tyro.conf.subcommand(name="study")]
+    | Annotated[Budget, tyro.conf.subcommand(name="budget")]
     | Annotated[Bench, tyro.conf.subcommand(name="bench")]
 )
 
@@ -296,7 +413,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError as error:
         print(f"slamgauge: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("slamgauge: interrupted; nothing was written", file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        print(f"slamgauge: interrupted; {str(interrupt) or 'nothing was written'}", file=sys.stderr)
         return 130
     return 0

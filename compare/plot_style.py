@@ -1,15 +1,33 @@
-"""How estimates look in every figure: colours for colour-blind readers, line styles for grey print."""
+"""How figures look: colours for colour-blind readers, line styles for grey print, sizes for the page."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from matplotlib.figure import Figure
 
 LineStyle = str | tuple[int, tuple[float, ...]]
 
 DEAD_RECKONING = "dead-reckoning"
 TRUTH_COLOR = "#000000"
 MARK_COLOR = "#777777"  # loop closures and other marks that are no data
+
+
+PRINT: dict[Any, Any] = {
+    "font.size": 7.5,
+    "axes.titlesize": 7.5,
+    "axes.labelsize": 7.5,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "legend.fontsize": 6.5,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "svg.hashsalt": "slamgauge",  # the same run gives the same file
+}
+LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 2.6, "handletextpad": 0.6, "columnspacing": 1.2}
 
 
 class Style(NamedTuple):
@@ -50,3 +68,9 @@ def styles(names: Iterable[str]) -> dict[str, Style]:
             chosen[name] = GUESTS[guests % len(GUESTS)]
             guests += 1
     return chosen
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write `path`.png (200 dpi) and `path`.svg; the same figure gives the same files."""
+    figure.savefig(path.with_suffix(".png"), dpi=200)
+    figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})

@@ -16,25 +16,12 @@ from matplotlib.figure import Figure, SubFigure
 from compare.error_panels import plot_errors
 from compare.landmark_identity import true_landmarks
 from compare.loop_closures import closure_steps
-from compare.plot_style import DEAD_RECKONING, MARK_COLOR, TRUTH_COLOR, Style, styles
+from compare.plot_style import DEAD_RECKONING, LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, Style, save, styles
 from slam2d import Estimate, Float, Recording, Truth, chain
 
 __all__ = ["plot_errors", "plot_run", "save_figure"]
 
 PAGE = (7.2, 4.6)  # [in]
-PRINT: dict[Any, Any] = {
-    "font.size": 7.5,
-    "axes.titlesize": 7.5,
-    "axes.labelsize": 7.5,
-    "xtick.labelsize": 6.5,
-    "ytick.labelsize": 6.5,
-    "legend.fontsize": 6.5,
-    "axes.linewidth": 0.6,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "svg.hashsalt": "slamgauge",  # the same run gives the same file
-}
-LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 2.6, "handletextpad": 0.6, "columnspacing": 1.2}
 DIAMOND: dict[str, Any] = {"markersize": 3, "color": "w", "markeredgecolor": TRUTH_COLOR, "markeredgewidth": 0.6}
 OUTLINE: dict[str, Any] = {"markersize": 6, "color": "none", "markeredgecolor": MARK_COLOR, "markeredgewidth": 0.5}
 LONG_LABEL = 20  # characters; import paths of guests, mostly
@@ -162,5 +149,4 @@ def save_figure(
         columns = 6 if max(map(len, labels)) <= LONG_LABEL else 4
         figure.legend(handles, labels, loc="outside lower center", ncols=columns, **LEGEND)
         figure.suptitle(title)
-        figure.savefig(folder / "figure.png", dpi=200)
-        figure.savefig(folder / "figure.svg", metadata={"Date": None})
+        save(figure, folder / "figure")

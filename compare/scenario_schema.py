@@ -81,7 +81,7 @@ class Motion(Section):
 
 
 class Sensor(Section):
-    """What is seen, all round, from `min_range` to `max_range` [m], and its noise.
+    """What is seen, all round, from `min_range` to `max_range` [m], its noise, and the `first_step` with a scan.
 
     `range-bearing` needs `sigma_range` [m] and `sigma_bearing_deg` [deg]; `position` (the landmark in
     the body frame) needs `sigma_position` [m] of each axis.
@@ -90,6 +90,7 @@ class Sensor(Section):
     kind: Literal["range-bearing", "position"]
     max_range: Positive
     min_range: NonNegative = 0.0
+    first_step: Annotated[int, Field(ge=0, strict=True)] = 0
     sigma_range: Positive | None = Field(default=None, validate_default=True)
     sigma_bearing_deg: Positive | None = Field(default=None, validate_default=True)
     sigma_position: Positive | None = Field(default=None, validate_default=True)

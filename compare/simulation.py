@@ -69,7 +69,9 @@ def _observe(poses: Float, landmarks: Float, sensor: Sensor, stream: np.random.S
     offsets = landmarks - poses[:, None, :2]
     body = np.einsum("nji,nlj->nli", rotation(poses[:, 2]), offsets)
     distance = np.linalg.norm(body, axis=2)
-    seen_at, seen = np.nonzero((sensor.min_range <= distance) & (distance <= sensor.max_range))
+    in_view = (sensor.min_range <= distance) & (distance <= sensor.max_range)
+    in_view[: sensor.first_step] = False
+    seen_at, seen = np.nonzero(in_view)
 
     # a stream per landmark, drawn for every step: a landmark added to the map leaves the others' noise as it was
     noise = np.empty((len(poses), len(landmarks), 2))

@@ -9,7 +9,8 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from graph_baseline.factors import LENT_SLIP, GraphBuilder, first_sights
+from graph_baseline.factors import LENT_SLIP, GraphBuilder, first_sights, read_values
+from graph_baseline.smoother import solve_at
 from graph_baseline.undetermined import explained
 from slam2d import Estimate, Float, Recording, rotation
 
@@ -61,15 +62,15 @@ def _run(recording: Recording, growing: _GrowingProblem) -> Estimate:
         poses[k], pose_covs[k] = growing.newest_pose(), growing.newest_pose_cov()
         seconds[k] = perf_counter() - start
     landmark_ids = first_sights(recording)[0]
-    landmarks = [growing.solver.calculateEstimatePoint2(L(name)) for name in landmark_ids.tolist()]
-    landmark_covs = [growing.solver.marginalCovariance(L(name)) for name in landmark_ids.tolist()]
+    smoothed, landmarks = read_values(growing.solver.calculateEstimate())
     return Estimate(
         kind="filtered",
         poses=poses,
         pose_covs=pose_covs,
         landmark_ids=landmark_ids,
-        landmarks=np.reshape(landmarks, (-1, 2)),
-        landmark_covs=np.reshape(landmark_covs, (-1, 2, 2)),
+        landmarks=landmarks,
+        # one by one, GTSAM's marginals take minutes on maps of 1000 landmarks
+        landmark_covs=solve_at(recording, landmark_ids, smoothed, landmarks).landmark_covs,
         association=recording.landmark,
         seconds=seconds,
     )

@@ -21,14 +21,12 @@ from graph_baseline.factors import (
     build_graph,
     first_sights,
     landmarks_at_first_sight,
-    least_known_landmark,
     make_values,
     read_values,
     require_known_landmarks,
 )
-from graph_baseline.linearisation import linearise
-from graph_baseline.smoother import Solution, solve
-from graph_baseline.undetermined import UndeterminedError, explained, undetermined_variable
+from graph_baseline.smoother import Solution, solve_at
+from graph_baseline.undetermined import UndeterminedError, explained
 from slam2d import Estimate, Float, Int, Recording, chain, wrap
 
 PORTIONS = 8  # of the recording, in the grown start
@@ -111,21 +109,19 @@ def _levenberg_marquardt(
 
 def finish(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Solution]:
     """Newton steps on the exact model until they are negligible; the solution's covariances with it."""
-    slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     for _ in range(MAX_NEWTON_STEPS):
-        try:
-            solution = solve(linearise(recording, slot, poses, landmarks), len(landmark_ids))
-        except np.linalg.LinAlgError:
-            raise undetermined_variable("l", least_known_landmark(recording)[0]) from None
+        solution = solve_at(recording, landmark_ids, poses, landmarks)
         poses, landmarks = poses + solution.dx, landmarks + solution.dm
         poses[:, 2] = wrap(poses[:, 2])
         if _relative_size(solution) < NEGLIGIBLE:
             return poses, landmarks, solution
-    raise UndeterminedError(_why_no_minimum(recording, landmark_ids[slot], poses, landmarks[slot]))
+    positions = landmarks[np.searchsorted(landmark_ids, require_known_landmarks(recording))]
+    raise UndeterminedError(_why_no_minimum(recording, poses, positions))
 
 
-def _why_no_minimum(recording: Recording, seen: Int, poses: Float, positions: Float) -> str:
-    """For observations of the landmarks `seen` (M,) at `positions` (M, 2)."""
+def _why_no_minimum(recording: Recording, poses: Float, positions: Float) -> str:
+    """One line, where the observed landmarks lie at `positions` (M, 2)."""
+    seen = require_known_landmarks(recording)
     distance = np.hypot(*(positions - poses[recording.observation_step, :2]).T)
     row = int(np.argmin(distance))
     return (

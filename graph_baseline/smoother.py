@@ -20,8 +20,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
-from graph_baseline.linearisation import LinearModel
-from slam2d import Float, Int
+from graph_baseline.factors import least_known_landmark, require_known_landmarks
+from graph_baseline.linearisation import LinearModel, linearise
+from graph_baseline.undetermined import undetermined_variable
+from slam2d import Float, Int, Recording
 
 CHUNK = 128  # steps whose rows, a few megabytes, are handled together
 
@@ -33,6 +35,19 @@ class Solution(NamedTuple):
     dm: Float  # (L, 2)
     pose_covs: Float  # (N+1, 3, 3)
     landmark_covs: Float  # (L, 2, 2)
+
+
+def solve_at(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> Solution:
+    """The recording's exact model linearised at `poses` (N+1, 3) and `landmarks` (L, 2), ids increasing, and solved.
+
+    Raises:
+        UndeterminedError: the observations do not determine the landmarks.
+    """
+    slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
+    try:
+        return solve(linearise(recording, slot, poses, landmarks), len(landmark_ids))
+    except np.linalg.LinAlgError:
+        raise undetermined_variable("l", least_known_landmark(recording)[0]) from None
 
 
 def solve(model: LinearModel, landmarks: int) -> Solution:

@@ -1,0 +1,163 @@
+"""The error budget: a filter's mean squared error split rung by rung, each rung run on the same measurements.
+
+hindsight optimum -> causal optimum -> with the noise the filter assumes -> with the associations it makes
+-> the filter itself. What a rung adds to the mean squared position error is what it costs.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from compare.estimators import load_estimators, run_estimator
+from compare.intervals import Interval, bootstrap_interval
+from compare.scenario import Scenario
+from compare.scenario_schema import Assumed
+from compare.simulation import simulate
+from compare.study_run import run_seed
+from slam2d import Estimate, Float, Int, Recording, Truth
+
+RUNGS = {
+    "hindsight optimum": "all measurements at once: what no estimator avoids",
+    "causal optimum": "for knowing only the past",
+    "assumed noise": "for believing other noise than there is",
+    "own associations": "for taking landmarks for others",
+    "linearisation": "for being a filter: its own linearisation",
+}
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One step of the budget: its mean squared position error [m^2], and what it adds, with 95 % interval."""
+
+    name: str
+    mse_m2: float
+    increment_m2: Interval
+
+
+@dataclass(frozen=True)
+class ErrorBudget:
+    """The budget of one filter on one scenario; `costliest` is the rung above the first that adds most."""
+
+    scenario: str
+    filter: str
+    runs: int
+    rungs: tuple[Rung, ...]
+    costliest: str
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of budget.json."""
+        rungs = [
+            {"name": rung.name, "mse_m2": rung.mse_m2, "increment_m2": rung.increment_m2._asdict()}
+            for rung in self.rungs
+        ]
+        return {
+            "scenario": self.scenario,
+            "filter": self.filter,
+            "runs": self.runs,
+            "rungs": rungs,
+            "costliest": self.costliest,
+        }
+
+
+def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, executor: Executor) -> ErrorBudget:
+    """The budget over `runs` runs whose seeds are spawned from `seed`; intervals are bootstrapped over runs.
+
+    Raises:
+        ValueError: bad names or numbers, or an estimator that failed, with the run.
+    """
+    load_estimators([filter_name])
+    if runs < 1:
+        raise ValueError(f"runs: {runs} is no budget; give at least 1")
+    seeds = [run_seed(seed, run) for run in range(runs)]
+    futures = [executor.submit(rung_errors, scenario, each, filter_name) for each in seeds]
+    try:
+        table = np.array([future.result() for future in tqdm(futures, disable=None, unit="run", desc=scenario.name)])
+    finally:
+        for future in futures:
+            future.cancel()
+    return summarise_budget(scenario.name, filter_name, table)
+
+
+def summarise_budget(scenario: str, filter_name: str, table: Float) -> ErrorBudget:
+    """The budget of mean squared errors (runs, 5) [m^2], a column per rung."""
+    increments = np.diff(table, axis=1, prepend=0.0)
+    rungs = tuple(
+        Rung(name, float(errors.mean()), bootstrap_interval(added))
+        for name, errors, added in zip(RUNGS, table.T, increments.T, strict=True)
+    )
+    costliest = max(rungs[1:], key=lambda rung: rung.increment_m2.mean).name
+    return ErrorBudget(scenario, filter_name, len(table), rungs, costliest)
+
+
+def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> Float:
+    """Mean squared position errors (5,) [m^2] of one run, a rung each; rungs that coincide are run once."""
+    truth, recording = simulate(scenario, seed)
+    believed = replace(recording, landmark=truth.association)
+    informed = believed
+    if scenario.assumed != Assumed():
+        honest = simulate(scenario.model_copy(update={"assumed": Assumed()}), seed)[1]
+        informed = replace(honest, landmark=truth.association)
+    try:
+        hindsight = _run("batch", informed)
+        causal = _run("isam2", informed)
+        assuming = causal if informed is believed else _run("isam2", believed)
+        estimate = _run(filter_name, recording)
+        own = estimate.association
+        if own is None or np.array_equal(own, truth.association):
+            associating = assuming
+        else:
+            associating = _run("isam2", _associated(believed, own))
+    except ValueError as error:
+        raise ValueError(f"run with seed {seed}: {error}") from error
+    return np.array([_mse(truth, each) for each in (hindsight, causal, assuming, associating, estimate)])
+
+
+def _run(name: str, recording: Recording) -> Estimate:
+    return run_estimator(name, load_estimators([name])[name], recording)[0]
+
+
+def _associated(recording: Recording, association: Int) -> Recording:
+    """The recording under other associations; observations that were rejected are left out."""
+    kept = association >= 0
+    return replace(
+        recording,
+        observation_step=recording.observation_step[kept],
+        observation=recording.observation[kept],
+        observation_cov=recording.observation_cov[kept],
+        landmark=association[kept],
+    )
+
+
+def _mse(truth: Truth, estimate: Estimate) -> float:
+    assert truth.poses is not None
+    return float(np.square(estimate.poses[:, :2] - truth.poses[:, :2]).sum(axis=1).mean())
+
+
+def budget_table(budget: ErrorBudget) -> str:
+    """The rungs, what each adds, and a sentence that says which costs most."""
+    lines = [f"{'rung':18} {'mse [m^2]':>10} {'adds [m^2]':>11} {'95 % interval':>22}  for"]
+    for rung in budget.rungs:
+        _, low, high = rung.increment_m2
+        interval = "-" if low is None or high is None else f"{low:+.5f} to {high:+.5f}"
+        lines.append(
+            f"{rung.name:18} {rung.mse_m2:10.5f} {rung.increment_m2.mean:+11.5f} {interval:>22}  {RUNGS[rung.name]}"
+        )
+    return "\n".join([*lines, "", verdict(budget)])
+
+
+def verdict(budget: ErrorBudget) -> str:
+    """Which rung costs most, in a sentence."""
+    total, unavoidable = budget.rungs[-1].mse_m2, budget.rungs[0].mse_m2
+    cost = next(rung.increment_m2.mean for rung in budget.rungs if rung.name == budget.costliest)
+    opening = (
+        f"{budget.filter} on {budget.scenario}: of {total:.4f} m^2 (RMS {np.sqrt(total):.3f} m over {budget.runs} runs), "
+        f"{unavoidable:.4f} m^2 no estimator avoids"
+    )
+    if cost <= 0:
+        return f"{opening}; no rung above that costs anything."
+    return f"{opening}; most of the rest goes to {budget.costliest}: {cost:.4f} m^2, {cost / total:.0%} of the whole."

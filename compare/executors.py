@@ -1,0 +1,64 @@
+"""Who carries the runs of a study: local processes, or a Dask cluster; both are `concurrent.futures.Executor`s."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Generator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+
+BLAS_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+def pin_blas_threads() -> None:
+    """One BLAS thread for this process, if numpy is not imported yet, and for those that it starts.
+
+    Two threads are slower than one on matrices of these sizes. A number that is set already stays.
+    """
+    for variable in BLAS_VARIABLES:
+        os.environ.setdefault(variable, "1")
+
+
+@contextmanager
+def local_processes(jobs: int) -> Generator[Executor]:
+    """Worker processes of this machine, each with one BLAS thread; they end with their parent, however it ends."""
+    pin_blas_threads()
+    context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
+    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_follow_parent)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def dask_cluster(address: str) -> Generator[Executor]:
+    """The workers of a running Dask cluster, which must have this version of slamgauge installed.
+
+    Raises:
+        ValueError: the extra `cluster` is not installed, or no scheduler answers at `address`.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ValueError("scheduler: needs the extra 'cluster'; pip install 'slamgauge[cluster]'") from None
+    try:
+        client = Client(address, timeout="10s", set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        reason = str(error).splitlines()[0] if str(error) else "no answer"
+        raise ValueError(f"scheduler {address}: {reason}; start one, and give its address tcp://host:port") from None
+    try:
+        yield client.get_executor(pure=False)
+    finally:
+        client.close()
+
+
+def _follow_parent() -> None:
+    """Leave interrupts to the parent, and end when it is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
