@@ -7,7 +7,7 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from compare.error_budget import ErrorBudget, verdict
+from compare.budget import ErrorBudget, verdict
 from compare.plot_style import PRINT, TRUTH_COLOR, save
 
 BASE, COST, GAIN = "#777777", "#CC3311", "#009988"

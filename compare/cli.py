@@ -257,7 +257,7 @@ class Budget:
 
     def __call__(self) -> None:
         """Run, print and write."""
-        from compare.error_budget import budget_table, error_budget
+        from compare.budget import budget_table, error_budget
 
         scenario = _sampled(self.scenario, self.set)
         with _folder(self.out, last="budget.json") as folder, _executor(self.jobs) as executor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import matplotlib as mpl
@@ -10,10 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from compare.consistency import chi2_band
-from compare.plot_style import LEGEND, MARK_COLOR, PRINT, Style, save, styles
+from compare.plot_style import LEGEND, MARK_COLOR, PRINT, save, styles
 from compare.study_store import Runs
-from compare.study_summary import BAND_LEVEL, Summary, nees_per_step
+from compare.study_summary import BAND_LEVEL, PerStep, Summary, nees_per_step, nis_per_step, paired
 from slam2d import Float
 
 RUNS_DRAWN = 50  # error curves; more are one grey mass
@@ -35,41 +34,36 @@ def save_study_figures(out: Path, summary: Summary, runs: Mapping[str, Runs], st
 
 def _nees(runs: Mapping[str, Runs], step: float) -> Figure | None:
     """Mean pose NEES over runs against time, with its chi-square band."""
-    shown = {name: each for name, each in runs.items() if not np.isnan(each.series["nees_pose"]).all()}
-    if not shown:
-        return None
-    figure = Figure(figsize=(6.0, 3.2), layout="constrained")
-    axes = figure.subplots()
-    for name, style in styles(runs).items():
-        if name not in shown:
-            continue
-        average, low, high = nees_per_step(shown[name])
-        time = step * np.arange(len(average))
-        _line(axes, time, average, style, name)
-    axes.fill_between(time, low, high, color=MARK_COLOR, alpha=0.25, linewidth=0, label=f"{BAND_LEVEL:.1%} band")
-    axes.set(yscale="log", xlabel="time [s]", ylabel="mean pose NEES (3 when consistent)")
-    figure.legend(loc="outside lower center", ncols=6, **LEGEND)
+    figure = _against_band(runs, nees_per_step, step, "mean pose NEES (3 when consistent)")
+    if figure is not None:
+        _logarithmic(figure.axes[0])
     return figure
 
 
 def _nis(runs: Mapping[str, Runs], step: float) -> Figure | None:
     """NIS over its degrees of freedom, all runs together, against time, with its chi-square band."""
-    shown = {name: each for name, each in runs.items() if np.nansum(each.series["nis_dof"]) > 0}
-    if not shown:
+    return _against_band(runs, nis_per_step, step, "NIS / degrees of freedom (1 when right)")
+
+
+def _against_band(
+    runs: Mapping[str, Runs], statistic: Callable[[Runs], PerStep], step: float, label: str
+) -> Figure | None:
+    """A curve for each estimator that has the statistic, and the widest of their bands."""
+    curves = {name: statistic(each) for name, each in runs.items()}
+    curves = {name: curve for name, curve in curves.items() if not np.isnan(curve.value).all()}
+    if not curves:
         return None
     figure = Figure(figsize=(6.0, 3.2), layout="constrained")
     axes = figure.subplots()
-    for name, style in styles(runs).items():
-        if name not in shown:
-            continue
-        dof = shown[name].series["nis_dof"].sum(axis=0)
-        seen = dof > 0
-        time, dof = step * np.flatnonzero(seen), dof[seen]
-        _line(axes, time, shown[name].series["nis"].sum(axis=0)[seen] / dof, style, name)
-    bands = {each: chi2_band(BAND_LEVEL, each) for each in np.unique(dof).tolist()}
-    low, high = np.array([bands[each] for each in dof.tolist()]).T / dof
+    time = step * np.arange(len(next(iter(curves.values())).value))
+    low = np.fmin.reduce([curve.low for curve in curves.values()])
+    high = np.fmax.reduce([curve.high for curve in curves.values()])
     axes.fill_between(time, low, high, color=MARK_COLOR, alpha=0.25, linewidth=0, label=f"{BAND_LEVEL:.1%} band")
-    axes.set(xlabel="time [s]", ylabel="NIS / degrees of freedom (1 when right)")
+    for name, style in styles(runs).items():
+        if name in curves:
+            value = curves[name].value
+            axes.plot(time, value, color=style.color, linestyle=style.dashes, linewidth=0.9, label=name)
+    axes.set(xlabel="time [s]", ylabel=label)
     figure.legend(loc="outside lower center", ncols=6, **LEGEND)
     return figure
 
@@ -80,18 +74,18 @@ def _errors(runs: Mapping[str, Runs], step: float) -> Figure | None:
         return None
     figure = Figure(figsize=(7.2, 1.0 + 1.4 * len(runs)), layout="constrained")
     grid = figure.subplots(len(runs), 3, sharex=True, sharey="col", squeeze=False)
+    for axes, (component, _, _, unit) in zip(grid[0], (*COMPONENTS, HEADING), strict=True):
+        axes.set_title(f"{component} [{'m' if unit == 1.0 else '°'}]")
+    for axes in grid[-1]:
+        axes.set_xlabel("time [s]")
     for row, (name, style) in zip(grid, styles(runs).items(), strict=True):
-        for axes, (component, error, sigma, unit) in zip(row, (*COMPONENTS, HEADING), strict=True):
+        for axes, (_, error, sigma, unit) in zip(row, (*COMPONENTS, HEADING), strict=True):
             series = runs[name].series
             time = step * np.arange(series[error].shape[1])
             axes.plot(time, unit * series[error][:RUNS_DRAWN].T, color=MARK_COLOR, linewidth=0.3, alpha=0.5)
             bound = 3 * unit * series[sigma].mean(axis=0)
             for side in (-bound, bound):
                 axes.plot(time, side, color=style.color, linestyle=style.dashes, linewidth=1.2)
-            if row is grid[0]:
-                axes.set_title(f"{component} [{'°' if component == 'heading' else 'm'}]")
-            if row is grid[-1]:
-                axes.set_xlabel("time [s]")
         row[0].set_ylabel(name)
     figure.supylabel(r"error of each run (grey), mean 3$\sigma$ bound (dashed)", fontsize=7.5)
     return figure
@@ -117,15 +111,19 @@ def _ratios(runs: Mapping[str, Runs], step: float) -> Figure | None:  # noqa: AR
     for median, (_, _, color) in zip(drawn["medians"], boxes, strict=True):
         median.set(color=color, linewidth=1.5)
     axes.axhline(1.0, color=MARK_COLOR, linewidth=0.6)
-    axes.set(yscale="log", ylabel="ATE / optimum's ATE, run by run")
+    axes.set_ylabel("ATE / optimum's ATE, run by run")
+    _logarithmic(axes)
     return figure
 
 
+def _logarithmic(axes: Axes) -> None:
+    """A logarithmic y axis with plain numbers."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("{x:.2g}")
+
+
 def _run_ratios(runs: Runs, optimum: Runs) -> Float:
-    _, ours, theirs = np.intersect1d(runs.run, optimum.run, assume_unique=True, return_indices=True)
+    ours, theirs = paired(runs, optimum)
     ratios = runs.figures["ate_m"][ours] / optimum.figures["ate_m"][theirs]
     return ratios[np.isfinite(ratios)]
-
-
-def _line(axes: Axes, time: Float, values: Float, style: Style, label: str) -> None:
-    axes.plot(time, values, color=style.color, linestyle=style.dashes, linewidth=0.9, label=label)

@@ -49,7 +49,7 @@ class Outcome:
     estimator: str
     kind: str = ""
     figures: dict[str, float | None] = field(default_factory=dict)
-    series: Float = field(default_factory=lambda: np.zeros((len(SERIES), 0), dtype=np.float32))
+    series: bytes = b""  # (len(SERIES), N+1) in single precision
     error: str | None = None
 
 
@@ -69,13 +69,14 @@ def _outcome(name: str, estimator: Estimator, truth: Truth, recording: Recording
         estimate, seconds = run_estimator(name, estimator, recording)
         score = evaluate(truth, recording, estimate)
         figures = {key: getattr(score, key) for key in FIGURES} | {"seconds_total": seconds}
-        return Outcome(name, estimate.kind, figures, step_series(truth, estimate, score.nees))
+        series = step_series(truth, estimate, score.nees).astype(np.float32).tobytes()
+        return Outcome(name, estimate.kind, figures, series)
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
         return Outcome(name, error=f"{type(error).__name__}: {error}")
 
 
 def step_series(truth: Truth, estimate: Estimate, nees: Float) -> Float:
-    """The rows of `SERIES` (11, N+1) in single precision; NaN where a figure is undefined."""
+    """The rows of `SERIES` (11, N+1); NaN where a figure is undefined."""
     assert truth.poses is not None
     errors = pose_errors(truth.poses, estimate.poses)
     undefined = np.full(len(errors), np.nan)
@@ -89,4 +90,4 @@ def step_series(truth: Truth, estimate: Estimate, nees: Float) -> Float:
         undefined if estimate.nis is None else estimate.nis,
         undefined if estimate.nis_dof is None else estimate.nis_dof,
     ]
-    return np.array(rows, dtype=np.float32)
+    return np.array(rows, dtype=np.float64)

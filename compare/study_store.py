@@ -71,7 +71,7 @@ class StudyStore:
     def add(self, run: int, seed: int, outcomes: Sequence[Outcome]) -> None:
         """Store a run whole; what is stored already stays."""
         rows = [
-            (run, each.estimator, seed, each.kind, each.error, json.dumps(each.figures), each.series.tobytes())
+            (run, each.estimator, seed, each.kind, each.error, json.dumps(each.figures), each.series)
             for each in outcomes
         ]
         with self._connection:

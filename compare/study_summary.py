@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from compare.consistency import chi2_band
 from compare.defined import mean
 from compare.intervals import Interval, jackknife_interval, mean_interval, ratio_interval
 from compare.study_store import Runs
-from slam2d import Float
+from slam2d import Float, Int
 
 BAND_LEVEL = 0.999  # of the chi-square band whose share of steps is given
 FIRST_STEP = 11  # NEES means leave the first steps out, where the start still shows
@@ -114,15 +114,33 @@ def summarise(runs: Mapping[str, Runs]) -> dict[str, EstimatorSummary]:
     return {name: _summarise(each, runs) for name, each in runs.items()}
 
 
-def nees_per_step(runs: Runs) -> tuple[Float, Float, Float]:
-    """Mean pose NEES over runs (N+1,) and its chi-square band, low and high (N+1,); NaN where undefined."""
+class PerStep(NamedTuple):
+    """A chi-square statistic of all runs together at every step (N+1,), and its band; NaN where undefined."""
+
+    value: Float
+    low: Float
+    high: Float
+
+
+def nees_per_step(runs: Runs) -> PerStep:
+    """Mean pose NEES over runs: 3 when consistent."""
     nees = runs.series["nees_pose"]
     count = (~np.isnan(nees)).sum(axis=0)
-    total = np.nansum(nees, axis=0)
-    bands = {each: chi2_band(BAND_LEVEL, 3 * each) for each in np.unique(count).tolist() if each}
-    low, high = np.array([bands.get(each, (np.nan, np.nan)) for each in count.tolist()]).reshape(-1, 2).T
-    count = np.where(count > 0, count, np.nan)
-    return total / count, low / count, high / count
+    return _per_step(np.nansum(nees, axis=0), 3 * count, count)
+
+
+def nis_per_step(runs: Runs) -> PerStep:
+    """NIS over its degrees of freedom: 1 when the innovations are as large as the filter expects."""
+    dof = np.nansum(runs.series["nis_dof"], axis=0).astype(np.int64)
+    return _per_step(np.nansum(runs.series["nis"], axis=0), dof, dof)
+
+
+def _per_step(total: Float, dof: Int, unit: Int) -> PerStep:
+    """Sums with `dof` degrees of freedom (N+1,), and their band, divided by `unit`."""
+    bands = {each: chi2_band(BAND_LEVEL, each) for each in np.unique(dof).tolist() if each}
+    low, high = np.array([bands.get(each, (np.nan, np.nan)) for each in dof.tolist()]).reshape(-1, 2).T
+    divisor = np.where(unit > 0, unit, np.nan)
+    return PerStep(total / divisor, low / divisor, high / divisor)
 
 
 def _summarise(runs: Runs, others: Mapping[str, Runs]) -> EstimatorSummary:
@@ -171,7 +189,7 @@ def _time_mean(series: Float) -> Interval | None:
     return mean_interval(np.divide(sums, count, out=np.full(len(series), np.nan), where=count > 0))
 
 
-def _paired(runs: Runs, optimum: Runs) -> tuple[Float, Float]:
+def paired(runs: Runs, optimum: Runs) -> tuple[Int, Int]:
     """Rows of the runs that both have."""
     _, ours, theirs = np.intersect1d(runs.run, optimum.run, assume_unique=True, return_indices=True)
     return ours, theirs
@@ -180,14 +198,14 @@ def _paired(runs: Runs, optimum: Runs) -> tuple[Float, Float]:
 def _ate_ratio(runs: Runs, optimum: Runs | None) -> Interval | None:
     if optimum is None:
         return None
-    ours, theirs = _paired(runs, optimum)
+    ours, theirs = paired(runs, optimum)
     return ratio_interval(runs.figures["ate_m"][ours], optimum.figures["ate_m"][theirs])
 
 
 def _final_sigma_ratio(runs: Runs, optimum: Runs | None) -> tuple[float | None, ...] | None:
     if optimum is None:
         return None
-    ours, theirs = _paired(runs, optimum)
+    ours, theirs = paired(runs, optimum)
     if not len(ours):
         return None
     ratios = []
@@ -225,8 +243,7 @@ def summary_table(summary: Summary) -> str:
         "  ".join([row[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:], strict=True))])
         for row in rows
     ]
-    for failure in summary.failures:
-        lines.append(f"run {failure.run}: {failure.estimator} failed: {failure.error}")
+    lines += [f"run {failure.run}: {failure.estimator} failed: {failure.error}" for failure in summary.failures]
     return "\n".join(lines)
 
 

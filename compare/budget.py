@@ -97,6 +97,7 @@ def summarise_budget(scenario: str, filter_name: str, table: Float) -> ErrorBudg
 def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> Float:
     """Mean squared position errors (5,) [m^2] of one run, a rung each; rungs that coincide are run once."""
     truth, recording = simulate(scenario, seed)
+    assert truth.association is not None
     believed = replace(recording, landmark=truth.association)
     informed = believed
     if scenario.assumed != Assumed():
@@ -155,7 +156,7 @@ def verdict(budget: ErrorBudget) -> str:
     total, unavoidable = budget.rungs[-1].mse_m2, budget.rungs[0].mse_m2
     cost = next(rung.increment_m2.mean for rung in budget.rungs if rung.name == budget.costliest)
     opening = (
-        f"{budget.filter} on {budget.scenario}: of {total:.4f} m^2 (RMS {np.sqrt(total):.3f} m over {budget.runs} runs), "
+        f"{budget.filter} on {budget.scenario}, {budget.runs} runs: of {total:.4f} m^2 (RMS {np.sqrt(total):.3f} m) "
         f"{unavoidable:.4f} m^2 no estimator avoids"
     )
     if cost <= 0:

@@ -1,0 +1,58 @@
+"""The 2D SLAM benchmark of UKF-M: our figures beside the published ones, same columns.
+
+    python benchmarks/ukfm_slam2d.py [--runs 100] [--seed 0] [--jobs 2] [--out results/ukfm-slam2d]
+
+Ours come with 95 % intervals over runs, NEES is per degree of freedom; the published figures are of 100
+runs of their own, without intervals (Brossard, Barrau and Bonnabel, project ukfm).
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+from compare import load_scenario
+from compare.executors import local_processes, pin_blas_threads
+from compare.intervals import Interval
+from compare.study import run_study
+
+# orientation RMSE [deg], position RMSE [m], NEES of orientation and of position
+PUBLISHED = {"EKF": (3.02, 0.67, 2.88, 2.56), "right-UKF": (2.51, 0.55, 1.01, 1.09), "IEKF": (2.51, 0.55, 1.01, 1.17)}
+NAMES = ("ekf", "fej-ekf", "iekf", "riekf", "isam2")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("results/ukfm-slam2d"))
+    options = parser.parse_args()
+    pin_blas_threads()
+    scenario = load_scenario("ukfm-slam2d")
+    with local_processes(options.jobs) as executor:
+        summary = run_study(scenario, options.runs, options.seed, NAMES, options.out, executor)
+    titles = ("heading RMSE [deg]", "position RMSE [m]", "NEES heading", "NEES position", "last sigma / isam2")
+    print(f"{'':20}" + "".join(f"{title:>23}" for title in titles))
+    for name, figures in PUBLISHED.items():
+        print(f"{name + ', published':20}" + "".join(f"{figure:23.2f}" for figure in figures))
+    for name, entry in summary.estimators.items():
+        cells = [
+            cell(entry.heading_rmse_rad, math.degrees(1.0)),
+            cell(entry.position_rmse_m),
+            cell(entry.nees_heading),
+            cell(entry.nees_position_per_dof),
+            " ".join("-" if ratio is None else f"{ratio:.3f}" for ratio in entry.sigma_ratio_to_optimum_final or ()),
+        ]
+        print(f"{name:20}" + "".join(f"{each:>23}" for each in cells))
+
+
+def cell(interval: Interval | None, unit: float = 1.0) -> str:
+    if interval is None or interval.low is None or interval.high is None:
+        return "-"
+    return f"{unit * interval.mean:.3f} ± {unit * (interval.high - interval.low) / 2:.3f}"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,36 @@
+"""A robot that stands still learns nothing about its own pose (Julier and Uhlmann, ICRA 2001)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from compare import load_estimators, load_scenario, simulate
+from slam2d import Float
+
+
+@pytest.fixture(scope="module")
+def covariances() -> dict[str, Float]:
+    """Pose covariances (1001, 3, 3) of each filter on the shipped scenario."""
+    _, recording = simulate(load_scenario("stationary"), 0)
+    assert len(np.unique(recording.observation_step)) == 1001
+    found: dict[str, Float] = {}
+    for name, estimator in load_estimators(["ekf", "fej-ekf", "iekf", "riekf"]).items():
+        covs = estimator(recording).pose_covs
+        assert covs is not None
+        found[name] = covs
+    return found
+
+
+@pytest.mark.parametrize("name", ["fej-ekf", "riekf"])
+def test_a_consistent_filters_pose_covariance_stays(covariances: dict[str, Float], name: str) -> None:
+    prior = covariances[name][0]
+    sigmas = np.sqrt(np.diag(prior))
+    np.testing.assert_allclose((covariances[name] - prior) / np.outer(sigmas, sigmas), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["ekf", "iekf"])
+def test_the_others_grow_sure_of_what_they_cannot_know(covariances: dict[str, Float], name: str) -> None:
+    heading = covariances[name][:, 2, 2]
+    assert heading[-1] < 0.9 * heading[0]
+    assert (np.diff(heading) <= 1e-15).all()
