@@ -157,7 +157,7 @@ class SlamFilter:
         if not np.isfinite(nis):
             raise ValueError(
                 f"observation: no update exists for landmarks {work.ids[:count].tolist()}; "
-                "make every value finite and every covariance positive definite"
+                "make every value finite and every covariance positive definite; if they are, the filter has diverged"
             )
         return nis, informative
 
