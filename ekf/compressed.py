@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from ekf.compiled import kernel, solve_factor, subtract_gram, subtract_product
 from ekf.corrections import update_standard
-from ekf.filter import Rule, SlamFilter
+from ekf.filter import WHOLE_SCAN, Rule, SlamFilter
 from ekf.kernels import Workspace
 from slam2d import Float, Int, Observations
 
@@ -142,7 +142,11 @@ class CompressedFilter:
         self._entered = len(near)
         area_cov = self._cov[np.ix_(self._area, self._area)]
         self._local = SlamFilter(
-            self._sensor, self._mean[:3], area_cov[:3, :3], Rule(self._update_local), landmarks=len(near) + 32
+            self._sensor,
+            self._mean[:3],
+            area_cov[:3, :3],
+            Rule(self._update_local, block=WHOLE_SCAN),
+            landmarks=len(near) + 32,
         )
         self._local.set_map(self._ids[near], positions[near], area_cov)
         size = len(self._area)

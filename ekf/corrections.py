@@ -1,7 +1,7 @@
 """What tells the filters apart: how a step's innovations correct the state and its covariance.
 
-All start from the same additive quantities that `kernels.whiten` leaves: the gain's factor W and the
-whitened innovation y, with dx = W'y and P <- P - W'W.
+All start from the same additive correction, which `kernels.take_in` makes of a scan: dx = W'y and
+P <- P - W'W, with the gain's factor W and the whitened innovation y.
 
 The first-estimates filter is the standard one with Jacobians at another `point`: where a landmark was
 first put, and where the robot was last predicted. Turn and shift of the whole map then stay unobservable,
@@ -32,7 +32,7 @@ from __future__ import annotations
 import math
 
 from ekf.compiled import add_outer_pair, combine_rows, kernel, subtract_gram
-from ekf.kernels import Workspace, linearise, mirror_robot_block, whiten
+from ekf.kernels import Workspace, linearise, mirror_robot_block, take_in, whiten
 from ekf.models import wrap
 from slam2d import Float
 
@@ -49,16 +49,12 @@ def update_standard(
     Returns the NIS and its degrees of freedom; when the NIS is not finite, nothing has changed.
     """
     informative = linearise(sensor, state, point, work.slots[:count], work.observation, work.innovation, work.jacobian)
-    nis = whiten(cov, size, count, work)
+    nis = take_in(cov, size, count, work)
     if not math.isfinite(nis):
         return nis, informative
-    dx = work.scratch[0]
-    combine_rows(work.W, work.innovation, dx, 2 * count, size)
     for i in range(size):
-        state[i] += dx[i]
+        state[i] += work.scratch[0, i]
     state[2] = wrap(state[2])
-    subtract_gram(cov, work.W, 2 * count, size)
-    mirror_robot_block(cov)
     return nis, informative
 
 
@@ -74,7 +70,10 @@ def update_iterated(
 def iterate(
     sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace, iterations: int
 ) -> tuple[float, int]:
-    """`update_iterated` with at most so many passes; a single one is the standard update."""
+    """`update_iterated` with at most so many passes; a single one is the standard update.
+
+    The workspace must take in a whole scan at a time.
+    """
     dx, iterate = work.scratch[0], work.scratch[1]
     iterate[:size] = state[:size]
     first_nis, first_informative = 0.0, 0
@@ -83,7 +82,7 @@ def iterate(
             sensor, iterate, iterate, work.slots[:count], work.observation, work.innovation, work.jacobian
         )
         _refer_to_prediction(state, iterate, count, work)
-        nis = whiten(cov, size, count, work)
+        nis = whiten(cov, size, 0, count, work)
         if not math.isfinite(nis):
             return nis, informative
         if iteration == 0:
@@ -120,12 +119,10 @@ def update_right_invariant(
 ) -> tuple[float, int]:
     """Correct: x <- exp(D^-1 dx) x, P <- T (P - W'W) T'; returns as `update_standard`."""
     informative = linearise(sensor, state, point, work.slots[:count], work.observation, work.innovation, work.jacobian)
-    nis = whiten(cov, size, count, work)
+    nis = take_in(cov, size, count, work)
     if not math.isfinite(nis):
         return nis, informative
     dx, u, heading_row = work.scratch[0], work.scratch[1], work.scratch[2]
-    combine_rows(work.W, work.innovation, dx, 2 * count, size)
-    subtract_gram(cov, work.W, 2 * count, size)
     turn = dx[2]
     v_cos = math.sin(turn) / turn if turn != 0.0 else 1.0
     v_sin = 2.0 * math.sin(turn / 2.0) ** 2 / turn if turn != 0.0 else 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
@@ -18,17 +19,22 @@ Correction = Literal["standard", "first-estimates", "iterated", "right-invariant
 Update = Callable[[int, Float, Float, Float, int, int, kernels.Workspace], tuple[float, int]]
 
 
+WHOLE_SCAN = sys.maxsize
+BLOCK = 16  # observations that an update takes in at a time; see docs/performance.md
+
+
 class Rule(NamedTuple):
-    """How a filter corrects: its update kernel, and whether Jacobians are taken at first estimates."""
+    """How a filter corrects: its update kernel, whether Jacobians are taken at first estimates, and `block`."""
 
     update: Update
     first_estimates: bool = False
+    block: int = BLOCK  # observations to take in at a time
 
 
 RULES: dict[str, Rule] = {
     "standard": Rule(update_standard),
     "first-estimates": Rule(update_standard, first_estimates=True),
-    "iterated": Rule(update_iterated),
+    "iterated": Rule(update_iterated, block=WHOLE_SCAN),
     "right-invariant": Rule(update_right_invariant),
 }
 
@@ -73,7 +79,7 @@ class SlamFilter:
         self._point = self._state.copy() if self._rule.first_estimates else self._state
         self._increment = np.zeros(3)
         self._increment_cov = np.zeros((3, 3))
-        self._work = kernels.allocate_workspace(0, capacity)
+        self._work = kernels.allocate_workspace(0, capacity, self._rule.block)
 
     @property
     def pose(self) -> Float:
@@ -145,7 +151,7 @@ class SlamFilter:
         if count == 0:
             return 0.0, 0
         if count > len(self._work.ids):
-            self._work = kernels.allocate_workspace(count, len(self._state))
+            self._work = kernels.allocate_workspace(count, len(self._state), self._rule.block)
         work = self._work
         work.ids[:count] = ids
         unmapped = kernels.find_slots(self._sorted_ids, self._sorted_slots, work.ids[:count], work.slots)
@@ -212,4 +218,4 @@ class SlamFilter:
         else:
             point = state
         self._state, self._point, self._cov = state, point, cov
-        self._work = kernels.allocate_workspace(len(self._work.ids), capacity)
+        self._work = kernels.allocate_workspace(len(self._work.ids), capacity, self._rule.block)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ekf.compiled import cholesky, kernel, solve_factor
+from ekf.compiled import cholesky, combine_rows, kernel, solve_factor, subtract_gram
 from ekf.models import locate, observe, wrap, wrap_innovation
 from slam2d import Float, Int
 
@@ -27,7 +27,7 @@ TILE = 64  # rows of `cov` that a strided pass keeps in cache
 
 
 class Workspace(NamedTuple):
-    """Arrays that an update reads and fills, for up to m observations and `capacity` state entries."""
+    """Arrays that an update reads and fills: m observations, taken in b at a time, `capacity` state entries."""
 
     ids: Int  # (m,)
     slots: Int  # (m,)
@@ -35,14 +35,14 @@ class Workspace(NamedTuple):
     observation_cov: Float  # (m, 2, 2)
     jacobian: Float  # (2m, 5)
     innovation: Float  # (2m,)
-    S: Float  # (2m, 2m)
-    W: Float  # (2m, capacity)
+    S: Float  # (2b, 2b)
+    W: Float  # (2b, capacity)
     scratch: Float  # (3, capacity)
 
 
-def allocate_workspace(observations: int, capacity: int) -> Workspace:
-    """Room for `observations` at a time in a state of up to `capacity` entries."""
-    rows = 2 * observations
+def allocate_workspace(observations: int, capacity: int, block: int) -> Workspace:
+    """Room for `observations`, at most `block` of them at a time, in a state of up to `capacity` entries."""
+    rows, block_rows = 2 * observations, 2 * min(observations, block)
     return Workspace(
         ids=np.zeros(observations, dtype=np.int64),
         slots=np.zeros(observations, dtype=np.int64),
@@ -50,8 +50,8 @@ def allocate_workspace(observations: int, capacity: int) -> Workspace:
         observation_cov=np.zeros((observations, 2, 2)),
         jacobian=np.zeros((rows, 5)),
         innovation=np.zeros(rows),
-        S=np.zeros((rows, rows)),
-        W=np.zeros((rows, capacity)),
+        S=np.zeros((block_rows, block_rows)),
+        W=np.zeros((block_rows, capacity)),
         scratch=np.zeros((3, capacity)),
     )
 
@@ -194,18 +194,18 @@ def innovation_covariance(W: Float, slots: Int, jacobian: Float, observation_cov
 
 
 @kernel
-def whiten(cov: Float, size: int, count: int, work: Workspace) -> float:
-    """Prepare the update that `linearise` has described in `work` for its first `count` observations.
+def whiten(cov: Float, size: int, first: int, last: int, work: Workspace) -> float:
+    """Prepare to take in observations first..last, which `linearise` has described in `work`.
 
-    Leaves W = U'^-1 H P and the whitened innovation y = U'^-1 v in `work`, where S = U'U, so that the
-    correction is W'y and the covariance decreases by W'W. Returns the NIS, which is not finite when S is
-    not positive definite or an observation is not finite.
+    Leaves W = U'^-1 H P and the whitened innovation y = U'^-1 v in `work` (y in its own rows), where S = U'U,
+    so that the correction is W'y and the covariance decreases by W'W. Returns the NIS, which is not finite
+    when S is not positive definite or an observation is not finite.
     """
-    rows = 2 * count
-    slots = work.slots[:count]
-    W, S, y = work.W, work.S, work.innovation
-    project_covariance(cov, size, slots, work.jacobian, W)
-    innovation_covariance(W, slots, work.jacobian, work.observation_cov, S)
+    rows = 2 * (last - first)
+    slots, jacobian = work.slots[first:last], work.jacobian[2 * first : 2 * last]
+    W, S, y = work.W, work.S, work.innovation[2 * first : 2 * last]
+    project_covariance(cov, size, slots, jacobian, W)
+    innovation_covariance(W, slots, jacobian, work.observation_cov[first:last], S)
     if not cholesky(S, rows):
         return math.nan
     solve_factor(S, W, rows, size)
@@ -216,6 +216,58 @@ def whiten(cov: Float, size: int, count: int, work: Workspace) -> float:
         y[a] /= S[a, a]
         nis += y[a] * y[a]
     return nis
+
+
+@kernel
+def are_sound(count: int, work: Workspace) -> bool:
+    """Whether the first `count` observations are finite and their covariances positive definite."""
+    for i in range(count):
+        R = work.observation_cov[i]
+        if not math.isfinite(work.observation[i, 0] + work.observation[i, 1]):
+            return False
+        if not (R[0, 0] > 0.0 and R[0, 0] * R[1, 1] - R[0, 1] * R[1, 0] > 0.0 and math.isfinite(R[0, 0] + R[1, 1])):
+            return False
+    return True
+
+
+@kernel
+def take_in(cov: Float, size: int, count: int, work: Workspace) -> float:
+    """P <- P - W'W for the first `count` observations, and their correction dx in `work.scratch[0]`.
+
+    Block by block of the workspace, all with the Jacobians that `linearise` left: for independent observations
+    that is the same as all at once, and saves the triangular solve that grows with the square of a block.
+    Returns the NIS; when it is not finite, nothing has changed, unless P itself was not positive definite.
+    """
+    if not are_sound(count, work):
+        return math.nan
+    dx, block_dx = work.scratch[0], work.scratch[1]
+    dx[:size] = 0.0
+    nis, block = 0.0, len(work.W) // 2
+    for first in range(0, count, block):
+        last = min(first + block, count)
+        if first > 0:
+            _expect(dx, first, last, work)
+        nis += whiten(cov, size, first, last, work)
+        if not math.isfinite(nis):
+            return math.nan
+        rows = 2 * (last - first)
+        combine_rows(work.W, work.innovation[2 * first :], block_dx, rows, size)
+        for j in range(size):
+            dx[j] += block_dx[j]
+        subtract_gram(cov, work.W, rows, size)
+        mirror_robot_block(cov)
+    return nis
+
+
+@kernel
+def _expect(dx: Float, first: int, last: int, work: Workspace) -> None:
+    """Subtract H dx, what the blocks before have corrected, from the innovations of observations first..last."""
+    for i in range(first, last):
+        landmark = 3 + 2 * work.slots[i]
+        for k in (2 * i, 2 * i + 1):
+            h = work.jacobian[k]
+            work.innovation[k] -= h[0] * dx[0] + h[1] * dx[1] + h[2] * dx[2]
+            work.innovation[k] -= h[3] * dx[landmark] + h[4] * dx[landmark + 1]
 
 
 @kernel

@@ -253,7 +253,7 @@ def augmented(sensor: int, pose: Float, cov: Float, z: Float, R: Float) -> tuple
     size = len(cov)
     state, room = np.concatenate([pose, np.zeros(size - 1)]), np.zeros((size + 2, size + 2))
     room[:size, :size] = cov
-    work = kernels.allocate_workspace(1, size + 2)
+    work = kernels.allocate_workspace(1, size + 2, 1)
     work.observation[0], work.observation_cov[0] = z, R
     kernels.augment(sensor, state, state, room, size, 1, work)
     np.testing.assert_array_equal(room[:size, :size], cov)

@@ -18,7 +18,7 @@ from scipy.stats import chi2
 
 from ekf import SlamFilter, dead_reckoning, ekf, fej_ekf, iekf, riekf
 from ekf.corrections import iterate
-from ekf.filter import Correction, Rule
+from ekf.filter import WHOLE_SCAN, Correction, Rule
 from ekf.kernels import Workspace
 from slam2d import Estimate, Float, Int, Observations, Recording, Sensor, between, chain, compose, rotation, wrap
 
@@ -262,7 +262,7 @@ def test_one_iteration_is_the_ekf(sensor: str) -> None:
         return iterate(code, state, cov, size, count, work, 1)
 
     finals = []
-    for rule in ("standard", Rule(single_pass), "iterated"):
+    for rule in ("standard", Rule(single_pass, block=WHOLE_SCAN), "iterated"):
         slam = SlamFilter(sensor, recording.prior_mean, recording.prior_cov, rule)
         for k, scan in enumerate(recording.scans()):
             if k:
