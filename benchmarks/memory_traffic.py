@@ -2,14 +2,15 @@
 
     python benchmarks/memory_traffic.py [--landmarks 20,100,300,1000]
 
-For n = 3 + 2 L state entries and k = 2 m rows of observations, one step of the standard filter moves
+For n = 3 + 2 L state entries and k = 2 m rows of observations, taken in b rows at a time, one step of the
+standard filter moves
 
     prediction    3 n entries read, 2 n written            (robot rows alone)
     projection    H P: 5 k n entries read, k n written, of which 2 m columns of P come a cache line each
     solve         k n entries read and written             (triangular, in blocks that stay in cache)
-    update        n^2 / 2 entries read and written         (the upper triangle, once)
+    update        n^2 / 2 entries read and written         (the upper triangle), k / b times
 
-and computes k^2 n / 2 (solve) and k n^2 / 2 (update) multiply-adds. The machine is measured by adding to
+and computes b k n / 2 (solve) and k n^2 / 2 (update) multiply-adds. The machine is measured by adding to
 an array larger than its caches (bandwidth) and by a large symmetric product (multiply-adds a second).
 """
 
@@ -28,6 +29,7 @@ import numpy as np
 from compare import simulate
 from compare.bench import workload
 from ekf import ekf
+from ekf.filter import BLOCK
 
 
 def bandwidth() -> float:
@@ -68,9 +70,10 @@ def main() -> None:
         assert estimate.nis_dof is not None
         half = recording.steps // 2
         k, n = float(np.median(estimate.nis_dof[half:])), 3 + 2 * size
-        triangle = 8.0 * n * n
+        block = min(k, 2.0 * BLOCK)
+        triangle = 8.0 * n * n * np.ceil(k / block)
         moved = 8.0 * (5 * n + 6 * k * n + 2 * k * n) + 64.0 * (k / 2) * (n / 2) + triangle
-        operations = k * k * n / 2 + k * n * n / 2
+        operations = block * k * n / 2 + k * n * n / 2
         cells = (
             f"{k:.0f}",
             f"{moved / 1e6:.3f}",
