@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slam2d import Float
 
@@ -18,13 +19,25 @@ def squared_mahalanobis(errors: Float, covs: Float) -> Float:
     sigmas = np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0))
     defined = np.isfinite(errors).all(axis=1) & np.isfinite(covs).all(axis=(1, 2)) & (sigmas > 0).all(axis=1)
     correlations = covs[defined] / (sigmas[defined, :, None] * sigmas[defined, None, :])
-    regular = np.linalg.eigvalsh(correlations)[:, 0] > SINGULAR
+    regular = _regular(correlations)
     rows = np.flatnonzero(defined)[regular]
     scaled = errors[rows] / sigmas[rows]
     solved = np.linalg.solve(correlations[regular], scaled[:, :, None])[:, :, 0]
     distances = np.full(len(errors), np.nan)
     distances[rows] = np.einsum("ni,ni->n", scaled, solved)
     return distances
+
+
+def _regular(correlations: Float) -> NDArray[np.bool_]:
+    """Whether the smallest eigenvalue of each correlation matrix (n, d, d) exceeds SINGULAR.
+
+    No eigenvalue exceeds d, so the smallest is at least the determinant over d^(d-1): few need a closer look.
+    """
+    size = correlations.shape[1]
+    regular = np.linalg.det(correlations) > SINGULAR * size ** (size - 1)
+    doubtful = ~regular
+    regular[doubtful] = np.linalg.eigvalsh(correlations[doubtful])[:, 0] > SINGULAR
+    return regular
 
 
 def sigma_ratios(covs: Float, optimum_covs: Float) -> Float:

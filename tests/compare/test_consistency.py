@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from compare.consistency import chi2_band, sigma_ratios, squared_mahalanobis
+from compare.consistency import SINGULAR, chi2_band, sigma_ratios, squared_mahalanobis
 
 
 def test_squared_mahalanobis_agrees_with_the_inverse_whatever_the_units() -> None:
@@ -48,3 +48,17 @@ def test_nees_of_right_covariances_falls_into_its_band_as_often_as_promised() ->
     low, high = chi2_band(0.9, 3)
     share = np.mean((nees >= low) & (nees <= high))
     assert abs(share - 0.9) <= 3.29 * math.sqrt(0.9 * 0.1 / 2000)
+
+
+def test_what_is_singular_is_told_by_the_smallest_eigenvalue_alone() -> None:
+    """Correlations from independent to nearly certain, on both sides of the limit."""
+    rng = np.random.default_rng(0)
+    smallest = 10.0 ** rng.uniform(-12, 0, 500)
+    axes = np.linalg.qr(rng.normal(size=(500, 3, 3)))[0]
+    values = np.stack([smallest, rng.uniform(0.5, 1.5, 500), rng.uniform(0.5, 1.5, 500)], axis=1)
+    covs = axes * values[:, None, :] @ axes.swapaxes(1, 2)
+    covs = (covs + covs.swapaxes(1, 2)) / 2
+    sigmas = np.sqrt(np.diagonal(covs, axis1=1, axis2=2))
+    eigenvalue = np.linalg.eigvalsh(covs / (sigmas[:, :, None] * sigmas[:, None, :]))[:, 0]
+    assert 100 < (eigenvalue < SINGULAR).sum() < 400
+    np.testing.assert_array_equal(np.isnan(squared_mahalanobis(np.ones((500, 3)), covs)), eigenvalue <= SINGULAR)

@@ -89,6 +89,16 @@ def test_everything_in_range_is_seen_from_step_zero_on():
     np.testing.assert_array_equal(truth.landmark_ids, np.arange(37))
 
 
+def test_nothing_is_seen_before_the_first_step_with_a_scan_and_all_else_stays() -> None:
+    _, whole = simulate(scenario(), 0)
+    _, late = simulate(scenario("sensor.first_step=3"), 0)
+    kept = whole.observation_step >= 3
+    assert not kept.all()
+    np.testing.assert_array_equal(late.observation_step, whole.observation_step[kept])
+    np.testing.assert_array_equal(late.observation, whole.observation[kept])
+    np.testing.assert_array_equal(late.odometry, whole.odometry)
+
+
 def test_a_map_without_landmarks():
     truth, recording = simulate(scenario("landmarks.positions=[]"), 0)
     assert given(truth.landmarks).shape == (0, 2)
