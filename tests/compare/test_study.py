@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import sqlite3
+import subprocess
+import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -229,3 +231,13 @@ def test_figures_of_a_study_in_which_everything_failed(
     content = json.loads((tmp_path / "summary.json").read_text())
     assert content["estimators"]["ekf"]["ate_m"] is None
     assert len(content["failures"]) == 2
+
+
+def test_a_killed_study_goes_on_to_the_same_summary() -> None:
+    """The program behind docs/consistency.md, at a small size."""
+    program = Path(__file__).parents[2] / "benchmarks" / "kill_a_study.py"
+    done = subprocess.run(
+        [sys.executable, str(program), "--runs", "12", "--kills", "3"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.endswith("the same summary after 3 kills; 12 runs stored\n")
