@@ -37,9 +37,5 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
         axes.set(ylabel="mean squared position error [m²]")
         axes.margins(y=0.12)
         axes.set_ylim(bottom=0)
-        figure.suptitle(_two_lines(verdict(budget)))
+        axes.set_title(verdict(budget).replace(": ", ":\n", 1).replace("; ", ";\n", 1), loc="left")
         save(figure, out / "budget")
-
-
-def _two_lines(sentence: str) -> str:
-    return sentence.replace("; ", ";\n", 1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slam2d import Float
 
@@ -19,25 +18,29 @@ def squared_mahalanobis(errors: Float, covs: Float) -> Float:
     sigmas = np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0))
     defined = np.isfinite(errors).all(axis=1) & np.isfinite(covs).all(axis=(1, 2)) & (sigmas > 0).all(axis=1)
     correlations = covs[defined] / (sigmas[defined, :, None] * sigmas[defined, None, :])
-    regular = _regular(correlations)
-    rows = np.flatnonzero(defined)[regular]
-    scaled = errors[rows] / sigmas[rows]
-    solved = np.linalg.solve(correlations[regular], scaled[:, :, None])[:, :, 0]
+    found, determinant = _eliminate(correlations.copy(), errors[defined] / sigmas[defined])
+    # no eigenvalue exceeds d, so the smallest is at least the determinant over d^(d-1): few need a closer look
+    size = errors.shape[1]
+    regular = determinant > SINGULAR * size ** (size - 1)
+    doubtful = ~regular
+    regular[doubtful] = np.linalg.eigvalsh(correlations[doubtful])[:, 0] > SINGULAR
     distances = np.full(len(errors), np.nan)
-    distances[rows] = np.einsum("ni,ni->n", scaled, solved)
+    distances[np.flatnonzero(defined)[regular]] = found[regular]
     return distances
 
 
-def _regular(correlations: Float) -> NDArray[np.bool_]:
-    """Whether the smallest eigenvalue of each correlation matrix (n, d, d) exceeds SINGULAR.
-
-    No eigenvalue exceeds d, so the smallest is at least the determinant over d^(d-1): few need a closer look.
-    """
-    size = correlations.shape[1]
-    regular = np.linalg.det(correlations) > SINGULAR * size ** (size - 1)
-    doubtful = ~regular
-    regular[doubtful] = np.linalg.eigvalsh(correlations[doubtful])[:, 0] > SINGULAR
-    return regular
+def _eliminate(C: Float, e: Float) -> tuple[Float, Float]:
+    """Forms e' C^-1 e and determinants of C (n,) by Gaussian elimination without pivoting; overwrites both."""
+    total, determinant = np.zeros(len(e)), np.ones(len(e))
+    with np.errstate(all="ignore"):  # of singular matrices, which the caller leaves out
+        for i in range(e.shape[1]):
+            pivot = C[:, i, i]
+            total += e[:, i] ** 2 / pivot
+            determinant *= pivot
+            factor = C[:, i + 1 :, i] / pivot[:, None]
+            e[:, i + 1 :] -= factor * e[:, i, None]
+            C[:, i + 1 :, i + 1 :] -= factor[:, :, None] * C[:, None, i, i + 1 :]
+    return total, determinant
 
 
 def sigma_ratios(covs: Float, optimum_covs: Float) -> Float:

@@ -109,9 +109,9 @@ def evaluate(
     truth = Truth() if truth is None else truth
     _check(truth, recording, estimate, optimum, batch)
     figures = _path_figures(truth, recording, estimate)
-    figures |= _map_figures(truth, recording, estimate, batch)
+    figures |= map_figures(truth, recording, estimate, batch)
     figures |= _optimum_figures(truth, estimate, optimum)
-    figures |= _filter_figures(estimate)
+    figures |= filter_figures(estimate)
     return Score(kind=estimate.kind, **figures)
 
 
@@ -135,7 +135,8 @@ def _path_figures(truth: Truth, recording: Recording, estimate: Estimate) -> dic
     }
 
 
-def _map_figures(truth: Truth, recording: Recording, estimate: Estimate, batch: Estimate | None) -> dict[str, Any]:
+def map_figures(truth: Truth, recording: Recording, estimate: Estimate, batch: Estimate | None) -> dict[str, Any]:
+    """What a `Score` says of the map and of the associations."""
     ids, landmarks = true_landmarks(truth, recording, estimate)
     errors = landmark_errors(ids, landmarks, truth.landmark_ids, truth.landmarks)
     covs = estimate.landmark_covs
@@ -170,7 +171,8 @@ def _optimum_figures(truth: Truth, estimate: Estimate, optimum: Estimate | None)
     }
 
 
-def _filter_figures(estimate: Estimate) -> dict[str, Any]:
+def filter_figures(estimate: Estimate) -> dict[str, Any]:
+    """What a `Score` says of the innovations and of computing time."""
     nis = 0.0 if estimate.nis is None else float(estimate.nis.sum())
     dof = 0 if estimate.nis_dof is None else int(estimate.nis_dof.sum())
     seconds = estimate.seconds

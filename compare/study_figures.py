@@ -64,7 +64,7 @@ def _against_band(
             value = curves[name].value
             axes.plot(time, value, color=style.color, linestyle=style.dashes, linewidth=0.9, label=name)
     axes.set(xlabel="time [s]", ylabel=label)
-    figure.legend(loc="outside lower center", ncols=6, **LEGEND)
+    figure.legend(loc="outside lower center", ncols=8, **LEGEND)
     return figure
 
 
