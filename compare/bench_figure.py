@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from compare.bench import step_time
-from compare.plot_style import styles
+from compare.plot_style import LEGEND, styles
 
 
 def save_bench_figure(path: Path, result: dict[str, Any]) -> None:
     """Step time (median, or mean of a whole run) and its 95 % quantile against map size, both axes logarithmic."""
-    figure = Figure(figsize=(4.6, 3.4), layout="constrained")
+    figure = Figure(figsize=(5.6, 3.4), layout="constrained")
     axes = figure.subplots()
     for name, style in styles(result["estimators"]).items():
         by_size = result["estimators"][name]
@@ -23,10 +23,10 @@ def save_bench_figure(path: Path, result: dict[str, Any]) -> None:
         high = np.array([figures.get("p95_s", np.nan) for figures in by_size.values()]) * 1e3
         axes.plot(sizes, times, color=style.color, linestyle=style.dashes, marker="o", markersize=3, label=name)
         axes.plot(sizes, high, color=style.color, linestyle="none", marker="_", markersize=6)
-    axes.set(xscale="log", yscale="log", xlabel="landmarks", ylabel="ms a step: median, dash: 95 %")
+    axes.set(xscale="log", yscale="log", xlabel="landmarks", ylabel="ms a step (dash: 95 %)")
     sizes = sorted({int(size) for by_size in result["estimators"].values() for size in by_size})
     axes.set_xticks(sizes, [str(size) for size in sizes])
     axes.minorticks_off()
     axes.grid(visible=True, which="major", linewidth=0.3)
-    axes.legend(frameon=False)
+    figure.legend(loc="outside right center", **LEGEND)
     figure.savefig(path, dpi=200)

@@ -15,6 +15,7 @@ from tqdm import tqdm
 from compare.estimators import run_estimator
 from compare.files import save, write_tum
 from compare.scores import Score, evaluate
+from compare.text_table import aligned
 from slam2d import Estimate, Estimator, Recording, Truth
 
 OPTIMUM = {"filtered": "isam2", "smoothed": "batch"}
@@ -129,10 +130,4 @@ def table(comparison: Comparison) -> str:
     for name, score in sorted(comparison.scores.items(), key=lambda item: item[1].kind):
         figures = [(getattr(score, key), form) for _, key, form in _COLUMNS]
         rows.append([name, score.kind, *("-" if value is None else form.format(value) for value, form in figures)])
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    lines: list[str] = []
-    for name, kind, *figures in rows:
-        cells = [name.ljust(widths[0]), kind.ljust(widths[1])]
-        cells += [figure.rjust(width) for figure, width in zip(figures, widths[2:], strict=True)]
-        lines.append("  ".join(cells))
-    return "\n".join(lines)
+    return "\n".join(aligned(rows, words=2))

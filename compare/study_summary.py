@@ -13,6 +13,7 @@ from compare.consistency import chi2_band
 from compare.defined import mean
 from compare.intervals import Interval, jackknife_interval, mean_interval, ratio_interval
 from compare.study_store import Runs
+from compare.text_table import aligned
 from slam2d import Float, Int
 
 BAND_LEVEL = 0.999  # of the chi-square band whose share of steps is given
@@ -238,11 +239,7 @@ def summary_table(summary: Summary) -> str:
         cells.append("-" if share is None else f"{share:.1%}")
         cells.append("-" if ratios is None else " ".join("-" if r is None else f"{r:.3f}" for r in ratios))
         rows.append(cells)
-    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
-    lines = [
-        "  ".join([row[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:], strict=True))])
-        for row in rows
-    ]
+    lines = aligned(rows, words=1)
     lines += [f"run {failure.run}: {failure.estimator} failed: {failure.error}" for failure in summary.failures]
     return "\n".join(lines)
 
