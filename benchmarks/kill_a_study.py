@@ -38,7 +38,7 @@ def main() -> int:
             before = stored(killed)
             target = before + moments.randint(0, 2 * (options.runs - before) // (left + 1))
             process = start_study(killed, options.runs)
-            while stored(killed) < target:
+            while stored(killed) < target and process.poll() is None:
                 time.sleep(0.005)
             time.sleep(moments.uniform(0.0, 0.05))
             process.send_signal(signal.SIGKILL)

@@ -21,6 +21,7 @@ from compare.simulation import simulate
 from compare.study_run import run_seed
 from slam2d import Estimate, Float, Int, Recording, Truth
 
+FILTERS = ("ekf", "fej-ekf", "iekf", "riekf")
 RUNGS = {
     "hindsight optimum": "all measurements at once: what no estimator avoids",
     "causal optimum": "for knowing only the past",
@@ -70,9 +71,12 @@ def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, exe
     Raises:
         ValueError: bad names or numbers, or an estimator that failed, with the run.
     """
-    load_estimators([filter_name])
+    if filter_name not in FILTERS:
+        raise ValueError(f"filter: {filter_name!r} is none whose error can be split; use {', '.join(FILTERS)}")
     if runs < 1:
         raise ValueError(f"runs: {runs} is no budget; give at least 1")
+    if seed < 0:
+        raise ValueError(f"seed: {seed} is negative; use a whole number >= 0")
     seeds = [run_seed(seed, run) for run in range(runs)]
     futures = [executor.submit(rung_errors, scenario, each, filter_name) for each in seeds]
     try:
@@ -159,6 +163,6 @@ def verdict(budget: ErrorBudget) -> str:
         f"{budget.filter} on {budget.scenario}, {budget.runs} runs: of {total:.4f} m^2 (RMS {np.sqrt(total):.3f} m) "
         f"{unavoidable:.4f} m^2 no estimator avoids"
     )
-    if cost <= 0:
+    if cost <= 1e-9 * total:  # rounding
         return f"{opening}; no rung above that costs anything."
     return f"{opening}; most of the rest goes to {budget.costliest}: {cost:.4f} m^2, {cost / total:.0%} of the whole."

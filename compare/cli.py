@@ -218,10 +218,10 @@ class Study:
         try:
             with _executor(self.jobs, self.scheduler) as executor:
                 summary = run_study(scenario, self.runs, self.seed, names, self.out, executor)
+            runs = load_runs(scenario, self.runs, self.seed, names, self.out)
+            write_study(self.out, summary, runs, scenario.trajectory.step)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
-        runs = load_runs(scenario, self.runs, self.seed, names, self.out)
-        write_study(self.out, summary, runs, scenario.trajectory.step)
         print(json.dumps(summary.to_json(), indent=2, allow_nan=False) if self.json else summary_table(summary))
         print(f"written to {self.out}", file=sys.stderr)
 

@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 from collections.abc import Generator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 
 BLAS_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
@@ -24,12 +24,23 @@ def pin_blas_threads() -> None:
 
 @contextmanager
 def local_processes(jobs: int) -> Generator[Executor]:
-    """Worker processes of this machine, each with one BLAS thread; they end with their parent, however it ends."""
+    """Worker processes of this machine, each with one BLAS thread; they end with their parent, however it ends.
+
+    Raises:
+        ValueError: a worker died.
+    """
     pin_blas_threads()
     context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
+    others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_follow_parent)
     try:
         yield pool
+    except BaseException as error:  # what is being computed will not be used any more
+        for worker in set(multiprocessing.active_children()) - others:
+            worker.terminate()
+        if isinstance(error, BrokenExecutor):
+            raise ValueError("a worker process died (out of memory?); give the same command again") from None
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -39,7 +50,7 @@ def dask_cluster(address: str) -> Generator[Executor]:
     """The workers of a running Dask cluster, which must have this version of slamgauge installed.
 
     Raises:
-        ValueError: the extra `cluster` is not installed, or no scheduler answers at `address`.
+        ValueError: the extra `cluster` is not installed, no scheduler answers at `address`, or it is lost.
     """
     try:
         from distributed import Client
@@ -52,6 +63,8 @@ def dask_cluster(address: str) -> Generator[Executor]:
         raise ValueError(f"scheduler {address}: {reason}; start one, and give its address tcp://host:port") from None
     try:
         yield client.get_executor(pure=False)
+    except (CancelledError, OSError) as error:
+        raise ValueError(f"scheduler {address}: lost ({error or 'cancelled'}); give the same command again") from None
     finally:
         client.close()
 

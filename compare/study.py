@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from pathlib import Path
 
 from tqdm import tqdm
@@ -16,7 +17,7 @@ from compare.study_run import Outcome, run_once, run_seed
 from compare.study_store import Runs, StudyStore, digest, open_store
 from compare.study_summary import Failure, Summary, summarise
 
-IN_FLIGHT = 64  # runs handed to the executor at a time, so that results do not pile up
+IN_FLIGHT = 256  # runs handed to the executor at a time, so that results do not pile up
 STORE = "study.sqlite"
 
 
@@ -38,6 +39,8 @@ def run_study(
         ValueError: bad names or numbers, or a store that holds another study.
     """
     load_estimators(estimators)  # misspelt names are refused before anything is written
+    if not estimators:
+        raise ValueError("estimators: none given; name at least one, for example --estimators ekf,isam2")
     if runs < 1:
         raise ValueError(f"runs: {runs} is no study; give at least 1")
     if seed < 0:
@@ -58,6 +61,8 @@ def run_study(
 
 def load_runs(scenario: Scenario, runs: int, seed: int, estimators: Sequence[str], out: Path) -> dict[str, Runs]:
     """What the store in `out` holds of each estimator, for figures and statistics of one's own."""
+    if not (out / STORE).exists():
+        raise ValueError(f"{out / STORE}: there is no study; carry one out with run_study")
     with open_store(out / STORE, scenario, seed) as store:
         return {name: store.load(name, runs) for name in estimators}
 
@@ -69,7 +74,7 @@ def write_study(out: Path, summary: Summary, runs: dict[str, Runs], step: float)
     with explained(out, "written"):
         save_study_figures(out, summary, runs, step)
         text = json.dumps(summary.to_json(), indent=2, allow_nan=False)
-        partial = out / ".summary.json.partial"
+        partial = out / f".summary.json.{os.getpid()}.partial"
         partial.write_text(text + "\n", encoding="utf-8")
         partial.replace(out / "summary.json")
 
@@ -92,8 +97,6 @@ def _carry_out(
                     run = pending.pop(future)
                     store.add(run, run_seed(seed, run), future.result())
                     progress.update()
-        except BrokenExecutor:
-            raise ValueError("a worker died (out of memory?); nothing is lost: run the same command again") from None
         finally:
             for future in pending:
                 future.cancel()

@@ -27,7 +27,10 @@ def save_study_figures(out: Path, summary: Summary, runs: Mapping[str, Runs], st
     with mpl.rc_context(PRINT):
         for name, draw in (("nees", _nees), ("nis", _nis), ("errors", _errors), ("ratios", _ratios)):
             figure = draw(ran, step)
-            if figure is not None:
+            if figure is None:  # what an earlier study has drawn there would not be of this one
+                for ending in ("png", "svg"):
+                    (out / f"{name}.{ending}").unlink(missing_ok=True)
+            else:
                 figure.suptitle(title)
                 save(figure, out / name)
 

@@ -61,7 +61,10 @@ def run_seed(seed: int, run: int) -> int:
 
 def run_once(scenario: Scenario, seed: int, names: Sequence[str]) -> list[Outcome]:
     """Simulate one run and score the estimators `names` on it; an estimator that fails leaves its error."""
-    truth, recording = simulate(scenario, seed)
+    try:
+        truth, recording = simulate(scenario, seed)
+    except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
+        return [Outcome(name, error=f"simulation: {type(error).__name__}: {error}") for name in names]
     return [_outcome(name, estimator, truth, recording) for name, estimator in load_estimators(names).items()]
 
 
@@ -71,7 +74,9 @@ def _outcome(name: str, estimator: Estimator, truth: Truth, recording: Recording
         series = step_series(truth, estimate)
         distances = np.hypot(series[0], series[1])
         known = map_figures(truth, recording, estimate, None) | filter_figures(estimate)
-        known |= {"ate_m": rms(distances), "final_position_error_m": number(distances[-1]), "seconds_total": seconds}
+        known |= {"ate_m": rms(distances), "final_position_error_m": number(distances[-1])}
+        if estimate.seconds is None:
+            known["seconds_total"] = seconds
         figures = {key: known[key] for key in FIGURES}
         return Outcome(name, estimate.kind, figures, series.astype(np.float32).tobytes())
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from compare.files import explained
 from compare.scenario import Scenario
 from compare.study_run import FIGURES, SERIES, Outcome
 from slam2d import Float, Int
@@ -109,8 +110,9 @@ def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStor
     Raises:
         ValueError: the file holds another study, was made by another version, or cannot be used.
     """
-    try:
+    with explained(path.parent, "written"):
         path.parent.mkdir(parents=True, exist_ok=True)
+    try:
         connection = sqlite3.connect(path, timeout=60.0)
         try:
             connection.execute("PRAGMA journal_mode = WAL")
@@ -121,8 +123,6 @@ def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStor
             yield StudyStore(connection)
         finally:
             connection.close()
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be written ({error.strerror or error}); check the path") from None
     except sqlite3.Error as error:
         raise ValueError(f"{path}: cannot be used as a study's store ({error}); give another --out") from None
 

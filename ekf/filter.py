@@ -142,7 +142,8 @@ class SlamFilter:
 
         Raises:
             ValueError: no ids, shapes that do not fit, or an update that has no solution because a
-                number is not finite or a covariance not positive definite; the filter is unchanged.
+                number is not finite or a covariance not positive definite; the filter is then unchanged,
+                unless it had diverged (its own covariance no longer positive definite).
         """
         ids, values, covs = observations
         if ids is None:

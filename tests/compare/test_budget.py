@@ -107,3 +107,10 @@ def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest
     assert set(content) == {"scenario", "filter", "runs", "rungs", "costliest"}
     assert set(content["rungs"][0]) == {"name", "mse_m2", "increment_m2"}
     assert (tmp_path / "budget" / "budget.png").stat().st_size > 0
+
+
+@pytest.mark.parametrize("words", [["--filter", "batch"], ["--filter", "efk"], ["--seed", "-1"], ["--runs", "0"]])
+def test_bad_input_is_one_line_and_exit_2(words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["budget", "q1-long-dense", "--out", str(tmp_path / "budget"), *words]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "budget").exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sqlite3
 import subprocess
 import sys
@@ -166,11 +167,11 @@ def test_a_file_that_is_no_store_is_refused(scenario: Scenario, thread: ThreadPo
         run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
 
 
-@pytest.mark.parametrize(("runs", "seed", "names"), [(0, 0, ["ekf"]), (1, -1, ["ekf"]), (1, 0, ["efk"])])
+@pytest.mark.parametrize(("runs", "seed", "names"), [(0, 0, ["ekf"]), (1, -1, ["ekf"]), (1, 0, ["efk"]), (1, 0, [])])
 def test_bad_input_is_refused_before_anything_is_written(
     scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, runs: int, seed: int, names: list[str]
 ) -> None:
-    with pytest.raises(ValueError, match=r"give at least 1|negative|did you mean ekf"):
+    with pytest.raises(ValueError, match=r"give at least 1|negative|did you mean ekf|name at least one"):
         run_study(scenario, runs, seed, names, tmp_path / "new", thread)
     assert not (tmp_path / "new").exists()
 
@@ -241,3 +242,39 @@ def test_a_killed_study_goes_on_to_the_same_summary() -> None:
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.endswith("the same summary after 3 kills; 12 runs stored\n")
+
+
+def test_a_dead_worker_is_one_line_and_what_is_stored_stays(
+    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("compare.study.run_once", leave_at_once)
+    with pytest.raises(ValueError, match=r"^a worker process died"), local_processes(1) as executor:
+        run_study(scenario, 2, 0, ("ekf",), tmp_path, executor)
+
+
+def leave_at_once(*_: object) -> None:
+    os._exit(1)
+
+
+def test_several_threads_leave_standard_output_alone(scenario: Scenario, tmp_path: Path) -> None:
+    before = sys.stdout
+    with ThreadPoolExecutor(3) as executor:
+        run_study(scenario, 6, 0, ("ekf", "riekf"), tmp_path, executor)
+    assert sys.stdout is before
+
+
+def test_a_simulation_that_fails_is_recorded_for_every_estimator(
+    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise MemoryError("too large")
+
+    monkeypatch.setattr(study_run, "simulate", broken)
+    summary = run_study(scenario, 1, 0, ("ekf", "riekf"), tmp_path, thread)
+    assert [failure.error for failure in summary.failures] == ["simulation: MemoryError: too large"] * 2
+
+
+def test_there_is_nothing_to_load_where_no_study_was(scenario: Scenario, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="there is no study"):
+        load_runs(scenario, 1, 0, ("ekf",), tmp_path / "nowhere")
+    assert not (tmp_path / "nowhere").exists()
