@@ -161,6 +161,16 @@ class Recording:
             landmark=None if self.landmark is None else self.landmark[:last],
         )
 
+    def only(self, kept: NDArray[np.bool_]) -> Recording:
+        """The recording with the `kept` (M,) observations alone."""
+        return replace(
+            self,
+            observation_step=self.observation_step[kept],
+            observation=self.observation[kept],
+            observation_cov=self.observation_cov[kept],
+            landmark=None if self.landmark is None else self.landmark[kept],
+        )
+
     def scans(self) -> Iterator[Observations]:
         """The observations of step 0, 1, ..., N in turn (views, not copies)."""
         bounds = np.searchsorted(self.observation_step, np.arange(self.steps + 2)).tolist()

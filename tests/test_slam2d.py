@@ -418,6 +418,19 @@ def test_the_first_steps_are_a_recording_of_their_own() -> None:
     assert recording(landmark=None).first(1).landmark is None
 
 
+def test_observations_can_be_left_out() -> None:
+    whole = recording(observation_step=[0, 1, 2])
+    part = whole.only(np.array([True, False, True]))
+    np.testing.assert_array_equal(part.observation_step, [0, 2])
+    np.testing.assert_array_equal(part.observation, whole.observation[[0, 2]])
+    np.testing.assert_array_equal(part.observation_cov, whole.observation_cov[[0, 2]])
+    assert part.landmark is not None
+    assert whole.landmark is not None
+    np.testing.assert_array_equal(part.landmark, whole.landmark[[0, 2]])
+    np.testing.assert_array_equal(part.odometry, whole.odometry)
+    assert recording(landmark=None).only(np.zeros(3, dtype=bool)).landmark is None
+
+
 def test_a_truth_may_lack_anything() -> None:
     nothing = Truth()
     assert [getattr(nothing, field.name) for field in fields(Truth)] == [None] * 4

@@ -57,13 +57,7 @@ def test_wrong_associations_are_charged_to_the_associations(monkeypatch: pytest.
         assert recording.landmark is not None
         given = np.where(recording.landmark == 1, 0, recording.landmark)
         kept = given != 2
-        seen = replace(
-            recording,
-            observation_step=recording.observation_step[kept],
-            observation=recording.observation[kept],
-            observation_cov=recording.observation_cov[kept],
-            landmark=given[kept],
-        )
+        seen = replace(recording.only(kept), landmark=given[kept])
         return replace(isam2(seen), association=np.where(kept, given, -1))
 
     monkeypatch.setattr("ekf.ekf", confused)

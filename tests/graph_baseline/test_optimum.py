@@ -489,15 +489,7 @@ def test_without_observations_the_optimum_is_dead_reckoning(estimator: Estimator
 @pytest.mark.parametrize("seen", [(0,), (1,), (0, 3), (4,)])
 def test_isam2_takes_few_sights_and_many_stretches_without(seen: tuple[int, ...]) -> None:
     recording = problem(0, "range-bearing", True)[1]
-    landmark = require_known_landmarks(recording)
-    keep = np.isin(recording.observation_step, seen) & (landmark == 0)
-    sparse = replace(
-        recording,
-        observation_step=recording.observation_step[keep],
-        observation=recording.observation[keep],
-        observation_cov=recording.observation_cov[keep],
-        landmark=landmark[keep],
-    )
+    sparse = recording.only(np.isin(recording.observation_step, seen) & (require_known_landmarks(recording) == 0))
     last = answer(batch(sparse))
     off = between(last.poses, answer(isam2(sparse)).poses)[-1]
     assert (np.abs(off) < 0.02 * np.sqrt(np.diag(last.pose_covs[-1]))).all()
