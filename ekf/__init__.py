@@ -1,6 +1,6 @@
 """Planar landmark SLAM filters.
 
-`models` (sensors), `kernels` (the steps, compiled), `corrections` (what tells the filters apart),
+`models` (sensors), `workspace` (arrays), `kernels` (the steps, compiled), `corrections` (what tells the filters apart),
 `filter` (the online form), `compressed` (the same for large maps), `estimators` (recording in, estimate out).
 """
 

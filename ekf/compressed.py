@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from ekf.compiled import kernel, solve_factor, subtract_gram, subtract_product
 from ekf.corrections import update_standard
 from ekf.filter import WHOLE_SCAN, Rule, SlamFilter
-from ekf.kernels import Workspace
+from ekf.workspace import Workspace
 from slam2d import Float, Int, Observations
 
 

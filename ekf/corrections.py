@@ -32,8 +32,9 @@ from __future__ import annotations
 import math
 
 from ekf.compiled import add_outer_pair, combine_rows, kernel, subtract_gram
-from ekf.kernels import Workspace, linearise, mirror_robot_block, take_in, whiten
+from ekf.kernels import are_sound, linearise, mirror_robot_block, subtract_projection, take_in, whiten
 from ekf.models import wrap
+from ekf.workspace import Workspace
 from slam2d import Float
 
 MAX_ITERATIONS = 20
@@ -48,8 +49,7 @@ def update_standard(
 
     Returns the NIS and its degrees of freedom; when the NIS is not finite, nothing has changed.
     """
-    informative = linearise(sensor, state, point, work.slots[:count], work.observation, work.innovation, work.jacobian)
-    nis = take_in(cov, size, count, work)
+    nis, informative = take_in(sensor, state, point, cov, size, count, work)
     if not math.isfinite(nis):
         return nis, informative
     for i in range(size):
@@ -74,27 +74,27 @@ def iterate(
 
     The workspace must take in a whole scan at a time.
     """
-    dx, iterate = work.scratch[0], work.scratch[1]
-    iterate[:size] = state[:size]
+    dx, at, back = work.scratch[0], work.scratch[1], work.scratch[2]
+    at[:size] = state[:size]
     first_nis, first_informative = 0.0, 0
     for iteration in range(iterations):
-        informative = linearise(
-            sensor, iterate, iterate, work.slots[:count], work.observation, work.innovation, work.jacobian
-        )
-        _refer_to_prediction(state, iterate, count, work)
+        informative = linearise(sensor, at, at, work.slots[:count], work.observation, work.innovation, work.jacobian)
+        for i in range(size):
+            back[i] = state[i] - at[i]
+        subtract_projection(back, 0, count, work)
         nis = whiten(cov, size, 0, count, work)
-        if not math.isfinite(nis):
-            return nis, informative
+        if not (math.isfinite(nis) and are_sound(count, work)):
+            return math.nan, informative
         if iteration == 0:
             first_nis, first_informative = nis, informative
         combine_rows(work.W, work.innovation, dx, 2 * count, size)
         change = 0.0
         for i in range(size):
-            change = max(change, abs(state[i] + dx[i] - iterate[i]))
-            iterate[i] = state[i] + dx[i]
+            change = max(change, abs(state[i] + dx[i] - at[i]))
+            at[i] = state[i] + dx[i]
         if change < SETTLED:
             break
-    state[:size] = iterate[:size]
+    state[:size] = at[:size]
     state[2] = wrap(state[2])
     subtract_gram(cov, work.W, 2 * count, size)
     mirror_robot_block(cov)
@@ -102,24 +102,11 @@ def iterate(
 
 
 @kernel
-def _refer_to_prediction(state: Float, iterate: Float, count: int, work: Workspace) -> None:
-    """Turn innovations at the iterate x into z - h(x) - H (state - x)."""
-    for i in range(count):
-        landmark = 3 + 2 * work.slots[i]
-        for k in (2 * i, 2 * i + 1):
-            for j in range(3):
-                work.innovation[k] -= work.jacobian[k, j] * (state[j] - iterate[j])
-            for j in range(2):
-                work.innovation[k] -= work.jacobian[k, 3 + j] * (state[landmark + j] - iterate[landmark + j])
-
-
-@kernel
 def update_right_invariant(
     sensor: int, state: Float, point: Float, cov: Float, size: int, count: int, work: Workspace
 ) -> tuple[float, int]:
     """Correct: x <- exp(D^-1 dx) x, P <- T (P - W'W) T'; returns as `update_standard`."""
-    informative = linearise(sensor, state, point, work.slots[:count], work.observation, work.innovation, work.jacobian)
-    nis = take_in(cov, size, count, work)
+    nis, informative = take_in(sensor, state, point, cov, size, count, work)
     if not math.isfinite(nis):
         return nis, informative
     dx, u, heading_row = work.scratch[0], work.scratch[1], work.scratch[2]

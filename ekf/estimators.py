@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
+from ekf.compressed import CompressedFilter
 from ekf.filter import Correction, SlamFilter
 from slam2d import Estimate, Recording
+
+CORRECTIONS: dict[str, Correction] = {
+    "ekf": "standard",
+    "fej-ekf": "first-estimates",
+    "iekf": "iterated",
+    "riekf": "right-invariant",
+}
 
 
 def ekf(recording: Recording) -> Estimate:
@@ -16,7 +26,7 @@ def ekf(recording: Recording) -> Estimate:
     Raises:
         ValueError: bearing-only recordings and unknown association are not for this filter.
     """
-    return _run(recording, "standard")
+    return _run(recording, CORRECTIONS["ekf"])
 
 
 def fej_ekf(recording: Recording) -> Estimate:
@@ -28,7 +38,7 @@ def fej_ekf(recording: Recording) -> Estimate:
     Raises:
         ValueError: bearing-only recordings and unknown association are not for this filter.
     """
-    return _run(recording, "first-estimates")
+    return _run(recording, CORRECTIONS["fej-ekf"])
 
 
 def iekf(recording: Recording) -> Estimate:
@@ -37,7 +47,7 @@ def iekf(recording: Recording) -> Estimate:
     Raises:
         ValueError: bearing-only recordings and unknown association are not for this filter.
     """
-    return _run(recording, "iterated")
+    return _run(recording, CORRECTIONS["iekf"])
 
 
 def riekf(recording: Recording) -> Estimate:
@@ -46,7 +56,7 @@ def riekf(recording: Recording) -> Estimate:
     Raises:
         ValueError: bearing-only recordings and unknown association are not for this filter.
     """
-    return _run(recording, "right-invariant")
+    return _run(recording, CORRECTIONS["riekf"])
 
 
 def dead_reckoning(recording: Recording) -> Estimate:
@@ -63,6 +73,24 @@ def dead_reckoning(recording: Recording) -> Estimate:
     return Estimate(kind="filtered", poses=poses, pose_covs=pose_covs, seconds=seconds)
 
 
+class Step(NamedTuple):
+    """What a step of a filter gave: NIS, its degrees of freedom, computing time."""
+
+    nis: float
+    nis_dof: int
+    seconds: float
+
+
+def drive(slam: SlamFilter | CompressedFilter, recording: Recording) -> Iterator[Step]:
+    """Feed a recording to a filter, step 0, 1, ..., N."""
+    for k, scan in enumerate(recording.scans()):
+        start = perf_counter()
+        if k > 0:
+            slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
+        nis, dof = slam.update(scan) if len(scan.value) else (0.0, 0)
+        yield Step(nis, dof, perf_counter() - start)
+
+
 def _run(recording: Recording, correction: Correction) -> Estimate:
     if recording.landmark is None:
         raise ValueError("landmark: this filter needs known association; the recording has no ids")
@@ -76,13 +104,8 @@ def _run(recording: Recording, correction: Correction) -> Estimate:
     steps = recording.steps
     poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
     nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1)
-    for k, observations in enumerate(recording.scans()):
-        start = perf_counter()
-        if k > 0:
-            slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
-        if len(observations.value):
-            nis[k], nis_dof[k] = slam.update(observations)
-        seconds[k] = perf_counter() - start
+    for k, step in enumerate(drive(slam, recording)):
+        nis[k], nis_dof[k], seconds[k] = step
         poses[k], pose_covs[k] = slam.pose, slam.pose_cov
     return Estimate(
         kind="filtered",

@@ -13,11 +13,11 @@ from ekf import kernels
 from ekf.corrections import update_iterated, update_right_invariant, update_standard
 from ekf.models import SENSOR_CODES
 from ekf.warm_up import compile_once
+from ekf.workspace import Workspace, allocate
 from slam2d import Float, Int, Observations
 
 Correction = Literal["standard", "first-estimates", "iterated", "right-invariant"]
-Update = Callable[[int, Float, Float, Float, int, int, kernels.Workspace], tuple[float, int]]
-
+Update = Callable[[int, Float, Float, Float, int, int, Workspace], tuple[float, int]]
 
 WHOLE_SCAN = sys.maxsize
 BLOCK = 16  # observations that an update takes in at a time; see docs/performance.md
@@ -79,7 +79,7 @@ class SlamFilter:
         self._point = self._state.copy() if self._rule.first_estimates else self._state
         self._increment = np.zeros(3)
         self._increment_cov = np.zeros((3, 3))
-        self._work = kernels.allocate_workspace(0, capacity, self._rule.block)
+        self._work = allocate(0, capacity, self._rule.block)
 
     @property
     def pose(self) -> Float:
@@ -152,7 +152,7 @@ class SlamFilter:
         if count == 0:
             return 0.0, 0
         if count > len(self._work.ids):
-            self._work = kernels.allocate_workspace(count, len(self._state), self._rule.block)
+            self._work = allocate(count, len(self._state), self._rule.block)
         work = self._work
         work.ids[:count] = ids
         unmapped = kernels.find_slots(self._sorted_ids, self._sorted_slots, work.ids[:count], work.slots)
@@ -210,13 +210,10 @@ class SlamFilter:
         if size <= len(self._state):
             return
         capacity = 2 * size
-        state, cov = np.zeros(capacity), np.zeros((capacity, capacity))
-        state[: self._size] = self._state[: self._size]
-        cov[: self._size, : self._size] = self._cov[: self._size, : self._size]
-        if self._rule.first_estimates:
-            point = np.zeros(capacity)
-            point[: self._size] = self._point[: self._size]
-        else:
-            point = state
-        self._state, self._point, self._cov = state, point, cov
-        self._work = kernels.allocate_workspace(len(self._work.ids), capacity, self._rule.block)
+        used, more = self._size, capacity - self._size
+        self._state = np.pad(self._state[:used], (0, more))
+        self._point = np.pad(self._point[:used], (0, more)) if self._rule.first_estimates else self._state
+        cov = np.zeros((capacity, capacity))
+        cov[:used, :used] = self._cov[:used, :used]
+        self._cov = cov
+        self._work = allocate(len(self._work.ids), capacity, self._rule.block)

@@ -15,45 +15,13 @@ Kalman filter" (2014) for the block structure.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
-
-import numpy as np
 
 from ekf.compiled import cholesky, combine_rows, kernel, solve_factor, subtract_gram
 from ekf.models import locate, observe, wrap, wrap_innovation
+from ekf.workspace import Workspace
 from slam2d import Float, Int
 
 TILE = 64  # rows of `cov` that a strided pass keeps in cache
-
-
-class Workspace(NamedTuple):
-    """Arrays that an update reads and fills: m observations, taken in b at a time, `capacity` state entries."""
-
-    ids: Int  # (m,)
-    slots: Int  # (m,)
-    observation: Float  # (m, 2)
-    observation_cov: Float  # (m, 2, 2)
-    jacobian: Float  # (2m, 5)
-    innovation: Float  # (2m,)
-    S: Float  # (2b, 2b)
-    W: Float  # (2b, capacity)
-    scratch: Float  # (3, capacity)
-
-
-def allocate_workspace(observations: int, capacity: int, block: int) -> Workspace:
-    """Room for `observations`, at most `block` of them at a time, in a state of up to `capacity` entries."""
-    rows, block_rows = 2 * observations, 2 * min(observations, block)
-    return Workspace(
-        ids=np.zeros(observations, dtype=np.int64),
-        slots=np.zeros(observations, dtype=np.int64),
-        observation=np.zeros((observations, 2)),
-        observation_cov=np.zeros((observations, 2, 2)),
-        jacobian=np.zeros((rows, 5)),
-        innovation=np.zeros(rows),
-        S=np.zeros((block_rows, block_rows)),
-        W=np.zeros((block_rows, capacity)),
-        scratch=np.zeros((3, capacity)),
-    )
 
 
 @kernel
@@ -219,6 +187,38 @@ def whiten(cov: Float, size: int, first: int, last: int, work: Workspace) -> flo
 
 
 @kernel
+def take_in(
+    sensor: int, state: Float, point: Float, cov: Float, size: int, count: int, work: Workspace
+) -> tuple[float, int]:
+    """P <- P - W'W for the first `count` observations, and their correction dx in `work.scratch[0]`.
+
+    Block by block of the workspace, all with the Jacobians at `point`: for independent observations that is
+    the same as all at once, and saves the triangular solve that grows with the square of a block. Returns the
+    NIS and its degrees of freedom; when the NIS is not finite, nothing has changed, unless P itself was not
+    positive definite.
+    """
+    informative = linearise(sensor, state, point, work.slots[:count], work.observation, work.innovation, work.jacobian)
+    if not are_sound(count, work):
+        return math.nan, informative
+    dx, block_dx = work.scratch[0], work.scratch[1]
+    dx[:size] = 0.0
+    nis, block = 0.0, len(work.W) // 2
+    for first in range(0, count, block):
+        last = min(first + block, count)
+        subtract_projection(dx, first, last, work)
+        nis += whiten(cov, size, first, last, work)
+        if not math.isfinite(nis):
+            return math.nan, informative
+        rows = 2 * (last - first)
+        combine_rows(work.W, work.innovation[2 * first :], block_dx, rows, size)
+        for j in range(size):
+            dx[j] += block_dx[j]
+        subtract_gram(cov, work.W, rows, size)
+        mirror_robot_block(cov)
+    return nis, informative
+
+
+@kernel
 def are_sound(count: int, work: Workspace) -> bool:
     """Whether the first `count` observations are finite and their covariances positive definite."""
     for i in range(count):
@@ -231,37 +231,8 @@ def are_sound(count: int, work: Workspace) -> bool:
 
 
 @kernel
-def take_in(cov: Float, size: int, count: int, work: Workspace) -> float:
-    """P <- P - W'W for the first `count` observations, and their correction dx in `work.scratch[0]`.
-
-    Block by block of the workspace, all with the Jacobians that `linearise` left: for independent observations
-    that is the same as all at once, and saves the triangular solve that grows with the square of a block.
-    Returns the NIS; when it is not finite, nothing has changed, unless P itself was not positive definite.
-    """
-    if not are_sound(count, work):
-        return math.nan
-    dx, block_dx = work.scratch[0], work.scratch[1]
-    dx[:size] = 0.0
-    nis, block = 0.0, len(work.W) // 2
-    for first in range(0, count, block):
-        last = min(first + block, count)
-        if first > 0:
-            _expect(dx, first, last, work)
-        nis += whiten(cov, size, first, last, work)
-        if not math.isfinite(nis):
-            return math.nan
-        rows = 2 * (last - first)
-        combine_rows(work.W, work.innovation[2 * first :], block_dx, rows, size)
-        for j in range(size):
-            dx[j] += block_dx[j]
-        subtract_gram(cov, work.W, rows, size)
-        mirror_robot_block(cov)
-    return nis
-
-
-@kernel
-def _expect(dx: Float, first: int, last: int, work: Workspace) -> None:
-    """Subtract H dx, what the blocks before have corrected, from the innovations of observations first..last."""
+def subtract_projection(dx: Float, first: int, last: int, work: Workspace) -> None:
+    """Subtract H dx from the innovations of observations first..last."""
     for i in range(first, last):
         landmark = 3 + 2 * work.slots[i]
         for k in (2 * i, 2 * i + 1):

@@ -9,6 +9,7 @@ import threading
 import numpy as np
 
 from ekf import corrections, kernels
+from ekf.workspace import allocate
 
 ANNOUNCE_AFTER = 1.0  # s; loading kernels from the cache is faster than this
 
@@ -34,7 +35,7 @@ def compile_once() -> None:
 
 def _run_every_kernel() -> None:
     sensor = 0
-    state, cov, work = np.zeros(5), np.eye(5), kernels.allocate_workspace(1, 5, 1)
+    state, cov, work = np.zeros(5), np.eye(5), allocate(1, 5, 1)
     work.observation[:] = 1.0, 0.0
     work.observation_cov[:] = np.eye(2)
     kernels.predict(state, state, cov, 3, np.zeros(3), np.zeros((3, 3)))

@@ -14,6 +14,7 @@ from jacobians import assert_jacobian, differentiate
 
 from ekf import kernels
 from ekf.models import MIN_BEARING_DISTANCE, POSITION, RANGE_BEARING, locate, observe
+from ekf.workspace import allocate
 from slam2d import Float, compose, rotation
 
 PI = math.pi
@@ -253,7 +254,7 @@ def augmented(sensor: int, pose: Float, cov: Float, z: Float, R: Float) -> tuple
     size = len(cov)
     state, room = np.concatenate([pose, np.zeros(size - 1)]), np.zeros((size + 2, size + 2))
     room[:size, :size] = cov
-    work = kernels.allocate_workspace(1, size + 2, 1)
+    work = allocate(1, size + 2, 1)
     work.observation[0], work.observation_cov[0] = z, R
     kernels.augment(sensor, state, state, room, size, 1, work)
     np.testing.assert_array_equal(room[:size, :size], cov)

@@ -19,7 +19,7 @@ from scipy.stats import chi2
 from ekf import SlamFilter, dead_reckoning, ekf, fej_ekf, iekf, riekf
 from ekf.corrections import iterate
 from ekf.filter import WHOLE_SCAN, Correction, Rule
-from ekf.kernels import Workspace
+from ekf.workspace import Workspace
 from slam2d import Estimate, Float, Int, Observations, Recording, Sensor, between, chain, compose, rotation, wrap
 
 Estimator = Callable[[Recording], Estimate]
