@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from compare import load_scenario
-from compare.executors import local_processes, pin_blas_threads
+from compare.executors import local_processes
 from compare.study import run_study
 
 NAMES = ("ekf", "fej-ekf", "iekf", "riekf")
@@ -26,7 +26,6 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=50)
     parser.add_argument("--distances", default="0.1,0.3,0.5,1.0")
     options = parser.parse_args()
-    pin_blas_threads()
     print(f"{'distance [m]':>12}" + "".join(f"{name + ': ATE':>16}{'NEES/3':>9}{'lost':>6}" for name in NAMES))
     for distance in map(float, options.distances.split(",")):
         angle = 0.15 + 2 * np.pi * np.arange(20) / 20

@@ -8,9 +8,9 @@ in standard deviations, at ten steps spread over the run. The setting in use is 
 
 from __future__ import annotations
 
-import os
+from compare.executors import pin_blas_threads
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+pin_blas_threads()
 
 import argparse
 from dataclasses import replace

@@ -9,33 +9,27 @@ that of the covariance alone.
 
 from __future__ import annotations
 
-import os
+from compare.executors import pin_blas_threads
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+pin_blas_threads()
 
 import argparse
 import tracemalloc
-from time import perf_counter
 
 import numpy as np
 
 from compare import simulate
 from compare.bench import workload
 from ekf import CompressedFilter, SlamFilter
+from ekf.estimators import drive
 from slam2d import Float, Recording
 
 
 def run(slam: SlamFilter | CompressedFilter, recording: Recording) -> tuple[Float, Float]:
     """Seconds of each step (N+1,) and poses (N+1, 3)."""
     seconds, poses = np.zeros(recording.steps + 1), np.empty((recording.steps + 1, 3))
-    for k, scan in enumerate(recording.scans()):
-        start = perf_counter()
-        if k > 0:
-            slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
-        if len(scan.value):
-            slam.update(scan)
-        seconds[k] = perf_counter() - start
-        poses[k] = slam.pose
+    for k, step in enumerate(drive(slam, recording)):
+        seconds[k], poses[k] = step.seconds, slam.pose
     return seconds, poses
 
 

@@ -16,9 +16,9 @@ an array larger than its caches (bandwidth) and by a large symmetric product (mu
 
 from __future__ import annotations
 
-import os
+from compare.executors import pin_blas_threads
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+pin_blas_threads()
 
 import argparse
 from importlib import import_module

@@ -8,9 +8,9 @@ complement, and, up to `--marginals` landmarks, GTSAM's own `Marginals` for ever
 
 from __future__ import annotations
 
-import os
+from compare.executors import pin_blas_threads
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+pin_blas_threads()
 
 import argparse
 from collections.abc import Callable

@@ -13,7 +13,7 @@ import math
 from pathlib import Path
 
 from compare import load_scenario
-from compare.executors import local_processes, pin_blas_threads
+from compare.executors import local_processes
 from compare.intervals import Interval
 from compare.study import run_study
 
@@ -29,7 +29,6 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("results/ukfm-slam2d"))
     options = parser.parse_args()
-    pin_blas_threads()
     scenario = load_scenario("ukfm-slam2d")
     with local_processes(options.jobs) as executor:
         summary = run_study(scenario, options.runs, options.seed, NAMES, options.out, executor)

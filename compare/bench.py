@@ -6,9 +6,10 @@ when the map is complete.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from time import perf_counter
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from tqdm import tqdm
@@ -17,9 +18,10 @@ from compare.estimators import load_estimators, run_estimator
 from compare.plain_numpy import plain_numpy_ekf
 from compare.scenario import Scenario
 from compare.simulation import simulate
-from ekf import SlamFilter
-from ekf.filter import RULES, Correction
-from ekf.kernels import Workspace
+from compare.text_table import aligned
+from ekf import SlamFilter, kernels
+from ekf.estimators import CORRECTIONS, drive
+from ekf.filter import RULES, Rule
 from slam2d import Estimate, Float, Recording
 
 WORKLOAD = (
@@ -28,13 +30,7 @@ WORKLOAD = (
     "above: radius 20 m, landmarks uniform within 9.8 m of the circle; none nearer to it than 0.5 m"
 )
 YARDSTICK = "plain-numpy"
-SHARE_STEPS = 500  # of the second round, over which the time outside the update kernel is measured
-CORRECTIONS: dict[str, Correction] = {
-    "ekf": "standard",
-    "fej-ekf": "first-estimates",
-    "iekf": "iterated",
-    "riekf": "right-invariant",
-}
+SHARE_STEPS = 500  # of the second round, over which the time outside kernels is measured
 
 
 def workload(landmarks: int, seed: int = 0) -> Scenario:
@@ -98,35 +94,38 @@ def _figures(name: str, recording: Recording, estimate: Estimate, run_s: float) 
         figures["median_s"] = float(np.median(second_round))
         figures["p95_s"] = float(np.quantile(second_round, 0.95))
     if name in CORRECTIONS:
-        figures["share_outside_update_kernel"] = _share_outside_update(recording, CORRECTIONS[name])
+        figures["share_outside_kernels"] = _share_outside_kernels(recording, RULES[CORRECTIONS[name]])
     return figures
 
 
-def _share_outside_update(recording: Recording, correction: Correction) -> float:
-    """Share of the second round's time that is not spent in the compiled update."""
+def _share_outside_kernels(recording: Recording, rule: Rule) -> float:
+    """Share of the second round's time that is not spent in compiled kernels."""
     inside, total = 0.0, 0.0
-    rule = RULES[correction]
 
-    def timed(
-        sensor: int, state: Float, point: Float, cov: Float, size: int, count: int, work: Workspace
-    ) -> tuple[float, int]:
-        nonlocal inside
-        start = perf_counter()
-        result = rule.update(sensor, state, point, cov, size, count, work)
-        inside += perf_counter() - start
-        return result
+    def timed(kernel: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: object) -> object:
+            nonlocal inside
+            start = perf_counter()
+            result = kernel(*arguments)
+            inside += perf_counter() - start
+            return result
 
-    slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov, rule._replace(update=timed))
+        return call
+
+    slam = SlamFilter(
+        recording.sensor, recording.prior_mean, recording.prior_cov, rule._replace(update=timed(rule.update))
+    )
     first = recording.steps // 2
-    for k, scan in enumerate(recording.first(min(first + SHARE_STEPS, recording.steps)).scans()):
-        if k == first:
-            inside, total = 0.0, 0.0
-        start = perf_counter()
-        if k > 0:
-            slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
-        if len(scan.value):
-            slam.update(scan)
-        total += perf_counter() - start
+    part = recording.first(min(first + SHARE_STEPS, recording.steps))
+    with (
+        patch.object(kernels, "predict", timed(kernels.predict)),
+        patch.object(kernels, "find_slots", timed(kernels.find_slots)),
+    ):
+        for k, step in enumerate(drive(slam, part)):
+            if k == first:  # the map is complete
+                inside, total = 0.0, 0.0
+            else:
+                total += step.seconds
     return 1.0 - inside / total
 
 
@@ -146,18 +145,19 @@ def step_time(figures: dict[str, float]) -> float:
 def bench_table(result: dict[str, Any]) -> str:
     """The result as text: milliseconds a step against map size, whole runs, shares and ratios."""
     lines = [f"workload: {result['workload']}", ""]
-    columns = ("median [ms]", "p95 [ms]", "mean [ms]", "runs/s", "outside update", "x plain-numpy", "x isam2")
-    lines.append(f"{'estimator':14} {'landmarks':>9} " + " ".join(f"{column:>14}" for column in columns))
+    titles = ("median [ms]", "p95 [ms]", "mean [ms]", "runs/s", "outside kernels", "x plain-numpy", "x isam2")
+    rows: list[tuple[str, ...]] = [("estimator", "landmarks", *titles)]
     for name, by_size in result["estimators"].items():
         for size, figures in by_size.items():
-            cells = [
+            cells = (
                 *(_cell(figures.get(key), "{:.4f}", 1e3) for key in ("median_s", "p95_s", "mean_s")),
                 _cell(figures["runs_per_second"], "{:.3g}"),
-                _cell(figures.get("share_outside_update_kernel"), "{:.0%}"),
+                _cell(figures.get("share_outside_kernels"), "{:.0%}"),
                 _cell(figures.get(f"ratio_to_{YARDSTICK}"), "{:.3f}"),
                 _cell(figures.get("ratio_to_isam2"), "{:.4f}"),
-            ]
-            lines.append(f"{name:14} {size:>9} " + " ".join(f"{cell:>14}" for cell in cells))
+            )
+            rows.append((name, size, *cells))
+    lines += aligned(rows, words=1)
     for name, exponent in result["growth_exponent"].items():
         lines.append(f"growth of {name}: landmarks^{_cell(exponent, '{:.2f}')}")
     return "\n".join(lines)

@@ -19,9 +19,10 @@ from compare.scenario import Scenario
 from compare.scenario_schema import Assumed
 from compare.simulation import simulate
 from compare.study_run import run_seed
-from slam2d import Estimate, Float, Int, Recording, Truth
+from compare.text_table import aligned
+from ekf.estimators import CORRECTIONS
+from slam2d import Estimate, Float, Recording, Truth
 
-FILTERS = ("ekf", "fej-ekf", "iekf", "riekf")
 RUNGS = {
     "hindsight optimum": "all measurements at once: what no estimator avoids",
     "causal optimum": "for knowing only the past",
@@ -71,8 +72,8 @@ def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, exe
     Raises:
         ValueError: bad names or numbers, or an estimator that failed, with the run.
     """
-    if filter_name not in FILTERS:
-        raise ValueError(f"filter: {filter_name!r} is none whose error can be split; use {', '.join(FILTERS)}")
+    if filter_name not in CORRECTIONS:
+        raise ValueError(f"filter: {filter_name!r} is none whose error can be split; use {', '.join(CORRECTIONS)}")
     if runs < 1:
         raise ValueError(f"runs: {runs} is no budget; give at least 1")
     if seed < 0:
@@ -116,7 +117,8 @@ def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> Float:
         if own is None or np.array_equal(own, truth.association):
             associating = assuming
         else:
-            associating = _run("isam2", _associated(believed, own))
+            kept = own >= 0  # what the filter rejected is left out
+            associating = _run("isam2", replace(believed.only(kept), landmark=own[kept]))
     except ValueError as error:
         raise ValueError(f"run with seed {seed}: {error}") from error
     return np.array([_mse(truth, each) for each in (hindsight, causal, assuming, associating, estimate)])
@@ -126,18 +128,6 @@ def _run(name: str, recording: Recording) -> Estimate:
     return run_estimator(name, load_estimators([name])[name], recording)[0]
 
 
-def _associated(recording: Recording, association: Int) -> Recording:
-    """The recording under other associations; observations that were rejected are left out."""
-    kept = association >= 0
-    return replace(
-        recording,
-        observation_step=recording.observation_step[kept],
-        observation=recording.observation[kept],
-        observation_cov=recording.observation_cov[kept],
-        landmark=association[kept],
-    )
-
-
 def _mse(truth: Truth, estimate: Estimate) -> float:
     assert truth.poses is not None
     return float(np.square(estimate.poses[:, :2] - truth.poses[:, :2]).sum(axis=1).mean())
@@ -145,14 +135,12 @@ def _mse(truth: Truth, estimate: Estimate) -> float:
 
 def budget_table(budget: ErrorBudget) -> str:
     """The rungs, what each adds, and a sentence that says which costs most."""
-    lines = [f"{'rung':18} {'mse [m^2]':>10} {'adds [m^2]':>11} {'95 % interval':>22}  for"]
+    rows = [("rung", "for", "mse [m^2]", "adds [m^2]", "95 % interval")]
     for rung in budget.rungs:
-        _, low, high = rung.increment_m2
+        added, low, high = rung.increment_m2
         interval = "-" if low is None or high is None else f"{low:+.5f} to {high:+.5f}"
-        lines.append(
-            f"{rung.name:18} {rung.mse_m2:10.5f} {rung.increment_m2.mean:+11.5f} {interval:>22}  {RUNGS[rung.name]}"
-        )
-    return "\n".join([*lines, "", verdict(budget)])
+        rows.append((rung.name, RUNGS[rung.name], f"{rung.mse_m2:.5f}", f"{added:+.5f}", interval))
+    return "\n".join([*aligned(rows, words=2), "", verdict(budget)])
 
 
 def verdict(budget: ErrorBudget) -> str:

@@ -8,7 +8,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from compare.budget import ErrorBudget, verdict
-from compare.plot_style import PRINT, TRUTH_COLOR, save
+from compare.plot_style import PRINT, TRUTH_COLOR, save_png_and_svg
 
 BASE, COST, GAIN = "#777777", "#CC3311", "#009988"
 LABELS = ("hindsight\noptimum", "+ causal\nonly", "+ assumed\nnoise", "+ own asso-\nciations", "+ lineari-\nsation")
@@ -38,4 +38,4 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
         axes.margins(y=0.12)
         axes.set_ylim(bottom=0)
         axes.set_title(verdict(budget).replace(": ", ":\n", 1).replace("; ", ";\n", 1), loc="left")
-        save(figure, out / "budget")
+        save_png_and_svg(figure, out / "budget")

@@ -70,7 +70,7 @@ def styles(names: Iterable[str]) -> dict[str, Style]:
     return chosen
 
 
-def save(figure: Figure, path: Path) -> None:
+def save_png_and_svg(figure: Figure, path: Path) -> None:
     """Write `path`.png (200 dpi) and `path`.svg; the same figure gives the same files."""
     figure.savefig(path.with_suffix(".png"), dpi=200)
     figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})

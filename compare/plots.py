@@ -16,7 +16,7 @@ from matplotlib.figure import Figure, SubFigure
 from compare.error_panels import plot_errors
 from compare.landmark_identity import true_landmarks
 from compare.loop_closures import closure_steps
-from compare.plot_style import DEAD_RECKONING, LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, Style, save, styles
+from compare.plot_style import DEAD_RECKONING, LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, Style, save_png_and_svg, styles
 from slam2d import Estimate, Float, Recording, Truth, chain
 
 __all__ = ["plot_errors", "plot_run", "save_figure"]
@@ -149,4 +149,4 @@ def save_figure(
         columns = 6 if max(map(len, labels)) <= LONG_LABEL else 4
         figure.legend(handles, labels, loc="outside lower center", ncols=columns, **LEGEND)
         figure.suptitle(title)
-        save(figure, folder / "figure")
+        save_png_and_svg(figure, folder / "figure")

@@ -116,7 +116,7 @@ def evaluate(
 
 
 def _path_figures(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, Any]:
-    poses, reference, covs = estimate.poses, _true_poses(truth, estimate), _pose_covs(estimate)
+    poses, reference, covs = estimate.poses, _true_poses(truth, estimate), pose_covs_of(estimate)
     errors = pose_errors(reference, poses)
     distances = np.linalg.norm(errors[:, :2], axis=1)
     nees = squared_mahalanobis(errors, covs)
@@ -162,7 +162,7 @@ def _optimum_figures(truth: Truth, estimate: Estimate, optimum: Estimate | None)
         return dict.fromkeys(("ratio_to_optimum", "sigma_ratio_to_optimum", "mahalanobis_to_optimum"))
     reference = _true_poses(truth, estimate)
     ate, optimal = (rms(np.linalg.norm((path.poses - reference)[:, :2], axis=1)) for path in (estimate, optimum))
-    covs, optimum_covs = _pose_covs(estimate), _pose_covs(optimum)
+    covs, optimum_covs = pose_covs_of(estimate), pose_covs_of(optimum)
     ratios = tuple(mean(column) for column in sigma_ratios(covs, optimum_covs).T)
     return {
         "ratio_to_optimum": ate / optimal if ate is not None and optimal else None,
@@ -190,7 +190,7 @@ def _true_poses(truth: Truth, estimate: Estimate) -> Float:
     return np.full(estimate.poses.shape, np.nan) if truth.poses is None else truth.poses
 
 
-def _pose_covs(estimate: Estimate) -> Float:
+def pose_covs_of(estimate: Estimate) -> Float:
     """Pose covariances (N+1, 3, 3), all NaN where the estimator gives none."""
     return np.full((len(estimate.poses), 3, 3), np.nan) if estimate.pose_covs is None else estimate.pose_covs
 

@@ -10,14 +10,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from compare.plot_style import LEGEND, MARK_COLOR, PRINT, save, styles
+from compare.plot_style import LEGEND, MARK_COLOR, PRINT, save_png_and_svg, styles
 from compare.study_store import Runs
 from compare.study_summary import BAND_LEVEL, PerStep, Summary, nees_per_step, nis_per_step, paired
 from slam2d import Float
 
 RUNS_DRAWN = 50  # error curves; more are one grey mass
-COMPONENTS = (("x", "error_x", "sigma_x", 1.0), ("y", "error_y", "sigma_y", 1.0))
-HEADING = ("heading", "error_heading", "sigma_heading", 180.0 / np.pi)
+COMPONENTS = (("x [m]", "x", 1.0), ("y [m]", "y", 1.0), ("heading [°]", "heading", 180.0 / np.pi))
 
 
 def save_study_figures(out: Path, summary: Summary, runs: Mapping[str, Runs], step: float) -> None:
@@ -25,14 +24,19 @@ def save_study_figures(out: Path, summary: Summary, runs: Mapping[str, Runs], st
     ran = {name: each for name, each in runs.items() if len(each.run)}
     title = f"{summary.scenario}, {summary.runs} runs"
     with mpl.rc_context(PRINT):
-        for name, draw in (("nees", _nees), ("nis", _nis), ("errors", _errors), ("ratios", _ratios)):
-            figure = draw(ran, step)
+        figures = {
+            "nees": _nees(ran, step),
+            "nis": _nis(ran, step),
+            "errors": _errors(ran, step),
+            "ratios": _ratios(ran),
+        }
+        for name, figure in figures.items():
             if figure is None:  # what an earlier study has drawn there would not be of this one
                 for ending in ("png", "svg"):
                     (out / f"{name}.{ending}").unlink(missing_ok=True)
             else:
                 figure.suptitle(title)
-                save(figure, out / name)
+                save_png_and_svg(figure, out / name)
 
 
 def _nees(runs: Mapping[str, Runs], step: float) -> Figure | None:
@@ -77,16 +81,16 @@ def _errors(runs: Mapping[str, Runs], step: float) -> Figure | None:
         return None
     figure = Figure(figsize=(7.2, 1.0 + 1.4 * len(runs)), layout="constrained")
     grid = figure.subplots(len(runs), 3, sharex=True, sharey="col", squeeze=False)
-    for axes, (component, _, _, unit) in zip(grid[0], (*COMPONENTS, HEADING), strict=True):
-        axes.set_title(f"{component} [{'m' if unit == 1.0 else '°'}]")
+    for axes, (title, _, _) in zip(grid[0], COMPONENTS, strict=True):
+        axes.set_title(title)
     for axes in grid[-1]:
         axes.set_xlabel("time [s]")
     for row, (name, style) in zip(grid, styles(runs).items(), strict=True):
-        for axes, (_, error, sigma, unit) in zip(row, (*COMPONENTS, HEADING), strict=True):
-            series = runs[name].series
-            time = step * np.arange(series[error].shape[1])
-            axes.plot(time, unit * series[error][:RUNS_DRAWN].T, color=MARK_COLOR, linewidth=0.3, alpha=0.5)
-            bound = 3 * unit * series[sigma].mean(axis=0)
+        for axes, (_, key, unit) in zip(row, COMPONENTS, strict=True):
+            errors, sigmas = runs[name].series[f"error_{key}"], runs[name].series[f"sigma_{key}"]
+            time = step * np.arange(errors.shape[1])
+            axes.plot(time, unit * errors[:RUNS_DRAWN].T, color=MARK_COLOR, linewidth=0.3, alpha=0.5)
+            bound = 3 * unit * sigmas.mean(axis=0)
             for side in (-bound, bound):
                 axes.plot(time, side, color=style.color, linestyle=style.dashes, linewidth=1.2)
         row[0].set_ylabel(name)
@@ -94,7 +98,7 @@ def _errors(runs: Mapping[str, Runs], step: float) -> Figure | None:
     return figure
 
 
-def _ratios(runs: Mapping[str, Runs], step: float) -> Figure | None:  # noqa: ARG001 drawn like the others
+def _ratios(runs: Mapping[str, Runs]) -> Figure | None:
     """ATE of each run over that of the optimum in the same run: box plots."""
     references = [(name, text) for name, text in (("isam2", "causal"), ("batch", "hindsight")) if name in runs]
     boxes = [

@@ -11,7 +11,7 @@ from compare.consistency import squared_mahalanobis
 from compare.defined import number, rms
 from compare.estimators import load_estimators, run_estimator
 from compare.scenario import Scenario
-from compare.scores import filter_figures, map_figures
+from compare.scores import filter_figures, map_figures, pose_covs_of
 from compare.simulation import simulate
 from compare.trajectory_error import pose_errors
 from slam2d import Estimate, Estimator, Float, Recording, Truth
@@ -88,7 +88,7 @@ def step_series(truth: Truth, estimate: Estimate) -> Float:
     assert truth.poses is not None
     errors = pose_errors(truth.poses, estimate.poses)
     undefined = np.full(len(errors), np.nan)
-    covs = np.full((len(errors), 3, 3), np.nan) if estimate.pose_covs is None else estimate.pose_covs
+    covs = pose_covs_of(estimate)
     rows = [
         *errors.T,
         *np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0)).T,

@@ -60,13 +60,13 @@ def minimise(recording: Recording, graph: gtsam.NonlinearFactorGraph) -> tuple[F
     """Poses and landmarks of the lowest Levenberg-Marquardt solution of `graph`, slip lent."""
     with explained():
         solution = _levenberg_marquardt(graph, _extended(recording, np.zeros((0, 3)), {}))
-        if not _explained_by_noise(recording, graph.error(solution)):
+        if not _as_noise_allows(recording, graph.error(solution)):
             second = _levenberg_marquardt(graph, _grown_start(recording))
             solution = min(solution, second, key=graph.error)
     return read_values(solution)
 
 
-def _explained_by_noise(recording: Recording, cost: float) -> bool:
+def _as_noise_allows(recording: Recording, cost: float) -> bool:
     """Whether twice the optimum's cost lies in the two-sided band of its chi-square distribution.
 
     Rows less unknowns is two for every observation less two for every landmark.

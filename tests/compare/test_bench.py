@@ -58,7 +58,8 @@ def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest
             assert 0 < figures["mean_s"] < figures["run_s"]
             assert ("median_s" in figures) == (name != "batch")
             assert figures.get("median_s", 0.0) <= figures.get("p95_s", 0.0)
-            assert ("share_outside_update_kernel" in figures) == (name in {"ekf", "riekf"})
+            assert ("share_outside_kernels" in figures) == (name in {"ekf", "riekf"})
+            assert 0 < figures.get("share_outside_kernels", 0.5) < 1
 
 
 @pytest.mark.parametrize("words", [["--landmarks", "0"], ["--landmarks", "ten"], ["--estimators", "bach"]])
