@@ -50,12 +50,17 @@ def update_standard(
     Returns the NIS and its degrees of freedom; when the NIS is not finite, nothing has changed.
     """
     nis, informative = take_in(sensor, state, point, cov, size, count, work)
-    if not math.isfinite(nis):
-        return nis, informative
+    if math.isfinite(nis):
+        retract_standard(state, cov, size, work)
+    return nis, informative
+
+
+@kernel
+def retract_standard(state: Float, _cov: Float, size: int, work: Workspace) -> None:
+    """Move by the correction dx in `work.scratch[0]`: x <- x + dx."""
     for i in range(size):
         state[i] += work.scratch[0, i]
     state[2] = wrap(state[2])
-    return nis, informative
 
 
 @kernel
@@ -107,8 +112,14 @@ def update_right_invariant(
 ) -> tuple[float, int]:
     """Correct: x <- exp(D^-1 dx) x, P <- T (P - W'W) T'; returns as `update_standard`."""
     nis, informative = take_in(sensor, state, point, cov, size, count, work)
-    if not math.isfinite(nis):
-        return nis, informative
+    if math.isfinite(nis):
+        retract_right_invariant(state, cov, size, work)
+    return nis, informative
+
+
+@kernel
+def retract_right_invariant(state: Float, cov: Float, size: int, work: Workspace) -> None:
+    """Move by the correction dx in `work.scratch[0]`: x <- exp(D^-1 dx) x, P <- T P T'."""
     dx, u, heading_row = work.scratch[0], work.scratch[1], work.scratch[2]
     turn = dx[2]
     v_cos = math.sin(turn) / turn if turn != 0.0 else 1.0
@@ -127,7 +138,6 @@ def update_right_invariant(
         heading_row[j] += half * u[j]
     add_outer_pair(cov, u, heading_row, size)
     mirror_robot_block(cov)
-    return nis, informative
 
 
 @kernel

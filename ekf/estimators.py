@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ekf.association import AssociatingFilter, Association
 from ekf.compressed import CompressedFilter
 from ekf.filter import Correction, SlamFilter
 from slam2d import Estimate, Recording
@@ -18,45 +19,39 @@ CORRECTIONS: dict[str, Correction] = {
     "iekf": "iterated",
     "riekf": "right-invariant",
 }
+NEAREST_NEIGHBOUR = Association()  # the practical's rule and gate
 
 
-def ekf(recording: Recording) -> Estimate:
+def ekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR) -> Estimate:
     """Textbook EKF-SLAM (the practical, equations 1.1).
 
+    Args:
+        recording: known or unknown association.
+        association: how observations find their landmarks where the recording has no ids.
+
     Raises:
-        ValueError: bearing-only recordings and unknown association are not for this filter.
+        ValueError: bearing-only recordings are not for this filter.
     """
-    return _run(recording, CORRECTIONS["ekf"])
+    return _run(recording, CORRECTIONS["ekf"], association)
 
 
-def fej_ekf(recording: Recording) -> Estimate:
-    """EKF-SLAM with first-estimates Jacobians (Huang, Mourikis and Roumeliotis, IJRR 2010).
+def fej_ekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR) -> Estimate:
+    """EKF-SLAM with first-estimates Jacobians (Huang, Mourikis and Roumeliotis, IJRR 2010); called as `ekf`.
 
     It leans on good first estimates: where landmarks are close to the robot, or first seen from a poorly known
     pose, it can diverge.
-
-    Raises:
-        ValueError: bearing-only recordings and unknown association are not for this filter.
     """
-    return _run(recording, CORRECTIONS["fej-ekf"])
+    return _run(recording, CORRECTIONS["fej-ekf"], association)
 
 
-def iekf(recording: Recording) -> Estimate:
-    """Iterated EKF-SLAM (Bell and Cathey 1993); known to be less consistent than the plain EKF.
-
-    Raises:
-        ValueError: bearing-only recordings and unknown association are not for this filter.
-    """
-    return _run(recording, CORRECTIONS["iekf"])
+def iekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR) -> Estimate:
+    """Iterated EKF-SLAM (Bell and Cathey 1993), known to be less consistent than the plain EKF; called as `ekf`."""
+    return _run(recording, CORRECTIONS["iekf"], association)
 
 
-def riekf(recording: Recording) -> Estimate:
-    """Right-invariant EKF-SLAM (Barrau and Bonnabel, arXiv 1510.06263).
-
-    Raises:
-        ValueError: bearing-only recordings and unknown association are not for this filter.
-    """
-    return _run(recording, CORRECTIONS["riekf"])
+def riekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR) -> Estimate:
+    """Right-invariant EKF-SLAM (Barrau and Bonnabel, arXiv 1510.06263); called as `ekf`."""
+    return _run(recording, CORRECTIONS["riekf"], association)
 
 
 def dead_reckoning(recording: Recording) -> Estimate:
@@ -81,7 +76,7 @@ class Step(NamedTuple):
     seconds: float
 
 
-def drive(slam: SlamFilter | CompressedFilter, recording: Recording) -> Iterator[Step]:
+def drive(slam: SlamFilter | CompressedFilter | AssociatingFilter, recording: Recording) -> Iterator[Step]:
     """Feed a recording to a filter, step 0, 1, ..., N."""
     for k, scan in enumerate(recording.scans()):
         start = perf_counter()
@@ -91,22 +86,21 @@ def drive(slam: SlamFilter | CompressedFilter, recording: Recording) -> Iterator
         yield Step(nis, dof, perf_counter() - start)
 
 
-def _run(recording: Recording, correction: Correction) -> Estimate:
+def _run(recording: Recording, correction: Correction, association: Association) -> Estimate:
+    start = (recording.sensor, recording.prior_mean, recording.prior_cov, correction)
     if recording.landmark is None:
-        raise ValueError("landmark: this filter needs known association; the recording has no ids")
-    slam = SlamFilter(
-        recording.sensor,
-        recording.prior_mean,
-        recording.prior_cov,
-        correction,
-        landmarks=len(np.unique(recording.landmark)),
-    )
+        slam = AssociatingFilter(*start, association)
+    else:
+        slam = SlamFilter(*start, landmarks=len(np.unique(recording.landmark)))
     steps = recording.steps
     poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
     nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1)
+    given = [np.zeros(0, dtype=np.int64)]
     for k, step in enumerate(drive(slam, recording)):
         nis[k], nis_dof[k], seconds[k] = step
         poses[k], pose_covs[k] = slam.pose, slam.pose_cov
+        if isinstance(slam, AssociatingFilter):
+            given.append(slam.associated)
     return Estimate(
         kind="filtered",
         poses=poses,
@@ -114,7 +108,7 @@ def _run(recording: Recording, correction: Correction) -> Estimate:
         landmark_ids=slam.landmark_ids,
         landmarks=slam.landmarks,
         landmark_covs=slam.landmark_covs,
-        association=recording.landmark,
+        association=slam.standing(np.concatenate(given)) if isinstance(slam, AssociatingFilter) else recording.landmark,
         nis=nis,
         nis_dof=nis_dof,
         seconds=seconds,

@@ -7,10 +7,17 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from ekf import kernels
-from ekf.corrections import update_iterated, update_right_invariant, update_standard
+from ekf import kernels, map_edits
+from ekf.compatibility import Pairs, allocate_pairs, find_compatible, mark_ambiguous, search_jointly
+from ekf.corrections import (
+    retract_right_invariant,
+    retract_standard,
+    update_iterated,
+    update_right_invariant,
+    update_standard,
+)
 from ekf.models import SENSOR_CODES
 from ekf.warm_up import compile_once
 from ekf.workspace import Workspace, allocate
@@ -18,29 +25,41 @@ from slam2d import Float, Int, Observations
 
 Correction = Literal["standard", "first-estimates", "iterated", "right-invariant"]
 Update = Callable[[int, Float, Float, Float, int, int, Workspace], tuple[float, int]]
+Retract = Callable[[Float, Float, int, Workspace], None]
 
 WHOLE_SCAN = sys.maxsize
 BLOCK = 16  # observations that an update takes in at a time; see docs/performance.md
 
 
 class Rule(NamedTuple):
-    """How a filter corrects: its update kernel, whether Jacobians are taken at first estimates, and `block`."""
+    """How a filter corrects.
+
+    Attributes:
+        update: takes in a scan.
+        retract: moves the state by a correction that is not an observation's (see `map_edits`).
+        first_estimates: whether Jacobians are taken at first estimates.
+        block: observations to take in at a time.
+    """
 
     update: Update
+    retract: Retract = retract_standard
     first_estimates: bool = False
-    block: int = BLOCK  # observations to take in at a time
+    block: int = BLOCK
 
 
 RULES: dict[str, Rule] = {
     "standard": Rule(update_standard),
     "first-estimates": Rule(update_standard, first_estimates=True),
     "iterated": Rule(update_iterated, block=WHOLE_SCAN),
-    "right-invariant": Rule(update_right_invariant),
+    "right-invariant": Rule(update_right_invariant, retract_right_invariant),
 }
 
 
 class SlamFilter:
     """Landmark EKF-SLAM with known association and one blocked update per step.
+
+    `ekf.association.AssociatingFilter` puts an association on top, with the methods that speak of slots:
+    rows of `landmarks`. A slot stays a landmark's own until `remove` or `merge`.
 
     Args:
         sensor: `range-bearing` or `position` (see `slam2d.Recording`).
@@ -80,6 +99,7 @@ class SlamFilter:
         self._increment = np.zeros(3)
         self._increment_cov = np.zeros((3, 3))
         self._work = allocate(0, capacity, self._rule.block)
+        self._pairs = allocate_pairs(0)
 
     @property
     def pose(self) -> Float:
@@ -93,7 +113,7 @@ class SlamFilter:
 
     @property
     def landmark_ids(self) -> Int:
-        """(L,) ids of the mapped landmarks, in the order of their first sight."""
+        """(L,) ids of the mapped landmarks: in the order of their first sight, unless some were removed."""
         return self._ids.copy()
 
     @property
@@ -151,22 +171,37 @@ class SlamFilter:
         count = len(ids)
         if count == 0:
             return 0.0, 0
-        if count > len(self._work.ids):
-            self._work = allocate(count, len(self._state), self._rule.block)
-        work = self._work
+        work = self._room_for(count)
         work.ids[:count] = ids
         unmapped = kernels.find_slots(self._sorted_ids, self._sorted_slots, work.ids[:count], work.slots)
         if unmapped:
             return self._update_and_map(np.asarray(ids), np.asarray(values), np.asarray(covs))
+        return self._correct(count, values, covs)
+
+    def correct(self, slots: Int, values: Float, covs: Float) -> tuple[float, int]:
+        """Correct with observations (m, d), (m, d, d) of the landmarks in `slots` (m,); returns as `update`."""
+        count = len(slots)
+        if count == 0:
+            return 0.0, 0
+        self._room_for(count).slots[:count] = slots
+        return self._correct(count, values, covs)
+
+    def _correct(self, count: int, values: Float, covs: Float) -> tuple[float, int]:
+        work = self._work
         work.observation[:count] = values
         work.observation_cov[:count] = covs
         nis, informative = self._rule.update(self._sensor, self._state, self._point, self._cov, self._size, count, work)
         if not np.isfinite(nis):
             raise ValueError(
-                f"observation: no update exists for landmarks {work.ids[:count].tolist()}; "
+                f"observation: no update exists for landmarks {self._ids[work.slots[:count]].tolist()}; "
                 "make every value finite and every covariance positive definite; if they are, the filter has diverged"
             )
         return nis, informative
+
+    def _room_for(self, count: int) -> Workspace:
+        if count > len(self._work.ids):
+            self._work = allocate(count, len(self._state), self._rule.block)
+        return self._work
 
     def _update_and_map(self, ids: Int, values: Float, covs: Float) -> tuple[float, int]:
         """An update in which some landmarks are new: first the mapped ones, then augmentation.
@@ -184,20 +219,71 @@ class SlamFilter:
         total, dof = 0.0, 0
         if mapped.any():
             total, dof = self.update(Observations(ids[mapped], values[mapped], covs[mapped]))
-        self._map(ids[new], values[new], covs[new])
+        self.add(ids[new], values[new], covs[new])
         if again.any():
             nis, informative = self.update(Observations(ids[again], values[again], covs[again]))
             total, dof = total + nis, dof + informative
         return total, dof
 
-    def _map(self, ids: Int, values: Float, covs: Float) -> None:
+    def add(self, ids: Int, values: Float, covs: Float) -> None:
+        """Map new landmarks (m,) at their first sights (m, d), with covariances (m, d, d)."""
         count = len(ids)
         self._reserve(self._size + 2 * count)
+        self._room_for(count)
         self._work.observation[:count] = values
         self._work.observation_cov[:count] = covs
         kernels.augment(self._sensor, self._state, self._point, self._cov, self._size, count, self._work)
         self._size += 2 * count
         self._index(np.concatenate([self._ids, ids]))
+
+    def compatible(self, values: Float, covs: Float, gate: float) -> tuple[Pairs, int]:
+        """Pairs of an observation (m, d) and a landmark within `gate` (squared Mahalanobis), and their number.
+
+        They are valid until the next call.
+        """
+        belief = (self._sensor, self._state, self._point, self._cov, self._size)
+        count = find_compatible(*belief, values, covs, gate, self._pairs)
+        if count < 0:
+            self._pairs = allocate_pairs(-2 * count)
+            count = find_compatible(*belief, values, covs, gate, self._pairs)
+        return self._pairs, count
+
+    def jointly_compatible(self, covs: Float, count: int, gate: float, quantiles: Float, node_limit: int) -> Int:
+        """Slots (m,) of the best joint association of the first `count` pairs of `compatible`, -1 for none.
+
+        See `ekf.compatibility.search_jointly`.
+        """
+        best = np.empty(len(covs), dtype=np.int64)
+        search_jointly(self._cov, covs, self._pairs, count, gate, quantiles, node_limit, best)
+        return best
+
+    def ambiguous(self, covs: Float, count: int, gate: float, margin: float, slots: Int) -> NDArray[np.bool_]:
+        """Which observations (m,) another association than `slots` explains nearly as well.
+
+        See `ekf.compatibility.mark_ambiguous`.
+        """
+        marks = np.zeros(len(slots), dtype=np.bool_)
+        mark_ambiguous(self._cov, covs, self._pairs, count, gate, margin, slots, marks)
+        return marks
+
+    def remove(self, slot: int) -> None:
+        """Take a landmark out of the map (marginalise it); the last landmark moves into its slot."""
+        map_edits.remove_landmark(self._state, self._point, self._cov, self._size, slot)
+        self._size -= 2
+        ids = self._ids.copy()
+        ids[slot] = ids[-1]
+        self._index(ids[:-1])
+
+    def merge(self, kept: int, gone: int) -> None:
+        """Take the landmarks in two slots for one, which stays in `kept`; `gone` is removed."""
+        work = self._room_for(1)
+        if map_edits.equate_landmarks(self._state, self._cov, self._size, kept, gone, work):
+            self._rule.retract(self._state, self._cov, self._size, work)
+        self.remove(gone)
+
+    def find_duplicate(self, slots: Int, apart: NDArray[np.bool_], gate: float, distance: float) -> tuple[int, int]:
+        """Slots of two landmarks that are statistically one; see `ekf.map_edits.find_duplicate`."""
+        return map_edits.find_duplicate(self._state, self._cov, self._size, slots, apart, gate, distance)
 
     def _index(self, ids: Int) -> None:
         """Note the ids in slot order, and sorted for the search by `find_slots`."""

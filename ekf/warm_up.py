@@ -8,7 +8,7 @@ import threading
 
 import numpy as np
 
-from ekf import corrections, kernels
+from ekf import compatibility, corrections, kernels, map_edits
 from ekf.workspace import allocate
 
 ANNOUNCE_AFTER = 1.0  # s; loading kernels from the cache is faster than this
@@ -43,3 +43,13 @@ def _run_every_kernel() -> None:
     kernels.find_slots(work.ids, work.slots, work.ids, work.slots)
     for update in (corrections.update_standard, corrections.update_iterated, corrections.update_right_invariant):
         update(sensor, state, state, cov, 5, 1, work)
+    pairs, quantiles = compatibility.allocate_pairs(1), np.array([0.0, 9.0])
+    covs, marks = np.eye(2)[None], np.zeros((1, 1), dtype=np.bool_)
+    count = compatibility.find_compatible(sensor, state, state, cov, 5, state[None, 3:], covs, 9.0, pairs)
+    compatibility.search_jointly(cov, covs, pairs, count, 9.0, quantiles, 1, work.slots)
+    compatibility.mark_ambiguous(cov, covs, pairs, count, 9.0, 0.0, work.slots, marks[0])
+    map_edits.find_duplicate(state, cov, 5, work.slots, marks, 9.0, 1.0)
+    map_edits.equate_landmarks(state, np.eye(7), 7, 0, 1, allocate(1, 7, 1))
+    map_edits.remove_landmark(state, state, cov, 5, 0)
+    corrections.retract_standard(state, cov, 5, work)
+    corrections.retract_right_invariant(state, cov, 5, work)
