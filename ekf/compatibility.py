@@ -344,7 +344,7 @@ def mark_ambiguous(
         alternative = np.where(taken == chosen[i], c, taken)
         other = holder[c]
         if other != NONE:
-            swapped = _pair_of(pairs, count, pairs.observation[other], pairs.slot[chosen[i]])
+            swapped = _crossed(pairs, count, int(other), int(chosen[i]))
             if swapped == NONE or pairs.distance[swapped] > gate:
                 continue
             alternative = np.where(taken == other, swapped, alternative)
@@ -357,10 +357,10 @@ def mark_ambiguous(
 
 
 @kernel
-def _pair_of(pairs: Pairs, count: int, observation: int, slot: int) -> int:
-    """The pair of an observation and a landmark, NONE if they are not compatible."""
+def _crossed(pairs: Pairs, count: int, a: int, b: int) -> int:
+    """The pair of a's observation and b's landmark, NONE if they are not compatible."""
     for c in range(count):
-        if pairs.observation[c] == observation and pairs.slot[c] == slot:
+        if pairs.observation[c] == pairs.observation[a] and pairs.slot[c] == pairs.slot[b]:
             return c
     return NONE
 

@@ -35,7 +35,7 @@ def compile_once() -> None:
 
 def _run_every_kernel() -> None:
     sensor = 0
-    state, cov, work = np.zeros(5), np.eye(5), allocate(1, 5, 1)
+    state, cov, work = np.zeros(7), np.eye(7), allocate(1, 7, 1)  # room for two landmarks
     work.observation[:] = 1.0, 0.0
     work.observation_cov[:] = np.eye(2)
     kernels.predict(state, state, cov, 3, np.zeros(3), np.zeros((3, 3)))
@@ -45,11 +45,11 @@ def _run_every_kernel() -> None:
         update(sensor, state, state, cov, 5, 1, work)
     pairs, quantiles = compatibility.allocate_pairs(1), np.array([0.0, 9.0])
     covs, marks = np.eye(2)[None], np.zeros((1, 1), dtype=np.bool_)
-    count = compatibility.find_compatible(sensor, state, state, cov, 5, state[None, 3:], covs, 9.0, pairs)
+    count = compatibility.find_compatible(sensor, state, state, cov, 5, state[None, 3:5], covs, 9.0, pairs)
     compatibility.search_jointly(cov, covs, pairs, count, 9.0, quantiles, 1, work.slots)
     compatibility.mark_ambiguous(cov, covs, pairs, count, 9.0, 0.0, work.slots, marks[0])
     map_edits.find_duplicate(state, cov, 5, work.slots, marks, 9.0, 1.0)
-    map_edits.equate_landmarks(state, np.eye(7), 7, 0, 1, allocate(1, 7, 1))
+    map_edits.equate_landmarks(state, cov, 7, 0, 1, work)
     map_edits.remove_landmark(state, state, cov, 5, 0)
     corrections.retract_standard(state, cov, 5, work)
     corrections.retract_right_invariant(state, cov, 5, work)
