@@ -171,6 +171,11 @@ class Recording:
             landmark=None if self.landmark is None else self.landmark[kept],
         )
 
+    def associated(self, association: Int) -> Recording:
+        """The recording with the ids of an `Estimate.association` (M,), without the observations it rejects (-1)."""
+        kept = np.asarray(association) >= 0
+        return replace(self, landmark=np.where(kept, association, 0)).only(kept)
+
     def scans(self) -> Iterator[Observations]:
         """The observations of step 0, 1, ..., N in turn (views, not copies)."""
         bounds = np.searchsorted(self.observation_step, np.arange(self.steps + 2)).tolist()

@@ -7,7 +7,7 @@ hindsight optimum -> causal optimum -> with the noise the filter assumes -> with
 from __future__ import annotations
 
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from compare.estimators import load_estimators, run_estimator
 from compare.intervals import Interval, bootstrap_interval
 from compare.scenario import Scenario
 from compare.scenario_schema import Assumed
-from compare.simulation import simulate
+from compare.simulation import informed, simulate
 from compare.study_run import run_seed
 from compare.text_table import aligned
 from ekf.estimators import CORRECTIONS
@@ -102,23 +102,20 @@ def summarise_budget(scenario: str, filter_name: str, table: Float) -> ErrorBudg
 def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> Float:
     """Mean squared position errors (5,) [m^2] of one run, a rung each; rungs that coincide are run once."""
     truth, recording = simulate(scenario, seed)
+    told = simulate(informed(scenario), seed)[1]
     assert truth.association is not None
-    believed = replace(recording, landmark=truth.association)
-    informed = believed
-    if scenario.assumed != Assumed():
-        honest = simulate(scenario.model_copy(update={"assumed": Assumed()}), seed)[1]
-        informed = replace(honest, landmark=truth.association)
+    believed = recording.associated(truth.association)
+    slam = load_estimators([filter_name], association=scenario.association)[filter_name]
     try:
-        hindsight = _run("batch", informed)
-        causal = _run("isam2", informed)
-        assuming = causal if informed is believed else _run("isam2", believed)
-        estimate = _run(filter_name, recording)
+        hindsight = _run("batch", told)
+        causal = _run("isam2", told)
+        assuming = causal if scenario.assumed == Assumed() else _run("isam2", believed)
+        estimate = run_estimator(filter_name, slam, recording)[0]
         own = estimate.association
         if own is None or np.array_equal(own, truth.association):
             associating = assuming
         else:
-            kept = own >= 0  # what the filter rejected is left out
-            associating = _run("isam2", replace(believed.only(kept), landmark=own[kept]))
+            associating = _run("isam2", recording.associated(own))
     except ValueError as error:
         raise ValueError(f"run with seed {seed}: {error}") from error
     return np.array([_mse(truth, each) for each in (hindsight, causal, assuming, associating, estimate)])

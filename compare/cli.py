@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from compare.scenario import Scenario
+    from compare.scenario_schema import Association
     from slam2d import Recording, Truth
 
 DEFAULT_ESTIMATORS = "ekf,riekf,isam2,batch"
@@ -74,14 +75,15 @@ class Run:
     def __call__(self) -> None:
         """Simulate, grade and write."""
         from compare.scenario import load_scenario
-        from compare.simulation import simulate
+        from compare.simulation import informed, simulate
 
         scenario = load_scenario(self.scenario, _flat(self.set))
         truth, recording = simulate(scenario, self.seed)
+        told = simulate(informed(scenario), self.seed)[1]
         out = self.out or Path("results") / f"{scenario.name}-seed-{self.seed}"
         title = f"{scenario.name}, seed {self.seed}"
-        grading = _Grading(self.estimators, (), out, self.json, title, scenario.name, self.seed)
-        grading.grade(truth, recording)
+        grading = _Grading(self.estimators, (), out, self.json, title, scenario.association, scenario.name, self.seed)
+        grading.grade(truth, recording, told)
 
 
 @dataclass
@@ -100,6 +102,12 @@ class Evaluate:
     estimator: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
     """Your own, as module:attribute ...; a callable Recording -> Estimate. LOADS AND RUNS THAT CODE."""
 
+    association: Literal["nearest-neighbour", "jcbb"] = "nearest-neighbour"
+    """How filters associate a recording without ids; jcbb is joint, and manages its map."""
+
+    gate: float = 9.0
+    """Largest squared Mahalanobis distance of an association."""
+
     out: Path | None = None
     """Folder of the results; without it only the table is printed."""
 
@@ -109,13 +117,17 @@ class Evaluate:
     def __call__(self) -> None:
         """Load, grade and, if asked to, write."""
         from compare.files import load_recording, load_truth
+        from compare.scenario_schema import Association
 
         recording = load_recording(self.recording)
         beside = self.recording.with_name("truth.npz")
         path = self.truth or (beside if beside.exists() else None)
         truth = None if path is None else load_truth(path)
         title = f"{self.recording.parent.resolve().name}/{self.recording.name}"
-        grading = _Grading(self.estimators, _flat(self.estimator), self.out, self.json, title)
+        if not self.gate > 0:
+            raise ValueError(f"gate {self.gate}: nothing passes it; give a squared distance > 0, for example 9")
+        association = Association(method=self.association, gate=self.gate)
+        grading = _Grading(self.estimators, _flat(self.estimator), self.out, self.json, title, association)
         grading.grade(truth, recording)
 
 
@@ -315,20 +327,21 @@ class _Grading:
     out: Path | None
     as_json: bool
     title: str
+    association: Association
     scenario: str | None = None
     seed: int | None = None
 
-    def grade(self, truth: Truth | None, recording: Recording) -> None:
+    def grade(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> None:
         from compare.comparison import compare_estimators, metrics, table, write_comparison
         from compare.estimators import load_estimators
         from compare.files import explained
 
         names = _names(self.estimators)
-        estimators = load_estimators(names, self.own)
+        estimators = load_estimators(names, self.own, self.association)
         if not estimators:
             raise ValueError("estimators: none given; name at least one, for example --estimators ekf,batch")
         with _folder(self.out, last="metrics.json") as folder:
-            comparison = compare_estimators(truth, recording, estimators)
+            comparison = compare_estimators(truth, recording, estimators, informed)
             content = metrics(comparison, self.scenario, self.seed)
             if folder is not None and self.out is not None:
                 with explained(self.out, "written"):

@@ -31,23 +31,40 @@ class Comparison:
     scores: dict[str, Score]
 
 
-def compare_estimators(truth: Truth | None, recording: Recording, estimators: Mapping[str, Estimator]) -> Comparison:
+def compare_estimators(
+    truth: Truth | None,
+    recording: Recording,
+    estimators: Mapping[str, Estimator],
+    informed: Recording | None = None,
+) -> Comparison:
     """Run every estimator on the recording alone, then score each against truth and optimum.
 
     The optimum of filtered estimates is `isam2`, that of smoothed ones `batch`, where they are among
-    the estimators.
+    the estimators. These two are yardsticks: what the measurements allow to somebody whom nothing misleads.
+
+    Args:
+        truth: what is known of it.
+        recording: what estimators see.
+        estimators: by name.
+        informed: the same measurements with their true noise and associations, which the yardsticks see; by
+            default the recording, with the truth's associations where it has no ids of its own.
 
     Raises:
         ValueError: the truth is of another recording; an estimator raised, or returned what does not fit, and
             then the estimator is named.
     """
     _require_same_run(truth, recording)
+    if informed is None:
+        informed = recording
+        if recording.landmark is None and truth is not None and truth.association is not None:
+            informed = recording.associated(truth.association)
     estimates: dict[str, Estimate] = {}
     seconds: dict[str, float] = {}
     progress = tqdm(estimators.items(), disable=None, leave=False, unit="estimator")
     for name, estimator in progress:
         progress.set_description(name)
-        estimates[name], seconds[name] = run_estimator(name, estimator, recording)
+        seen = informed if name in OPTIMUM.values() else recording
+        estimates[name], seconds[name] = run_estimator(name, estimator, seen)
     scores: dict[str, Score] = {}
     for name, estimate in estimates.items():
         optimum = estimates.get(OPTIMUM[estimate.kind])
@@ -117,6 +134,9 @@ _COLUMNS = (
     ("NEES", "nees_pose", "{:.2f}"),
     ("NIS/dof", "nis_per_dof", "{:.3f}"),
     ("map [m]", "landmark_rmse_m", "{:.3f}"),
+    ("mapped", "landmarks_mapped", "{:d}"),
+    ("of", "landmarks_true", "{:d}"),
+    ("wrong", "wrong_associations", "{:d}"),
     ("x optimum", "ratio_to_optimum", "{:.2f}"),
     ("d to optimum", "mahalanobis_to_optimum", "{:.3g}"),
     ("end to batch [m]", "final_distance_to_batch_m", "{:.3f}"),

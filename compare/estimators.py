@@ -5,14 +5,16 @@ from __future__ import annotations
 import importlib
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext, redirect_stdout
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import cast
 
 import slam2d
+from compare.scenario_schema import Association
 from slam2d import Estimate, Estimator, Recording
 
 # name: module and attribute, imported when asked for
@@ -24,31 +26,65 @@ SHIPPED = {
     "riekf": ("ekf", "riekf"),
     "isam2": ("graph_baseline", "isam2"),
     "batch": ("graph_baseline", "batch"),
+    "robust-batch": ("graph_baseline", "robust_batch"),
 }
+FILTERS = ("ekf", "fej-ekf", "iekf", "riekf")
+GRAPHS = ("isam2", "batch", "robust-batch")
+UNDER = "@"  # isam2@ekf: isam2 under the associations that ekf makes
 
 
-def load_estimators(names: Sequence[str], own: Sequence[str] = ()) -> dict[str, Estimator]:
+def load_estimators(
+    names: Sequence[str], own: Sequence[str] = (), association: Association | None = None
+) -> dict[str, Estimator]:
     """Estimators by the name that results carry.
 
     Args:
-        names: shipped names.
+        names: shipped names; `isam2@ekf` is isam2 under the associations that ekf makes, and so for every graph
+            and filter.
         own: import paths `module:attribute`; this loads and runs the code found there, with the current
             folder searched first.
+        association: how filters associate a recording without ids; theirs by default is the nearest neighbour at
+            gate 9. With `method` known, too: there they have ids.
 
     Raises:
         ValueError: an unknown name, or an import path that leads to no callable.
     """
     estimators: dict[str, Estimator] = {}
     for name in names:
-        if name not in SHIPPED:
-            near = get_close_matches(name, SHIPPED, n=1)
-            remedy = f"did you mean {near[0]}?" if near else f"use {', '.join(SHIPPED)}"
-            raise ValueError(f"estimator {name!r} is not known; {remedy}")
-        module, attribute = SHIPPED[name]
-        estimators[name] = getattr(importlib.import_module(module), attribute)
+        graph, under, filter_name = name.partition(UNDER)
+        estimator = _shipped(graph, association)
+        if under:
+            if graph not in GRAPHS or filter_name not in FILTERS:
+                remedy = f"write GRAPH@FILTER with one of {', '.join(GRAPHS)} and one of {', '.join(FILTERS)}"
+                raise ValueError(f"estimator {name!r} is not known; {remedy}")
+            estimator = _under_associations(estimator, _shipped(filter_name, association))
+        estimators[name] = estimator
     for path in own:
         estimators[path] = _import_estimator(path)
     return estimators
+
+
+def _shipped(name: str, association: Association | None) -> Callable[..., Estimate]:
+    if name not in SHIPPED:
+        near = get_close_matches(name, SHIPPED, n=1)
+        remedy = f"did you mean {near[0]}?" if near else f"use {', '.join(SHIPPED)}"
+        raise ValueError(f"estimator {name!r} is not known; {remedy}")
+    module, attribute = SHIPPED[name]
+    estimator = getattr(importlib.import_module(module), attribute)
+    if name in FILTERS and association is not None and association.method != "known":
+        from ekf.association import Association as FilterAssociation
+        from ekf.map_management import MapManagement
+
+        managed = association.method == "jcbb" if association.map_management is None else association.map_management
+        management = MapManagement() if managed else None
+        how = FilterAssociation(association.method, association.gate, management)
+        return partial(estimator, association=how)
+    return estimator
+
+
+def _under_associations(graph: Callable[..., Estimate], slam: Callable[..., Estimate]) -> Estimator:
+    """The graph with the associations that a filter makes of the same recording."""
+    return lambda recording: graph(recording, slam(recording).association)
 
 
 def _import_estimator(path: str) -> Estimator:
@@ -86,12 +122,12 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
     start = perf_counter()
     try:
         # standard output is for results; ours are silent, and threads of a study must not redirect it
-        with nullcontext() if name in SHIPPED else redirect_stdout(sys.stderr):
+        with nullcontext() if _is_shipped(name) else redirect_stdout(sys.stderr):
             estimate = cast("object", estimator(recording))
     except (Exception, SystemExit) as error:
-        if name in SHIPPED and not isinstance(error, ValueError):
+        if _is_shipped(name) and not isinstance(error, ValueError):
             raise
-        reason = str(error) if name in SHIPPED else _where_it_broke(error)
+        reason = str(error) if _is_shipped(name) else _where_it_broke(error)
         raise ValueError(f"estimator {name}: {reason}") from error
     seconds = perf_counter() - start
     if not isinstance(estimate, Estimate):
@@ -107,6 +143,10 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
             f"return {len(recording.observation)}, one for every observation"
         )
     return estimate, seconds
+
+
+def _is_shipped(name: str) -> bool:
+    return name.partition(UNDER)[0] in SHIPPED
 
 
 def _where_it_broke(error: BaseException) -> str:

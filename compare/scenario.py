@@ -1,5 +1,6 @@
 """Scenarios: what a simulated run consists of, read from TOML files.
 
+A file may begin with `extends = "a shipped name"`: its own keys then come on top of that scenario's.
 The schema stands in `scenario_schema`. Every mistake of a file is reported, each in a line that names
 the file and the key.
 """
@@ -18,7 +19,17 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from compare.scenario_schema import Assumed, Landmarks, Motion, Prior, Scenario, Segment, Sensor, Trajectory
+from compare.scenario_schema import (
+    Association,
+    Assumed,
+    Landmarks,
+    Motion,
+    Prior,
+    Scenario,
+    Segment,
+    Sensor,
+    Trajectory,
+)
 
 __all__ = ["Scenario", "ScenarioError", "load_scenario", "shipped_scenarios"]
 
@@ -47,7 +58,7 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
     """
     where = str(name_or_path)
     source = _locate(where)
-    table = _parse(source, where)
+    table = _extended(_parse(source, where), where)
     for override in overrides:
         _override(table, override)
     mistakes = ["name: unknown key; the file's own name is the scenario's name"] if "name" in table else []
@@ -91,6 +102,22 @@ def _parse(source: Traversable, where: str) -> Table:
         raise ScenarioError(f"{where}: not valid TOML: {message}; correct that line") from None
 
 
+def _extended(table: Table, where: str) -> Table:
+    """The table on top of the shipped scenario that its key `extends` names, key by key."""
+    if "extends" not in table:
+        return table
+    name, shipped = table.pop("extends"), _shipped()
+    if name not in shipped:
+        near = difflib.get_close_matches(str(name), shipped, n=1)
+        remedy = f"did you mean {near[0]}?" if near else f"use {', '.join(sorted(shipped))}"
+        raise ScenarioError(f"{where}: extends: {name!r} is no shipped scenario; {remedy}")
+    base = _extended(_parse(shipped[name], name), name)
+    for key, value in table.items():
+        both = isinstance(value, dict) and isinstance(base.get(key), dict)
+        base[key] = {**base[key], **value} if both else value
+    return base
+
+
 def _override(table: Table, override: str) -> None:
     """Set the key of one `dotted.key=value` in the table, sections on the way included."""
     path, equals, text = override.partition("=")
@@ -117,6 +144,7 @@ _KEYS: dict[Place, tuple[str, ...]] = {
     ("motion",): tuple(Motion.model_fields),
     ("sensor",): tuple(Sensor.model_fields),
     ("assumed",): tuple(Assumed.model_fields),
+    ("association",): tuple(Association.model_fields),
     ("landmarks",): tuple(Landmarks.model_fields),
 }
 

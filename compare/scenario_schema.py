@@ -123,10 +123,24 @@ class Sensor(Section):
 
 
 class Assumed(Section):
-    """What estimators believe: the simulated noise covariances times these factors."""
+    """What estimators believe: the simulated noise covariances times `scale`, and times a factor of each one's own."""
 
+    scale: Positive = 1.0
     motion_scale: Positive = 1.0
     sensor_scale: Positive = 1.0
+
+
+class Association(Section):
+    """How filters find the landmark of an observation; `known` gives them the ids.
+
+    `gate` is the largest squared Mahalanobis distance. `map_management` (probation, deletion and merging of
+    landmarks, see `ekf.map_management`) is off for `nearest-neighbour`, the practical's bare rule, and on for
+    `jcbb`, unless it is said otherwise.
+    """
+
+    method: Literal["known", "nearest-neighbour", "jcbb"] = "known"
+    gate: Positive = 9.0
+    map_management: Annotated[bool, Field(strict=True)] | None = None
 
 
 class Landmarks(Section):
@@ -152,4 +166,5 @@ class Scenario(Section):
     motion: Motion
     sensor: Sensor
     assumed: Assumed = Assumed()
+    association: Association = Association()
     landmarks: Landmarks

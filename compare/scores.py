@@ -10,7 +10,7 @@ import numpy as np
 
 from compare.consistency import sigma_ratios, squared_mahalanobis
 from compare.defined import mean, number, rms
-from compare.landmark_identity import landmark_errors, true_landmarks, wrong_associations
+from compare.landmark_identity import association_figures, landmark_errors, true_landmarks
 from compare.loop_closures import LoopClosure, closure_steps, describe_closures
 from compare.trajectory_error import align, pose_errors, step_errors
 from slam2d import Estimate, Float, Kind, Recording, Truth
@@ -36,7 +36,12 @@ class Score:
         landmark_nees_per_dof: mean NEES of the mapped landmarks over its 2 degrees of freedom.
         landmarks_mapped: number of landmarks in the map.
         landmarks_true: number of distinct landmarks that were observed.
+        landmarks_missed: observed landmarks that no mapped one stands for.
+        landmarks_spurious: mapped landmarks that stand for none, doubles among them.
         wrong_associations: number of observations given to another landmark than their own.
+        observations_rejected: number of observations given to none.
+        track_purity: mean over tracks of the largest share of their observations that come from one landmark.
+        track_purity_min: that share of the least pure track.
         ratio_to_optimum: ATE over the optimum's ATE.
         sigma_ratio_to_optimum: mean over time of sigma over the optimum's, for x, y and heading.
         mahalanobis_to_optimum: mean over time of the squared Mahalanobis distance to the optimum, under the
@@ -64,7 +69,12 @@ class Score:
     landmark_nees_per_dof: float | None
     landmarks_mapped: int
     landmarks_true: int | None
+    landmarks_missed: int | None
+    landmarks_spurious: int | None
     wrong_associations: int | None
+    observations_rejected: int | None
+    track_purity: float | None
+    track_purity_min: float | None
     ratio_to_optimum: float | None
     sigma_ratio_to_optimum: tuple[float | None, ...] | None
     mahalanobis_to_optimum: float | None
@@ -150,8 +160,7 @@ def map_figures(truth: Truth, recording: Recording, estimate: Estimate, batch: E
         "landmark_rmse_m": rms(np.linalg.norm(errors, axis=1)),
         "landmark_nees_per_dof": None if nees is None else nees / 2,
         "landmarks_mapped": len(ids),
-        "landmarks_true": None if truth.association is None else len(np.unique(truth.association)),
-        "wrong_associations": wrong_associations(truth, recording, estimate),
+        **association_figures(truth, recording, estimate)._asdict(),
         "final_distance_to_batch_m": final_distance,
         "landmark_distance_to_batch_m": map_distance,
     }

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from compare.scenario import Scenario
-from compare.scenario_schema import Sensor, Trajectory
+from compare.scenario_schema import Association, Assumed, Sensor, Trajectory
 from slam2d import Float, Int, Recording, Truth, chain, rotation, wrap
 
 
 def simulate(scenario: Scenario, seed: int) -> tuple[Truth, Recording]:
-    """One run: its truth, and the recording that estimators see (association known).
+    """One run: its truth, and the recording that estimators see.
 
     The truth follows the commanded increments (v dt, 0, omega dt) exactly; the odometry is the command
     with noise on v and omega. Start, motion and sensor draw from streams of their own, so a change of
@@ -31,8 +31,9 @@ def simulate(scenario: Scenario, seed: int) -> tuple[Truth, Recording]:
     dt = scenario.trajectory.step
     sigma_increment = dt * np.array([scenario.motion.sigma_speed, 0.0, np.deg2rad(scenario.motion.sigma_yaw_rate_deg)])
     motion_noise = sigma_increment * np.random.default_rng(motion_stream).standard_normal(command.shape)
-    odometry_cov = scenario.assumed.motion_scale * np.diag(sigma_increment**2)
-    observation_cov = scenario.assumed.sensor_scale * np.diag(scenario.sensor.sigmas**2)
+    assumed = scenario.assumed
+    odometry_cov = assumed.scale * assumed.motion_scale * np.diag(sigma_increment**2)
+    observation_cov = assumed.scale * assumed.sensor_scale * np.diag(scenario.sensor.sigmas**2)
 
     truth = Truth(poses=poses, landmark_ids=np.arange(len(landmarks)), landmarks=landmarks, association=seen)
     recording = Recording(
@@ -45,9 +46,14 @@ def simulate(scenario: Scenario, seed: int) -> tuple[Truth, Recording]:
         observation_step=seen_at,
         observation=observation,
         observation_cov=np.broadcast_to(observation_cov, (len(seen), 2, 2)),
-        landmark=seen,
+        landmark=seen if scenario.association.method == "known" else None,
     )
     return truth, recording
+
+
+def informed(scenario: Scenario) -> Scenario:
+    """The scenario in which nobody is misled: the same measurements, their true noise, every association known."""
+    return scenario.model_copy(update={"assumed": Assumed(), "association": Association()})
 
 
 def _start(scenario: Scenario, stream: np.random.SeedSequence) -> Float:

@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from compare.comparison import OPTIMUM
 from compare.consistency import squared_mahalanobis
 from compare.defined import number, rms
 from compare.estimators import load_estimators, run_estimator
+from compare.landmark_identity import landmark_errors, true_landmarks
 from compare.scenario import Scenario
 from compare.scores import filter_figures, map_figures, pose_covs_of
-from compare.simulation import simulate
+from compare.simulation import informed, simulate
 from compare.trajectory_error import pose_errors
 from slam2d import Estimate, Estimator, Float, Recording, Truth
 
@@ -37,8 +39,17 @@ FIGURES = (
     "nis_dof_total",
     "landmark_rmse_m",
     "landmark_nees_per_dof",
+    "landmark_sigma_near_m",
+    "landmark_sigma_far_m",
+    "landmark_error_near_m",
+    "landmark_error_far_m",
     "landmarks_mapped",
+    "landmarks_true",
+    "landmarks_missed",
+    "landmarks_spurious",
     "wrong_associations",
+    "observations_rejected",
+    "track_purity",
     "seconds_total",
 )
 
@@ -60,12 +71,20 @@ def run_seed(seed: int, run: int) -> int:
 
 
 def run_once(scenario: Scenario, seed: int, names: Sequence[str]) -> list[Outcome]:
-    """Simulate one run and score the estimators `names` on it; an estimator that fails leaves its error."""
+    """Simulate one run and score the estimators `names` on it; an estimator that fails leaves its error.
+
+    The optima see the measurements with their true noise and associations (`simulation.informed`).
+    """
     try:
         truth, recording = simulate(scenario, seed)
+        told = recording if scenario == informed(scenario) else simulate(informed(scenario), seed)[1]
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
         return [Outcome(name, error=f"simulation: {type(error).__name__}: {error}") for name in names]
-    return [_outcome(name, estimator, truth, recording) for name, estimator in load_estimators(names).items()]
+    estimators = load_estimators(names, association=scenario.association)
+    return [
+        _outcome(name, estimator, truth, told if name in OPTIMUM.values() else recording)
+        for name, estimator in estimators.items()
+    ]
 
 
 def _outcome(name: str, estimator: Estimator, truth: Truth, recording: Recording) -> Outcome:
@@ -74,6 +93,7 @@ def _outcome(name: str, estimator: Estimator, truth: Truth, recording: Recording
         series = step_series(truth, estimate)
         distances = np.hypot(series[0], series[1])
         known = map_figures(truth, recording, estimate, None) | filter_figures(estimate)
+        known |= near_and_far(truth, recording, estimate)
         known |= {"ate_m": rms(distances), "final_position_error_m": number(distances[-1])}
         if estimate.seconds is None:
             known["seconds_total"] = seconds
@@ -81,6 +101,25 @@ def _outcome(name: str, estimator: Estimator, truth: Truth, recording: Recording
         return Outcome(name, estimate.kind, figures, series.astype(np.float32).tobytes())
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
         return Outcome(name, error=f"{type(error).__name__}: {error}")
+
+
+def near_and_far(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, float | None]:
+    """RMS error and RMS sigma [m] of the mapped landmarks: the half of them nearer to the start, and the other."""
+    assert truth.poses is not None
+    ids, landmarks = true_landmarks(truth, recording, estimate)
+    errors = np.linalg.norm(landmark_errors(ids, landmarks, truth.landmark_ids, truth.landmarks), axis=1)
+    covs = estimate.landmark_covs
+    sigmas = np.full(len(ids), np.nan) if covs is None else np.sqrt(np.trace(covs, axis1=1, axis2=2).clip(min=0))
+    offsets = landmark_errors(ids, np.tile(truth.poses[0, :2], (len(ids), 1)), truth.landmark_ids, truth.landmarks)
+    distances = np.linalg.norm(offsets, axis=1)
+    near = distances <= np.median(distances[~np.isnan(distances)]) if len(ids) else np.zeros(0, dtype=bool)
+    far = ~near & ~np.isnan(distances)
+    return {
+        "landmark_sigma_near_m": rms(sigmas[near]),
+        "landmark_sigma_far_m": rms(sigmas[far]),
+        "landmark_error_near_m": rms(errors[near]),
+        "landmark_error_far_m": rms(errors[far]),
+    }
 
 
 def step_series(truth: Truth, estimate: Estimate) -> Float:

@@ -1,12 +1,14 @@
 """The optimum that the measurements allow, by GTSAM.
 
-`factors` (recording to graph), `causal` (iSAM2 step by step), `hindsight` (batch), `linearisation` and
-`smoother` (the exact linear model, its Schur complement and every covariance), `undetermined` (errors).
+`factors` (recording to graph), `causal` (iSAM2 step by step), `hindsight` (batch), `robust` (batch without
+outliers), `linearisation` and `smoother` (the exact linear model, its Schur complement and every covariance),
+`undetermined` (errors).
 """
 
 from graph_baseline.causal import isam2
 from graph_baseline.hindsight import batch
 from graph_baseline.linearisation import cost
+from graph_baseline.robust import robust_batch
 from graph_baseline.undetermined import UndeterminedError
 
-__all__ = ["UndeterminedError", "batch", "cost", "isam2"]
+__all__ = ["UndeterminedError", "batch", "cost", "isam2", "robust_batch"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import gtsam
@@ -12,7 +12,7 @@ from gtsam.symbol_shorthand import L, X
 from graph_baseline.factors import LENT_SLIP, GraphBuilder, first_sights, read_values
 from graph_baseline.smoother import solve_at
 from graph_baseline.undetermined import explained
-from slam2d import Estimate, Float, Recording, rotation
+from slam2d import Estimate, Float, Int, Recording, rotation
 
 
 @dataclass(frozen=True)
@@ -26,16 +26,23 @@ class Settings:
 SETTINGS = Settings(relinearize_threshold=0.05, relinearize_every=10)
 
 
-def isam2(recording: Recording) -> Estimate:
+def isam2(recording: Recording, association: Int | None = None) -> Estimate:
     """What the measurements up to each step allow: the newest pose of an incremental optimum (iSAM2).
 
     The `position` sensor enters as range and bearing with its covariance carried over, and a motion
     direction of zero variance is lent a slip (`factors.LENT_SLIP`): with hard constraints iSAM2 fails on
     maps of 300 landmarks, and the sigmas it would find there are the same to 1e-5.
 
+    Args:
+        recording: what was measured.
+        association: (M,) ids in place of the recording's own, an `Estimate.association` for instance; -1 leaves
+            an observation out.
+
     Raises:
         ValueError: the recording cannot be turned into a graph, or leaves a variable undetermined.
     """
+    if association is not None:
+        return replace(isam2(recording.associated(association)), association=association)
     return causal_optimum(recording, SETTINGS)
 
 

@@ -12,6 +12,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 from scipy.special import chdtr
@@ -35,13 +37,20 @@ NEGLIGIBLE = 1e-6  # of a standard deviation
 OUTSIDE_BAND = 1e-3  # probability that true noise makes a cost that is taken for unexplained
 
 
-def batch(recording: Recording) -> Estimate:
+def batch(recording: Recording, association: Int | None = None) -> Estimate:
     """What the measurements allow in hindsight: the maximum a posteriori trajectory and map.
+
+    Args:
+        recording: what was measured.
+        association: (M,) ids in place of the recording's own, an `Estimate.association` for instance; -1 leaves
+            an observation out.
 
     Raises:
         ValueError: the recording cannot be turned into a graph, leaves a variable undetermined, or the
             optimum was not reached.
     """
+    if association is not None:
+        return replace(batch(recording.associated(association)), association=association)
     landmark_ids = first_sights(recording)[0]
     poses, landmarks = minimise(recording, build_graph(recording, LENT_SLIP))
     poses, landmarks, solution = finish(recording, landmark_ids, poses, landmarks)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from compare.defined import mean
-from compare.landmark_identity import wrong_associations
+from compare.landmark_identity import association_figures
 from compare.loop_closures import closure_steps
 from compare.scores import evaluate
 from slam2d import Estimate, Float, Recording, Truth, chain, compose, rotation
@@ -38,6 +38,11 @@ METRICS_JSON = {
     "landmark_nees_per_dof",
     "final_distance_to_batch_m",
     "landmark_distance_to_batch_m",
+    "landmarks_missed",
+    "landmarks_spurious",
+    "observations_rejected",
+    "track_purity",
+    "track_purity_min",
 }
 angles = st.floats(-math.pi, math.pi)
 lengths = st.floats(-100, 100)
@@ -174,11 +179,12 @@ def test_wrong_associations_with_known_ids_are_those_that_differ() -> None:
     recording = straight(3, [(0, 5), (1, 6), (2, 5), (3, 6)])
     truth = true(landmark_ids=[5, 6], landmarks=np.zeros((2, 2)), association=[5, 6, 5, 6])
     estimate = filtered(path(recording), None, [5, 6], np.zeros((2, 2)), association=[6, 6, -1, 5])
-    assert wrong_associations(truth, recording, estimate) == 2
-    assert wrong_associations(true(), recording, estimate) is None
+    figures = association_figures(truth, recording, estimate)
+    assert (figures.wrong_associations, figures.observations_rejected) == (2, 1)
+    assert association_figures(true(), recording, estimate).wrong_associations is None
 
 
-def test_tracks_of_unknown_association_stand_for_what_started_them() -> None:
+def test_tracks_of_unknown_association_are_matched_one_to_one() -> None:
     recording = replace(straight(4, [(0, 5), (1, 6), (2, 5), (3, 6), (4, 6)]), landmark=None)
     truth = true(path(recording), [5, 6], [[5, 0], [6, 0]], [5, 6, 5, 6, 6])
     # track 0 is landmark 6 (and swallows one sight of 5), tracks 1 and 2 are landmark 5 and a double of 6
@@ -189,6 +195,17 @@ def test_tracks_of_unknown_association_stand_for_what_started_them() -> None:
     assert score.landmark_rmse_m == pytest.approx(1)
     assert score.landmark_distance_to_batch_m == pytest.approx(1)
     assert (score.landmarks_mapped, score.landmarks_true) == (3, 2)
+    assert (score.landmarks_missed, score.landmarks_spurious, score.observations_rejected) == (0, 1, 1)
+    assert (score.track_purity, score.track_purity_min) == (pytest.approx(2.5 / 3), 0.5)
+
+
+def test_a_track_stands_for_the_landmark_that_most_of_its_observations_come_from() -> None:
+    recording = replace(straight(4, [(0, 5), (1, 6), (2, 6), (3, 6), (4, 7)]), landmark=None)
+    truth = true(path(recording), [5, 6, 7], [[5, 0], [6, 0], [7, 0]], [5, 6, 6, 6, 7])
+    estimate = filtered(path(recording), None, [3], [[6, 0.5]], association=[3, 3, 3, 3, -1])
+    score = evaluate(truth, recording, estimate)
+    assert (score.wrong_associations, score.landmark_rmse_m) == (1, pytest.approx(0.5))
+    assert (score.landmarks_missed, score.landmarks_spurious, score.track_purity) == (2, 0, 0.75)
 
 
 def test_nameless_tracks_are_not_compared_with_the_truth() -> None:

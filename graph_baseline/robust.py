@@ -1,0 +1,46 @@
+"""The hindsight optimum of those observations that agree: what outlier rejection buys.
+
+GTSAM's graduated non-convexity with truncated least squares (Yang, Antonante, Tzoumas and Carlone, "Graduated
+non-convexity for robust spatial perception", RA-L 5(2), 2020) decides which observations to trust; prior and
+odometry always are. Those that it rejects are left out, and `batch` solves for the rest exactly.
+"""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+
+from graph_baseline.factors import LENT_SLIP, build_graph, first_sights, make_values, require_known_landmarks
+from graph_baseline.hindsight import batch, minimise
+from graph_baseline.undetermined import explained
+from slam2d import Estimate, Int, Recording
+
+TRUSTED = 0.999  # probability with which a true observation's cost stays below the truncation
+
+
+def robust_batch(recording: Recording, association: Int | None = None) -> Estimate:
+    """`batch` without the observations that do not fit the others; their `association` is -1.
+
+    Args:
+        recording: what was measured.
+        association: (M,) ids in place of the recording's own; -1 leaves an observation out.
+
+    Raises:
+        ValueError: as `batch`.
+    """
+    given = require_known_landmarks(recording) if association is None else association
+    seen = recording.associated(given)
+    graph = build_graph(seen, LENT_SLIP)
+    rows = seen.observation_step + 1 + np.arange(len(seen.observation))  # in the graph: after each step's motion
+    parameters = gtsam.GncLMParams()
+    parameters.setLossType(gtsam.GncLossType.TLS)
+    parameters.setKnownInliers(np.setdiff1d(np.arange(graph.size()), rows).tolist())
+    poses, landmarks = minimise(seen, graph)
+    with explained():
+        optimizer = gtsam.GncLMOptimizer(graph, make_values(poses, first_sights(seen)[0], landmarks), parameters)
+        optimizer.setInlierCostThresholdsAtProbability(TRUSTED)
+        optimizer.optimize()
+    rejected = np.flatnonzero(given >= 0)[np.asarray(optimizer.getWeights())[rows] < 0.5]
+    trusted = given.copy()
+    trusted[rejected] = -1
+    return batch(recording, trusted)

@@ -1,0 +1,194 @@
+"""Association by the book, dense and slow: the references that `ekf.association` is held against.
+
+`textbook_nearest_neighbour` is the practical's filter of question 2: observation by observation, the landmark
+of the smallest squared Mahalanobis distance below the gate corrects at once, else a new landmark is mapped at
+once. `Scan` holds every innovation and Jacobian of one scan, and `brute_force_joint` enumerates its assignments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+from textbook import (
+    additive_from_invariant,
+    augment,
+    block_diagonal,
+    linearised,
+    predict_invariant,
+    predict_standard,
+    update,
+    update_iterated,
+)
+
+from slam2d import Estimate, Float, Recording
+
+Kind = Literal["standard", "first-estimates", "iterated", "invariant"]
+Pair = tuple[int, int]  # observation, slot
+
+NONE = -1
+
+
+def textbook_nearest_neighbour(recording: Recording, gate: float, kind: Kind) -> Estimate:
+    """Ids of landmarks count up from 0 in the order of birth; the recording's own are not looked at."""
+    invariant = kind == "invariant"
+    x, P = recording.prior_mean.copy(), recording.prior_cov.copy()
+    first = x.copy()
+    if invariant:
+        back = np.linalg.inv(additive_from_invariant(x))
+        P = back @ P @ back.T
+    poses, pose_covs, nis, dof, association = [], [], [], [], []
+    for k, scan in enumerate(recording.scans()):
+        if k > 0:
+            predict = predict_invariant if invariant else predict_standard
+            point = first if kind == "first-estimates" else x
+            x, P = predict(x, point, P, recording.odometry[k - 1], recording.odometry_cov[k - 1])
+            first[:3] = x[:3]
+        nis.append(0.0)
+        dof.append(0)
+        for z, R in zip(scan.value, scan.cov, strict=True):
+            point = first if kind == "first-estimates" else x
+            distances = squared_distances(recording.sensor, x, point, P, z, R, invariant=invariant)
+            if len(distances) and min(distances) <= gate:
+                slot = int(np.argmin(distances))
+                sight = [slot], z[None], R[None]
+                if kind == "iterated":
+                    x, P, step_nis = update_iterated(recording.sensor, x, P, *sight)
+                else:
+                    x, P, step_nis = update(recording.sensor, x, point, P, *sight, invariant=invariant)
+                nis[-1] += step_nis
+                dof[-1] += 2
+                association.append(slot)
+            else:
+                association.append((len(x) - 3) // 2)
+                x, P = augment(recording.sensor, x, point, P, z, R, invariant=invariant)
+                first = np.concatenate([first, x[-2:]])
+        full = additive(x, P, invariant=invariant)
+        poses.append(x[:3])
+        pose_covs.append(full[:3, :3])
+    full = additive(x, P, invariant=invariant)
+    return Estimate(
+        kind="filtered",
+        poses=np.array(poses),
+        pose_covs=np.array(pose_covs),
+        landmark_ids=np.arange((len(x) - 3) // 2),
+        landmarks=x[3:].reshape(-1, 2),
+        landmark_covs=np.array([full[i : i + 2, i : i + 2] for i in range(3, len(x), 2)]).reshape(-1, 2, 2),
+        association=np.array(association, dtype=np.int64),
+        nis=np.array(nis),
+        nis_dof=np.array(dof),
+    )
+
+
+def additive(x: Float, P: Float, *, invariant: bool) -> Float:
+    """The covariance of the additive error."""
+    D = additive_from_invariant(x) if invariant else np.eye(len(x))
+    full = D @ P @ D.T
+    return (full + full.T) / 2
+
+
+def squared_distances(
+    sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, *, invariant: bool = False
+) -> Float:
+    """d^2 (L,) of one observation and every landmark, Jacobians at `point`."""
+    count = (len(x) - 3) // 2
+    v, H = linearised(sensor, x, point, list(range(count)), np.tile(z, (count, 1)), invariant=invariant)
+    v, H = v.reshape(count, 2), H.reshape(count, 2, len(x))
+    S = H @ P @ H.swapaxes(1, 2) + R
+    return np.einsum("li,lij,lj->l", v, np.linalg.inv(S), v)
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One scan of m observations before L landmarks, dense."""
+
+    innovation: Float  # (m, L, 2)
+    jacobian: Float  # (m, L, 2, n)
+    P: Float  # (n, n)
+    R: Float  # (m, 2, 2)
+
+    def distance(self, pairs: Sequence[Pair]) -> float:
+        """Joint d^2."""
+        if not pairs:
+            return 0.0
+        v = np.concatenate([self.innovation[pair] for pair in pairs])
+        H = np.concatenate([self.jacobian[pair] for pair in pairs])
+        S = H @ self.P @ H.T + block_diagonal(self.R[[i for i, _ in pairs]])
+        return float(v @ np.linalg.inv(S) @ v)
+
+    def distances(self) -> Float:
+        """d^2 (m, L) of every pair by itself."""
+        m, landmarks = self.innovation.shape[:2]
+        return np.array([[self.distance([(i, slot)]) for slot in range(landmarks)] for i in range(m)])
+
+
+def dense_scan(sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float) -> Scan:
+    """The scan of observations (m, 2) with covariances (m, 2, 2), Jacobians at `point`."""
+    slots = list(range((len(x) - 3) // 2))
+    rows = [linearised(sensor, x, point, slots, np.tile(value, (len(slots), 1))) for value in z]
+    innovation = np.array([v.reshape(-1, 2) for v, _ in rows])
+    jacobian = np.array([H.reshape(-1, 2, len(x)) for _, H in rows])
+    return Scan(innovation, jacobian, P, R)
+
+
+def search_order(scan: Scan, gate: float) -> list[tuple[int, list[int]]]:
+    """Observations with landmarks inside the gate, fewest first; with those landmarks, nearest first."""
+    distances = scan.distances()
+    found = [(i, [int(s) for s in np.argsort(row) if row[s] <= gate]) for i, row in enumerate(distances)]
+    return sorted([entry for entry in found if entry[1]], key=lambda entry: len(entry[1]))
+
+
+def brute_force_joint(scan: Scan, gate: float, quantiles: Float, *, every_subset: bool = False) -> list[Pair]:
+    """Of all compatible assignments one with the most pairs, and of these the one of the smallest joint d^2.
+
+    An assignment is compatible when its pairs are one to one, each within `gate`, and the first 1, 2, ... of
+    them, in the order of `search_order`, have a joint d^2 within quantiles[1], [2], ... That is what branch and
+    bound visits. With `every_subset`, all subsets of the pairs must be, not only those first ones.
+    """
+    best: list[Pair] = []
+    least = 0.0
+    for pairs, distance in _compatible_assignments(scan, search_order(scan, gate), quantiles, [], 0.0):
+        if len(pairs) < len(best) or (len(pairs) == len(best) and distance >= least):
+            continue
+        if not every_subset or are_compatible_in_every_subset(scan, pairs, quantiles):
+            best, least = pairs, distance
+    return best
+
+
+def _compatible_assignments(
+    scan: Scan, rest: list[tuple[int, list[int]]], quantiles: Float, pairs: list[Pair], distance: float
+) -> Iterator[tuple[list[Pair], float]]:
+    if not rest:
+        yield pairs, distance
+        return
+    (i, slots), *rest = rest
+    for slot in slots:
+        longer = [*pairs, (i, slot)]
+        if slot not in [taken for _, taken in pairs] and scan.distance(longer) <= quantiles[len(longer)]:
+            yield from _compatible_assignments(scan, rest, quantiles, longer, scan.distance(longer))
+    yield from _compatible_assignments(scan, rest, quantiles, pairs, distance)
+
+
+def are_compatible_in_every_subset(scan: Scan, pairs: Sequence[Pair], quantiles: Float) -> bool:
+    subsets = (subset for size in range(1, len(pairs) + 1) for subset in combinations(pairs, size))
+    return all(scan.distance(subset) <= quantiles[len(subset)] for subset in subsets)
+
+
+def brute_force_ambiguous(scan: Scan, gate: float, margin: float, best: Sequence[Pair]) -> set[int]:
+    """Observations of `best` to which an assignment one step away, and at most `margin` worse, gives another slot.
+
+    A step: one observation takes a slot that is free, or two change places; all within `gate`.
+    """
+    within = scan.distances() <= gate
+    steps: list[tuple[set[int], list[Pair]]] = []
+    for i, slot in best:
+        free = set(np.flatnonzero(within[i]).tolist()) - {taken for _, taken in best}
+        steps += [({i}, [(a, other if a == i else s) for a, s in best]) for other in free]
+        for j, other in best:
+            if j != i and within[i, other] and within[j, slot]:
+                steps.append(({i, j}, [(a, {i: other, j: slot}.get(a, s)) for a, s in best]))
+    bound = scan.distance(best) + margin
+    return set[int]().union(*(changed for changed, pairs in steps if scan.distance(pairs) <= bound))
