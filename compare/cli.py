@@ -212,6 +212,9 @@ class Study:
     set: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
 
+    sweep: str | None = None
+    """A study at each value of a key, key=v1,v2,..., next to one optimum: sweep.json and a figure."""
+
     jobs: int = os.cpu_count() or 1
     """Worker processes, one BLAS thread each."""
 
@@ -223,19 +226,32 @@ class Study:
 
     def __call__(self) -> None:
         """Run what is missing, sum up, print and write."""
+        try:
+            content, table = self._study() if self.sweep is None else self._sweep(self.sweep)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
+        print(json.dumps(content, indent=2, allow_nan=False) if self.json else table)
+        print(f"written to {self.out}", file=sys.stderr)
+
+    def _study(self) -> tuple[object, str]:
         from compare.study import load_runs, run_study, write_study
         from compare.study_summary import summary_table
 
         scenario, names = _sampled(self.scenario, self.set), _names(self.estimators)
-        try:
-            with _executor(self.jobs, self.scheduler) as executor:
-                summary = run_study(scenario, self.runs, self.seed, names, self.out, executor)
-            runs = load_runs(scenario, self.runs, self.seed, names, self.out)
-            write_study(self.out, summary, runs, scenario.trajectory.step)
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
-        print(json.dumps(summary.to_json(), indent=2, allow_nan=False) if self.json else summary_table(summary))
-        print(f"written to {self.out}", file=sys.stderr)
+        with _executor(self.jobs, self.scheduler) as executor:
+            summary = run_study(scenario, self.runs, self.seed, names, self.out, executor)
+        runs = load_runs(scenario, self.runs, self.seed, names, self.out)
+        write_study(self.out, summary, runs, scenario.trajectory.step)
+        return summary.to_json(), summary_table(summary)
+
+    def _sweep(self, sweep: str) -> tuple[object, str]:
+        from compare.sweep import run_sweep, sweep_table, write_sweep
+
+        overrides, names = ["start=sampled", *_flat(self.set)], _names(self.estimators)
+        with _executor(self.jobs, self.scheduler) as executor:
+            result = run_sweep(self.scenario, overrides, sweep, self.runs, self.seed, names, self.out, executor)
+        write_sweep(self.out, result)
+        return result.to_json(), sweep_table(result)
 
 
 @dataclass

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import struct
 import tokenize
@@ -91,6 +92,14 @@ def write_tum(path: str | Path, stamps: Float, poses: Float) -> None:
     rows = rows[~np.isnan(poses).any(axis=1)]
     with explained(path, "written"):
         Path(path).write_text("".join(f"{' '.join(map(repr, row))}\n" for row in rows.tolist()), encoding="ascii")
+
+
+def write_json(path: Path, content: object) -> None:
+    """Write JSON so that `path` holds the old content or the new, whatever happens."""
+    partial = path.with_name(f".{path.name}.{token_hex(4)}.partial")
+    with explained(path, "written"):
+        partial.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        partial.replace(path)
 
 
 @contextmanager

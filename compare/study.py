@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from pathlib import Path
@@ -11,7 +9,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from compare.estimators import load_estimators
-from compare.files import explained
+from compare.files import explained, write_json
 from compare.scenario import Scenario
 from compare.study_run import Outcome, run_once, run_seed
 from compare.study_store import Runs, StudyStore, digest, open_store
@@ -73,10 +71,7 @@ def write_study(out: Path, summary: Summary, runs: dict[str, Runs], step: float)
 
     with explained(out, "written"):
         save_study_figures(out, summary, runs, step)
-        text = json.dumps(summary.to_json(), indent=2, allow_nan=False)
-        partial = out / f".summary.json.{os.getpid()}.partial"
-        partial.write_text(text + "\n", encoding="utf-8")
-        partial.replace(out / "summary.json")
+    write_json(out / "summary.json", summary.to_json())
 
 
 def _carry_out(

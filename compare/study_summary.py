@@ -13,7 +13,7 @@ from compare.consistency import chi2_band
 from compare.defined import mean
 from compare.intervals import Interval, jackknife_interval, mean_interval, ratio_interval
 from compare.study_store import Runs
-from compare.text_table import aligned
+from compare.text_table import aligned, interval_cell
 from slam2d import Float, Int
 
 BAND_LEVEL = 0.999  # of the chi-square band whose share of steps is given
@@ -38,8 +38,9 @@ class EstimatorSummary:
         ratio_to_optimum: mean ATE over that of the optimum of the same kind, paired run by run.
         ratio_to_causal: over iSAM2's.
         ratio_to_hindsight: over batch's.
+        position_sigma_m: mean over runs of the RMS position sigma that the estimator reports.
         wrong_associations: per run.
-        landmarks_mapped: per run.
+        landmarks_mapped: per run; likewise those missed and the spurious ones.
         nees_share_inside_band: share of steps whose mean pose NEES over runs lies in its chi-square band.
         sigma_ratio_to_optimum_final: mean over runs of the last sigma over the optimum's: x, y, heading.
         seconds_total: mean over runs.
@@ -60,8 +61,11 @@ class EstimatorSummary:
     ratio_to_optimum: Interval | None
     ratio_to_causal: Interval | None
     ratio_to_hindsight: Interval | None
+    position_sigma_m: Interval | None
     wrong_associations: Interval | None
     landmarks_mapped: Interval | None
+    landmarks_missed: Interval | None
+    landmarks_spurious: Interval | None
     nees_share_inside_band: float | None
     sigma_ratio_to_optimum_final: tuple[float | None, ...] | None
     seconds_total: float | None
@@ -168,12 +172,21 @@ def _summarise(runs: Runs, others: Mapping[str, Runs]) -> EstimatorSummary:
         ratio_to_optimum=_ate_ratio(runs, optimum),
         ratio_to_causal=_ate_ratio(runs, others.get("isam2")),
         ratio_to_hindsight=_ate_ratio(runs, others.get("batch")),
+        position_sigma_m=mean_interval(reported_sigma(runs)),
         wrong_associations=mean_interval(figures["wrong_associations"]),
         landmarks_mapped=mean_interval(figures["landmarks_mapped"]),
+        landmarks_missed=mean_interval(figures["landmarks_missed"]),
+        landmarks_spurious=mean_interval(figures["landmarks_spurious"]),
         nees_share_inside_band=mean(((average >= low) & (average <= high))[defined].astype(np.float64)),
         sigma_ratio_to_optimum_final=_final_sigma_ratio(runs, optimum),
         seconds_total=mean(figures["seconds_total"]),
     )
+
+
+def reported_sigma(runs: Runs) -> Float:
+    """(R,) RMS over steps of the position sigma [m] that the estimator reports, NaN where it reports none."""
+    variances = runs.series["sigma_x"] ** 2 + runs.series["sigma_y"] ** 2
+    return np.sqrt(variances[:, FIRST_STEP:].mean(axis=1)) if len(variances) else np.zeros(0)
 
 
 def _mean_root(sums: Float, count: int) -> Float:
@@ -226,6 +239,7 @@ _COLUMNS = (
     ("NIS/dof", "nis_per_dof", "{:.3f}"),
     ("map NEES/2", "landmark_nees_per_dof", "{:.2f}"),
     ("wrong", "wrong_associations", "{:.1f}"),
+    ("mapped", "landmarks_mapped", "{:.1f}"),
 )
 
 
@@ -234,7 +248,7 @@ def summary_table(summary: Summary) -> str:
     head = ["estimator", "runs", *(title for title, _, _ in _COLUMNS), f"in {BAND_LEVEL:.1%} band", "sigma / optimum"]
     rows = [head]
     for name, entry in summary.estimators.items():
-        cells = [name, str(entry.runs), *(_cell(getattr(entry, key), form) for _, key, form in _COLUMNS)]
+        cells = [name, str(entry.runs), *(interval_cell(getattr(entry, key), form) for _, key, form in _COLUMNS)]
         share, ratios = entry.nees_share_inside_band, entry.sigma_ratio_to_optimum_final
         cells.append("-" if share is None else f"{share:.1%}")
         cells.append("-" if ratios is None else " ".join("-" if r is None else f"{r:.3f}" for r in ratios))
@@ -242,11 +256,3 @@ def summary_table(summary: Summary) -> str:
     lines = aligned(rows, words=1)
     lines += [f"run {failure.run}: {failure.estimator} failed: {failure.error}" for failure in summary.failures]
     return "\n".join(lines)
-
-
-def _cell(interval: Interval | None, form: str) -> str:
-    if interval is None:
-        return "-"
-    if interval.low is None or interval.high is None:
-        return form.format(interval.mean)
-    return f"{form.format(interval.mean)} ± {form.format((interval.high - interval.low) / 2)}"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from compare.intervals import Interval
+
 
 def aligned(rows: Sequence[Sequence[str]], words: int) -> list[str]:
     """Lines of equal columns: the first `words` to the left, the figures after them to the right."""
@@ -15,3 +17,12 @@ def aligned(rows: Sequence[Sequence[str]], words: int) -> list[str]:
         )
         for row in rows
     ]
+
+
+def interval_cell(interval: Interval | None, form: str) -> str:
+    """`mean ± half width`, `-` where there is none."""
+    if interval is None:
+        return "-"
+    if interval.low is None or interval.high is None:
+        return form.format(interval.mean)
+    return f"{form.format(interval.mean)} ± {form.format((interval.high - interval.low) / 2)}"

@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtr, chdtri
 
-from ekf.compatibility import NONE, nearest_pair
+from ekf.compatibility import NONE
 from ekf.filter import Correction, SlamFilter
 from ekf.map_management import MapManagement, Tracks
+from ekf.warm_up import compile_association_once
 from slam2d import Float, Int, Observations
 
 Method = Literal["nearest-neighbour", "jcbb"]
@@ -63,6 +64,7 @@ class AssociatingFilter:
         correction: Correction = "standard",
         association: Association = Association(),
     ) -> None:
+        compile_association_once()
         self._slam = SlamFilter(sensor, prior_mean, prior_cov, correction)
         self._association = association
         self._tracks = Tracks(association.map_management)
@@ -124,19 +126,11 @@ class AssociatingFilter:
         return result
 
     def _one_by_one(self, values: Float, covs: Float) -> tuple[float, int]:
-        self._associated = np.full(len(values), NONE)
-        total, dof = 0.0, 0
-        for i in range(len(values)):
-            row = slice(i, i + 1)
-            pairs, count = self._slam.compatible(values[row], covs[row], self._widest_gate)
-            slot = nearest_pair(pairs, count)
-            if slot != NONE and pairs.distance[:count].min() <= self._association.gate:
-                nis, informative = self._slam.correct(np.array([slot]), values[row], covs[row])
-                total, dof = total + nis, dof + informative
-                self._associated[i] = self._tracks.ids[slot]
-            elif not np.isin(self._tracks.ids[pairs.slot[:count]], self._associated, invert=True).any():
-                self._associated[row] = self._add(values[row], covs[row])
-        return total, dof
+        gate, next_id, before = self._association.gate, self._tracks.next_id, len(self._tracks.ids)
+        slots, nis, dof = self._slam.update_one_by_one(values, covs, gate, self._widest_gate, next_id)
+        self._tracks.begin(max(slots.max(initial=NONE) + 1 - before, 0))
+        self._associated = np.where(slots == NONE, NONE, self._tracks.ids[slots])
+        return nis, dof
 
     def _jointly(self, values: Float, covs: Float) -> tuple[float, int]:
         pairs, count = self._slam.compatible(values, covs, self._widest_gate)

@@ -182,12 +182,6 @@ def add_noise(R: Float, bearing_row: Float, S: Float) -> None:
 
 
 @kernel
-def nearest_pair(pairs: Pairs, count: int) -> int:
-    """Slot of the smallest d^2 of the first `count` pairs, NONE without any."""
-    return pairs.slot[np.argmin(pairs.distance[:count])] if count else NONE
-
-
-@kernel
 def search_jointly(
     cov: Float,
     covs: Float,

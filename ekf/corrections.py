@@ -120,7 +120,13 @@ def update_right_invariant(
 @kernel
 def retract_right_invariant(state: Float, cov: Float, size: int, work: Workspace) -> None:
     """Move by the correction dx in `work.scratch[0]`: x <- exp(D^-1 dx) x, P <- T P T'."""
-    dx, u, heading_row = work.scratch[0], work.scratch[1], work.scratch[2]
+    move_invariantly(state, size, work.scratch[0], work.scratch[1])
+    carry_covariance(cov, size, work.scratch[1], work.scratch[2])
+
+
+@kernel
+def move_invariantly(state: Float, size: int, dx: Float, u: Float) -> None:
+    """Move every point by V(dtheta) dx, turn the heading by dtheta, and leave u of T = I + u e_theta'."""
     turn = dx[2]
     v_cos = math.sin(turn) / turn if turn != 0.0 else 1.0
     v_sin = 2.0 * math.sin(turn / 2.0) ** 2 / turn if turn != 0.0 else 0.0
@@ -129,7 +135,11 @@ def retract_right_invariant(state: Float, cov: Float, size: int, work: Workspace
     u[2] = 0.0
     for i in range(3, size, 2):
         _move(state, dx, u, i, v_cos, v_sin)
-    # T P T' = P + u a' + a u' with a = P e_theta + u P_theta,theta / 2
+
+
+@kernel
+def carry_covariance(cov: Float, size: int, u: Float, heading_row: Float) -> None:
+    """P <- T P T' = P + u a' + a u' with a = P e_theta + u P_theta,theta / 2, for T = I + u e_theta'."""
     heading_row[0], heading_row[1] = cov[0, 2], cov[1, 2]
     for j in range(2, size):
         heading_row[j] = cov[2, j]

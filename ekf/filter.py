@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ekf import kernels, map_edits
 from ekf.compatibility import Pairs, allocate_pairs, find_compatible, mark_ambiguous, search_jointly
 from ekf.corrections import (
+    MAX_ITERATIONS,
     retract_right_invariant,
     retract_standard,
     update_iterated,
@@ -19,6 +20,7 @@ from ekf.corrections import (
     update_standard,
 )
 from ekf.models import SENSOR_CODES
+from ekf.one_by_one import update_one_by_one
 from ekf.warm_up import compile_once
 from ekf.workspace import Workspace, allocate
 from slam2d import Float, Int, Observations
@@ -30,6 +32,8 @@ Retract = Callable[[Float, Float, int, Workspace], None]
 WHOLE_SCAN = sys.maxsize
 BLOCK = 16  # observations that an update takes in at a time; see docs/performance.md
 
+SOUND = "make every value finite and every covariance positive definite; if they are, the filter has diverged"
+
 
 class Rule(NamedTuple):
     """How a filter corrects.
@@ -38,19 +42,21 @@ class Rule(NamedTuple):
         update: takes in a scan.
         retract: moves the state by a correction that is not an observation's (see `map_edits`).
         first_estimates: whether Jacobians are taken at first estimates.
+        passes: linearisations of an update at most.
         block: observations to take in at a time.
     """
 
     update: Update
     retract: Retract = retract_standard
     first_estimates: bool = False
+    passes: int = 1
     block: int = BLOCK
 
 
 RULES: dict[str, Rule] = {
     "standard": Rule(update_standard),
     "first-estimates": Rule(update_standard, first_estimates=True),
-    "iterated": Rule(update_iterated, block=WHOLE_SCAN),
+    "iterated": Rule(update_iterated, passes=MAX_ITERATIONS, block=WHOLE_SCAN),
     "right-invariant": Rule(update_right_invariant, retract_right_invariant),
 }
 
@@ -193,8 +199,7 @@ class SlamFilter:
         nis, informative = self._rule.update(self._sensor, self._state, self._point, self._cov, self._size, count, work)
         if not np.isfinite(nis):
             raise ValueError(
-                f"observation: no update exists for landmarks {self._ids[work.slots[:count]].tolist()}; "
-                "make every value finite and every covariance positive definite; if they are, the filter has diverged"
+                f"observation: no update exists for landmarks {self._ids[work.slots[:count]].tolist()}; {SOUND}"
             )
         return nis, informative
 
@@ -235,6 +240,32 @@ class SlamFilter:
         kernels.augment(self._sensor, self._state, self._point, self._cov, self._size, count, self._work)
         self._size += 2 * count
         self._index(np.concatenate([self._ids, ids]))
+
+    def update_one_by_one(
+        self, values: Float, covs: Float, gate: float, new_gate: float, next_id: int
+    ) -> tuple[Int, float, int]:
+        """Associate the observations (m, d) with the nearest landmarks, correcting and mapping at once.
+
+        New landmarks get the ids `next_id`, `next_id + 1`, ...; see `ekf.one_by_one`.
+
+        Returns:
+            Slots (m,), -1 for none; the NIS and its degrees of freedom.
+        """
+        count = len(values)
+        self._reserve(self._size + 2 * count)
+        work = self._room_for(count)
+        work.observation[:count] = values
+        work.observation_cov[:count] = covs
+        belief = (self._sensor, self._state, self._point, self._cov, self._size)
+        invariant = self._rule.retract is retract_right_invariant
+        nis, informative, size = update_one_by_one(*belief, count, gate, new_gate, invariant, self._rule.passes, work)
+        if not np.isfinite(nis):
+            raise ValueError(f"observation: no update exists for this scan; {SOUND}")
+        added = (size - self._size) // 2
+        self._size = size
+        if added:
+            self._index(np.concatenate([self._ids, np.arange(next_id, next_id + added)]))
+        return work.slots[:count].copy(), nis, informative
 
     def compatible(self, values: Float, covs: Float, gate: float) -> tuple[Pairs, int]:
         """Pairs of an observation (m, d) and a landmark within `gate` (squared Mahalanobis), and their number.

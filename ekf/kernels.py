@@ -265,11 +265,11 @@ def find_slots(sorted_ids: Int, sorted_slots: Int, ids: Int, slots: Int) -> int:
 def augment(sensor: int, state: Float, point: Float, cov: Float, size: int, count: int, work: Workspace) -> None:
     """Append the landmarks of the first `count` observations in `work`, in their order."""
     for i in range(count):
-        _append_landmark(sensor, state, point, cov, size + 2 * i, work.observation[i], work.observation_cov[i])
+        append_landmark(sensor, state, point, cov, size + 2 * i, work.observation[i], work.observation_cov[i])
 
 
 @kernel
-def _append_landmark(sensor: int, state: Float, point: Float, cov: Float, size: int, z: Float, R: Float) -> None:
+def append_landmark(sensor: int, state: Float, point: Float, cov: Float, size: int, z: Float, R: Float) -> None:
     """Append a landmark seen at z: P_l. = J_r P_r., P_ll = J_r P_rr J_r' + J_z R J_z'.
 
     J_r = [I, J lever], where the lever reaches from `point`'s robot to the landmark.

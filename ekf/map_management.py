@@ -56,6 +56,11 @@ class Tracks:
         """(L,) whether the track in each slot is a landmark."""
         return self._sights >= (1 if self._management is None else self._management.sights)
 
+    @property
+    def next_id(self) -> int:
+        """Id of the track that will begin next."""
+        return len(self._fate)
+
     def begin(self, count: int) -> Int:
         """Ids of `count` new tracks, in the slots after the last."""
         born = np.arange(len(self._fate), len(self._fate) + count)

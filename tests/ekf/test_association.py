@@ -1,4 +1,7 @@
-"""Association against dense references: nearest neighbour, compatibility, the joint search, and what estimators make of it."""
+"""Association against dense references: nearest neighbour, pairs, the joint search, and what filters make of them.
+
+The numbers that a problem must reach (`assert marked > 3`) keep a test from passing on problems that are too easy.
+"""
 
 from __future__ import annotations
 
@@ -40,6 +43,16 @@ TWINS = pytest.mark.parametrize(
     ids=["ekf", "fej-ekf", "iekf", "riekf"],
 )
 GATES = pytest.mark.parametrize("gate", [1.0, 9.0, 100.0])
+DEFECT_QUANTILE = pytest.mark.xfail(
+    strict=True,
+    reason="AssociatingFilter._joint_gates: 1 - chdtr(2, gate) is 0 from gate 75 on, the quantiles infinite",
+)
+DEFECT_WIDE_GATE = pytest.mark.xfail(
+    strict=True, reason="AssociatingFilter._jointly: from gate = new_gate on, what is left out as ambiguous is mapped"
+)
+DEFECT_NOT_FINITE = pytest.mark.xfail(
+    strict=True, reason="AssociatingFilter.update: an observation that fits no landmark is mapped unchecked"
+)
 MANAGED = Association("jcbb", map_management=MapManagement())
 
 
@@ -70,7 +83,7 @@ def assert_same(actual: Estimate, expected: Estimate) -> None:
 def test_nearest_neighbour_is_the_practicals(
     estimator: Estimator, kind: Kind, sensor: str, gate: float, seed: int
 ) -> None:
-    recording = nameless(seed, sensor, steps=30, landmarks=8)
+    recording = nameless(seed, sensor, steps=20, landmarks=8)
     assert_same(estimator(recording, Association(gate=gate)), textbook_nearest_neighbour(recording, gate, kind))
 
 
@@ -80,7 +93,7 @@ def test_nearest_neighbour_is_the_practicals_on_the_long_loop(estimator: Estimat
     scenario = load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=30"])
     recording = replace(simulate(scenario, 0)[1], landmark=None)
     if not (kind == "standard" and gate == 100.0):  # one goes all the way, the others save time
-        recording = recording.first(35)
+        recording = recording.first(30 if gate > 1.0 else 20)
     assert_same(estimator(recording, Association(gate=gate)), textbook_nearest_neighbour(recording, gate, kind))
 
 
@@ -126,7 +139,7 @@ def found(sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, gat
 def test_pairs_are_all_those_within_the_gate(sensor: str, shifted: bool) -> None:
     rng = np.random.default_rng(0)
     within = 0
-    for _ in range(400):
+    for _ in range(200):
         x, P = random_belief(rng, 6)
         point = x + rng.normal(size=len(x)) * rng.choice([0.1, 2.0]) if shifted else x
         gate, slots = 10 ** rng.uniform(0, 2), rng.integers(0, 6, 5)
@@ -148,7 +161,7 @@ def test_pairs_are_all_those_within_the_gate(sensor: str, shifted: bool) -> None
         order = pairs.by_distance[:count]
         np.testing.assert_array_equal(order, np.lexsort([pairs.distance[:count], pairs.observation[:count]]))
         within += count
-    assert 2000 < within < 10_000  # of 12 000
+    assert 1000 < within < 5000  # of 6000
 
 
 def test_a_landmark_that_moves_against_the_robot_is_found_as_far_off_as_the_gate_lets_it() -> None:
@@ -243,21 +256,20 @@ def test_a_joint_search_cut_short_still_gives_a_compatible_set(sensor: str, seed
         order = search_order(scan, gate)
         whole, needed = searched(scan, pairs, count, gate)
         before: list[Pair] = []
-        for limit in (1, 2, 3, 5, 8, 13, needed - 1, needed):
+        for limit in sorted({1, 2, 3, 5, 8, 13, 21, needed}):
             best, tries = searched(scan, pairs, count, gate, limit)
             assert tries <= limit
             assert bool(best) == bool(order)
             assert len({slot for _, slot in best}) == len(best)
             assert all(scan.distance([pair]) <= gate for pair in best)
             assert scan.distance(best) <= quantiles(gate, 4)[len(best)]
-            if limit >= 13 or len(best) != len(before):
-                before = before if limit < needed - 1 and len(before) > len(best) else best
+            assert len(best) > len(before) or scan.distance(best) <= scan.distance(before) + 1e-9
+            assert best == whole or limit < needed
+            before = best
             cut += best != whole
-        assert searched(scan, pairs, count, gate, needed)[0] == whole
-        greedy = greedily(scan, order, gate)
-        best, _ = searched(scan, pairs, count, gate, sum(len(slots) for _, slots in order))
-        assert len(best) >= len(greedy)
         assert searched(scan, pairs, count, gate, 0) == ([], 0)
+        enough = sum(len(slots) for _, slots in order)
+        assert len(searched(scan, pairs, count, gate, enough)[0]) >= len(greedily(scan, order, gate))
     assert cut > 50
 
 
@@ -287,4 +299,180 @@ def test_ambiguous_is_what_one_step_away_explains_nearly_as_well(sensor: str, se
         mark_ambiguous(upper(scan.P), scan.R, pairs, count, gate, margin, slots, marks)
         assert set(np.flatnonzero(marks).tolist()) == brute_force_ambiguous(scan, gate, margin, best)
         marked += int(marks.sum())
-    assert 10 < marked < 200
+    assert 3 < marked < 200
+
+
+# --- filters -------------------------------------------------------------------------------------
+
+
+def easy(seed: int, sensor: str) -> tuple[Recording, Int]:
+    """Little noise and landmarks apart; with the true ids, counted in the order of birth."""
+    truth, recording = random_recording(seed, sensor=sensor, steps=40, landmarks=7, noise=0.2)
+    assert truth.association is not None
+    _, first, inverse = np.unique(truth.association, return_index=True, return_inverse=True)
+    return replace(recording, landmark=None), np.argsort(np.argsort(first))[inverse]
+
+
+@FILTERS
+@SENSORS
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_joint_association_that_makes_no_mistake_is_known_association(
+    estimator: Estimator, sensor: str, seed: int
+) -> None:
+    recording, born = easy(seed, sensor)
+    estimate = estimator(recording, Association("jcbb", gate=16.0))
+    assert_same(estimate, estimator(replace(recording, landmark=born), Association()))
+
+
+@FILTERS
+@SENSORS
+def test_jointly_or_by_nearest_neighbour_is_the_same_where_scans_have_one_observation(
+    estimator: Estimator, sensor: str
+) -> None:
+    recording = nameless(3, sensor, steps=60)
+    recording = recording.only(np.diff(recording.observation_step, prepend=-1) > 0)
+    nearest = estimator(recording, Association())
+    assert_same(estimator(recording, Association("jcbb")), nearest)
+    assert 6 <= len(np.unique(ids_of(nearest))) < 40
+
+
+@FILTERS
+@SENSORS
+@pytest.mark.parametrize("seed", range(3))
+def test_managed_maps_are_sound(estimator: Estimator, sensor: str, seed: int) -> None:
+    recording = nameless(seed, sensor, steps=60, prior_sigmas=(0.5, 0.5, 0.3))  # pyright: ignore[reportArgumentType]
+    clutter = np.random.default_rng(seed).random(len(recording.observation)) < 0.05
+    recording = replace(recording, observation=recording.observation + 3.0 * clutter[:, None] * [1, 0])
+    estimate = estimator(recording, MANAGED)
+    ids = ids_of(estimate)
+    assert estimate.landmark_ids is not None
+    assert estimate.landmark_covs is not None
+    assert estimate.pose_covs is not None
+    for covs in (estimate.pose_covs, estimate.landmark_covs):
+        np.testing.assert_array_equal(covs, covs.swapaxes(1, 2))
+        eigenvalues = np.linalg.eigvalsh(covs)
+        assert (eigenvalues[:, 0] > -1e-14 * eigenvalues[:, -1]).all()
+    assert set(ids.tolist()) - {NONE} <= set(estimate.landmark_ids.tolist())
+    assert 0.5 < np.mean(ids != NONE) < 1.0
+    named = ids != NONE
+    scans = np.column_stack([recording.observation_step, ids])[named]
+    assert len(np.unique(scans, axis=0)) == len(scans)  # one to one, whatever was merged later
+
+
+@FILTERS
+@SENSORS
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_a_managed_map_of_an_easy_world_is_that_world(estimator: Estimator, sensor: str, seed: int) -> None:
+    recording, born = easy(seed, sensor)
+    estimate = estimator(recording, MANAGED)
+    ids = ids_of(estimate)
+    pairs = np.unique(np.column_stack([ids, born])[ids != NONE], axis=0)
+    assert len(np.unique(pairs[:, 0])) == len(np.unique(pairs[:, 1])) == len(pairs) == 7
+    assert np.mean(ids != NONE) > 0.8  # the others were still on probation, or of a track that failed it
+
+
+# --- ids and slots -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("association", [Association(), MANAGED], ids=["nearest-neighbour", "jcbb"])
+@FILTERS
+def test_ids_are_never_looked_at_and_runs_repeat(estimator: Estimator, association: Association) -> None:
+    _, recording = random_recording(4, steps=40)
+    assert recording.landmark is not None
+    mixed = replace(recording, landmark=np.random.default_rng(4).permutation(recording.landmark))
+    first, *others = (estimator(replace(r, landmark=None), association) for r in (recording, mixed, recording))
+    for other in others:
+        for name in ("association", "poses", "pose_covs", "landmark_ids", "landmarks", "landmark_covs", "nis"):
+            np.testing.assert_array_equal(getattr(other, name), getattr(first, name))
+
+    named = AssociatingFilter(recording.sensor, recording.prior_mean, recording.prior_cov, "standard", association)
+    for _ in drive(named, mixed):
+        pass
+    np.testing.assert_array_equal(named.landmarks, ekf(replace(recording, landmark=None), association).landmarks)
+
+
+@pytest.mark.parametrize("association", [Association(), Association("jcbb"), MANAGED], ids=["nn", "jcbb", "managed"])
+def test_the_online_filter_tells_what_each_observation_was_given_and_what_became_of_it(
+    association: Association,
+) -> None:
+    recording = nameless(2, "range-bearing", steps=60)
+    slam = AssociatingFilter(recording.sensor, recording.prior_mean, recording.prior_cov, association=association)
+    given: list[Int] = []
+    for _, scan in zip(drive(slam, recording), recording.scans(), strict=True):
+        given.append(slam.associated)
+        assert len(slam.associated) == len(scan.value)
+        assert np.isin(slam.standing(np.concatenate(given)), [*slam.landmark_ids.tolist(), NONE]).all()
+    slam.predict(np.zeros(3), np.zeros((3, 3)))
+    assert len(slam.associated) == 0
+    estimate = ekf(recording, association)
+    np.testing.assert_array_equal(slam.standing(np.concatenate(given)), ids_of(estimate))
+    np.testing.assert_array_equal(slam.landmark_ids, estimate.landmark_ids)
+    if association.map_management is None:  # every id stands, and all tracks are landmarks
+        np.testing.assert_array_equal(np.concatenate(given), ids_of(estimate))
+        np.testing.assert_array_equal(slam.landmark_ids, np.arange(len(slam.landmarks)))
+
+
+# --- rules of a scan -----------------------------------------------------------------------------
+
+NOISE = 0.01 * np.eye(2)
+
+
+def before_landmarks(places: list[list[float]], association: Association, spread: float = 0.0) -> AssociatingFilter:
+    """A filter at the origin that has seen landmarks six times, and then hardly knows how it was shifted."""
+    slam = AssociatingFilter("position", np.zeros(3), np.zeros((3, 3)), association=association)
+    for _ in range(6):
+        assert (look(slam, places) >= 0).all()
+    slam.predict(np.zeros(3), np.diag([spread, spread, 0.0]) ** 2)
+    return slam
+
+
+def look(slam: AssociatingFilter, places: list[list[float]]) -> Int:
+    slam.update(Observations(None, np.array(places), np.tile(NOISE, (len(places), 1, 1))))
+    return slam.associated
+
+
+@pytest.mark.parametrize("gate", [4.0, 9.0, 25.0, pytest.param(100.0, marks=DEFECT_QUANTILE)])
+def test_k_pairs_are_held_together_to_the_quantile_of_the_gates_probability(gate: float) -> None:
+    """The robot may be far off, but two landmarks cannot be shifted apart: joint d^2 is that of the difference."""
+    bound = chi2.isf(chi2.sf(gate, 2), 4)
+    for factor, new in ((0.999, 0), (1.001, 1)):
+        slam = before_landmarks([[2.0, 0.0], [0.0, 2.0]], Association("jcbb", gate), spread=100.0)
+        apart = float(np.sqrt(factor * bound * 2 * (0.01 + 0.01 / 6)))  # variance of the difference
+        assert np.sum(look(slam, [[2.0 + apart / 2, 0.0], [0.0 - apart / 2, 2.0]]) == 2) == new
+
+
+@pytest.mark.parametrize("method", ["nearest-neighbour", "jcbb"])
+def test_an_outlier_of_a_landmark_not_seen_otherwise_starts_no_track(method: str) -> None:
+    association = Association("jcbb" if method == "jcbb" else "nearest-neighbour", map_management=MapManagement())
+    variance = 0.01 + 0.01 / 6
+    for squared, free, alone in ((8.9, 0, 0), (9.1, NONE, 1), (27.5, NONE, 1), (27.7, 1, 1)):
+        sight = [2.0 + np.sqrt(squared * variance), 0.0]
+        slam = before_landmarks([[2.0, 0.0]], association)
+        assert look(slam, [sight]).tolist() == [free]
+        taken = before_landmarks([[2.0, 0.0]], association)
+        if squared > 9.0:
+            assert look(taken, [[2.0, 0.0], sight]).tolist()[1] == alone
+
+
+@pytest.mark.parametrize("gate", [9.0, pytest.param(30.0, marks=DEFECT_WIDE_GATE)])
+def test_an_ambiguous_observation_neither_corrects_nor_maps(gate: float) -> None:
+    association = Association("jcbb", gate, MapManagement())
+    slam = before_landmarks([[2.0, 0.0], [2.5, 0.0], [0.0, 5.0]], association, spread=0.3)
+    before = slam.pose, slam.pose_cov, slam.landmarks
+    assert look(slam, [[2.0, 0.0]]).tolist() == [NONE]
+    for actual, expected in zip((slam.pose, slam.pose_cov, slam.landmarks), before, strict=True):
+        np.testing.assert_array_equal(actual, expected)
+    assert look(slam, [[2.0, 0.0], [0.0, 5.0]]).tolist() == [0, 2]  # the other landmark tells the shift
+
+
+@DEFECT_NOT_FINITE
+@pytest.mark.parametrize("association", [Association(), Association("jcbb"), MANAGED], ids=["nn", "jcbb", "managed"])
+@pytest.mark.parametrize("broken", ["value", "cov"])
+def test_bad_numbers_are_refused_and_leave_the_filter_as_it_was(association: Association, broken: str) -> None:
+    slam = before_landmarks([[2.0, 0.0]], association)
+    before = slam.pose, slam.pose_cov, slam.landmarks
+    value, cov = np.array([[np.nan if broken == "value" else 5.0, 0.0]]), -NOISE if broken == "cov" else NOISE
+    with pytest.raises(ValueError, match="finite"):
+        slam.update(Observations(None, value, cov[None]))
+    for actual, expected in zip((slam.pose, slam.pose_cov, slam.landmarks), before, strict=True):
+        np.testing.assert_array_equal(actual, expected)

@@ -96,8 +96,8 @@ def squared_distances(
     """d^2 (L,) of one observation and every landmark, Jacobians at `point`."""
     count = (len(x) - 3) // 2
     v, H = linearised(sensor, x, point, list(range(count)), np.tile(z, (count, 1)), invariant=invariant)
-    v, H = v.reshape(count, 2), H.reshape(count, 2, len(x))
-    S = H @ P @ H.swapaxes(1, 2) + R
+    v, HP = v.reshape(count, 2), (H @ P).reshape(count, 2, len(x))
+    S = HP @ H.reshape(count, 2, len(x)).swapaxes(1, 2) + R
     return np.einsum("li,lij,lj->l", v, np.linalg.inv(S), v)
 
 
