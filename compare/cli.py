@@ -301,6 +301,41 @@ class Budget:
 
 
 @dataclass
+class Claims:
+    """The practical's conclusions, each tested over many runs next to the optimum. Interrupted, it goes on."""
+
+    out: Path
+    """Folder of claims.json and of the studies behind it."""
+
+    runs: int = 50
+    """How many runs of each setting."""
+
+    seed: int = 0
+    """Root seed, from which the runs' own seeds are spawned."""
+
+    jobs: int = os.cpu_count() or 1
+    """Worker processes, one BLAS thread each."""
+
+    json: bool = False
+    """Print claims.json on standard output instead of the table."""
+
+    def __call__(self) -> None:
+        """Run what is missing, judge, print and write."""
+        from compare.claims import claims_table, judge_claims
+        from compare.files import write_json
+
+        try:
+            with _executor(self.jobs) as executor:
+                judgements = judge_claims(self.runs, self.seed, self.out, executor)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
+        content = [each.to_json() for each in judgements]
+        write_json(self.out / "claims.json", content)
+        print(json.dumps(content, indent=2, allow_nan=False) if self.json else claims_table(judgements))
+        print(f"written to {self.out}", file=sys.stderr)
+
+
+@dataclass
 class Bench:
     """Measure step times against map size, side by side in one run (everything at all four sizes: twenty minutes)."""
 
@@ -421,6 +456,7 @@ Command = (
     | Annotated[Import, tyro.conf.subcommand(name="import")]
     | Annotated[Study, tyro.conf.subcommand(name="study")]
     | Annotated[Budget, tyro.conf.subcommand(name="budget")]
+    | Annotated[Claims, tyro.conf.subcommand(name="claims")]
     | Annotated[Bench, tyro.conf.subcommand(name="bench")]
 )
 
