@@ -43,6 +43,7 @@ FIGURES = (
     "landmark_sigma_far_m",
     "landmark_error_near_m",
     "landmark_error_far_m",
+    "observations",
     "landmarks_mapped",
     "landmarks_true",
     "landmarks_missed",
@@ -95,6 +96,7 @@ def _outcome(name: str, estimator: Estimator, truth: Truth, recording: Recording
         known = map_figures(truth, recording, estimate, None) | filter_figures(estimate)
         known |= near_and_far(truth, recording, estimate)
         known |= {"ate_m": rms(distances), "final_position_error_m": number(distances[-1])}
+        known["observations"] = len(recording.observation)
         if estimate.seconds is None:
             known["seconds_total"] = seconds
         figures = {key: known[key] for key in FIGURES}

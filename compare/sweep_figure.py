@@ -8,6 +8,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 
 from compare.comparison import OPTIMUM
 from compare.intervals import Interval
@@ -85,8 +86,10 @@ def _arrange(axes: Axes, values: tuple[str, ...]) -> None:
         axes.set_xscale("log")
     axes.set_xticks(places, values)
     axes.minorticks_off()
-    low, high = axes.dataLim.intervaly
-    if low > 0 and high > WIDE * low:
-        axes.set_yscale("log")
+    means = np.array([mean for line in axes.lines if line.get_marker() != "_" for mean in np.asarray(line.get_ydata())])
+    if means.size and means.min() > 0 and means.max() > WIDE * means.min():
+        axes.set_yscale("log", nonpositive="clip")
+        axes.set_ylim(means.min() / 2, None)
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter("{x:.2g}")
+        axes.yaxis.set_minor_locator(NullLocator())
