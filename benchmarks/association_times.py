@@ -3,7 +3,7 @@
     python benchmarks/association_times.py [--landmarks 20,100,300,1000] [--observations 10]
 
 Milliseconds a step (median and p95 over the second round of the bench workload, when the map is complete), with
-ten observations of each step, drawn at random: joint association (`jcbb`: individual compatibility, search and ambiguity),
+ten observations of each step, drawn at random: joint association (`jcbb`: compatibility, search and ambiguity),
 individual compatibility alone, the update with those observations, and the whole step of the nearest neighbour,
 which associates and corrects one by one.
 """

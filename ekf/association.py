@@ -15,10 +15,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtr, chdtri
+from scipy.special import chdtri
 
 from ekf.compatibility import NONE
-from ekf.filter import Correction, SlamFilter
+from ekf.filter import SOUND, Correction, SlamFilter
+from ekf.kernels import are_sound
 from ekf.map_management import MapManagement, Tracks
 from ekf.warm_up import compile_association_once
 from slam2d import Float, Int, Observations
@@ -119,9 +120,13 @@ class AssociatingFilter:
         Raises:
             ValueError: an update that has no solution; see `SlamFilter.update`.
         """
-        _, values, covs = observations
+        values, covs = np.array(observations.value), np.array(observations.cov)
+        if not len(values):
+            return 0.0, 0
+        if not are_sound(values, covs):
+            raise ValueError(f"observation: no update exists for this scan; {SOUND}")
         associate = self._jointly if self._association.method == "jcbb" else self._one_by_one
-        result = associate(np.ascontiguousarray(values), np.ascontiguousarray(covs))
+        result = associate(values, covs)
         self._tracks.close_scan(self._slam, self._associated)
         return result
 
@@ -136,13 +141,12 @@ class AssociatingFilter:
         pairs, count = self._slam.compatible(values, covs, self._widest_gate)
         gate, limit = self._association.gate, self._association.node_limit
         slots = self._slam.jointly_compatible(covs, count, gate, self._joint_gates(len(values)), limit)
-        management = self._association.map_management
+        management, doubtful = self._association.map_management, np.zeros(len(values), dtype=bool)
         if management is not None:
             slots[self._slam.ambiguous(covs, count, gate, management.margin, slots)] = NONE
+            doubtful[pairs.observation[:count][np.isin(pairs.slot[:count], slots, invert=True)]] = True
         matched = slots != NONE
-        doubtful = np.zeros(len(values), dtype=bool)
-        doubtful[pairs.observation[:count][np.isin(pairs.slot[:count], slots, invert=True)]] = True
-        new = ~matched & ~(doubtful & (self._widest_gate > gate))
+        new = ~matched & ~doubtful
         self._associated = np.full(len(values), NONE)
         self._associated[matched] = self._tracks.ids[slots[matched]]
         result = self._slam.correct(slots[matched], values[matched], covs[matched])
@@ -163,7 +167,7 @@ class AssociatingFilter:
     def _joint_gates(self, observations: int) -> Float:
         """Largest joint squared distances (m + 1,) of 0, 1, ... m pairs."""
         if len(self._quantiles) <= observations:
-            rarer = 1.0 - chdtr(2, self._association.gate)
+            rarer = np.exp(-self._association.gate / 2.0)  # probability beyond the gate, 2 degrees of freedom
             dof = 2.0 * np.arange(1, 2 * observations + 1)
             self._quantiles = np.concatenate([[0.0], chdtri(dof, rarer)])
         return self._quantiles

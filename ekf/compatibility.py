@@ -4,9 +4,10 @@ An observation is individually compatible with a landmark when its squared Mahal
 d^2 = v' S^-1 v is below a gate. Before S is formed, a bound on d^2 that needs four numbers of a landmark
 sets the far ones aside; it never sets aside one that the gate would let in.
 
-`search_jointly` is the joint compatibility test by branch and bound: of all ways to give observations to
-landmarks, no landmark twice, it finds one with the most pairs, and among these the smallest joint d^2, such
-that every partial set of its pairs is jointly compatible: d^2 below a chi-square quantile of its dimension.
+`search_jointly` is the joint compatibility test by branch and bound. Sets of pairs, no landmark twice, grow
+observation by observation, those with the fewest candidates first, as long as they are jointly compatible: joint
+d^2 below a chi-square quantile of its dimension. Of all that can grow so it finds one with the most pairs, and among
+these the smallest joint d^2.
 
 Source: Neira and Tardos, "Data association in stochastic mapping using the joint compatibility test",
 IEEE Transactions on Robotics and Automation 17(6), 2001.
@@ -31,11 +32,11 @@ NONE = -1  # no landmark
 
 
 class Pairs(NamedTuple):
-    """Pairs of an observation and a landmark, ordered by observation, and by d^2 within one."""
+    """Pairs of an observation and a landmark, ordered by observation, then by slot."""
 
     observation: Int  # (c,) index in the scan
     slot: Int  # (c,) landmark
-    value: Float  # (c, 2) the observation itself
+    value: Float  # (c, 2) the observation itself, while pairs are being found
     innovation: Float  # (2c,)
     jacobian: Float  # (2c, 5) columns as in `kernels.linearise`
     distance: Float  # (c,) d^2
@@ -346,8 +347,6 @@ def mark_ambiguous(
             least = _joint_distance(cov, covs, pairs, taken)
         if _joint_distance(cov, covs, pairs, alternative) <= least + margin:
             ambiguous[i] = True
-            if other != NONE:
-                ambiguous[pairs.observation[other]] = True
 
 
 @kernel

@@ -88,7 +88,7 @@ def iterate(
             back[i] = state[i] - at[i]
         subtract_projection(back, 0, count, work)
         nis = whiten(cov, size, 0, count, work)
-        if not (math.isfinite(nis) and are_sound(count, work)):
+        if not (math.isfinite(nis) and are_sound(work.observation[:count], work.observation_cov[:count])):
             return math.nan, informative
         if iteration == 0:
             first_nis, first_informative = nis, informative

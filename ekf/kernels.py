@@ -198,7 +198,7 @@ def take_in(
     positive definite.
     """
     informative = linearise(sensor, state, point, work.slots[:count], work.observation, work.innovation, work.jacobian)
-    if not are_sound(count, work):
+    if not are_sound(work.observation[:count], work.observation_cov[:count]):
         return math.nan, informative
     dx, block_dx = work.scratch[0], work.scratch[1]
     dx[:size] = 0.0
@@ -219,11 +219,11 @@ def take_in(
 
 
 @kernel
-def are_sound(count: int, work: Workspace) -> bool:
-    """Whether the first `count` observations are finite and their covariances positive definite."""
-    for i in range(count):
-        R = work.observation_cov[i]
-        if not math.isfinite(work.observation[i, 0] + work.observation[i, 1]):
+def are_sound(values: Float, covs: Float) -> bool:
+    """Whether observations (m, 2) are finite and their covariances (m, 2, 2) positive definite."""
+    for i in range(len(values)):
+        R = covs[i]
+        if not math.isfinite(values[i, 0] + values[i, 1]):
             return False
         if not (R[0, 0] > 0.0 and R[0, 0] * R[1, 1] - R[0, 1] * R[1, 0] > 0.0 and math.isfinite(R[0, 0] + R[1, 1])):
             return False

@@ -42,7 +42,7 @@ def remove_landmark(state: Float, point: Float, cov: Float, size: int, slot: int
 def equate_landmarks(state: Float, cov: Float, size: int, a: int, b: int, work: Workspace) -> bool:
     """Take in l_a - l_b = 0 for the landmarks in slots a and b: P <- P - W'W, dx in `work.scratch[0]`.
 
-    Returns False, with nothing changed, when the two are already one: their difference has no covariance.
+    Returns False, with nothing changed, when the covariance of their difference is singular: they are one already.
     """
     W, S, y, dx = work.W, work.S, work.innovation, work.scratch[0]
     la, lb = 3 + 2 * a, 3 + 2 * b

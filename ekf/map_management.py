@@ -88,12 +88,11 @@ class Tracks:
 
     def standing(self, ids: Int) -> Int:
         """What has become of ids given earlier: the survivor's id, GONE if deleted or not confirmed."""
-        fate = self._fate.copy()
+        fate = np.append(self._fate, GONE)  # fate[GONE] is GONE
         fate[self.ids[~self.confirmed]] = GONE
-        standing = np.where(ids == GONE, GONE, ids)
-        while (moved := np.where(standing == GONE, GONE, fate[standing])).tolist() != standing.tolist():
-            standing = moved
-        return standing
+        while ((further := fate[ids]) != ids).any():
+            ids = further
+        return ids
 
     def _merge(self, slam: SlamFilter, associated: Int) -> None:
         """Merge what the scan's landmarks duplicate; the older id survives."""

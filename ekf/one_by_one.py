@@ -62,7 +62,7 @@ def update_one_by_one(
         NIS, its degrees of freedom and the new size; a NIS that is not finite says that there is no update.
     """
     slots, anchor = work.slots, work.scratch[1]
-    if not are_sound(count, work):
+    if not are_sound(work.observation[:count], work.observation_cov[:count]):
         return math.nan, 0, size
     if invariant:
         anchor[:size] = state[:size]
@@ -219,7 +219,7 @@ def _nearest(
         doubtful = doubtful or not _is_seen(work.slots, i, one[0])
     if least <= gate:
         return slot
-    return NONE if doubtful and new_gate > gate else NEW
+    return NONE if doubtful else NEW
 
 
 @kernel

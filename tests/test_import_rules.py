@@ -20,7 +20,15 @@ ALLOWED = {
 }
 # modules of `compare` that may import what no other may
 HOMES = {
-    "matplotlib": {"plots", "error_panels", "plot_style", "bench_figure", "study_figures", "sweep_figure", "budget_figure"},
+    "matplotlib": {
+        "plots",
+        "error_panels",
+        "plot_style",
+        "bench_figure",
+        "study_figures",
+        "sweep_figure",
+        "budget_figure",
+    },
     "plotly": {"report"},
     "jinja2": {"report"},
     "tyro": {"cli"},

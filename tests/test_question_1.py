@@ -9,12 +9,12 @@ consistent filter fails one of them with a probability of 0.1 %.
 
 from __future__ import annotations
 
-from functools import cache
 from typing import NamedTuple
 
 import pytest
+from questions import graded_scores, scores
 
-from compare import Score, assert_error_bounds, compare_estimators, evaluate, load_estimators, load_scenario, simulate
+from compare import assert_error_bounds
 
 FILTERS = ("dead-reckoning", "ekf", "riekf")
 MAPS = ("q1-short-dense", "q1-long-dense", "q1-long-sparse")
@@ -42,61 +42,40 @@ BOUNDS = {
 }
 
 
-@cache
-def scores(scenario_name: str) -> dict[str, list[Score]]:
-    """Scores of RUNS independent runs of each filter, against the truth alone."""
-    found: dict[str, list[Score]] = {name: [] for name in FILTERS}
-    scenario = load_scenario(scenario_name, ["start=sampled"])
-    for seed in range(RUNS):
-        truth, recording = simulate(scenario, seed)
-        for name, estimator in load_estimators(FILTERS).items():
-            found[name].append(evaluate(truth, recording, estimator(recording)))
-    return found
-
-
-@cache
-def graded_scores(scenario_name: str) -> dict[str, list[Score]]:
-    """Scores of GRADED_RUNS independent runs of each filter, next to the causal optimum."""
-    scenario = load_scenario(scenario_name, ["start=sampled"])
-    runs = [simulate(scenario, seed) for seed in range(GRADED_RUNS)]
-    comparisons = [compare_estimators(*run, load_estimators([*FILTERS, "isam2"])) for run in runs]
-    return {name: [comparison.scores[name] for comparison in comparisons] for name in FILTERS}
-
-
 @pytest.mark.parametrize(("scenario", "name"), BOUNDS)
 def test_error_against_the_truth(scenario: str, name: str):
-    assert_error_bounds(scores(scenario)[name], max_ate_m=BOUNDS[scenario, name].ate_m)
+    assert_error_bounds(scores(scenario, FILTERS, RUNS)[name], max_ate_m=BOUNDS[scenario, name].ate_m)
 
 
 @pytest.mark.parametrize(("scenario", "name"), BOUNDS)
 def test_error_against_the_optimum(scenario: str, name: str):
     ratio = BOUNDS[scenario, name].ratio_to_optimum
-    assert_error_bounds(graded_scores(scenario)[name], max_ratio_to_optimum=ratio)
+    assert_error_bounds(graded_scores(scenario, FILTERS, GRADED_RUNS)[name], max_ratio_to_optimum=ratio)
 
 
 @pytest.mark.parametrize("scenario", MAPS[:2])
 def test_dead_reckoning_is_far_from_the_optimum_of_a_dense_map(scenario: str):
     """On the other seeds no mean of ten runs came below three, of 40 000 resampled."""
     with pytest.raises(AssertionError, match="ratio_to_optimum = "):
-        assert_error_bounds(graded_scores(scenario)["dead-reckoning"], max_ratio_to_optimum=3.0)
+        assert_error_bounds(graded_scores(scenario, FILTERS, GRADED_RUNS)["dead-reckoning"], max_ratio_to_optimum=3.0)
 
 
 @pytest.mark.parametrize("scenario", MAPS)
 def test_the_right_invariant_filter_is_consistent(scenario: str):
-    assert_error_bounds(scores(scenario)["riekf"], nees_level=LEVEL, nis_level=LEVEL)
+    assert_error_bounds(scores(scenario, FILTERS, RUNS)["riekf"], nees_level=LEVEL, nis_level=LEVEL)
 
 
 @pytest.mark.parametrize("scenario", MAPS)
 def test_dead_reckoning_is_consistent(scenario: str):
-    assert_error_bounds(scores(scenario)["dead-reckoning"], nees_level=LEVEL)
+    assert_error_bounds(scores(scenario, FILTERS, RUNS)["dead-reckoning"], nees_level=LEVEL)
 
 
 @pytest.mark.parametrize("scenario", MAPS)
 def test_the_innovations_of_the_textbook_filter_look_right(scenario: str):
-    assert_error_bounds(scores(scenario)["ekf"], nis_level=LEVEL)
+    assert_error_bounds(scores(scenario, FILTERS, RUNS)["ekf"], nis_level=LEVEL)
 
 
 def test_yet_the_textbook_filter_is_too_sure_of_itself_on_the_long_dense_map():
     """Its mean NEES on the other seeds is 5.5; resampled, a hundred runs never stayed inside the band."""
     with pytest.raises(AssertionError, match=r"1 error bound.*\n.*pose NEES .* the estimator is too sure$"):
-        assert_error_bounds(scores("q1-long-dense")["ekf"], nees_level=LEVEL, nis_level=LEVEL)
+        assert_error_bounds(scores("q1-long-dense", FILTERS, RUNS)["ekf"], nees_level=LEVEL, nis_level=LEVEL)

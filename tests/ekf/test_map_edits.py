@@ -339,6 +339,14 @@ def test_ids_are_never_used_again_and_probation_counts_from_each_tracks_own_birt
     assert world.standing(0, 1, 2, 3) == [GONE, GONE, GONE, 3]
 
 
+def test_tracks_that_fail_together_are_all_deleted_and_no_other() -> None:
+    world = World(MapManagement(sights=2, probation=2))
+    world.scan(new=((1.0, 0.0), (2.0, 0.0), (3.0, 0.0), (4.0, 0.0)))
+    world.scan(1)  # leaves slots 0, 2 and 3, the last among them
+    assert world.tracks.ids.tolist() == [1]
+    assert world.standing(0, 1, 2, 3) == [GONE, 1, GONE, GONE]
+
+
 def test_merged_ids_are_their_oldest_survivors_even_through_chains() -> None:
     world = World(MapManagement(sights=2, probation=20))
     world.scan(new=((1.0, 0.0), (5.0, 0.0)))  # 0 waits on probation, 1 is another
