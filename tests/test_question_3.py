@@ -1,8 +1,9 @@
 """Question 3: filters that assume other noise than there is, unknown association, sparse map.
 
-Every run draws its start from the prior. Bounds were chosen on other seeds than the ones below (1000 to 1399; ratios
-1000 to 1029): that sample's mean plus 3.3 standard errors of the mean asserted here; a filter as good as there
-exceeds one with a probability of about 0.1 %. Scale 1 is q2-long-sparse, see `test_question_2`.
+Every run draws its start from the prior. Bounds were chosen on other seeds than the ones below (1000 to 1399): each is
+the 99.9 % quantile of the mean asserted here, resampled from that sample, as single runs fail by far (one loop closed
+with the wrong landmarks). A filter as good as there exceeds one with a probability of 0.1 %; so does the mean map size
+on either side. Scale 1 is q2-long-sparse under another name. The statistical levels are 99.9 %, two-sided.
 """
 
 from __future__ import annotations
@@ -18,45 +19,40 @@ from compare.simulation import informed
 
 FILTERS = ("ekf", "riekf")
 RUNS = 50  # without the optimum; seeds 0 ..
-GRADED_RUNS = 10  # next to the optimum; the first of them
+GRADED_RUNS = 20  # next to the optimum; the first of them
 LEVEL = 0.999
 
 
 class Expected(NamedTuple):
-    """Mean and standard deviation over runs, on the other seeds."""
+    """Bounds on mean ATE and mean ratio; mean and standard deviation over runs of the map size."""
 
-    ate_m: tuple[float, float]
+    ate_m: float
+    ratio: float
     mapped: tuple[float, float]
-    ratio: tuple[float, float]
 
 
 EXPECTED = {
-    ("q3-scale-0.1", "ekf"): Expected((1.61, 0.71), (209.8, 19.2), (1.96, 0.54)),
-    ("q3-scale-0.1", "riekf"): Expected((1.59, 0.71), (209.4, 19.1), (1.85, 0.57)),
-    ("q3-scale-1", "ekf"): Expected((1.12, 0.72), (16.8, 3.2), (1.20, 0.42)),
-    ("q3-scale-1", "riekf"): Expected((1.10, 0.70), (16.8, 3.2), (1.15, 0.40)),
-    ("q3-scale-2", "ekf"): Expected((1.03, 0.75), (5.64, 1.53), (1.08, 0.39)),
-    ("q3-scale-2", "riekf"): Expected((1.03, 0.75), (5.64, 1.57), (1.08, 0.38)),
-    ("q3-scale-10", "ekf"): Expected((1.13, 1.29), (5.28, 1.03), (1.08, 0.33)),
-    ("q3-scale-10", "riekf"): Expected((1.12, 1.30), (5.27, 0.98), (1.09, 0.33)),
+    ("q3-scale-0.1", "ekf"): Expected(1.92, 2.56, (209.8, 19.2)),  # means 1.61, 1.98
+    ("q3-scale-0.1", "riekf"): Expected(1.91, 2.54, (209.4, 19.1)),  # 1.59, 1.95
+    ("q3-scale-1", "ekf"): Expected(1.47, 2.01, (16.8, 3.2)),  # 1.12, 1.34
+    ("q3-scale-1", "riekf"): Expected(1.44, 1.94, (16.8, 3.2)),  # 1.10, 1.31
+    ("q3-scale-2", "ekf"): Expected(1.42, 1.93, (5.64, 1.53)),  # 1.03, 1.21
+    ("q3-scale-2", "riekf"): Expected(1.41, 2.00, (5.64, 1.57)),  # 1.02, 1.20
+    ("q3-scale-10", "ekf"): Expected(1.87, 2.90, (5.28, 1.03)),  # 1.13, 1.32
+    ("q3-scale-10", "riekf"): Expected(1.86, 3.06, (5.27, 0.98)),  # 1.12, 1.32
 }
 CASES = pytest.mark.parametrize(("scenario", "name"), EXPECTED)
 
 
-def largest(sample: tuple[float, float], runs: int) -> float:
-    mean, deviation = sample
-    return mean + 3.3 * deviation / np.sqrt(runs)
-
-
 @CASES
 def test_error_against_the_truth(scenario: str, name: str):
-    bound = largest(EXPECTED[scenario, name].ate_m, RUNS)
+    bound = EXPECTED[scenario, name].ate_m
     assert_error_bounds(scores(scenario, FILTERS, RUNS)[name], max_ate_m=bound)
 
 
 @CASES
 def test_error_against_the_optimum(scenario: str, name: str):
-    bound = largest(EXPECTED[scenario, name].ratio, GRADED_RUNS)
+    bound = EXPECTED[scenario, name].ratio
     assert_error_bounds(graded_scores(scenario, FILTERS, GRADED_RUNS)[name], max_ratio_to_optimum=bound)
 
 
