@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from ekf.warm_up import compile_once
+from ekf.warm_up import compile_association_once, compile_once
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -21,6 +21,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 def compiled_kernels() -> None:
     """Where they are compiled for the first time, that is announced on standard error."""
     compile_once()
+    compile_association_once()
 
 
 @pytest.fixture
@@ -98,3 +99,42 @@ def test_compare_question_1(folder: Path):
     saturation = picture.max(axis=2) - picture.min(axis=2)
     for third in np.split(saturation, 3, axis=1):
         assert (third > 0.3).sum() > 2000  # coloured paths in each of the three maps
+
+
+def test_compare_question_2(folder: Path):
+    """On one fixed run the gates map too many landmarks, a few doubles, and too few or wrong ones."""
+    printed, errors = run(folder, "compare_question_2.py", "--out", "maps of mine")
+    assert errors == ""
+    *texts, last = printed.split("\n\n")
+    tables = [rows(text.partition("\n")[2]) for text in texts]
+    assert [text.partition(",")[0] for text in texts] == ["q2-gate-1", "q2-long-dense", "q2-gate-100"]
+    names = ["ekf", "riekf", "isam2", "isam2@ekf"]
+    assert [list(table) for table in tables] == [names[:3], names, names]
+    mapped = [int(table["ekf"]["mapped"]) for table in tables]
+    assert mapped[0] > 20 * 37
+    assert 37 < mapped[1] < 5 * 37
+    for table in tables:
+        assert (table["isam2"]["mapped"], table["isam2"]["wrong"]) == ("37", "0")
+        assert float(table["isam2"]["x optimum"]) == 1.0
+    for table in tables[1:]:
+        assert table["isam2@ekf"]["wrong"] == table["ekf"]["wrong"]
+    assert float(tables[2]["ekf"]["ATE [m]"]) > 2 * float(tables[1]["ekf"]["ATE [m]"])
+    assert last == "maps: maps of mine/maps.png\n"
+    assert imread(folder / "maps of mine/maps.png").shape == (1050, 2250, 4)
+
+
+def test_compare_question_3(folder: Path):
+    """On one fixed run the reported NEES falls with the assumed noise, and the optimum knows the true one."""
+    printed, errors = run(folder, "compare_question_3.py", "--out", "errors of mine")
+    assert errors == ""
+    *texts, last = printed.split("\n\n")
+    tables = [rows(text.partition("\n")[2]) for text in texts]
+    scales = ["q3-scale-0.1", "q3-scale-1", "q3-scale-2", "q3-scale-10"]
+    assert [text.partition(",")[0] for text in texts] == scales
+    assert len({table["isam2"]["ATE [m]"] for table in tables}) == 1
+    for name in ("ekf", "riekf"):
+        nees = [float(table[name]["NEES"]) for table in tables]
+        assert nees[0] > 10 * nees[1] > 10 * nees[3]
+        assert int(tables[0][name]["mapped"]) > 10 * int(tables[3][name]["mapped"])
+    assert last == "errors: errors of mine/errors.png\n"
+    assert imread(folder / "errors of mine/errors.png").shape == (600, 1800, 4)

@@ -67,6 +67,16 @@ def test_wrong_associations_are_charged_to_the_associations(monkeypatch: pytest.
     assert errors[4] == errors[3]
 
 
+def test_a_filter_without_ids_pays_for_its_associations_alone() -> None:
+    """At gate 100 on measurements that the optimum sees with their true noise and associations."""
+    errors = rung_errors(load_scenario("q2-gate-100", ["start=sampled", "trajectory.duration=30"]), 2, "ekf")
+    honest = rung_errors(load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=30"]), 2, "ekf")
+    np.testing.assert_array_equal(errors[:3], honest[:3])
+    assert errors[2] == errors[1]
+    assert errors[3] > errors[2]
+    assert errors[4] != errors[3]
+
+
 def test_the_costliest_rung_is_named_with_its_share() -> None:
     table = np.array([[1.0, 1.5, 1.5, 1.5, 4.0], [1.0, 2.0, 2.0, 2.0, 4.0]])
     budget = summarise_budget("somewhere", "ekf", table)

@@ -247,3 +247,57 @@ def test_question_one_uses_the_practical_constants(name: str):
     assert (scenario.sensor.sigma_range, scenario.sensor.sigma_bearing_deg) == (0.1, 5.0)
     assert segment.duration * segment.yaw_rate == pytest.approx(4 * np.pi, rel=1e-3)
     assert scenario.prior.mean == (0.0, 0.0, 0.0)
+
+
+# --- extending shipped scenarios -----------------------------------------------------------------
+
+
+def test_a_file_may_extend_a_shipped_scenario_key_by_key(write: Write):
+    text = 'extends = "q2-long-dense"\ndescription = "mine"\n[association]\ngate = 4\n[prior]\nvariances = [0, 0, 0]\n'
+    mine, base = load_scenario(write(text)), load_scenario("q2-long-dense")
+    assert (mine.name, mine.description) == ("my", "mine")
+    assert (mine.association.method, mine.association.gate) == ("nearest-neighbour", 4.0)
+    assert mine.prior.variances == (0.0, 0.0, 0.0)
+    assert (mine.landmarks, mine.trajectory, mine.sensor) == (base.landmarks, base.trajectory, base.sensor)
+
+
+def test_extending_what_is_not_shipped(write: Write):
+    assert mistakes(write('extends = "q2-long-dens"')) == [
+        "extends: 'q2-long-dens' is no shipped scenario; did you mean q2-long-dense?"
+    ]
+    assert "use q1-long-dense, " in mistakes(write("extends = 3"))[0]
+
+
+def test_mistakes_of_the_association():
+    overrides = ("association.method=nearest", "association.gate=0", "association.gat=9")
+    assert mistakes("q2-long-dense", *overrides) == [
+        "association.method: must be 'known', 'nearest-neighbour' or 'jcbb', not 'nearest'",
+        "association.gate: must be greater than 0, not 0",
+        "association.gat: unknown key; did you mean gate?",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "base", "gate", "scale"),
+    [
+        ("q2-short-dense", "q1-short-dense", 9, 1),
+        ("q2-long-dense", "q1-long-dense", 9, 1),
+        ("q2-long-sparse", "q1-long-sparse", 9, 1),
+        ("q2-gate-1", "q1-long-dense", 1, 1),
+        ("q2-gate-100", "q1-long-dense", 100, 1),
+        ("q3-scale-0.1", "q1-long-sparse", 9, 0.1),
+        ("q3-scale-1", "q1-long-sparse", 9, 1),
+        ("q3-scale-2", "q1-long-sparse", 9, 2),
+        ("q3-scale-10", "q1-long-sparse", 9, 10),
+    ],
+)
+def test_questions_2_and_3_are_question_1_with_another_association_and_noise(
+    name: str, base: str, gate: float, scale: float
+):
+    scenario, known = load_scenario(name), load_scenario(base)
+    assert scenario.name == name
+    assert (scenario.association.method, scenario.association.gate) == ("nearest-neighbour", gate)
+    assert scenario.association.map_management is None
+    assert scenario.assumed.scale == scale
+    parts = ("start", "prior", "trajectory", "motion", "sensor", "landmarks")
+    assert all(getattr(scenario, part) == getattr(known, part) for part in parts)
