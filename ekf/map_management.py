@@ -26,7 +26,7 @@ class MapManagement:
             given to another observation may be that landmark's outlier, and starts no track. The default is
             exceeded once in a million (chi-square, 2 degrees of freedom).
         merge_gate: two landmarks never seen in one scan are merged when the squared Mahalanobis distance
-            of their difference from zero is below this, ...
+            of their difference from zero is below this (again, one in a million of true doubles fails that), ...
         merge_distance: ... and three standard deviations of the difference do not exceed this [m]: what is
             known worse may well be two.
     """
@@ -35,7 +35,7 @@ class MapManagement:
     probation: int = 10
     margin: float = 6.0
     new_gate: float = 27.6
-    merge_gate: float = 9.0
+    merge_gate: float = 27.6
     merge_distance: float = 1.0
 
 
