@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from compare.assertions import assert_error_bounds
     from compare.budget import ErrorBudget, error_budget
+    from compare.claims import judge_claims
     from compare.comparison import Comparison, compare_estimators
     from compare.error_panels import plot_errors
     from compare.estimators import load_estimators
@@ -19,9 +20,10 @@ if TYPE_CHECKING:
     from compare.plots import plot_run, save_figure
     from compare.scenario import Scenario, load_scenario, shipped_scenarios
     from compare.scores import Score, evaluate
-    from compare.simulation import simulate
+    from compare.simulation import informed, simulate
     from compare.study import load_runs, run_study, write_study
     from compare.study_summary import Summary
+    from compare.sweep import run_sweep
 
 _HOME = {
     "Comparison": "comparison",
@@ -34,6 +36,8 @@ _HOME = {
     "dask_cluster": "executors",
     "error_budget": "budget",
     "evaluate": "scores",
+    "informed": "simulation",
+    "judge_claims": "claims",
     "load_estimate": "files",
     "load_estimators": "estimators",
     "load_recording": "files",
@@ -44,6 +48,7 @@ _HOME = {
     "plot_errors": "error_panels",
     "plot_run": "plots",
     "run_study": "study",
+    "run_sweep": "sweep",
     "save": "files",
     "save_figure": "plots",
     "shipped_scenarios": "scenario",
@@ -62,6 +67,8 @@ __all__ = [
     "dask_cluster",
     "error_budget",
     "evaluate",
+    "informed",
+    "judge_claims",
     "load_estimate",
     "load_estimators",
     "load_recording",
@@ -72,6 +79,7 @@ __all__ = [
     "plot_errors",
     "plot_run",
     "run_study",
+    "run_sweep",
     "save",
     "save_figure",
     "shipped_scenarios",

@@ -27,7 +27,7 @@ RUNGS = {
     "hindsight optimum": "all measurements at once: what no estimator avoids",
     "causal optimum": "for knowing only the past",
     "assumed noise": "for believing other noise than there is",
-    "own associations": "for taking landmarks for others",
+    "own associations": "for taking landmarks for others (as they stand at the end)",
     "linearisation": "for being a filter: its own linearisation",
 }
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from compare.study_store import Runs
+from compare.study_summary import reported_sigma
 from slam2d import Float
 
 FILTER, OPTIMUM = "ekf", "isam2"  # the practical's filter, and the causal optimum
@@ -79,10 +80,10 @@ def stored(setting: str, key: str, estimator: str = FILTER) -> Figure:
 
 
 def landmarks_found(setting: str) -> Figure:
-    """Landmarks that a mapped one stands for."""
+    """Landmarks that a mapped one stands for; half a landmark for none, as ratios are compared by logarithms."""
 
     def read(runs: Runs) -> Float:
-        return runs.figures["landmarks_true"] - runs.figures["landmarks_missed"]
+        return np.maximum(runs.figures["landmarks_true"] - runs.figures["landmarks_missed"], 0.5)
 
     return Figure(setting, read)
 
@@ -113,9 +114,9 @@ def back(what: str) -> Figure:
     return during("q1-long-dense", what, 0.95, 1.05)
 
 
-def reported_sigma(setting: str) -> Figure:
-    """RMS position sigma over the path."""
-    return during(setting, "sigma", 0.0, 2.0)
+def sigma(setting: str) -> Figure:
+    """RMS position sigma that the filter reports."""
+    return Figure(setting, reported_sigma)
 
 
 CLAIMS = (
@@ -271,8 +272,8 @@ CLAIMS = (
         "3.1",
         "but the uncertainty is very big",
         f"reported sigma at scale 10 / at scale 1 > {MUCH:g}",
-        reported_sigma("q3-scale-10"),
-        (reported_sigma("q3-scale-1"),),
+        sigma("q3-scale-10"),
+        (sigma("q3-scale-1"),),
         (MUCH, math.inf),
     ),
     Claim(

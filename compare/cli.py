@@ -61,7 +61,8 @@ class Run:
     """Seed of all noise."""
 
     estimators: str = DEFAULT_ESTIMATORS
-    """Comma-separated: dead-reckoning, ekf, fej-ekf, iekf, riekf, isam2 (causal optimum), batch (hindsight)."""
+    """Comma-separated: dead-reckoning, ekf, fej-ekf, iekf, riekf, isam2 (causal optimum), batch (hindsight),
+    robust-batch; isam2@ekf is isam2 under the associations that ekf makes."""
 
     set: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
@@ -88,7 +89,10 @@ class Run:
 
 @dataclass
 class Evaluate:
-    """Grade estimators, your own among them, on a stored recording."""
+    """Grade estimators, your own among them, on a stored recording.
+
+    From a truth with associations isam2 and batch are told these; the noise that all assume is the recording's.
+    """
 
     recording: tyro.conf.Positional[Path]
     """A recording.npz; a truth.npz beside it is used by itself."""
@@ -97,7 +101,8 @@ class Evaluate:
     """The truth, if it lies elsewhere."""
 
     estimators: str = DEFAULT_ESTIMATORS
-    """Comma-separated: dead-reckoning, ekf, fej-ekf, iekf, riekf, isam2 (causal optimum), batch (hindsight)."""
+    """Comma-separated: dead-reckoning, ekf, fej-ekf, iekf, riekf, isam2 (causal optimum), batch (hindsight),
+    robust-batch; isam2@ekf is isam2 under the associations that ekf makes."""
 
     estimator: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
     """Your own, as module:attribute ...; a callable Recording -> Estimate. LOADS AND RUNS THAT CODE."""
@@ -124,8 +129,8 @@ class Evaluate:
         path = self.truth or (beside if beside.exists() else None)
         truth = None if path is None else load_truth(path)
         title = f"{self.recording.parent.resolve().name}/{self.recording.name}"
-        if not self.gate > 0:
-            raise ValueError(f"gate {self.gate}: nothing passes it; give a squared distance > 0, for example 9")
+        if not 0 < self.gate < math.inf:
+            raise ValueError(f"gate {self.gate}: gives no bound; give a squared distance > 0, for example 9")
         association = Association(method=self.association, gate=self.gate)
         grading = _Grading(self.estimators, _flat(self.estimator), self.out, self.json, title, association)
         grading.grade(truth, recording)
@@ -207,13 +212,14 @@ class Study:
     """Root seed, from which the runs' own seeds are spawned."""
 
     estimators: str = "ekf,riekf,isam2"
-    """Comma-separated: dead-reckoning, ekf, fej-ekf, iekf, riekf, isam2 (causal optimum), batch (hindsight)."""
+    """Comma-separated: dead-reckoning, ekf, fej-ekf, iekf, riekf, isam2 (causal optimum), batch (hindsight),
+    robust-batch; isam2@ekf is isam2 under the associations that ekf makes."""
 
     set: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
 
     sweep: str | None = None
-    """A study at each value of a key, key=v1,v2,..., next to one optimum: sweep.json and a figure."""
+    """A study at each value of a key, key=v1,v2,..., in a folder each; sweep.json and a figure beside them."""
 
     jobs: int = os.cpu_count() or 1
     """Worker processes, one BLAS thread each."""
@@ -222,7 +228,7 @@ class Study:
     """Address of a Dask scheduler, tcp://host:port, whose workers carry the runs instead."""
 
     json: bool = False
-    """Print summary.json on standard output instead of the table."""
+    """Print summary.json (of a sweep sweep.json) on standard output instead of the table."""
 
     def __call__(self) -> None:
         """Run what is missing, sum up, print and write."""
@@ -326,12 +332,12 @@ class Claims:
 
         try:
             with _executor(self.jobs) as executor:
-                judgements = judge_claims(self.runs, self.seed, self.out, executor)
+                claims = judge_claims(self.runs, self.seed, self.out, executor)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
-        content = [each.to_json() for each in judgements]
+        content = [each.to_json() for each in claims.judgements]
         write_json(self.out / "claims.json", content)
-        print(json.dumps(content, indent=2, allow_nan=False) if self.json else claims_table(judgements))
+        print(json.dumps(content, indent=2, allow_nan=False) if self.json else claims_table(claims))
         print(f"written to {self.out}", file=sys.stderr)
 
 

@@ -19,6 +19,7 @@ from compare.text_table import aligned
 from slam2d import Estimate, Estimator, Recording, Truth
 
 OPTIMUM = {"filtered": "isam2", "smoothed": "batch"}
+YARDSTICKS = tuple(OPTIMUM.values())
 
 
 @dataclass(frozen=True)
@@ -37,10 +38,10 @@ def compare_estimators(
     estimators: Mapping[str, Estimator],
     informed: Recording | None = None,
 ) -> Comparison:
-    """Run every estimator on the recording alone, then score each against truth and optimum.
+    """Run every estimator, then score each against truth and optimum.
 
-    The optimum of filtered estimates is `isam2`, that of smoothed ones `batch`, where they are among
-    the estimators. These two are yardsticks: what the measurements allow to somebody whom nothing misleads.
+    Estimators see the recording alone. Two are yardsticks: `isam2`, the optimum of filtered estimates, and `batch`,
+    that of smoothed ones, show what the measurements allow to somebody whom nothing misleads.
 
     Args:
         truth: what is known of it.
@@ -63,7 +64,7 @@ def compare_estimators(
     progress = tqdm(estimators.items(), disable=None, leave=False, unit="estimator")
     for name, estimator in progress:
         progress.set_description(name)
-        seen = informed if name in OPTIMUM.values() else recording
+        seen = informed if name in YARDSTICKS else recording
         estimates[name], seconds[name] = run_estimator(name, estimator, seen)
     scores: dict[str, Score] = {}
     for name, estimate in estimates.items():

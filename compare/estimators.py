@@ -83,7 +83,7 @@ def _shipped(name: str, association: Association | None) -> Callable[..., Estima
 
 
 def _under_associations(graph: Callable[..., Estimate], slam: Callable[..., Estimate]) -> Estimator:
-    """The graph with the associations that a filter makes of the same recording."""
+    """The graph with the associations that a filter makes of the same recording, as they stand at its end."""
     return lambda recording: graph(recording, slam(recording).association)
 
 

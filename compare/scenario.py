@@ -36,6 +36,8 @@ __all__ = ["Scenario", "ScenarioError", "load_scenario", "shipped_scenarios"]
 Table = dict[str, Any]
 Place = tuple[str | int, ...]
 
+FORMS = {"kind", "segments"}  # keys that give a section another form: it then replaces the extended one whole
+
 
 class ScenarioError(ValueError):
     """The mistakes of a scenario, one located line each."""
@@ -107,14 +109,14 @@ def _extended(table: Table, where: str) -> Table:
     if "extends" not in table:
         return table
     name, shipped = table.pop("extends"), _shipped()
-    if name not in shipped:
+    if not isinstance(name, str) or name not in shipped:
         near = difflib.get_close_matches(str(name), shipped, n=1)
         remedy = f"did you mean {near[0]}?" if near else f"use {', '.join(sorted(shipped))}"
         raise ScenarioError(f"{where}: extends: {name!r} is no shipped scenario; {remedy}")
     base = _extended(_parse(shipped[name], name), name)
     for key, value in table.items():
-        both = isinstance(value, dict) and isinstance(base.get(key), dict)
-        base[key] = {**base[key], **value} if both else value
+        merged = isinstance(value, dict) and isinstance(base.get(key), dict) and not FORMS & value.keys()
+        base[key] = {**base[key], **value} if merged else value
     return base
 
 
@@ -137,7 +139,7 @@ def _override(table: Table, override: str) -> None:
 # --- mistakes ----------------------------------------------------------------------------------
 
 _KEYS: dict[Place, tuple[str, ...]] = {
-    (): tuple(key for key in Scenario.model_fields if key != "name"),
+    (): ("extends", *(key for key in Scenario.model_fields if key != "name")),
     ("prior",): tuple(Prior.model_fields),
     ("trajectory",): (*Trajectory.model_fields, *Segment.model_fields),
     ("trajectory", "segments"): tuple(Segment.model_fields),

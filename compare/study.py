@@ -29,7 +29,8 @@ def run_study(
             statement about consistency.
         runs: how many; their seeds are spawned from `seed`, the same whatever the number.
         seed: the study's root seed.
-        estimators: shipped names; all of them see the same recordings.
+        estimators: names of `load_estimators`; all see the same measurements, the optima with their true noise
+            and associations.
         out: folder of `study.sqlite`.
         executor: carries the runs, for example `executors.local_processes(2)`.
 

@@ -137,11 +137,11 @@ def _claim(connection: sqlite3.Connection, path: Path, scenario: Scenario, seed:
     }
     connection.executemany("INSERT OR IGNORE INTO study VALUES (?, ?)", ours.items())
     found = dict(connection.execute("SELECT key, value FROM study"))
-    if found["digest"] != ours["digest"]:
-        what = "another seed" if found["scenario"] == ours["scenario"] else "another scenario"
-        raise ValueError(f"{path}: holds a study of {what} (digest {found['digest'][:12]}); give another --out")
     if found["version"] != ours["version"]:
         raise ValueError(
             f"{path}: was begun by slamgauge {found['version']}, this is {ours['version']}; "
             "finish it with that version, or give another --out"
         )
+    if found["digest"] != ours["digest"]:
+        what = "another seed" if found["scenario"] == ours["scenario"] else "another scenario"
+        raise ValueError(f"{path}: holds a study of {what} (digest {found['digest'][:12]}); give another --out")

@@ -186,7 +186,8 @@ def _summarise(runs: Runs, others: Mapping[str, Runs]) -> EstimatorSummary:
 def reported_sigma(runs: Runs) -> Float:
     """(R,) RMS over steps of the position sigma [m] that the estimator reports, NaN where it reports none."""
     variances = runs.series["sigma_x"] ** 2 + runs.series["sigma_y"] ** 2
-    return np.sqrt(variances[:, FIRST_STEP:].mean(axis=1)) if len(variances) else np.zeros(0)
+    late = variances[:, FIRST_STEP:]
+    return np.sqrt(late.mean(axis=1)) if late.size else np.full(len(variances), np.nan)
 
 
 def _mean_root(sums: Float, count: int) -> Float:
@@ -254,5 +255,9 @@ def summary_table(summary: Summary) -> str:
         cells.append("-" if ratios is None else " ".join("-" if r is None else f"{r:.3f}" for r in ratios))
         rows.append(cells)
     lines = aligned(rows, words=1)
-    lines += [f"run {failure.run}: {failure.estimator} failed: {failure.error}" for failure in summary.failures]
-    return "\n".join(lines)
+    return "\n".join([*lines, *failure_lines(summary)])
+
+
+def failure_lines(summary: Summary) -> list[str]:
+    """A line for each run that an estimator did not survive."""
+    return [f"run {failure.run}: {failure.estimator} failed: {failure.error}" for failure in summary.failures]

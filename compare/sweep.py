@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from compare.comparison import OPTIMUM
+from compare.comparison import YARDSTICKS
 from compare.files import explained, write_json
 from compare.scenario import load_scenario
 from compare.simulation import informed
 from compare.study import load_runs, run_study, write_study
-from compare.study_store import Runs
-from compare.study_summary import Summary, summarise
+from compare.study_store import Runs, digest
+from compare.study_summary import Failure, Summary, failure_lines, summarise
 from compare.text_table import aligned, interval_cell
 
 
@@ -45,12 +45,14 @@ def split_sweep(text: str) -> tuple[str, tuple[str, ...]]:
     """Key and values of `key=v1,v2,...`.
 
     Raises:
-        ValueError: it is none, or a value stands there twice.
+        ValueError: it is none, a value stands there twice, or is no plain number or word.
     """
     key, _, rest = text.partition("=")
     values = tuple(value.strip() for value in rest.split(",") if value.strip())
     if not key.strip() or not values:
         raise ValueError(f"sweep {text!r}: write key=v1,v2,... , for example association.gate=1,9,100")
+    if any(sign in rest for sign in "[]{}/\\"):
+        raise ValueError(f"sweep {text!r}: lists, tables and paths cannot be swept; write a scenario file for each")
     if len(set(values)) < len(values):
         raise ValueError(f"sweep {text!r}: a value stands there twice; name each once")
     return key.strip(), values
@@ -76,22 +78,24 @@ def run_sweep(
     """
     key, values = split_sweep(sweep)
     scenarios = [load_scenario(name_or_path, [*overrides, f"{key}={value}"]) for value in values]
-    optima = [name for name in estimators if name in OPTIMUM.values()]
+    optima = [name for name in estimators if name in YARDSTICKS]
     others = [name for name in estimators if name not in optima]
+    for value, scenario in zip(values, scenarios, strict=True):
+        first = scenarios.index(scenario)
+        if values[first] != value:
+            raise ValueError(f"sweep {sweep!r}: {values[first]} and {value} are the same value; name each once")
     if not others:
         raise ValueError("estimators: a sweep needs one beside the optima; add a filter, for example ekf")
-    known: dict[str, dict[str, Runs]] = {}
     summaries: list[Summary] = []
     for value, scenario in zip(values, scenarios, strict=True):
-        told, folder = informed(scenario), out / f"{key}={value}"
-        same = told.model_dump_json()
-        if optima and same not in known:
-            beside = out / "optimum" / f"{key}={value}"
-            run_study(told, runs, seed, optima, beside, executor)
-            known[same] = load_runs(told, runs, seed, optima, beside)
-        summary = run_study(scenario, runs, seed, others, folder, executor)
-        loaded = load_runs(scenario, runs, seed, others, folder) | known.get(same, {})
-        summary = Summary(summary.scenario, runs, seed, summary.digest, summary.failures, summarise(loaded))
+        folder, failures, loaded = out / f"{key}={value}", tuple[Failure, ...](), dict[str, Runs]()
+        told = informed(scenario)
+        beside = out / "optimum" / digest(told, seed)[:12]
+        for part, names, where in ((scenario, others, folder), (told, optima, beside)):
+            if names:
+                failures += run_study(part, runs, seed, names, where, executor).failures
+                loaded |= load_runs(part, runs, seed, names, where)
+        summary = Summary(scenario.name, runs, seed, digest(scenario, seed), failures, summarise(loaded))
         write_study(folder, summary, loaded, scenario.trajectory.step)
         summaries.append(summary)
     return Sweep(scenarios[0].name, key, runs, seed, values, tuple(summaries))
@@ -122,4 +126,9 @@ def sweep_table(sweep: Sweep) -> str:
     for value, summary in zip(sweep.values, sweep.summaries, strict=True):
         for name, entry in summary.estimators.items():
             rows.append([value, name, *(interval_cell(getattr(entry, key), form) for _, key, form in _COLUMNS)])
-    return "\n".join(aligned(rows, words=2))
+    failed = [
+        f"{sweep.key}={value}, {line}"
+        for value, summary in zip(sweep.values, sweep.summaries, strict=True)
+        for line in failure_lines(summary)
+    ]
+    return "\n".join([*aligned(rows, words=2), *failed])

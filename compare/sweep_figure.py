@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from compare.comparison import OPTIMUM
+from compare.comparison import YARDSTICKS
 from compare.intervals import Interval
 from compare.plot_style import LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, Style, save_png_and_svg, styles
 from compare.sweep import Sweep
@@ -33,7 +33,7 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
         for axes, (key, label) in zip(figure.subplots(2, 2, sharex=True).flat, PANELS, strict=True):
             for name, style in names.items():
                 intervals = [getattr(summary.estimators[name], key) for summary in sweep.summaries]
-                _draw(axes, sweep.values, intervals, OPTIMA.get(name, name), style, line=name in OPTIMUM.values())
+                _draw(axes, sweep.values, intervals, OPTIMA.get(name, name), style, line=name in YARDSTICKS)
             axes.set_ylabel(label)
             _arrange(axes, sweep.values)
             if key == "nees_pose_per_dof":
@@ -50,15 +50,17 @@ def _draw(
     axes: Axes, values: tuple[str, ...], intervals: list[Interval | None], label: str, style: Style, *, line: bool
 ) -> None:
     """Means with their intervals; the optima, which know no gate and no scale, as lines without markers."""
-    places, given = _places(values), [each is not None for each in intervals]
-    known = [each for each in intervals if each is not None]
-    if not known:
+    found = sorted(
+        (place, each) for place, each in zip(_places(values).tolist(), intervals, strict=True) if each is not None
+    )
+    if not found:
         return
+    places, known = zip(*found, strict=True)
     mean = np.array([each.mean for each in known])
     low = np.array([each.mean if each.low is None else each.low for each in known])
     high = np.array([each.mean if each.high is None else each.high for each in known])
     axes.errorbar(
-        places[given],
+        places,
         mean,
         yerr=np.abs([mean - low, high - mean]),
         color=TRUTH_COLOR if line else style.color,

@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from compare import compare_estimators, load_estimators, load_scenario, simulate
+from compare import compare_estimators, informed, load_estimators, load_scenario, simulate
 from compare.comparison import table
-from compare.simulation import informed
 
 SCENARIOS = ("q3-scale-0.1", "q3-scale-1", "q3-scale-2", "q3-scale-10")
 ESTIMATORS = ("ekf", "riekf", "isam2")

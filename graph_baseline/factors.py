@@ -29,9 +29,7 @@ def require_known_landmarks(recording: Recording) -> Int:
         ValueError: unknown association, or a sensor without depth.
     """
     if recording.landmark is None:
-        raise ValueError(
-            "landmark: the graph needs known association; give ids, or run it under a filter's: batch@ekf"
-        )
+        raise ValueError("landmark: the graph needs known association; give ids, or run it under a filter's: batch@ekf")
     if recording.sensor == "bearing":
         raise ValueError("sensor: the graph needs range-bearing or position, not 'bearing'")
     return recording.landmark

@@ -28,7 +28,7 @@ def robust_batch(recording: Recording, association: Int | None = None) -> Estima
     Raises:
         ValueError: as `batch`.
     """
-    given = require_known_landmarks(recording) if association is None else association
+    given = np.array(require_known_landmarks(recording) if association is None else association)
     seen = recording.associated(given)
     graph = build_graph(seen, LENT_SLIP)
     rows = seen.observation_step + 1 + np.arange(len(seen.observation))  # in the graph: after each step's motion

@@ -8,11 +8,9 @@ resampled from that sample, as single runs fail by far. A filter as good as ther
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import pytest
-from questions import graded_scores, scores
+from questions import Expected, graded_scores, scores
 
 from compare import Score, assert_error_bounds
 
@@ -21,14 +19,6 @@ RUNS = 40  # without the optimum; seeds 0 ..
 GRADED_RUNS = 5  # next to the optimum; the first of them
 LEVEL = 0.999
 JCBB = ("association.method=jcbb",)
-
-
-class Expected(NamedTuple):
-    """Bounds on mean ATE and mean ratio; mean and standard deviation over runs of the map size."""
-
-    ate_m: float
-    ratio: float
-    mapped: tuple[float, float]
 
 
 NEAREST_NEIGHBOUR = {

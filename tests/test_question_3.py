@@ -8,11 +8,9 @@ on either side. Scale 1 is q2-long-sparse under another name. The statistical le
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import pytest
-from questions import graded_scores, scores
+from questions import Expected, graded_scores, scores
 
 from compare import assert_error_bounds, load_scenario, simulate
 from compare.simulation import informed
@@ -21,14 +19,6 @@ FILTERS = ("ekf", "riekf")
 RUNS = 50  # without the optimum; seeds 0 ..
 GRADED_RUNS = 20  # next to the optimum; the first of them
 LEVEL = 0.999
-
-
-class Expected(NamedTuple):
-    """Bounds on mean ATE and mean ratio; mean and standard deviation over runs of the map size."""
-
-    ate_m: float
-    ratio: float
-    mapped: tuple[float, float]
 
 
 EXPECTED = {

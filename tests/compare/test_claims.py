@@ -12,7 +12,7 @@ from scipy.stats import ttest_1samp
 
 from compare import claims as module
 from compare.claim_list import CLAIMS, SAME, SETTINGS, Claim, during, stored
-from compare.claims import ALPHA, claims_table, judge, weigh
+from compare.claims import ALPHA, Claims, claims_table, judge, weigh
 from compare.cli import main
 from compare.scenario import load_scenario
 from compare.simulation import informed, simulate
@@ -61,6 +61,8 @@ def test_p_value_and_interval_are_students_corrected_for_the_number_of_claims():
 def test_verdicts(effect: float, asserted: tuple[float, float], verdict: str):
     evidence = weigh(sample(math.log(effect), 0.1), asserted, len(CLAIMS))
     assert evidence.verdict == verdict
+    assert evidence.low is not None
+    assert evidence.high is not None
     inside = asserted[0] < evidence.low and evidence.high < asserted[1]
     outside = evidence.high < asserted[0] or evidence.low > asserted[1]
     assert (inside, outside) == (verdict == "holds", verdict == "does not hold")  # the interval tells the same
@@ -70,6 +72,21 @@ def test_a_ratio_without_any_spread_is_decided_by_its_side_alone():
     assert weigh(np.full(5, 0.3), ABOVE_ONE, 19).verdict == "holds"
     assert weigh(np.full(5, -0.3), ABOVE_ONE, 19).verdict == "does not hold"
     assert weigh(np.zeros(5), ABOVE_ONE, 19).verdict == "undecided"
+
+
+def test_too_few_runs_decide_nothing_and_overflow_is_no_number():
+    assert weigh(np.zeros(1), ABOVE_ONE, 19).verdict == "undecided"
+    evidence = weigh(np.array([0.0, 6.0]), ABOVE_ONE, 19)
+    assert (evidence.high, evidence.verdict) == (None, "undecided")
+    claim = CLAIMS[0]
+    nobody = runs_of({"landmark_error_far_m": np.zeros(0), "landmark_error_near_m": np.zeros(0), "ate_m": np.zeros(0)})
+    setting = claim.figure.setting
+    judgement = judge(claim, {(setting, "ekf"): nobody, (setting, "isam2"): nobody}, 19)
+    assert (judgement.optimum, judgement.evidence.effect, judgement.evidence.runs) == (None, None, 0)
+    line = claims_table(Claims([judgement], ["there, run 0: ekf failed: no luck"])).splitlines()
+    assert line[1].split()[-6:] == ["-", "to", "-", "1.0000", "undecided", "-", "0"][-6:]
+    assert line[-1] == "there, run 0: ekf failed: no luck"
+    json.dumps(judgement.to_json(), allow_nan=False)
 
 
 def test_false_alarms_are_as_rare_as_stated():
@@ -158,7 +175,7 @@ def test_table_shows_small_p_values_as_such():
         ),
         (claim.figure.setting, "isam2"): runs_of({"ate_m": np.ones(50)}),
     }
-    line = claims_table([judge(claim, studies, 19)]).splitlines()[1]
+    line = claims_table(Claims([judge(claim, studies, 19)], [])).splitlines()[1]
     assert "< 0.0001" in line
     assert "holds" in line
-    assert line.endswith("50%")
+    assert line.split()[-2:] == ["50%", "50"]

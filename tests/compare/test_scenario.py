@@ -265,7 +265,23 @@ def test_extending_what_is_not_shipped(write: Write):
     assert mistakes(write('extends = "q2-long-dens"')) == [
         "extends: 'q2-long-dens' is no shipped scenario; did you mean q2-long-dense?"
     ]
-    assert "use q1-long-dense, " in mistakes(write("extends = 3"))[0]
+    for wrong in ("3", '["q1-long-dense"]', "{a = 1}"):
+        assert "is no shipped scenario; " in mistakes(write(f"extends = {wrong}"))[0]
+
+
+def test_a_section_of_another_form_replaces_the_extended_one(write: Write):
+    text = """extends = "q1-long-dense"
+[trajectory]
+step = 0.5
+segments = [{speed = 1.0, yaw_rate = 0.0, duration = 2.0}]
+[sensor]
+kind = "position"
+max_range = 5.0
+sigma_position = 0.1
+"""
+    scenario = load_scenario(write(text))
+    assert scenario.trajectory.steps == (4,)
+    assert (scenario.sensor.kind, scenario.sensor.sigma_range) == ("position", None)
 
 
 def test_mistakes_of_the_association():

@@ -12,9 +12,16 @@ from matplotlib.image import imread
 from compare.cli import main
 from compare.scenario import ScenarioError, load_scenario
 from compare.study import run_study
-from compare.sweep import run_sweep, split_sweep
+from compare.sweep import run_sweep, split_sweep, sweep_table
+from slam2d import Estimate
 
 SHORT = ["start=sampled", "trajectory.duration=3"]
+
+
+@pytest.mark.parametrize("text", ["prior.mean=[0,0,0],[1,0,0]", "description=a/b", "a={b=1}"])
+def test_what_cannot_be_swept(text: str):
+    with pytest.raises(ValueError, match="cannot be swept; write a scenario file for each"):
+        split_sweep(text)
 
 
 @pytest.mark.parametrize("text", ["association.gate", "=1,2", "association.gate=", "association.gate= , "])
@@ -42,7 +49,7 @@ def test_every_point_is_the_study_of_its_scenario_and_the_optimum_runs_once(tmp_
                 one, other = summary.estimators[name], alone.estimators[name]
                 assert (one.ate_m, one.landmarks_mapped) == (other.ate_m, other.landmarks_mapped)
             assert summary.estimators["ekf"].ratio_to_causal == alone.estimators["ekf"].ratio_to_causal
-    assert [path.name for path in (tmp_path / "sweep/optimum").iterdir()] == ["association.gate=1"]
+    assert len(list((tmp_path / "sweep/optimum").iterdir())) == 1
     assert sweep.summaries[0].estimators["isam2"].ate_m == sweep.summaries[1].estimators["isam2"].ate_m
     mapped = [summary.estimators["ekf"].landmarks_mapped for summary in sweep.summaries]
     assert mapped[0] is not None
@@ -62,10 +69,30 @@ def test_a_key_that_changes_the_measurements_has_an_optimum_at_each_value(tmp_pa
     assert first.mean < second.mean
 
 
+def test_more_values_later_run_no_optimum_again_and_failures_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    sweep = ("q2-long-dense", SHORT, "association.gate=9,16", 2, 0, ["ekf", "isam2"], tmp_path)
+    with ThreadPoolExecutor(1) as executor:
+        run_sweep(*sweep, executor)
+
+        def broken(*_: object, **__: object) -> Estimate:
+            raise ValueError("no luck")
+
+        monkeypatch.setattr("graph_baseline.isam2", broken)
+        monkeypatch.setattr("ekf.ekf", broken)
+        again = run_sweep("q2-long-dense", SHORT, "association.gate=4,9", 2, 0, ["ekf", "isam2"], tmp_path, executor)
+    assert again.summaries[0].estimators["isam2"].runs == 2
+    assert [failure.run for failure in again.summaries[0].failures] == [0, 1]
+    assert again.summaries[1].failures == ()
+    lines = sweep_table(again).splitlines()
+    assert lines[-1] == "association.gate=4, run 1: ekf failed: ValueError: estimator ekf: no luck"
+
+
 def test_mistakes_are_found_before_anything_is_run(tmp_path: Path):
     with ThreadPoolExecutor(1) as executor:
         with pytest.raises(ScenarioError, match="greater than 0"):
             run_sweep("q2-long-dense", SHORT, "association.gate=9,-1", 1, 0, ["ekf"], tmp_path, executor)
+        with pytest.raises(ValueError, match=r"9 and 9\.0 are the same value"):
+            run_sweep("q2-long-dense", SHORT, "association.gate=9,9.0", 1, 0, ["ekf"], tmp_path, executor)
         with pytest.raises(ValueError, match="add a filter"):
             run_sweep("q2-long-dense", SHORT, "association.gate=9", 1, 0, ["isam2"], tmp_path, executor)
     assert not list(tmp_path.iterdir())

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import NamedTuple
 
 from compare import Score, evaluate, load_estimators, load_scenario, simulate
 from compare.simulation import informed
 from slam2d import Estimate
+
+
+class Expected(NamedTuple):
+    """Bounds on mean ATE and mean ratio; mean and standard deviation over runs of the map size."""
+
+    ate_m: float
+    ratio: float
+    mapped: tuple[float, float]
 
 
 @cache
@@ -28,7 +37,7 @@ def _scores(
 ) -> dict[str, list[Score]]:
     scenario = load_scenario(name, ["start=sampled", *overrides])
     estimators = load_estimators(filters, association=scenario.association)
-    told = informed(scenario).model_copy(update={"name": "", "description": ""}).model_dump_json()
+    told = informed(scenario).model_dump_json()
     found: dict[str, list[Score]] = {each: [] for each in filters}
     for seed in range(runs):
         truth, recording = simulate(scenario, seed)
