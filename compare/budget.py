@@ -1,7 +1,8 @@
 """The error budget: a filter's mean squared error split rung by rung, each rung run on the same measurements.
 
 hindsight optimum -> causal optimum -> with the noise the filter assumes -> with the associations it makes
--> the filter itself. What a rung adds to the mean squared position error is what it costs.
+-> the filter itself. What a rung adds to the mean squared position error is what it costs. The associations
+are those that stand at the end, after deletion and merging.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ RUNGS = {
     "hindsight optimum": "all measurements at once: what no estimator avoids",
     "causal optimum": "for knowing only the past",
     "assumed noise": "for believing other noise than there is",
-    "own associations": "for taking landmarks for others (as they stand at the end)",
+    "own associations": "for taking landmarks for others",
     "linearisation": "for being a filter: its own linearisation",
 }
 
