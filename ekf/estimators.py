@@ -11,7 +11,8 @@ import numpy as np
 from ekf.association import AssociatingFilter, Association
 from ekf.compressed import CompressedFilter
 from ekf.filter import Correction, SlamFilter
-from slam2d import Estimate, Recording
+from ekf.rays import RayFilter, Rays
+from slam2d import Estimate, Int, Recording
 
 CORRECTIONS: dict[str, Correction] = {
     "ekf": "standard",
@@ -20,38 +21,40 @@ CORRECTIONS: dict[str, Correction] = {
     "riekf": "right-invariant",
 }
 NEAREST_NEIGHBOUR = Association()  # the practical's rule and gate
+RAYS = Rays()
 
 
-def ekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR) -> Estimate:
+def ekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR, rays: Rays = RAYS) -> Estimate:
     """Textbook EKF-SLAM (the practical, equations 1.1).
 
     Args:
         recording: known or unknown association.
         association: how observations find their landmarks where the recording has no ids.
+        rays: how landmarks begin where the recording has bearings alone.
 
     Raises:
-        ValueError: bearing-only recordings are not for this filter.
+        ValueError: bearings alone and unknown association at once.
     """
-    return _run(recording, CORRECTIONS["ekf"], association)
+    return _run(recording, CORRECTIONS["ekf"], association, rays)
 
 
-def fej_ekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR) -> Estimate:
+def fej_ekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR, rays: Rays = RAYS) -> Estimate:
     """EKF-SLAM with first-estimates Jacobians (Huang, Mourikis and Roumeliotis, IJRR 2010); called as `ekf`.
 
     It leans on good first estimates: where landmarks are close to the robot, or first seen from a poorly known
     pose, it can diverge.
     """
-    return _run(recording, CORRECTIONS["fej-ekf"], association)
+    return _run(recording, CORRECTIONS["fej-ekf"], association, rays)
 
 
-def iekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR) -> Estimate:
+def iekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR, rays: Rays = RAYS) -> Estimate:
     """Iterated EKF-SLAM (Bell and Cathey 1993), known to be less consistent than the plain EKF; called as `ekf`."""
-    return _run(recording, CORRECTIONS["iekf"], association)
+    return _run(recording, CORRECTIONS["iekf"], association, rays)
 
 
-def riekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR) -> Estimate:
+def riekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR, rays: Rays = RAYS) -> Estimate:
     """Right-invariant EKF-SLAM (Barrau and Bonnabel, arXiv 1510.06263); called as `ekf`."""
-    return _run(recording, CORRECTIONS["riekf"], association)
+    return _run(recording, CORRECTIONS["riekf"], association, rays)
 
 
 def dead_reckoning(recording: Recording) -> Estimate:
@@ -76,7 +79,7 @@ class Step(NamedTuple):
     seconds: float
 
 
-def drive(slam: SlamFilter | CompressedFilter | AssociatingFilter, recording: Recording) -> Iterator[Step]:
+def drive(slam: SlamFilter | CompressedFilter | AssociatingFilter | RayFilter, recording: Recording) -> Iterator[Step]:
     """Feed a recording to a filter, step 0, 1, ..., N."""
     for k, scan in enumerate(recording.scans()):
         start = perf_counter()
@@ -86,12 +89,14 @@ def drive(slam: SlamFilter | CompressedFilter | AssociatingFilter, recording: Re
         yield Step(nis, dof, perf_counter() - start)
 
 
-def _run(recording: Recording, correction: Correction, association: Association) -> Estimate:
-    start = (recording.sensor, recording.prior_mean, recording.prior_cov, correction)
-    if recording.landmark is None:
-        slam = AssociatingFilter(*start, association)
+def _run(recording: Recording, correction: Correction, association: Association, rays: Rays) -> Estimate:
+    start = (recording.prior_mean, recording.prior_cov, correction)
+    if recording.sensor == "bearing":
+        slam = RayFilter(*start, rays)
+    elif recording.landmark is None:
+        slam = AssociatingFilter(recording.sensor, *start, association)
     else:
-        slam = SlamFilter(*start, landmarks=len(np.unique(recording.landmark)))
+        slam = SlamFilter(recording.sensor, *start, landmarks=len(np.unique(recording.landmark)))
     steps = recording.steps
     poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
     nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1)
@@ -108,8 +113,19 @@ def _run(recording: Recording, correction: Correction, association: Association)
         landmark_ids=slam.landmark_ids,
         landmarks=slam.landmarks,
         landmark_covs=slam.landmark_covs,
-        association=slam.standing(np.concatenate(given)) if isinstance(slam, AssociatingFilter) else recording.landmark,
+        association=_associations(slam, recording, given),
         nis=nis,
         nis_dof=nis_dof,
         seconds=seconds,
     )
+
+
+def _associations(
+    slam: SlamFilter | AssociatingFilter | RayFilter, recording: Recording, given: list[Int]
+) -> Int | None:
+    """What became of the associations (M,) that a filter has made; lost landmarks have none."""
+    if isinstance(slam, AssociatingFilter):
+        return slam.standing(np.concatenate(given))
+    if isinstance(slam, RayFilter) and recording.landmark is not None:
+        return np.where(np.isin(recording.landmark, slam.landmark_ids), recording.landmark, -1)
+    return recording.landmark

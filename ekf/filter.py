@@ -19,7 +19,7 @@ from ekf.corrections import (
     update_right_invariant,
     update_standard,
 )
-from ekf.models import SENSOR_CODES
+from ekf.models import BEARING, RANGE_BEARING, SENSOR_CODES
 from ekf.one_by_one import update_one_by_one
 from ekf.warm_up import compile_once
 from ekf.workspace import Workspace, allocate
@@ -194,14 +194,21 @@ class SlamFilter:
 
     def _correct(self, count: int, values: Float, covs: Float) -> tuple[float, int]:
         work = self._work
-        work.observation[:count] = values
-        work.observation_cov[:count] = covs
+        self._load(values, covs)
         nis, informative = self._rule.update(self._sensor, self._state, self._point, self._cov, self._size, count, work)
         if not np.isfinite(nis):
             raise ValueError(
                 f"observation: no update exists for landmarks {self._ids[work.slots[:count]].tolist()}; {SOUND}"
             )
         return nis, informative
+
+    def _load(self, values: Float, covs: Float) -> None:
+        """Put observations (m, d), (m, d, d) into the workspace; a bearing alone is the second of its two rows."""
+        values = np.asarray(values)
+        count, first = len(values), 2 - values.shape[1]
+        self._work.observation_cov[:count] = np.eye(2)
+        self._work.observation[:count, first:] = values
+        self._work.observation_cov[:count, first:, first:] = covs
 
     def _room_for(self, count: int) -> Workspace:
         if count > len(self._work.ids):
@@ -214,6 +221,8 @@ class SlamFilter:
         A new landmark that is seen more than once in the step is mapped by its first sight; the
         others correct it in an update of their own.
         """
+        if self._sensor == BEARING:
+            raise ValueError("landmark: a bearing alone places no landmark; use ekf.rays.RayFilter")
         if not (np.isfinite(values).all() and np.isfinite(covs).all() and (np.linalg.eigvalsh(covs) > 0).all()):
             raise ValueError("observation: a value is not finite, or a covariance not positive definite; drop the row")
         mapped = np.isin(ids, self._ids)
@@ -231,13 +240,16 @@ class SlamFilter:
         return total, dof
 
     def add(self, ids: Int, values: Float, covs: Float) -> None:
-        """Map new landmarks (m,) at their first sights (m, d), with covariances (m, d, d)."""
+        """Map new landmarks (m,) at their first sights (m, d), with covariances (m, d, d).
+
+        With a bearing sensor the sights are made up of a range and a bearing.
+        """
         count = len(ids)
         self._reserve(self._size + 2 * count)
         self._room_for(count)
-        self._work.observation[:count] = values
-        self._work.observation_cov[:count] = covs
-        kernels.augment(self._sensor, self._state, self._point, self._cov, self._size, count, self._work)
+        self._load(values, covs)
+        sensor = RANGE_BEARING if self._sensor == BEARING else self._sensor
+        kernels.augment(sensor, self._state, self._point, self._cov, self._size, count, self._work)
         self._size += 2 * count
         self._index(np.concatenate([self._ids, ids]))
 
@@ -254,8 +266,7 @@ class SlamFilter:
         count = len(values)
         self._reserve(self._size + 2 * count)
         work = self._room_for(count)
-        work.observation[:count] = values
-        work.observation_cov[:count] = covs
+        self._load(values, covs)
         belief = (self._sensor, self._state, self._point, self._cov, self._size)
         invariant = self._rule.retract is retract_right_invariant
         nis, informative, size = update_one_by_one(*belief, count, gate, new_gate, invariant, self._rule.passes, work)
@@ -278,6 +289,16 @@ class SlamFilter:
             self._pairs = allocate_pairs(-2 * count)
             count = find_compatible(*belief, values, covs, gate, self._pairs)
         return self._pairs, count
+
+    def innovations(self, slots: Int, values: Float, covs: Float) -> tuple[Float, Float]:
+        """Innovations (m, d) of observations of the landmarks in `slots` (m,), and each one's covariance (m, d, d)."""
+        count, first = len(slots), 2 - values.shape[1]
+        work = self._room_for(count)
+        work.slots[:count] = slots
+        self._load(values, covs)
+        S = np.empty((count, 2, 2))
+        kernels.describe(self._sensor, self._state, self._point, self._cov, count, work, S)
+        return work.innovation[: 2 * count].reshape(count, 2)[:, first:].copy(), S[:, first:, first:]
 
     def jointly_compatible(self, covs: Float, count: int, gate: float, quantiles: Float, node_limit: int) -> Int:
         """Slots (m,) of the best joint association of the first `count` pairs of `compatible`, -1 for none.

@@ -16,6 +16,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from ekf.compiled import cholesky, combine_rows, kernel, solve_factor, subtract_gram
 from ekf.models import locate, observe, wrap, wrap_innovation
 from ekf.workspace import Workspace
@@ -159,6 +161,39 @@ def innovation_covariance(W: Float, slots: Int, jacobian: Float, observation_cov
         S[k + 1, k + 1] += observation_cov[i, 1, 1]
         if jacobian[k + 1, 3] != 0.0 or jacobian[k + 1, 4] != 0.0:  # else row k + 1 was skipped
             S[k, k + 1] += observation_cov[i, 0, 1]
+
+
+@kernel
+def projected(cov: Float, h: Float, landmark: int) -> tuple[float, float, float]:
+    """H P H' of one observation, from the upper triangle of P."""
+    block = np.empty((5, 5))
+    for a in range(3):
+        for b in range(3):
+            block[a, b] = cov[a, b]
+        for b in range(2):
+            block[a, 3 + b] = block[3 + b, a] = cov[a, landmark + b]
+    block[3, 3], block[4, 4] = cov[landmark, landmark], cov[landmark + 1, landmark + 1]
+    block[3, 4] = block[4, 3] = cov[landmark, landmark + 1]
+    s00, s01, s11 = 0.0, 0.0, 0.0
+    for a in range(5):
+        for b in range(5):
+            s00 += h[0, a] * block[a, b] * h[0, b]
+            s01 += h[0, a] * block[a, b] * h[1, b]
+            s11 += h[1, a] * block[a, b] * h[1, b]
+    return s00, s01, s11
+
+
+@kernel
+def describe(sensor: int, state: Float, point: Float, cov: Float, count: int, work: Workspace, S: Float) -> None:
+    """Innovations and Jacobians of the first `count` observations in `work`, and each one's covariance S (m, 2, 2)."""
+    linearise(sensor, state, point, work.slots[:count], work.observation, work.innovation, work.jacobian)
+    for i in range(count):
+        h, R = work.jacobian[2 * i : 2 * i + 2], work.observation_cov[i]
+        s00, s01, s11 = projected(cov, h, 3 + 2 * work.slots[i])
+        if h[1, 3] != 0.0 or h[1, 4] != 0.0:
+            s01 += R[0, 1]
+        S[i, 0, 0], S[i, 1, 1] = s00 + R[0, 0], s11 + R[1, 1]
+        S[i, 0, 1] = S[i, 1, 0] = s01
 
 
 @kernel

@@ -18,7 +18,7 @@ import numpy as np
 from ekf.compatibility import NONE
 from ekf.compiled import kernel, subtract_gram
 from ekf.corrections import SETTLED, carry_covariance, move_invariantly
-from ekf.kernels import append_landmark, are_sound, linearise, mirror_robot_block, project_covariance
+from ekf.kernels import append_landmark, are_sound, linearise, mirror_robot_block, project_covariance, projected
 from ekf.models import POSITION, wrap
 from ekf.workspace import Workspace
 from slam2d import Float, Int
@@ -133,7 +133,7 @@ def _describe(
             h[k, 2] += h[k, 0] * (anchor[1] - state[1]) + h[k, 1] * (state[0] - anchor[0])
             h[k, 2] += h[k, 3] * (anchor[landmark + 1] - state[landmark + 1])
             h[k, 2] += h[k, 4] * (state[landmark] - anchor[landmark])
-    s00, s01, s11 = _projected(cov, h, landmark)
+    s00, s01, s11 = projected(cov, h, landmark)
     for k in range(rows):
         w = work.W[k]
         for a in range(2):
@@ -146,26 +146,6 @@ def _describe(
     if h[1, 3] != 0.0 or h[1, 4] != 0.0:  # else the bearing was skipped
         s01 += R[0, 1]
     return informative, s00 + R[0, 0], s01, s11 + R[1, 1]
-
-
-@kernel
-def _projected(cov: Float, h: Float, landmark: int) -> tuple[float, float, float]:
-    """H P0 H' of one observation, from the upper triangle of P0."""
-    block = np.empty((5, 5))
-    for a in range(3):
-        for b in range(3):
-            block[a, b] = cov[a, b]
-        for b in range(2):
-            block[a, 3 + b] = block[3 + b, a] = cov[a, landmark + b]
-    block[3, 3], block[4, 4] = cov[landmark, landmark], cov[landmark + 1, landmark + 1]
-    block[3, 4] = block[4, 3] = cov[landmark, landmark + 1]
-    s00, s01, s11 = 0.0, 0.0, 0.0
-    for a in range(5):
-        for b in range(5):
-            s00 += h[0, a] * block[a, b] * h[0, b]
-            s01 += h[0, a] * block[a, b] * h[1, b]
-            s11 += h[1, a] * block[a, b] * h[1, b]
-    return s00, s01, s11
 
 
 @kernel

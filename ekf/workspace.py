@@ -30,7 +30,7 @@ def allocate(observations: int, capacity: int, block: int) -> Workspace:
         ids=np.zeros(observations, dtype=np.int64),
         slots=np.zeros(observations, dtype=np.int64),
         observation=np.zeros((observations, 2)),
-        observation_cov=np.zeros((observations, 2, 2)),
+        observation_cov=np.tile(np.eye(2), (observations, 1, 1)),  # a bearing's first row stays as it is
         jacobian=np.zeros((rows, 5)),
         innovation=np.zeros(rows),
         S=np.zeros((block_rows, block_rows)),
