@@ -9,8 +9,9 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from graph_baseline.factors import LENT_SLIP, GraphBuilder, first_sights, read_values
+from graph_baseline.factors import LENT_SLIP, GraphBuilder, read_values, require_known_landmarks
 from graph_baseline.smoother import solve_at
+from graph_baseline.triangulation import triangulate
 from graph_baseline.undetermined import explained
 from slam2d import Estimate, Float, Int, Recording, rotation
 
@@ -23,11 +24,15 @@ class Settings:
     relinearize_every: int  # steps
 
 
+SETTLING = 5  # updates that follow at once where bearings have placed a landmark
 SETTINGS = Settings(relinearize_threshold=0.05, relinearize_every=10)
 
 
 def isam2(recording: Recording, association: Int | None = None) -> Estimate:
     """What the measurements up to each step allow: the newest pose of an incremental optimum (iSAM2).
+
+    With bearings alone a landmark waits, with its bearings, until they place it (`triangulation`); one that they never
+    place is no part of the map, and its `association` is -1.
 
     The `position` sensor enters as range and bearing with its covariance carried over, and a motion
     direction of zero variance is lent a slip (`factors.LENT_SLIP`): with hard constraints iSAM2 fails on
@@ -68,8 +73,10 @@ def _run(recording: Recording, growing: _GrowingProblem) -> Estimate:
         growing.optimise()
         poses[k], pose_covs[k] = growing.newest_pose(), growing.newest_pose_cov()
         seconds[k] = perf_counter() - start
-    landmark_ids = first_sights(recording)[0]
     smoothed, landmarks = read_values(growing.solver.calculateEstimate())
+    landmark_ids = np.array(sorted(growing.known), dtype=np.int64)
+    ids = require_known_landmarks(recording)
+    association = np.where(np.isin(ids, landmark_ids), ids, -1)
     return Estimate(
         kind="filtered",
         poses=poses,
@@ -77,8 +84,8 @@ def _run(recording: Recording, growing: _GrowingProblem) -> Estimate:
         landmark_ids=landmark_ids,
         landmarks=landmarks,
         # one by one, GTSAM's marginals take minutes on maps of 1000 landmarks
-        landmark_covs=solve_at(recording, landmark_ids, smoothed, landmarks).landmark_covs,
-        association=recording.landmark,
+        landmark_covs=solve_at(recording.associated(association), landmark_ids, smoothed, landmarks).landmark_covs,
+        association=association,
         seconds=seconds,
     )
 
@@ -93,8 +100,12 @@ class _GrowingProblem:
         parameters.relinearizeSkip = settings.relinearize_every
         self.solver = gtsam.ISAM2(parameters)
         self._builder = GraphBuilder(recording, LENT_SLIP)
+        self._recording = recording
         self._order = gtsam.KeyGroupMap()  # what is eliminated late (1) and last (2)
-        self._known: set[int] = set()
+        self.known: set[int] = set()
+        self._waiting: dict[int, list[int]] = {}  # landmark: rows of the bearings that do not place it yet
+        self._placed = False  # whether a landmark has just been placed by bearings
+        self._path = np.empty((recording.steps + 1, 3))  # newest pose at each step
         self._newest = 0
         self._guess = gtsam.Pose2(*recording.prior_mean)
         self._heading_at_linearisation = self._guess.theta()
@@ -102,7 +113,7 @@ class _GrowingProblem:
         self._values = gtsam.Values()
 
     def add_step(self, k: int) -> None:
-        self._builder.add_step(self._graph, k)
+        self._builder.add_motion(self._graph, k)
         self._order = gtsam.KeyGroupMap()
         if k > 0:
             self._guess = self._guess.compose(self._builder.increment(k))
@@ -111,12 +122,31 @@ class _GrowingProblem:
         self._newest = k
         self._values.insert(X(k), self._guess)
         self._heading_at_linearisation = self._guess.theta()
-        for name, distance, bearing in self._builder.sights(k):
-            self._order.insert2(L(name), 1)
-            if name not in self._known:
-                self._known.add(name)
-                sight = gtsam.Point2(distance * np.cos(bearing), distance * np.sin(bearing))
-                self._values.insert(L(name), self._guess.transformFrom(sight))
+        self._path[k] = self.newest_pose()
+        for name, row in self._builder.sights(k):
+            if name in self.known or self._place(name, row):
+                self._order.insert2(L(name), 1)
+                self._graph.add(self._builder.sight_factor(k, row))
+
+    def _place(self, name: int, row: int) -> bool:
+        """Insert a landmark at its first sight, or with all its bearings as soon as they place it."""
+        recording = self._recording
+        if recording.sensor == "bearing":
+            waiting = self._waiting.setdefault(name, [])
+            rows = np.array([*waiting, row])
+            seen_from = self._path[recording.observation_step[rows]]
+            found = triangulate(seen_from, recording.observation[rows, 0], recording.observation_cov[rows, 0, 0])
+            if not found.placed:
+                waiting.append(row)
+                return False
+            for earlier in self._waiting.pop(name):
+                self._graph.add(self._builder.sight_factor(int(recording.observation_step[earlier]), earlier))
+            self._values.insert(L(name), gtsam.Point2(*found.landmark))
+            self._placed = True
+        else:
+            self._values.insert(L(name), self._guess.transformFrom(self._builder.body_point(row)))
+        self.known.add(name)
+        return True
 
     def optimise(self) -> None:
         """Take in what waits; what is seen now is eliminated late, and the newest pose last: its marginal is cheap.
@@ -125,9 +155,27 @@ class _GrowingProblem:
         """
         order = self._order if self._order.size() > 2 else None
         self.solver.update(self._graph, self._values, [], order)
+        if self._placed:
+            self._settle(order)
         self._graph.resize(0)
         self._values.clear()
         self._guess = self.solver.calculateEstimatePose2(X(self._newest))
+        self._path[self._newest] = self.newest_pose()
+
+    def _settle(self, order: gtsam.KeyGroupMap | None) -> None:
+        """Linearise anew until a landmark that was triangulated roughly is where it belongs."""
+        for _ in range(SETTLING):
+            self.solver.update(
+                gtsam.NonlinearFactorGraph(),
+                gtsam.Values(),
+                [],
+                order,
+                gtsam.KeyList(),
+                gtsam.KeyList(),
+                True,  # force_relinearize
+            )
+        self._placed = False
+        self._heading_at_linearisation = self.solver.getLinearizationPoint().atPose2(X(self._newest)).theta()
 
     def newest_pose(self) -> Float:
         return np.array([self._guess.x(), self._guess.y(), self._guess.theta()])

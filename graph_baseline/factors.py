@@ -12,6 +12,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
+from graph_baseline.triangulation import triangulate_all
 from graph_baseline.undetermined import undetermined_variable
 from slam2d import Float, Int, Recording, chain, rotation
 
@@ -26,12 +27,10 @@ def require_known_landmarks(recording: Recording) -> Int:
     """The landmark ids of a recording that a graph can be built from.
 
     Raises:
-        ValueError: unknown association, or a sensor without depth.
+        ValueError: unknown association.
     """
     if recording.landmark is None:
         raise ValueError("landmark: the graph needs known association; give ids, or run it under a filter's: batch@ekf")
-    if recording.sensor == "bearing":
-        raise ValueError("sensor: the graph needs range-bearing or position, not 'bearing'")
     return recording.landmark
 
 
@@ -89,7 +88,7 @@ class GraphBuilder:
     """Factors of a recording, step by step.
 
     Args:
-        recording: known association, `range-bearing` or `position`.
+        recording: known association; of bearings alone, landmarks that they place (see `placed_alone`).
         lent: share of a step's largest standard deviation that its directions of zero variance are lent
             (those of the start: of its own or the first step's); 0 keeps them as hard constraints.
 
@@ -99,10 +98,13 @@ class GraphBuilder:
 
     def __init__(self, recording: Recording, lent: float = 0.0) -> None:
         self._landmark = require_known_landmarks(recording).tolist()
-        polar, polar_cov = as_range_bearing(recording)
-        landmark, sigma = least_known_landmark(recording)
-        if sigma > MAX_LANDMARK_SIGMA:
-            raise undetermined_variable("l", landmark)
+        if recording.sensor == "bearing":
+            polar, polar_cov = recording.observation, recording.observation_cov
+        else:
+            polar, polar_cov = as_range_bearing(recording)
+            landmark, sigma = least_known_landmark(recording)
+            if sigma > MAX_LANDMARK_SIGMA:
+                raise undetermined_variable("l", landmark)
         self._polar = polar.tolist()
         self._odometry = recording.odometry.tolist()
         prior_cov = prior_cov_in_body(recording)
@@ -119,20 +121,29 @@ class GraphBuilder:
         """The measured motion that leads to pose k > 0."""
         return gtsam.Pose2(*self._odometry[k - 1])
 
-    def sights(self, k: int) -> list[tuple[int, float, float]]:
-        """What is seen from pose k: landmark id, range [m], bearing [rad]."""
-        rows = slice(self._bounds[k], self._bounds[k + 1])
-        return [(name, *polar) for name, polar in zip(self._landmark[rows], self._polar[rows], strict=True)]
+    def sights(self, k: int) -> list[tuple[int, int]]:
+        """What is seen from pose k: landmark ids and rows of the observations."""
+        rows = range(self._bounds[k], self._bounds[k + 1])
+        return [(self._landmark[row], row) for row in rows]
 
-    def add_step(self, graph: gtsam.NonlinearFactorGraph, k: int) -> None:
-        """Append the prior (k = 0) or the increment that leads to pose k, and pose k's observations."""
+    def add_motion(self, graph: gtsam.NonlinearFactorGraph, k: int) -> None:
+        """Append the prior (k = 0) or the increment that leads to pose k."""
         if k == 0:
             graph.add(self._prior)
         else:
             graph.add(gtsam.BetweenFactorPose2(X(k - 1), X(k), self.increment(k), self._motion_noise(k - 1)))
-        for row, (name, distance, bearing) in enumerate(self.sights(k), self._bounds[k]):
-            noise = self._sensor_noise(row)
-            graph.add(gtsam.BearingRangeFactor2D(X(k), L(name), gtsam.Rot2(bearing), distance, noise))
+
+    def sight_factor(self, k: int, row: int) -> gtsam.NonlinearFactor:
+        """The factor of an observation from pose k."""
+        keys, sight, noise = (X(k), L(self._landmark[row])), self._polar[row], self._sensor_noise(row)
+        if len(sight) == 1:
+            return gtsam.BearingFactor2D(*keys, gtsam.Rot2(*sight), noise)
+        return gtsam.BearingRangeFactor2D(*keys, gtsam.Rot2(sight[1]), sight[0], noise)
+
+    def body_point(self, row: int) -> Float:
+        """The landmark of an observation with a range, in the body frame."""
+        distance, bearing = self._polar[row]
+        return np.array([distance * np.cos(bearing), distance * np.sin(bearing)])
 
 
 def build_graph(recording: Recording, lent: float = 0.0) -> gtsam.NonlinearFactorGraph:
@@ -140,7 +151,9 @@ def build_graph(recording: Recording, lent: float = 0.0) -> gtsam.NonlinearFacto
     builder = GraphBuilder(recording, lent)
     graph = gtsam.NonlinearFactorGraph()
     for k in range(recording.steps + 1):
-        builder.add_step(graph, k)
+        builder.add_motion(graph, k)
+        for _, row in builder.sights(k):
+            graph.add(builder.sight_factor(k, row))
     return graph
 
 
@@ -149,6 +162,10 @@ def least_known_landmark(recording: Recording) -> tuple[int, float]:
 
     (-1, 0.0) for a recording without observations.
     """
+    if recording.sensor == "bearing":
+        ids, _, sigmas = triangulate_all(recording, chain(recording.prior_mean, recording.odometry))
+        worst = int(np.argmax(sigmas)) if len(ids) else -1
+        return (int(ids[worst]), float(sigmas[worst])) if len(ids) else (-1, 0.0)
     polar, polar_cov = as_range_bearing(recording)
     if len(polar) == 0:
         return -1, 0.0
@@ -163,13 +180,29 @@ def least_known_landmark(recording: Recording) -> tuple[int, float]:
     return int(landmark_ids[worst]), float(1.0 / np.sqrt(max(weakest[worst], 1e-300)))
 
 
+def placed_alone(recording: Recording) -> Int | None:
+    """Association (M,) of a bearing-only recording without the landmarks that its bearings do not place; else None.
+
+    A landmark seen once, or without parallax, tells nothing about the path: what it is left out of loses nothing.
+    """
+    if recording.sensor != "bearing":
+        return None
+    path = chain(recording.prior_mean, recording.odometry)
+    ids, _, sigmas = triangulate_all(recording, path)
+    landmark = require_known_landmarks(recording)
+    placed = np.isin(landmark, ids[np.isfinite(sigmas)])
+    return None if placed.all() else np.where(placed, landmark, -1)
+
+
 def first_sights(recording: Recording) -> tuple[Int, Int]:
     """Ids of the landmarks in increasing order, and the row of each one's first observation."""
     return np.unique(require_known_landmarks(recording), return_index=True)
 
 
 def landmarks_at_first_sight(recording: Recording, poses: Float) -> Float:
-    """Landmarks (L, 2), in the order of `first_sights`, where their first sight from `poses` puts them."""
+    """Landmarks (L, 2), in the order of `first_sights`, where their first sights from `poses` put them."""
+    if recording.sensor == "bearing":
+        return triangulate_all(recording, poses)[1]
     rows = first_sights(recording)[1]
     seen_from = poses[recording.observation_step[rows]]
     polar = as_range_bearing(recording)[0][rows]

@@ -24,6 +24,7 @@ from graph_baseline.factors import (
     first_sights,
     landmarks_at_first_sight,
     make_values,
+    placed_alone,
     read_values,
     require_known_landmarks,
 )
@@ -51,6 +52,9 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
     """
     if association is not None:
         return replace(batch(recording.associated(association)), association=association)
+    placed = placed_alone(recording)
+    if placed is not None:
+        return batch(recording, placed)
     landmark_ids = first_sights(recording)[0]
     poses, landmarks = minimise(recording, build_graph(recording, LENT_SLIP))
     poses, landmarks, solution = finish(recording, landmark_ids, poses, landmarks)
@@ -78,9 +82,9 @@ def minimise(recording: Recording, graph: gtsam.NonlinearFactorGraph) -> tuple[F
 def _as_noise_allows(recording: Recording, cost: float) -> bool:
     """Whether twice the optimum's cost lies in the two-sided band of its chi-square distribution.
 
-    Rows less unknowns is two for every observation less two for every landmark.
+    Rows less unknowns is the rows of every observation less two for every landmark.
     """
-    freedom = 2 * (len(recording.observation) - len(first_sights(recording)[0]))
+    freedom = recording.observation.size - 2 * len(first_sights(recording)[0])
     return OUTSIDE_BAND / 2 < chdtr(freedom, 2.0 * cost) < 1.0 - OUTSIDE_BAND / 2
 
 
@@ -89,6 +93,8 @@ def _grown_start(recording: Recording) -> gtsam.Values:
     poses, known = np.zeros((0, 3)), dict[int, Float]()
     for portion in range(1, PORTIONS):
         part = recording.first(recording.steps * portion // PORTIONS)
+        placed = placed_alone(part)
+        part = part if placed is None else part.associated(placed)
         values = _extended(part, poses, known)
         poses, landmarks = read_values(_levenberg_marquardt(build_graph(part, LENT_SLIP), values, iterations=2))
         known = dict(zip(first_sights(part)[0].tolist(), landmarks, strict=True))

@@ -23,9 +23,9 @@ class LinearModel(NamedTuple):
     F: Float  # (N, 3, 3)
     c: Float  # (N, 3)
     W: Float  # (N, 3, 3)
-    Hx: Float  # (M, 2, 3), whitened
-    Hm: Float  # (M, 2, 2), whitened
-    r: Float  # (M, 2), whitened
+    Hx: Float  # (M, d, 3), whitened
+    Hm: Float  # (M, d, 2), whitened
+    r: Float  # (M, d), whitened
     step: Int  # (M,) pose of each observation
     slot: Int  # (M,) landmark of each observation
 
@@ -57,7 +57,7 @@ def linearise(recording: Recording, slot: Int, poses: Float, landmarks: Float) -
 
 
 def _observations(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Float]:
-    """Whitened Jacobians by pose (M, 2, 3) and landmark (M, 2, 2), and whitened residuals h - z (M, 2)."""
+    """Whitened Jacobians by pose (M, d, 3) and landmark (M, d, 2), and whitened residuals h - z (M, d)."""
     pose = poses[recording.observation_step]
     offset = landmarks[slot] - pose[:, :2]
     to_body = rotation(pose[:, 2]).swapaxes(1, 2)
@@ -68,10 +68,11 @@ def _observations(recording: Recording, slot: Int, poses: Float, landmarks: Floa
     else:
         distance = np.hypot(*delta.T)
         bearing = np.arctan2(delta[:, 1], delta[:, 0])
-        residual = np.column_stack([distance, bearing]) - recording.observation
-        residual[:, 1] = wrap(residual[:, 1])
+        rows = slice(2 - recording.observation.shape[1], 2)  # the bearing alone, or range and bearing
+        residual = np.column_stack([distance, bearing])[:, rows] - recording.observation
+        residual[:, -1] = wrap(residual[:, -1])
         across = np.column_stack([-delta[:, 1], delta[:, 0]]) / distance[:, None] ** 2
-        H = np.stack([delta / distance[:, None], across], axis=1) @ to_body
+        H = np.stack([delta / distance[:, None], across], axis=1)[:, rows] @ to_body
     whitener = _inverse_cholesky(recording.observation_cov)
     Hm = whitener @ H
     lever = np.column_stack([-offset[:, 1], offset[:, 0]])
@@ -80,7 +81,9 @@ def _observations(recording: Recording, slot: Int, poses: Float, landmarks: Floa
 
 
 def _inverse_cholesky(covariance: Float) -> Float:
-    """Lower triangular L^-1 (M, 2, 2) of covariances L L' (M, 2, 2)."""
+    """Lower triangular L^-1 (M, d, d) of covariances L L' (M, d, d)."""
+    if covariance.shape[1] == 1:
+        return 1.0 / np.sqrt(covariance)
     first = 1.0 / np.sqrt(covariance[:, 0, 0])
     slope = covariance[:, 0, 1] * first
     second = 1.0 / np.sqrt(covariance[:, 1, 1] - slope**2)

@@ -340,11 +340,6 @@ def altered(row: int, value: ArrayLike, array: Float) -> Float:
 def broken(kind: str) -> Recording:
     recording = problem(0, "position" if kind == "at the sensor" else "range-bearing", True)[1]
     changes = {
-        "bearing": {
-            "sensor": "bearing",
-            "observation": recording.observation[:, 1:],
-            "observation_cov": recording.observation_cov[:, 1:, 1:],
-        },
         "unknown": {"landmark": None},
         "at the sensor": {"observation": altered(3, 0.0, recording.observation)},
     }
@@ -355,7 +350,6 @@ def broken(kind: str) -> Recording:
 @pytest.mark.parametrize(
     ("kind", "start", "remedy"),
     [
-        ("bearing", "sensor: ", "needs range-bearing or position, not 'bearing'"),
         ("unknown", "landmark: ", "needs known association"),
         ("at the sensor", "observation[3]: ", "drop the row"),
     ],

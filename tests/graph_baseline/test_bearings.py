@@ -1,0 +1,142 @@
+"""The optimum of bearings alone: triangulation, what bearings place, and the minimum itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from random_recordings import random_recording
+from scipy.optimize import least_squares
+
+from compare import load_scenario, simulate
+from graph_baseline import batch, cost, isam2
+from graph_baseline.factors import first_sights
+from graph_baseline.hindsight import finish
+from graph_baseline.linearisation import log_se2
+from graph_baseline.triangulation import triangulate
+from slam2d import Estimate, Float, Recording, Truth, between, wrap
+
+OPTIMA = pytest.mark.parametrize("optimum", [batch, isam2])
+
+
+def bearings_alone(recording: Recording) -> Recording:
+    return replace(
+        recording,
+        sensor="bearing",
+        observation=recording.observation[:, 1:],
+        observation_cov=recording.observation_cov[:, 1:, 1:],
+    )
+
+
+def small(seed: int = 0) -> tuple[Truth, Recording]:
+    truth, recording = random_recording(seed, steps=60, landmarks=5)
+    return truth, bearings_alone(recording)
+
+
+def arrays(estimate: Estimate) -> tuple[Float, Float]:
+    assert estimate.landmarks is not None
+    return estimate.poses, estimate.landmarks
+
+
+def test_exact_bearings_meet_in_the_landmark():
+    poses = np.array([[0.0, 0.0, 0.3], [1.0, -0.5, 1.0], [2.0, 0.5, -2.0]])
+    landmark = np.array([3.0, 4.0])
+    offset = landmark - poses[:, :2]
+    bearings = wrap(np.arctan2(offset[:, 1], offset[:, 0]) - poses[:, 2])
+    found = triangulate(poses, bearings, np.full(3, 1e-4))
+    assert found.placed
+    np.testing.assert_allclose(found.landmark, landmark, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("poses", "bearings"),
+    [
+        (np.zeros((1, 3)), np.zeros(1)),  # seen once
+        (np.zeros((5, 3)), np.zeros(5)),  # from one place
+        (np.array([[0.0, 0, 0], [1, 0, 0]]), np.zeros(2)),  # driving straight at it
+        (np.array([[0.0, 0, 0], [0, 0.01, 0]]), np.array([0.0, 0.0])),  # lines that meet nowhere
+        (np.array([[0.0, 0, 0], [0, 1, 0]]), np.array([0.1, -0.1]) + np.pi),  # behind
+    ],
+)
+def test_bearings_that_place_nothing(poses: Float, bearings: Float):
+    assert not triangulate(poses, bearings, np.full(len(poses), np.deg2rad(5.0) ** 2)).placed
+
+
+def residuals(recording: Recording, unknowns: Float) -> Float:
+    """Whitened residuals written here again: prior, motion in GTSAM's chart, bearings."""
+    assert recording.landmark is not None
+    poses = unknowns[: 3 * (recording.steps + 1)].reshape(-1, 3)
+    landmarks = unknowns[3 * (recording.steps + 1) :].reshape(-1, 2)
+    prior = log_se2(between(recording.prior_mean, poses[:1]))
+    motion = log_se2(between(recording.odometry, between(poses[:-1], poses[1:])))
+    covs = [recording.prior_cov, *recording.odometry_cov]
+    drives = np.concatenate([prior, motion])
+    parts = [np.linalg.solve(np.linalg.cholesky(Q), each) for Q, each in zip(covs, drives, strict=True)]
+    slot = np.searchsorted(np.unique(recording.landmark), recording.landmark)
+    seen_from = poses[recording.observation_step]
+    offset = landmarks[slot] - seen_from[:, :2]
+    difference = wrap(np.arctan2(offset[:, 1], offset[:, 0]) - seen_from[:, 2] - recording.observation[:, 0])
+    parts.append(difference / np.sqrt(recording.observation_cov[:, 0, 0]))
+    return np.concatenate(parts)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_minimum_is_scipys(seed: int):
+    _, recording = random_recording(seed, steps=25, landmarks=4)
+    recording = replace(recording, prior_cov=np.diag([0.1, 0.1, 0.02]) ** 2)
+    recording = bearings_alone(recording)
+    estimate = batch(recording)
+    assert estimate.association is not None
+    recording = recording.associated(estimate.association)
+    start = np.concatenate([each.ravel() for each in arrays(estimate)])
+    rng = np.random.default_rng(seed)
+    nearby = start + 1e-3 * rng.normal(size=len(start))
+    solution = least_squares(partial(residuals, recording), nearby, xtol=1e-14, gtol=1e-12)
+    sigmas = np.sqrt(np.diag(np.linalg.inv(solution.jac.T @ solution.jac)))
+    assert np.abs((solution.x - start) / sigmas).max() < 1e-3
+    assert estimate.pose_covs is not None
+    ours = np.sqrt(np.diagonal(estimate.pose_covs, axis1=1, axis2=2)).ravel()
+    np.testing.assert_allclose(ours, sigmas[: len(ours)], rtol=1e-4)
+    assert cost(recording, estimate.poses, np.asarray(estimate.landmark_ids), arrays(estimate)[1]) == pytest.approx(
+        solution.cost, rel=1e-6
+    )
+
+
+@OPTIMA
+def test_a_landmark_seen_once_is_left_out_and_said_so(optimum):  # pyright: ignore[reportMissingParameterType]
+    _, recording = small()
+    assert recording.landmark is not None
+    lonely = int(recording.landmark.max())
+    rows = np.flatnonzero(recording.landmark == lonely)
+    kept = np.ones(len(recording.landmark), dtype=bool)
+    kept[rows[1:]] = False
+    once = recording.only(kept)
+    estimate = optimum(once)
+    assert lonely not in np.asarray(estimate.landmark_ids).tolist()
+    assert once.landmark is not None
+    assert np.array_equal(np.asarray(estimate.association) == -1, once.landmark == lonely)
+    kept[rows[0]] = False
+    np.testing.assert_allclose(estimate.poses, optimum(recording.only(kept)).poses, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_other_start_ends_lower(seed: int):
+    """From the truth itself, the exact Newton steps end where batch ended."""
+    truth, recording = simulate(load_scenario("q4-ring", ["start=sampled", "trajectory.duration=70"]), seed)
+    estimate = batch(recording)
+    assert truth.poses is not None
+    assert truth.landmarks is not None
+    ids = first_sights(recording)[0]
+    poses, landmarks, _ = finish(recording, ids, truth.poses, truth.landmarks[ids])
+    ours = cost(recording, estimate.poses, np.asarray(estimate.landmark_ids), arrays(estimate)[1])
+    assert ours <= cost(recording, poses, ids, landmarks) * (1 + 1e-6)
+
+
+def test_the_causal_optimum_ends_at_the_hindsight_one():
+    _, recording = simulate(load_scenario("q4-ring", ["start=sampled", "trajectory.duration=70"]), 0)
+    causal, hindsight = isam2(recording), batch(recording)
+    assert hindsight.pose_covs is not None
+    sigma = np.sqrt(np.diag(hindsight.pose_covs[-1]))
+    assert (np.abs(causal.poses[-1] - hindsight.poses[-1]) < 0.2 * sigma).all()
