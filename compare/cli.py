@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from compare.scenario import Scenario
-    from compare.scenario_schema import Association
+    from compare.scenario_schema import Association, Fis
     from slam2d import Recording, Truth
 
 DEFAULT_ESTIMATORS = "ekf,riekf,isam2,batch"
@@ -83,7 +83,9 @@ class Run:
         told = simulate(informed(scenario), self.seed)[1]
         out = self.out or Path("results") / f"{scenario.name}-seed-{self.seed}"
         title = f"{scenario.name}, seed {self.seed}"
-        grading = _Grading(self.estimators, (), out, self.json, title, scenario.association, scenario.name, self.seed)
+        grading = _Grading(
+            self.estimators, (), out, self.json, title, scenario.association, scenario.rays, scenario.name, self.seed
+        )
         grading.grade(truth, recording, told)
 
 
@@ -385,6 +387,7 @@ class _Grading:
     as_json: bool
     title: str
     association: Association
+    rays: Fis | None = None
     scenario: str | None = None
     seed: int | None = None
 
@@ -394,7 +397,7 @@ class _Grading:
         from compare.files import explained
 
         names = _names(self.estimators)
-        estimators = load_estimators(names, self.own, self.association)
+        estimators = load_estimators(names, self.own, self.association, self.rays)
         if not estimators:
             raise ValueError("estimators: none given; name at least one, for example --estimators ekf,batch")
         with _folder(self.out, last="metrics.json") as folder:

@@ -22,6 +22,7 @@ from pydantic_core import ErrorDetails
 from compare.scenario_schema import (
     Association,
     Assumed,
+    Fis,
     Landmarks,
     Motion,
     Prior,
@@ -147,6 +148,7 @@ _KEYS: dict[Place, tuple[str, ...]] = {
     ("sensor",): tuple(Sensor.model_fields),
     ("assumed",): tuple(Assumed.model_fields),
     ("association",): tuple(Association.model_fields),
+    ("fis",): tuple(Fis.model_fields),
     ("landmarks",): tuple(Landmarks.model_fields),
 }
 

@@ -15,7 +15,11 @@ NonNegative = Annotated[Number, Field(ge=0)]
 Positive = Annotated[Number, Field(gt=0)]
 
 _MAX_STEPS = 1_000_000  # a misplaced decimal point shall not fill the memory
-_SIGMAS = {"range-bearing": ("sigma_range", "sigma_bearing_deg"), "position": ("sigma_position",)}
+_SIGMAS = {
+    "range-bearing": ("sigma_range", "sigma_bearing_deg"),
+    "bearing": ("sigma_bearing_deg",),
+    "position": ("sigma_position",),
+}
 
 
 class Section(BaseModel):
@@ -83,11 +87,11 @@ class Motion(Section):
 class Sensor(Section):
     """What is seen, all round, from `min_range` to `max_range` [m], its noise, and the `first_step` with a scan.
 
-    `range-bearing` needs `sigma_range` [m] and `sigma_bearing_deg` [deg]; `position` (the landmark in
-    the body frame) needs `sigma_position` [m] of each axis.
+    `range-bearing` needs `sigma_range` [m] and `sigma_bearing_deg` [deg], `bearing` the latter alone; `position`
+    (the landmark in the body frame) needs `sigma_position` [m] of each axis.
     """
 
-    kind: Literal["range-bearing", "position"]
+    kind: Literal["range-bearing", "bearing", "position"]
     max_range: Positive
     min_range: NonNegative = 0.0
     first_step: Annotated[int, Field(ge=0, strict=True)] = 0
@@ -116,9 +120,11 @@ class Sensor(Section):
 
     @property
     def sigmas(self) -> Float:
-        """(2,) standard deviations of an observation's components: [m, rad], or [m, m] for `position`."""
+        """Standard deviations (d,) of an observation: [m, rad], [rad] for `bearing`, [m, m] for `position`."""
         if self.kind == "position":
             return np.array([self.sigma_position, self.sigma_position], dtype=np.float64)
+        if self.kind == "bearing":
+            return np.deg2rad(np.array([self.sigma_bearing_deg], dtype=np.float64))
         return np.array([self.sigma_range, self.sigma_bearing_deg], dtype=np.float64) * [1.0, np.pi / 180.0]
 
 
@@ -141,6 +147,21 @@ class Association(Section):
     method: Literal["known", "nearest-neighbour", "jcbb"] = "known"
     gate: Positive = 9.0
     map_management: Annotated[bool, Field(strict=True)] | None = None
+
+
+class Fis(Section):
+    """Rays of bearing-only landmarks (`ekf.rays.Rays`): geometric progression, weights, gate, sharing.
+
+    `s_max` is the sensor's range unless it is given, and cannot be shorter.
+    """
+
+    alpha: Annotated[Number, Field(gt=0, lt=1)] = 0.3
+    beta: Annotated[Number, Field(gt=1)] = 3.0
+    s_min: Positive = 1.0
+    s_max: Positive | None = None
+    threshold: Annotated[Number, Field(gt=0, lt=1)] = 1e-3
+    gate: Positive = 9.0
+    sharing: Literal["federated", "uniform", "none", "best", "weights"] = "federated"
 
 
 class Landmarks(Section):
@@ -167,4 +188,21 @@ class Scenario(Section):
     sensor: Sensor
     assumed: Assumed = Assumed()
     association: Association = Association()
+    fis: Fis = Fis()
     landmarks: Landmarks
+
+    @property
+    def rays(self) -> Fis:
+        """The rays' settings, as far as the sensor reaches unless it is said otherwise."""
+        return self.fis.model_copy(update={"s_max": self.fis.s_max or self.sensor.max_range})
+
+    @model_validator(mode="after")
+    def _rays_reach(self) -> Scenario:
+        s_max = self.fis.s_max or self.sensor.max_range
+        if self.sensor.kind == "bearing" and s_max < self.sensor.max_range:
+            text = "fis.s_max = {s_max} m is shorter than sensor.max_range = {reach} m; farther landmarks would be lost"
+            raise PydanticCustomError("short", text, {"s_max": s_max, "reach": self.sensor.max_range})
+        if self.sensor.kind == "bearing" and s_max <= self.fis.s_min:
+            text = "fis.s_min = {s_min} m lies beyond s_max = {s_max} m; choose it nearer"
+            raise PydanticCustomError("order", text, {"s_min": self.fis.s_min, "s_max": s_max})
+        return self

@@ -45,7 +45,7 @@ def simulate(scenario: Scenario, seed: int) -> tuple[Truth, Recording]:
         sensor=scenario.sensor.kind,
         observation_step=seen_at,
         observation=observation,
-        observation_cov=np.broadcast_to(observation_cov, (len(seen), 2, 2)),
+        observation_cov=np.broadcast_to(observation_cov, (len(seen), *observation_cov.shape)),
         landmark=seen if scenario.association.method == "known" else None,
     )
     return truth, recording
@@ -75,7 +75,7 @@ def _commanded_increments(trajectory: Trajectory) -> Float:
 
 
 def _observe(poses: Float, landmarks: Float, sensor: Sensor, stream: np.random.SeedSequence) -> tuple[Int, Int, Float]:
-    """Steps (M,), landmark ids (M,) and noisy values (M, 2) of all that the sensor sees, in that order."""
+    """Steps (M,), landmark ids (M,) and noisy values (M, d) of all that the sensor sees, in that order."""
     offsets = landmarks - poses[:, None, :2]
     body = np.einsum("nji,nlj->nli", rotation(poses[:, 2]), offsets)
     distance = np.linalg.norm(body, axis=2)
@@ -84,14 +84,17 @@ def _observe(poses: Float, landmarks: Float, sensor: Sensor, stream: np.random.S
     seen_at, seen = np.nonzero(in_view)
 
     # a stream per landmark, drawn for every step: a landmark added to the map leaves the others' noise as it was
-    noise = np.empty((len(poses), len(landmarks), 2))
+    sigmas = sensor.sigmas
+    noise = np.empty((len(poses), len(landmarks), len(sigmas)))
     for landmark, child in enumerate(stream.spawn(len(landmarks))):
-        noise[:, landmark] = sensor.sigmas * np.random.default_rng(child).standard_normal((len(poses), 2))
+        noise[:, landmark] = sigmas * np.random.default_rng(child).standard_normal((len(poses), len(sigmas)))
 
     noise, body = noise[seen_at, seen], body[seen_at, seen]
     if sensor.kind == "position":
         return seen_at, seen, body + noise
+    bearings = np.arctan2(body[:, 1], body[:, 0]) + noise[:, -1]
+    if sensor.kind == "bearing":
+        return seen_at, seen, wrap(bearings)[:, None]
     ranges = distance[seen_at, seen] + noise[:, 0]
-    bearings = np.arctan2(body[:, 1], body[:, 0]) + noise[:, 1]
     # no sensor reports a negative range: noise that reaches past zero is reflected
     return seen_at, seen, np.column_stack([np.abs(ranges), wrap(bearings)])

@@ -161,7 +161,7 @@ def test_a_file_does_not_name_itself(write: Write):
             "sigma_range = 1\nmax_range",
             "sensor.sigma_range: a position sensor has none; remove it or change",
         ),
-        ('"position"', '"radar"', "sensor.kind: must be 'range-bearing' or 'position', not 'radar'"),
+        ('"position"', '"radar"', "sensor.kind: must be 'range-bearing', 'bearing' or 'position', not 'radar'"),
         ("max_range", "min_range = 6\nmax_range", "sensor.min_range: must not exceed max_range"),
         ("step = 0.1", "step = 0.1\nspeed = 1.0", "trajectory: has both forms; give segments, or speed, yaw_rate"),
         ("step = 0.1", "step = 1e-9", "trajectory: duration / step comes to more than 1000000 steps"),
@@ -317,3 +317,29 @@ def test_questions_2_and_3_are_question_1_with_another_association_and_noise(
     assert scenario.assumed.scale == scale
     parts = ("start", "prior", "trajectory", "motion", "sensor", "landmarks")
     assert all(getattr(scenario, part) == getattr(known, part) for part in parts)
+
+
+# --- bearings alone ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("overrides", "mistake"),
+    [
+        (
+            ["fis.s_max=5"],
+            "sensor.max_range = 10.0 m; farther landmarks would be lost",
+        ),
+        (["fis.s_min=10"], "fis.s_min = 10.0 m lies beyond s_max = 10.0 m; choose it nearer"),
+        (["fis.alpha=1"], "fis.alpha: must be less than 1, not 1"),
+        (["fis.beta=1"], "fis.beta: must be greater than 1, not 1"),
+        (["sensor.sigma_range=1"], "sensor.sigma_range: a bearing sensor has none; remove it or change kind"),
+    ],
+)
+def test_rays_that_cannot_be(overrides: list[str], mistake: str):
+    [line] = mistakes("q4-ring", *overrides)
+    assert line.endswith(mistake)
+
+
+def test_rays_reach_as_far_as_the_sensor_unless_it_is_said_otherwise():
+    assert load_scenario("q4-ring", ["sensor.max_range=7"]).rays.s_max == 7.0
+    assert load_scenario("q4-ring", ["fis.s_max=20"]).rays.s_max == 20.0

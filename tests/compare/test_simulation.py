@@ -186,3 +186,18 @@ def test_estimators_are_told_the_scaled_covariances():
     np.testing.assert_array_equal(recording.odometry, plain.odometry)
     np.testing.assert_array_equal(recording.observation, plain.observation)
     np.testing.assert_allclose(recording.prior_cov, np.diag([0.01, 0.01, 0.0001]))
+
+
+def test_bearings_alone_point_at_the_landmarks():
+    scenario = load_scenario("q4-ring", ["sensor.sigma_bearing_deg=0.001", "trajectory.duration=5"])
+    truth, recording = simulate(scenario, 0)
+    assert recording.sensor == "bearing"
+    assert recording.observation.shape == (len(recording.observation_step), 1)
+    np.testing.assert_allclose(recording.observation_cov, np.deg2rad(0.001) ** 2, rtol=1e-12)
+    assert truth.poses is not None
+    assert truth.landmarks is not None
+    pose = truth.poses[recording.observation_step]
+    offset = truth.landmarks[recording.landmark] - pose[:, :2]
+    expected = np.arctan2(offset[:, 1], offset[:, 0]) - pose[:, 2]
+    assert np.abs(wrap(recording.observation[:, 0] - expected)).max() < np.deg2rad(0.006)
+    assert np.hypot(*offset.T).max() <= 10.0
