@@ -156,7 +156,7 @@ class Fis(Section):
     """
 
     alpha: Annotated[Number, Field(gt=0, lt=1)] = 0.3
-    beta: Annotated[Number, Field(gt=1)] = 3.0
+    beta: Annotated[Number, Field(gt=1)] = 2.0
     s_min: Positive = 1.0
     s_max: Positive | None = None
     threshold: Annotated[Number, Field(gt=0, lt=1)] = 1e-3
@@ -192,8 +192,10 @@ class Scenario(Section):
     landmarks: Landmarks
 
     @property
-    def rays(self) -> Fis:
-        """The rays' settings, as far as the sensor reaches unless it is said otherwise."""
+    def rays(self) -> Fis | None:
+        """The rays' settings, reaching as far as the sensor unless it is said otherwise; None where there are ranges."""
+        if self.sensor.kind != "bearing":
+            return None
         return self.fis.model_copy(update={"s_max": self.fis.s_max or self.sensor.max_range})
 
     @model_validator(mode="after")

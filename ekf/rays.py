@@ -44,7 +44,7 @@ class Rays:
     """
 
     alpha: float = 0.3
-    beta: float = 3.0
+    beta: float = 2.0
     s_min: float = 1.0
     s_max: float = 10.0
     threshold: float = 1e-3

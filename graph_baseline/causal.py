@@ -24,6 +24,7 @@ class Settings:
     relinearize_every: int  # steps
 
 
+SURE = 0.1  # as in `triangulation`; undamped steps fail from starts as rough as batch can use
 SETTLING = 5  # updates that follow at once where bearings have placed a landmark
 SETTINGS = Settings(relinearize_threshold=0.05, relinearize_every=10)
 
@@ -135,7 +136,8 @@ class _GrowingProblem:
             waiting = self._waiting.setdefault(name, [])
             rows = np.array([*waiting, row])
             seen_from = self._path[recording.observation_step[rows]]
-            found = triangulate(seen_from, recording.observation[rows, 0], recording.observation_cov[rows, 0, 0])
+            bearings, variances = recording.observation[rows, 0], recording.observation_cov[rows, 0, 0]
+            found = triangulate(seen_from, bearings, variances, SURE)
             if not found.placed:
                 waiting.append(row)
                 return False

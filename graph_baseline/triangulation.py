@@ -21,16 +21,17 @@ class Triangulation(NamedTuple):
     placed: bool
 
 
-def triangulate(poses: Float, bearings: Float, variances: Float) -> Triangulation:
+def triangulate(poses: Float, bearings: Float, variances: Float, sure: float = SURE) -> Triangulation:
     """Weighted least squares on the distances from the lines of sight.
 
     Args:
         poses: (n, 3) that saw the landmark.
         bearings: (n,) [rad] in the body frame.
         variances: (n,) [rad^2].
+        sure: largest standard deviation of a landmark that is `placed`, as a share of its distance.
 
     Returns:
-        A landmark that is `placed` lies in front of the poses, and is known to a share SURE of its distance.
+        The landmark; one that is placed lies in front of the poses.
     """
     angle = poses[:, 2] + bearings
     along = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -48,21 +49,20 @@ def triangulate(poses: Float, bearings: Float, variances: Float) -> Triangulatio
         offset = landmark - poses[:, :2]
         distance = np.maximum(np.hypot(*offset.T), 1e-3)
     ahead = float(np.mean((offset * along).sum(axis=1) > 0.0))
-    return Triangulation(landmark, sigma, placed=bool(ahead > 0.5 and sigma < SURE * distance.min()))
+    return Triangulation(landmark, sigma, placed=bool(ahead > 0.5 and sigma < sure * distance.min()))
 
 
-def first_track(recording: Recording, rows: Int) -> Int:
-    """The rows of a landmark's observations up to its first long absence."""
+def tracks(recording: Recording, rows: Int) -> list[Int]:
+    """The rows of a landmark's observations, parted at its long absences."""
     stamps = recording.stamps[recording.observation_step[rows]]
-    breaks = np.flatnonzero(np.diff(stamps) > TRACK_BREAK)
-    return rows[: breaks[0] + 1] if len(breaks) else rows
+    return np.split(rows, np.flatnonzero(np.diff(stamps) > TRACK_BREAK) + 1)
 
 
 def triangulate_all(recording: Recording, poses: Float) -> tuple[Int, Float, Float]:
     """Ids (L,) in increasing order, landmarks (L, 2) and sigmas (L,) [m] of a bearing-only recording seen from `poses`.
 
-    A landmark is triangulated from its first track, or from all its bearings where that does not place it; sigma is
-    infinite where neither does.
+    A landmark is triangulated from the first track that places it, or from all its bearings; sigma is infinite where
+    nothing does.
     """
     assert recording.landmark is not None
     ids = np.unique(recording.landmark)
@@ -70,7 +70,7 @@ def triangulate_all(recording: Recording, poses: Float) -> tuple[Int, Float, Flo
     variances = recording.observation_cov[:, 0, 0]
     for slot, name in enumerate(ids.tolist()):
         rows = np.flatnonzero(recording.landmark == name)
-        for chosen in (first_track(recording, rows), rows):
+        for chosen in (*tracks(recording, rows), rows):
             seen_from = poses[recording.observation_step[chosen]]
             found = triangulate(seen_from, recording.observation[chosen, 0], variances[chosen])
             landmarks[slot] = found.landmark

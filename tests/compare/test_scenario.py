@@ -341,5 +341,8 @@ def test_rays_that_cannot_be(overrides: list[str], mistake: str):
 
 
 def test_rays_reach_as_far_as_the_sensor_unless_it_is_said_otherwise():
-    assert load_scenario("q4-ring", ["sensor.max_range=7"]).rays.s_max == 7.0
-    assert load_scenario("q4-ring", ["fis.s_max=20"]).rays.s_max == 20.0
+    for override, s_max in (("sensor.max_range=7", 7.0), ("fis.s_max=20", 20.0)):
+        rays = load_scenario("q4-ring", [override]).rays
+        assert rays is not None
+        assert rays.s_max == s_max
+    assert load_scenario("q1-long-dense").rays is None

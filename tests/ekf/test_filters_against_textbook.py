@@ -118,5 +118,8 @@ def test_unknown_association_and_foreign_sensors_are_refused() -> None:
     _, recording = random_recording(5)
     with pytest.raises(ValueError, match="known association"):
         SlamFilter("position", np.zeros(3), np.eye(3)).update(Observations(None, np.zeros((1, 2)), np.eye(2)[None]))
-    with pytest.raises(ValueError, match="bearing"):
-        SlamFilter("bearing", recording.prior_mean, recording.prior_cov)
+    with pytest.raises(ValueError, match="'sonar' does not fit"):
+        SlamFilter("sonar", recording.prior_mean, recording.prior_cov)
+    blind = SlamFilter("bearing", recording.prior_mean, recording.prior_cov)
+    with pytest.raises(ValueError, match="a bearing alone places no landmark"):
+        blind.update(Observations(np.array([0]), np.zeros((1, 1)), np.ones((1, 1, 1))))

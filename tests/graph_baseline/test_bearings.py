@@ -11,6 +11,7 @@ from random_recordings import random_recording
 from scipy.optimize import least_squares
 
 from compare import load_scenario, simulate
+from compare.study_run import run_seed
 from graph_baseline import batch, cost, isam2
 from graph_baseline.factors import first_sights
 from graph_baseline.hindsight import finish
@@ -116,7 +117,9 @@ def test_a_landmark_seen_once_is_left_out_and_said_so(optimum):  # pyright: igno
     estimate = optimum(once)
     assert lonely not in np.asarray(estimate.landmark_ids).tolist()
     assert once.landmark is not None
-    assert np.array_equal(np.asarray(estimate.association) == -1, once.landmark == lonely)
+    association = np.asarray(estimate.association)
+    assert (association[once.landmark == lonely] == -1).all()
+    assert (association >= 0).sum() > len(association) / 3
     kept[rows[0]] = False
     np.testing.assert_allclose(estimate.poses, optimum(recording.only(kept)).poses, atol=1e-6)
 
@@ -140,3 +143,11 @@ def test_the_causal_optimum_ends_at_the_hindsight_one():
     assert hindsight.pose_covs is not None
     sigma = np.sqrt(np.diag(hindsight.pose_covs[-1]))
     assert (np.abs(causal.poses[-1] - hindsight.poses[-1]) < 0.2 * sigma).all()
+
+
+def test_isam2_goes_through_the_first_metres_of_any_run():
+    """Runs in which it failed when landmarks entered as soon as batch can use them (a share of 0.3)."""
+    scenario = load_scenario("q4-ring", ["start=sampled", "trajectory.duration=8"])
+    for run in (4, 5, 6, 18, 19, 38):
+        estimate = isam2(simulate(scenario, run_seed(0, run))[1])
+        assert len(np.asarray(estimate.landmark_ids)) >= 1
