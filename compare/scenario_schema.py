@@ -193,7 +193,7 @@ class Scenario(Section):
 
     @property
     def rays(self) -> Fis | None:
-        """The rays' settings, reaching as far as the sensor unless it is said otherwise; None where there are ranges."""
+        """The rays' settings, as far as the sensor reaches unless it is said otherwise; None with ranges."""
         if self.sensor.kind != "bearing":
             return None
         return self.fis.model_copy(update={"s_max": self.fis.s_max or self.sensor.max_range})
