@@ -1,6 +1,8 @@
 """Compilation of the filter kernels, and the BLAS and LAPACK routines that they call.
 
-Kernels are compiled by numba on first use and kept on disk for later processes. BLAS is the one that
+Kernels are compiled by numba on first use and kept on disk for later processes. A kernel's machine code holds that of
+the kernels it calls, but numba looks at its own source file alone: code older than any source of this package is
+dropped, or an edited kernel would live on in its callers. BLAS is the one that
 scipy brings; its routines are registered under names of our own, so that cached machine code finds
 them again in another process.
 """
@@ -8,6 +10,7 @@ them again in another process.
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import ParamSpec, TypeVar, cast
 
 import llvmlite.binding as llvm
@@ -20,6 +23,20 @@ from slam2d import Float
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
+
+
+def drop_outdated(package: Path) -> None:
+    """Remove numba's indices in the package's cache that are older than its newest source."""
+    newest = max((source.stat().st_mtime for source in package.glob("*.py")), default=0.0)
+    for index in (package / "__pycache__").glob("*.nbi"):
+        try:
+            if index.stat().st_mtime < newest:
+                index.unlink()
+        except OSError:  # another process was first, or the folder is not ours to write to
+            continue
+
+
+drop_outdated(Path(__file__).parent)
 
 
 def kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from ekf.compiled import drop_outdated
+
 PROGRAM = (
     "import numpy as np; from ekf import SlamFilter;"
     "s = SlamFilter('position', np.zeros(3), np.eye(3)); s.predict([1, 0, 0], np.eye(3)); print(s.pose_cov[0, 0])"
@@ -28,3 +30,16 @@ def test_first_use_is_announced_and_later_ones_load_from_disk(tmp_path: Path) ->
 def test_works_where_nothing_can_be_written() -> None:
     """A folder below a device cannot exist, whoever runs the test."""
     assert run("/dev/null/cache").stdout == "2.0\n"
+
+
+def test_machine_code_older_than_any_source_is_dropped(tmp_path: Path) -> None:
+    cache = tmp_path / "__pycache__"
+    cache.mkdir()
+    for name, time in (("models.py", 200.0), ("corrections.py", 100.0)):
+        (tmp_path / name).touch()
+        os.utime(tmp_path / name, (time, time))
+    for name, time in (("corrections.old.nbi", 150.0), ("corrections.new.nbi", 250.0)):
+        (cache / name).touch()
+        os.utime(cache / name, (time, time))
+    drop_outdated(tmp_path)
+    assert [path.name for path in cache.iterdir()] == ["corrections.new.nbi"]
