@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ekf.compiled import kernel
-from ekf.kernels import linearise
+from ekf.kernels import linearise, squared_distance
 from ekf.models import POSITION
 from slam2d import Float, Int
 
@@ -82,9 +82,8 @@ def find_compatible(
         pair_covariance(cov, pairs, c, c, S)
         add_noise(covs[pairs.observation[c]], pairs.jacobian[2 * c + 1], S)
         v0, v1 = pairs.innovation[2 * c], pairs.innovation[2 * c + 1]
-        determinant = S[0, 0] * S[1, 1] - S[0, 1] * S[0, 1]
-        distance = (v0 * v0 * S[1, 1] - 2.0 * v0 * v1 * S[0, 1] + v1 * v1 * S[0, 0]) / determinant
-        if determinant > 0.0 and distance <= gate:
+        distance = squared_distance(v0, v1, S[0, 0], S[0, 1], S[1, 1])
+        if distance <= gate:
             pairs.observation[count] = pairs.observation[c]
             pairs.slot[count] = pairs.slot[c]
             pairs.innovation[2 * count : 2 * count + 2] = pairs.innovation[2 * c : 2 * c + 2]

@@ -300,6 +300,10 @@ class SlamFilter:
         kernels.describe(self._sensor, self._state, self._point, self._cov, count, work, S)
         return work.innovation[: 2 * count].reshape(count, 2)[:, first:].copy(), S[:, first:, first:]
 
+    def slots_of(self, ids: Int) -> Int:
+        """Slots (m,) of mapped landmarks (m,)."""
+        return self._sorted_slots[np.searchsorted(self._sorted_ids, ids)]
+
     def jointly_compatible(self, covs: Float, count: int, gate: float, quantiles: Float, node_limit: int) -> Int:
         """Slots (m,) of the best joint association of the first `count` pairs of `compatible`, -1 for none.
 

@@ -184,6 +184,15 @@ def projected(cov: Float, h: Float, landmark: int) -> tuple[float, float, float]
 
 
 @kernel
+def squared_distance(v0: float, v1: float, s00: float, s01: float, s11: float) -> float:
+    """Squared Mahalanobis distance v' S^-1 v; infinite where S is not positive definite."""
+    determinant = s00 * s11 - s01 * s01
+    if not determinant > 0.0:
+        return math.inf
+    return (v0 * v0 * s11 - 2.0 * v0 * v1 * s01 + v1 * v1 * s00) / determinant
+
+
+@kernel
 def describe(sensor: int, state: Float, point: Float, cov: Float, count: int, work: Workspace, S: Float) -> None:
     """Innovations and Jacobians of the first `count` observations in `work`, and each one's covariance S (m, 2, 2)."""
     linearise(sensor, state, point, work.slots[:count], work.observation, work.innovation, work.jacobian)

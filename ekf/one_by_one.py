@@ -18,7 +18,15 @@ import numpy as np
 from ekf.compatibility import NONE
 from ekf.compiled import kernel, subtract_gram
 from ekf.corrections import SETTLED, carry_covariance, move_invariantly
-from ekf.kernels import append_landmark, are_sound, linearise, mirror_robot_block, project_covariance, projected
+from ekf.kernels import (
+    append_landmark,
+    are_sound,
+    linearise,
+    mirror_robot_block,
+    project_covariance,
+    projected,
+    squared_distance,
+)
 from ekf.models import POSITION, wrap
 from ekf.workspace import Workspace
 from slam2d import Float, Int
@@ -190,9 +198,8 @@ def _nearest(
         one[0] = (landmark - 3) // 2
         _, s00, s01, s11 = _describe(sensor, state, point, cov, rows, i, invariant, anchor, work, one, g)
         v0, v1 = work.innovation[2 * i], work.innovation[2 * i + 1]
-        determinant = s00 * s11 - s01 * s01
-        distance = (v0 * v0 * s11 - 2.0 * v0 * v1 * s01 + v1 * v1 * s00) / determinant
-        if not determinant > 0.0 or distance > new_gate:
+        distance = squared_distance(v0, v1, s00, s01, s11)
+        if not distance <= new_gate:
             continue
         if distance < least:
             slot, least = one[0], distance

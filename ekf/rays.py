@@ -154,10 +154,10 @@ class RayFilter:
             raise ValueError("landmark: this filter needs known association; give the ids of the observations")
         names = ids.tolist()
         points = [row for row, name in enumerate(names) if name in self._points]
-        slots = self._slots(np.array([self._points[names[row]] for row in points], dtype=np.int64))
+        slots = self._slam.slots_of(np.array([self._points[names[row]] for row in points], dtype=np.int64))
         result = self._slam.correct(slots, values[points], covs[points])
         rows, members, shares = self._weigh_rays(names, values, covs)
-        self._slam.correct(self._slots(members), values[rows], covs[rows] / shares[:, None, None])
+        self._slam.correct(self._slam.slots_of(members), values[rows], covs[rows] / shares[:, None, None])
         for row, name in enumerate(names):
             if name not in self._rays and name not in self._points:
                 self._begin(name, values[row], covs[row])
@@ -181,7 +181,7 @@ class RayFilter:
         """
         ray, settings = self._rays[name], self._settings
         count = len(ray.members)
-        slots = self._slots(ray.members)
+        slots = self._slam.slots_of(ray.members)
         innovation, Z = self._slam.innovations(slots, np.repeat(value, count, axis=0), np.repeat(cov, count, axis=0))
         squared = innovation[:, 0] ** 2 / Z[:, 0, 0]
         if squared.min() > settings.gate:
@@ -233,17 +233,12 @@ class RayFilter:
 
     def _remove(self, members: Int) -> None:
         for member in members.tolist():
-            self._slam.remove(int(self._slots(np.array([member]))[0]))
-
-    def _slots(self, members: Int) -> Int:
-        ids = self._slam.landmark_ids
-        order = np.argsort(ids)
-        return order[np.searchsorted(ids, members, sorter=order)]
+            self._slam.remove(int(self._slam.slots_of(np.array([member]))[0]))
 
     def _heaviest(self) -> Int:
         """Slots (L,) of the points and of the heaviest member of every ray."""
         heaviest = [int(ray.members[np.argmax(ray.log_weights)]) for ray in self._rays.values()]
-        return self._slots(np.array([*self._points.values(), *heaviest], dtype=np.int64))
+        return self._slam.slots_of(np.array([*self._points.values(), *heaviest], dtype=np.int64))
 
 
 def _normalised(log_weights: Float) -> Float:
