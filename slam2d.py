@@ -225,6 +225,73 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True)
+class MapHistory:
+    """The map as it stood at some steps: a row for every landmark, or for every member of one that is a ray still.
+
+    Attributes:
+        step: (K,) in increasing order.
+        landmark: (K,) id.
+        member: (K,) number of the member along its ray, from 0; -1 for a landmark that is a point.
+        weight: (K,) probability of the member; 1 for a point.
+        position: (K, 2) [m].
+        cov: (K, 2, 2) [m^2].
+    """
+
+    step: Int
+    landmark: Int
+    member: Int
+    weight: Float
+    position: Float
+    cov: Float
+
+    def __post_init__(self) -> None:
+        step = _ints("history.step", self.step, (None,))
+        _each("history.step", np.diff(step, prepend=0) >= 0, step, "steps must not decrease; sort the rows by step")
+        weight = _floats("history.weight", self.weight, (len(step),))
+        _each("history.weight", (weight >= 0) & (weight <= 1), weight, "a weight is a probability")
+        _set(
+            self,
+            step=step,
+            landmark=_ints("history.landmark", self.landmark, (len(step),)),
+            member=_ints("history.member", self.member, (len(step),)),
+            weight=weight,
+            position=_floats("history.position", self.position, (len(step), 2)),
+            cov=_covariances("history.cov", self.cov, (len(step), 2, 2)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class RayLog:
+    """What became of every ray of a bearing-only estimate.
+
+    Attributes:
+        landmark: (B,) id of each ray's landmark.
+        birth: (B,) step at which it began.
+        end: (B,) step at which it became a point or was lost; -1 if it is a ray still.
+        survivor: (B,) number of the member that became the point; -1 if there is none.
+        distances: (B, G) distances of the members at birth [m], NaN where a ray had fewer.
+        members: (N+1,) members of all rays after each step.
+    """
+
+    landmark: Int
+    birth: Int
+    end: Int
+    survivor: Int
+    distances: Float
+    members: Int
+
+    def __post_init__(self) -> None:
+        landmark = _ints("rays.landmark", self.landmark, (None,))
+        ints = {name: _ints(f"rays.{name}", getattr(self, name), (len(landmark),)) for name in ("birth", "end")}
+        distances = _array("rays.distances", self.distances, (len(landmark), None))
+        survivor = _ints("rays.survivor", self.survivor, (len(landmark),))
+        known = (survivor >= -1) & (survivor < distances.shape[1])
+        _each("rays.survivor", known, survivor, "give the number of a member, or -1")
+        members = _ints("rays.members", self.members, (None,))
+        _set(self, landmark=landmark, survivor=survivor, distances=distances, members=members, **ints)
+
+
+@dataclass(frozen=True, slots=True)
 class Estimate:
     """What an estimator returns; only `kind` and `poses` are required.
 
@@ -239,6 +306,8 @@ class Estimate:
         nis: (N+1,) normalised innovation squared of each step's update; None if there is none.
         nis_dof: (N+1,) its degrees of freedom, 0 where there was no update.
         seconds: (N+1,) computing time of each step; None if not measured.
+        rays: what became of the rays of a bearing-only estimate; None without rays.
+        history: the map at some of the steps; None if it was not kept.
     """
 
     kind: Kind
@@ -251,6 +320,8 @@ class Estimate:
     nis: Float | None = None
     nis_dof: Int | None = None
     seconds: Float | None = None
+    rays: RayLog | None = None
+    history: MapHistory | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in ("filtered", "smoothed"):

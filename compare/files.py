@@ -10,7 +10,7 @@ import zipfile
 import zlib
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from secrets import token_hex
 from types import NoneType
@@ -20,9 +20,11 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
-from slam2d import Estimate, Float, Recording, Truth
+from slam2d import Estimate, Float, MapHistory, RayLog, Recording, Truth
 
 Record = TypeVar("Record", Recording, Truth, Estimate)
+
+RECORDS_WITHIN: set[type[object]] = {RayLog, MapHistory}  # records that are fields of an `Estimate`
 
 # what numpy raises at a damaged, truncated or pickled file
 _BROKEN = (
@@ -52,12 +54,24 @@ def explained(path: str | Path, verb: str) -> Generator[None]:
 def save(path: str | Path, record: Recording | Truth | Estimate) -> None:
     """Write the fields of a record to an npz file under their own names; a field that is None is left out.
 
+    The fields of a record within the record get its name before theirs: `rays_birth`.
+
     Raises:
         ValueError: If the file cannot be written.
     """
-    values = {field.name: getattr(record, field.name) for field in fields(record)}
     with explained(path, "written"), Path(path).open("wb") as file:
-        np.savez_compressed(file, **{name: value for name, value in values.items() if value is not None})
+        np.savez_compressed(file, **_flat(record))
+
+
+def _flat(record: object) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for field in fields(record):  # pyright: ignore[reportArgumentType]
+        value = getattr(record, field.name)
+        if is_dataclass(value):
+            values |= {f"{field.name}_{name}": inner for name, inner in _flat(value).items()}
+        elif value is not None:
+            values[field.name] = value
+    return values
 
 
 def load_recording(path: str | Path) -> Recording:
@@ -139,12 +153,22 @@ def _publish(stage: Path, out: Path, last: str) -> None:
 
 
 def _load(path: str | Path, kind: type[Record]) -> Record:
+    return _made(path, kind, dict(_read_npz(path)))
+
+
+def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str = "") -> Any:
+    """The record of the file's `values`; `within` is what stands before its fields' names in the file."""
     hints = get_type_hints(kind)
+    for field, hint in hints.items():
+        for inner in RECORDS_WITHIN & {*get_args(hint)}:
+            begin = f"{field}_"
+            parts = {name.removeprefix(begin): values.pop(name) for name in [*values] if name.startswith(begin)}
+            if parts:
+                values[field] = _made(path, inner, parts, begin)
     required = {field for field, hint in hints.items() if NoneType not in get_args(hint)}
-    values = _read_npz(path)
     for verdict, names in (("lacks", required - values.keys()), ("has the unknown", values.keys() - hints.keys())):
         if names:
-            found = f"it {verdict} {', '.join(sorted(names))}"
+            found = f"it {verdict} {', '.join(sorted(f'{within}{name}' for name in names))}"
             raise ValueError(f"{path}: not a {kind.__name__}, {found}; give another file")
     texts = {field: str(values[field]) for field, hint in hints.items() if get_origin(hint) is Literal}
     arguments: dict[str, Any] = dict.fromkeys(hints) | values | texts

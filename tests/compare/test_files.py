@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from compare.files import load_estimate, load_recording, load_truth, save, staged_folder, write_tum
-from slam2d import Estimate, Recording, Truth
+from slam2d import Estimate, MapHistory, RayLog, Recording, Truth
 
 RECORDING = Recording(
     stamps=np.arange(3.0),
@@ -42,6 +42,21 @@ def refusal(load: Callable[[Path], object], path: Path) -> str:
 
 
 # --- npz ---------------------------------------------------------------------------------------
+
+
+def test_records_within_an_estimate_come_back(tmp_path: Path):
+    row = np.zeros(1, dtype=np.int64)
+    rays = RayLog(row, row, row, row, np.array([[1.0, 2.0, np.nan]]), np.zeros(3, dtype=np.int64))
+    history = MapHistory(row, row, row, np.ones(1), np.ones((1, 2)), np.eye(2)[None])
+    save(tmp_path / "record.npz", replace(ESTIMATE, rays=rays, history=history))
+    loaded = load_estimate(tmp_path / "record.npz")
+    for name, record in (("rays", rays), ("history", history)):
+        for field in record.__dataclass_fields__:
+            np.testing.assert_array_equal(getattr(getattr(loaded, name), field), getattr(record, field))
+    with np.load(tmp_path / "record.npz") as archive:
+        arrays = {name: archive[name] for name in archive if name != "rays_birth"}
+    np.savez(tmp_path / "part.npz", **arrays)
+    assert refusal(load_estimate, tmp_path / "part.npz") == ": not a RayLog, it lacks rays_birth; give another file"
 
 
 @pytest.mark.parametrize(
