@@ -68,6 +68,50 @@ def chain(start: ArrayLike, increments: ArrayLike) -> Float:
     return np.column_stack([positions, wrap(headings)])
 
 
+# --- bearings ---------------------------------------------------------------------------------
+
+REWEIGHTINGS = 5
+
+
+class Triangulation(NamedTuple):
+    """A landmark (2,) [m] from its bearings, and its largest standard deviation [m], poses taken as exact."""
+
+    landmark: Float
+    sigma: float
+    placed: bool
+
+
+def triangulate(poses: Float, bearings: Float, variances: Float, sure: float) -> Triangulation:
+    """Weighted least squares on the distances from the lines of sight.
+
+    Args:
+        poses: (n, 3) that saw the landmark.
+        bearings: (n,) [rad] in the body frame.
+        variances: (n,) [rad^2].
+        sure: largest standard deviation of a landmark that is `placed`, as a share of its distance.
+
+    Returns:
+        The landmark; one that is placed lies in front of the poses.
+    """
+    angle = poses[:, 2] + bearings
+    along = np.column_stack([np.cos(angle), np.sin(angle)])
+    across = np.column_stack([-along[:, 1], along[:, 0]])
+    distance = np.ones(len(poses))
+    landmark, sigma, offset = poses[-1, :2] + along[-1], np.inf, along
+    for _ in range(REWEIGHTINGS):
+        weighted = across / (variances * distance**2)[:, None]
+        information = weighted.T @ across
+        weakest = float(np.linalg.eigvalsh(information)[0])
+        if not weakest > 1e-12 * float(np.trace(information)):
+            return Triangulation(landmark, np.inf, placed=False)
+        landmark = np.linalg.solve(information, weighted.T @ (across * poses[:, :2]).sum(axis=1))
+        sigma = 1.0 / np.sqrt(weakest)
+        offset = landmark - poses[:, :2]
+        distance = np.maximum(np.hypot(*offset.T), 1e-3)
+    ahead = float(np.mean((offset * along).sum(axis=1) > 0.0))
+    return Triangulation(landmark, sigma, placed=bool(ahead > 0.5 and sigma < sure * distance.min()))
+
+
 # --- data --------------------------------------------------------------------------------------
 
 

@@ -51,8 +51,8 @@ def measure(recording: Recording, observations: int) -> list[Float]:
         marks = [perf_counter()]
         _, count = slam.compatible(scan.value, scan.cov, MANAGEMENT.new_gate)
         marks.append(perf_counter())
-        slots = slam.jointly_compatible(scan.cov, count, GATE, quantiles, 20_000)
-        slam.ambiguous(scan.cov, count, GATE, MANAGEMENT.margin, slots)
+        slots = slam.jointly_compatible(len(scan.value), count, GATE, quantiles, 20_000)
+        slam.ambiguous(count, GATE, MANAGEMENT.margin, slots)
         marks.append(perf_counter())
         slam.update(scan)
         marks.append(perf_counter())

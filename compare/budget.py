@@ -106,7 +106,7 @@ def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> Float:
     told = simulate(informed(scenario), seed)[1]
     assert truth.association is not None
     believed = recording.associated(truth.association)
-    slam = load_estimators([filter_name], association=scenario.association, rays=scenario.rays)[filter_name]
+    slam = load_estimators([filter_name], association=scenario.association, beginning=scenario.beginning)[filter_name]
     try:
         hindsight = _run("batch", told)
         causal = _run("isam2", told)

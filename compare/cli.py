@@ -25,10 +25,11 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from compare.scenario import Scenario
-    from compare.scenario_schema import Association, Fis
+    from compare.scenario_schema import Association, Beginning
     from slam2d import Recording, Truth
 
 DEFAULT_ESTIMATORS = "ekf,riekf,isam2,batch"
+FRAMES = 240  # maps that filters keep for pictures
 
 
 @dataclass
@@ -84,7 +85,15 @@ class Run:
         out = self.out or Path("results") / f"{scenario.name}-seed-{self.seed}"
         title = f"{scenario.name}, seed {self.seed}"
         grading = _Grading(
-            self.estimators, (), out, self.json, title, scenario.association, scenario.rays, scenario.name, self.seed
+            self.estimators,
+            (),
+            out,
+            self.json,
+            title,
+            scenario.association,
+            scenario.beginning,
+            scenario.name,
+            self.seed,
         )
         grading.grade(truth, recording, told)
 
@@ -115,6 +124,12 @@ class Evaluate:
     gate: float = 9.0
     """Largest squared Mahalanobis distance of an association."""
 
+    initialisation: Literal["fis", "inverse-depth", "delayed"] = "fis"
+    """How landmarks begin in filters where the recording has bearings alone."""
+
+    reach: float = 10.0
+    """How far the sensor of such a recording sees [m]; the initialisation is fitted to it."""
+
     out: Path | None = None
     """Folder of the results; without it only the table is printed."""
 
@@ -124,7 +139,7 @@ class Evaluate:
     def __call__(self) -> None:
         """Load, grade and, if asked to, write."""
         from compare.files import load_recording, load_truth
-        from compare.scenario_schema import Association
+        from compare.scenario_schema import Association, Delayed, Fis, InverseDepth, fitted
 
         recording = load_recording(self.recording)
         beside = self.recording.with_name("truth.npz")
@@ -133,8 +148,11 @@ class Evaluate:
         title = f"{self.recording.parent.resolve().name}/{self.recording.name}"
         if not 0 < self.gate < math.inf:
             raise ValueError(f"gate {self.gate}: gives no bound; give a squared distance > 0, for example 9")
-        association = Association(method=self.association, gate=self.gate)
-        grading = _Grading(self.estimators, _flat(self.estimator), self.out, self.json, title, association)
+        if not 0 < self.reach < math.inf:
+            raise ValueError(f"reach {self.reach}: is no distance; give metres > 0, for example 10")
+        chosen = {"fis": Fis, "inverse-depth": InverseDepth, "delayed": Delayed}[self.initialisation]()
+        settings = (Association(method=self.association, gate=self.gate), fitted(chosen, self.reach))
+        grading = _Grading(self.estimators, _flat(self.estimator), self.out, self.json, title, *settings)
         grading.grade(truth, recording)
 
 
@@ -387,7 +405,7 @@ class _Grading:
     as_json: bool
     title: str
     association: Association
-    rays: Fis | None = None
+    beginning: Beginning | None = None
     scenario: str | None = None
     seed: int | None = None
 
@@ -397,7 +415,7 @@ class _Grading:
         from compare.files import explained
 
         names = _names(self.estimators)
-        estimators = load_estimators(names, self.own, self.association, self.rays)
+        estimators = load_estimators(names, self.own, self.association, self.beginning, FRAMES)
         if not estimators:
             raise ValueError("estimators: none given; name at least one, for example --estimators ekf,batch")
         with _folder(self.out, last="metrics.json") as folder:

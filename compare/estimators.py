@@ -14,7 +14,7 @@ from time import perf_counter
 from typing import cast
 
 import slam2d
-from compare.scenario_schema import Association, Fis
+from compare.scenario_schema import Association, Beginning, Delayed, Fis, InverseDepth
 from slam2d import Estimate, Estimator, Recording
 
 # name: module and attribute, imported when asked for
@@ -34,7 +34,11 @@ UNDER = "@"  # isam2@ekf: isam2 under the associations that ekf makes
 
 
 def load_estimators(
-    names: Sequence[str], own: Sequence[str] = (), association: Association | None = None, rays: Fis | None = None
+    names: Sequence[str],
+    own: Sequence[str] = (),
+    association: Association | None = None,
+    beginning: Beginning | None = None,
+    frames: int = 0,
 ) -> dict[str, Estimator]:
     """Estimators by the name that results carry.
 
@@ -45,7 +49,8 @@ def load_estimators(
             folder searched first.
         association: how filters associate a recording without ids; theirs by default is the nearest neighbour at
             gate 9. With `method` known, too: there they have ids.
-        rays: how filters begin landmarks where the recording has bearings alone.
+        beginning: how filters begin landmarks where the recording has bearings alone.
+        frames: at how many steps filters keep their map, for pictures.
 
     Raises:
         ValueError: an unknown name, or an import path that leads to no callable.
@@ -53,38 +58,43 @@ def load_estimators(
     estimators: dict[str, Estimator] = {}
     for name in names:
         graph, under, filter_name = name.partition(UNDER)
-        estimator = _shipped(graph, association, rays)
+        estimator = _shipped(graph, association, beginning, frames)
         if under:
             if graph not in GRAPHS or filter_name not in FILTERS:
                 remedy = f"write GRAPH@FILTER with one of {', '.join(GRAPHS)} and one of {', '.join(FILTERS)}"
                 raise ValueError(f"estimator {name!r} is not known; {remedy}")
-            estimator = _under_associations(estimator, _shipped(filter_name, association, rays))
+            estimator = _under_associations(estimator, _shipped(filter_name, association, beginning))
         estimators[name] = estimator
     for path in own:
         estimators[path] = _import_estimator(path)
     return estimators
 
 
-def _shipped(name: str, association: Association | None, rays: Fis | None) -> Callable[..., Estimate]:
+def _shipped(
+    name: str, association: Association | None, beginning: Beginning | None, frames: int = 0
+) -> Callable[..., Estimate]:
     if name not in SHIPPED:
         near = get_close_matches(name, SHIPPED, n=1)
         remedy = f"did you mean {near[0]}?" if near else f"use {', '.join(SHIPPED)}"
         raise ValueError(f"estimator {name!r} is not known; {remedy}")
     module, attribute = SHIPPED[name]
     estimator = getattr(importlib.import_module(module), attribute)
-    settings: dict[str, object] = {}
-    if name in FILTERS and association is not None and association.method != "known":
-        from ekf.association import Association as FilterAssociation
-        from ekf.map_management import MapManagement
+    return partial(estimator, **_settings(association, beginning, frames)) if name in FILTERS else estimator
 
+
+def _settings(association: Association | None, beginning: Beginning | None, frames: int) -> dict[str, object]:
+    """A scenario's settings as a filter takes them."""
+    import ekf
+
+    settings: dict[str, object] = {"frames": frames}
+    if association is not None and association.method != "known":
         managed = association.method == "jcbb" if association.map_management is None else association.map_management
-        management = MapManagement() if managed else None
-        settings["association"] = FilterAssociation(association.method, association.gate, management)
-    if name in FILTERS and rays is not None:
-        from ekf.rays import Rays
-
-        settings["rays"] = Rays(**rays.model_dump())
-    return partial(estimator, **settings)
+        management = ekf.MapManagement() if managed else None
+        settings["association"] = ekf.Association(association.method, association.gate, management)
+    if beginning is not None:
+        kinds = {Fis: ekf.Rays, InverseDepth: ekf.InverseDepth, Delayed: ekf.Delayed}
+        settings["initialisation"] = kinds[type(beginning)](**beginning.model_dump())
+    return settings
 
 
 def _under_associations(graph: Callable[..., Estimate], slam: Callable[..., Estimate]) -> Estimator:

@@ -22,7 +22,9 @@ from pydantic_core import ErrorDetails
 from compare.scenario_schema import (
     Association,
     Assumed,
+    Delayed,
     Fis,
+    InverseDepth,
     Landmarks,
     Motion,
     Prior,
@@ -149,6 +151,8 @@ _KEYS: dict[Place, tuple[str, ...]] = {
     ("assumed",): tuple(Assumed.model_fields),
     ("association",): tuple(Association.model_fields),
     ("fis",): tuple(Fis.model_fields),
+    ("inverse_depth",): tuple(InverseDepth.model_fields),
+    ("delayed",): tuple(Delayed.model_fields),
     ("landmarks",): tuple(Landmarks.model_fields),
 }
 

@@ -164,6 +164,43 @@ class Fis(Section):
     sharing: Literal["federated", "uniform", "none", "best", "weights"] = "federated"
 
 
+class InverseDepth(Section):
+    """Bearing-only landmarks in inverse depth (`ekf.inverse_depth.InverseDepth`).
+
+    `mean` and `sigma` of a new landmark's inverse distance [1/m] are 1.5 and 0.5 over the sensor's range unless given.
+    """
+
+    mean: Positive | None = None
+    sigma: Positive | None = None
+    linearity: Positive = 0.1
+    gate: Positive = 9.0
+
+
+class Delayed(Section):
+    """Bearing-only landmarks that wait to be placed (`ekf.delayed.Delayed`): window of past poses, when to be sure.
+
+    The `spacing` of the poses [m] is a fiftieth of the sensor's range unless it is given.
+    """
+
+    poses: Annotated[int, Field(ge=3, strict=True)] = 30
+    spacing: NonNegative | None = None
+    sure: Positive = 0.1
+
+
+Beginning = Fis | InverseDepth | Delayed
+
+
+def fitted(beginning: Beginning, reach: float) -> Beginning:
+    """The settings with what is not given chosen for a sensor that reaches so far [m]."""
+    if isinstance(beginning, Fis):
+        return beginning.model_copy(update={"s_max": beginning.s_max or reach})
+    if isinstance(beginning, Delayed):
+        spacing = reach / 50.0 if beginning.spacing is None else beginning.spacing
+        return beginning.model_copy(update={"spacing": spacing})
+    mean, sigma = beginning.mean or 1.5 / reach, beginning.sigma or 0.5 / reach
+    return beginning.model_copy(update={"mean": mean, "sigma": sigma})
+
+
 class Landmarks(Section):
     """The map: `positions` of the landmarks, (x, y) [m]."""
 
@@ -188,15 +225,19 @@ class Scenario(Section):
     sensor: Sensor
     assumed: Assumed = Assumed()
     association: Association = Association()
+    initialisation: Literal["fis", "inverse-depth", "delayed"] = "fis"
     fis: Fis = Fis()
+    inverse_depth: InverseDepth = InverseDepth()
+    delayed: Delayed = Delayed()
     landmarks: Landmarks
 
     @property
-    def rays(self) -> Fis | None:
-        """The rays' settings, as far as the sensor reaches unless it is said otherwise; None with ranges."""
+    def beginning(self) -> Beginning | None:
+        """How bearing-only landmarks begin, fitted to the sensor's range where nothing is said; None with ranges."""
         if self.sensor.kind != "bearing":
             return None
-        return self.fis.model_copy(update={"s_max": self.fis.s_max or self.sensor.max_range})
+        chosen = {"fis": self.fis, "inverse-depth": self.inverse_depth, "delayed": self.delayed}[self.initialisation]
+        return fitted(chosen, self.sensor.max_range)
 
     @model_validator(mode="after")
     def _rays_reach(self) -> Scenario:
@@ -207,4 +248,11 @@ class Scenario(Section):
         if self.sensor.kind == "bearing" and s_max <= self.fis.s_min:
             text = "fis.s_min = {s_min} m lies beyond s_max = {s_max} m; choose it nearer"
             raise PydanticCustomError("order", text, {"s_min": self.fis.s_min, "s_max": s_max})
+        return self
+
+    @model_validator(mode="after")
+    def _can_associate(self) -> Scenario:
+        if self.sensor.kind == "bearing" and self.association.method != "known" and self.initialisation != "fis":
+            text = 'association.method = "{method}" needs rays; set initialisation = "fis", or the method "known"'
+            raise PydanticCustomError("foreign", text, {"method": self.association.method})
         return self

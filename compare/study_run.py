@@ -81,7 +81,7 @@ def run_once(scenario: Scenario, seed: int, names: Sequence[str]) -> list[Outcom
         told = simulate(informed(scenario), seed)[1] if set(names) & set(YARDSTICKS) else recording
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
         return [Outcome(name, error=f"simulation: {type(error).__name__}: {error}") for name in names]
-    estimators = load_estimators(names, association=scenario.association, rays=scenario.rays)
+    estimators = load_estimators(names, association=scenario.association, beginning=scenario.beginning)
     return [
         _outcome(name, estimator, truth, told if name in YARDSTICKS else recording)
         for name, estimator in estimators.items()

@@ -4,22 +4,30 @@
 `filter` (the online form), `compressed` (the same for large maps), `estimators` (recording in, estimate out).
 
 Without ids: `association` (the online form), `one_by_one` (nearest neighbour), `compatibility` (joint association),
-`map_management` (probation, deletion, merging), `map_edits` (what these do to the state). Bearings alone: `rays`.
+`map_management` (probation, deletion, merging), `map_edits` (what these do to the state).
+
+Bearings alone: `bearing_only` (the online form); landmarks begin as `rays`, in `inverse_depth` or `delayed` (`young`:
+what these have in common, `linear`: measurements with Jacobians of their own); `ray_association` without ids.
 """
 
 from ekf.association import AssociatingFilter, Association
+from ekf.bearing_only import BearingFilter
 from ekf.compressed import CompressedFilter
+from ekf.delayed import Delayed
 from ekf.estimators import dead_reckoning, ekf, fej_ekf, iekf, riekf
 from ekf.filter import SlamFilter
+from ekf.inverse_depth import InverseDepth
 from ekf.map_management import MapManagement
-from ekf.rays import RayFilter, Rays
+from ekf.rays import Rays
 
 __all__ = [
     "AssociatingFilter",
     "Association",
+    "BearingFilter",
     "CompressedFilter",
+    "Delayed",
+    "InverseDepth",
     "MapManagement",
-    "RayFilter",
     "Rays",
     "SlamFilter",
     "dead_reckoning",

@@ -140,10 +140,10 @@ class AssociatingFilter:
     def _jointly(self, values: Float, covs: Float) -> tuple[float, int]:
         pairs, count = self._slam.compatible(values, covs, self._widest_gate)
         gate, limit = self._association.gate, self._association.node_limit
-        slots = self._slam.jointly_compatible(covs, count, gate, self._joint_gates(len(values)), limit)
+        slots = self._slam.jointly_compatible(len(values), count, gate, self._joint_gates(len(values)), limit)
         management, doubtful = self._association.map_management, np.zeros(len(values), dtype=bool)
         if management is not None:
-            slots[self._slam.ambiguous(covs, count, gate, management.margin, slots)] = NONE
+            slots[self._slam.ambiguous(count, gate, management.margin, slots)] = NONE
             doubtful[pairs.observation[:count][np.isin(pairs.slot[:count], slots, invert=True)]] = True
         matched = slots != NONE
         new = ~matched & ~doubtful

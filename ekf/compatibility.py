@@ -19,14 +19,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ekf.compiled import kernel
 from ekf.kernels import linearise, squared_distance
-from ekf.models import POSITION
+from ekf.models import BEARING, POSITION
+from ekf.workspace import Marks
 from slam2d import Float, Int
-
-Marks = NDArray[np.bool_]
 
 NONE = -1  # no landmark
 
@@ -35,7 +33,8 @@ class Pairs(NamedTuple):
     """Pairs of an observation and a landmark, ordered by observation, then by slot."""
 
     observation: Int  # (c,) index in the scan
-    slot: Int  # (c,) landmark
+    slot: Int  # (c,) where the landmark is in the state
+    owner: Int  # (c,) the landmark: its slot, or whatever several slots of one landmark have in common
     value: Float  # (c, 2) the observation itself, while pairs are being found
     innovation: Float  # (2c,)
     jacobian: Float  # (2c, 5) columns as in `kernels.linearise`
@@ -48,6 +47,7 @@ def allocate_pairs(capacity: int) -> Pairs:
     return Pairs(
         observation=np.zeros(capacity, dtype=np.int64),
         slot=np.zeros(capacity, dtype=np.int64),
+        owner=np.zeros(capacity, dtype=np.int64),
         value=np.zeros((capacity, 2)),
         innovation=np.zeros(2 * capacity),
         jacobian=np.zeros((2 * capacity, 5)),
@@ -85,7 +85,7 @@ def find_compatible(
         distance = squared_distance(v0, v1, S[0, 0], S[0, 1], S[1, 1])
         if distance <= gate:
             pairs.observation[count] = pairs.observation[c]
-            pairs.slot[count] = pairs.slot[c]
+            pairs.slot[count] = pairs.owner[count] = pairs.slot[c]
             pairs.innovation[2 * count : 2 * count + 2] = pairs.innovation[2 * c : 2 * c + 2]
             pairs.jacobian[2 * count : 2 * count + 2] = pairs.jacobian[2 * c : 2 * c + 2]
             pairs.distance[count] = distance
@@ -109,7 +109,7 @@ def _find_near(
     """Pairs whose measured and expected distances agree as well as d^2 <= gate requires; returns how many.
 
     With s the standard deviations of robot and landmark added up, no component of H P H' exceeds s^2, and so
-    d^2 >= (measured - expected distance)^2 / (s^2 + tr R).
+    d^2 >= (measured - expected distance)^2 / (s^2 + tr R). Bearings alone set nothing aside.
     """
     robot = math.sqrt(max(cov[0, 0] + cov[1, 1], 0.0))
     heading = math.sqrt(max(cov[2, 2], 0.0)) if sensor == POSITION else 0.0  # turns do not change a range
@@ -127,7 +127,7 @@ def _find_near(
                 lever = math.sqrt((point[landmark] - point[0]) ** 2 + (point[landmark + 1] - point[1]) ** 2)
             own = math.sqrt(max(cov[landmark, landmark] + cov[landmark + 1, landmark + 1], 0.0))
             spread = robot + own + lever * heading
-            if (measured - expected) ** 2 <= gate * (spread * spread + noise):
+            if sensor == BEARING or (measured - expected) ** 2 <= gate * (spread * spread + noise):
                 if candidates < len(pairs.slot):
                     pairs.observation[candidates] = i
                     pairs.slot[candidates] = (landmark - 3) // 2
@@ -276,7 +276,7 @@ def _rows_to_place(pairs: Pairs, count: int, gate: float, observations: int) -> 
 def _is_taken(pairs: Pairs, taken: Int, n: int, c: int) -> bool:
     """Whether one of the first n pairs has the landmark of pair c."""
     for k in range(n):  # noqa: SIM110 numba compiles no generator expressions
-        if pairs.slot[taken[k]] == pairs.slot[c]:
+        if pairs.owner[taken[k]] == pairs.owner[c]:
             return True
     return False
 

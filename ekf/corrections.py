@@ -34,7 +34,7 @@ import math
 from ekf.compiled import add_outer_pair, combine_rows, kernel, subtract_gram
 from ekf.kernels import are_sound, linearise, mirror_robot_block, subtract_projection, take_in, whiten
 from ekf.models import wrap
-from ekf.workspace import Workspace
+from ekf.workspace import Marks, Workspace
 from slam2d import Float
 
 MAX_ITERATIONS = 20
@@ -120,13 +120,13 @@ def update_right_invariant(
 @kernel
 def retract_right_invariant(state: Float, cov: Float, size: int, work: Workspace) -> None:
     """Move by the correction dx in `work.scratch[0]`: x <- exp(D^-1 dx) x, P <- T P T'."""
-    move_invariantly(state, size, work.scratch[0], work.scratch[1])
+    move_invariantly(state, size, work.points, work.scratch[0], work.scratch[1])
     carry_covariance(cov, size, work.scratch[1], work.scratch[2])
 
 
 @kernel
-def move_invariantly(state: Float, size: int, dx: Float, u: Float) -> None:
-    """Move every point by V(dtheta) dx, turn the heading by dtheta, and leave u of T = I + u e_theta'."""
+def move_invariantly(state: Float, size: int, points: Marks, dx: Float, u: Float) -> None:
+    """Move every point by V(dtheta) dx, all else by dx, and leave u of T = I + u e_theta'."""
     turn = dx[2]
     v_cos = math.sin(turn) / turn if turn != 0.0 else 1.0
     v_sin = 2.0 * math.sin(turn / 2.0) ** 2 / turn if turn != 0.0 else 0.0
@@ -134,7 +134,12 @@ def move_invariantly(state: Float, size: int, dx: Float, u: Float) -> None:
     state[2] = wrap(state[2] + turn)
     u[2] = 0.0
     for i in range(3, size, 2):
-        _move(state, dx, u, i, v_cos, v_sin)
+        if points[(i - 3) // 2]:
+            _move(state, dx, u, i, v_cos, v_sin)
+        else:
+            for k in (i, i + 1):
+                state[k] += dx[k]
+                u[k] = 0.0
 
 
 @kernel

@@ -9,10 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ekf.association import AssociatingFilter, Association
+from ekf.bearing_only import BearingFilter, Initialisation
 from ekf.compressed import CompressedFilter
 from ekf.filter import Correction, SlamFilter
-from ekf.rays import RayFilter, Rays
-from slam2d import Estimate, Int, Recording
+from ekf.history import History
+from ekf.rays import Rays
+from slam2d import Estimate, Recording
 
 CORRECTIONS: dict[str, Correction] = {
     "ekf": "standard",
@@ -21,40 +23,61 @@ CORRECTIONS: dict[str, Correction] = {
     "riekf": "right-invariant",
 }
 NEAREST_NEIGHBOUR = Association()  # the practical's rule and gate
-RAYS = Rays()
+FIS = Rays()
 
 
-def ekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR, rays: Rays = RAYS) -> Estimate:
+def ekf(
+    recording: Recording,
+    association: Association = NEAREST_NEIGHBOUR,
+    initialisation: Initialisation = FIS,
+    frames: int = 0,
+) -> Estimate:
     """Textbook EKF-SLAM (the practical, equations 1.1).
 
     Args:
         recording: known or unknown association.
         association: how observations find their landmarks where the recording has no ids.
-        rays: how landmarks begin where the recording has bearings alone.
+        initialisation: how landmarks begin where the recording has bearings alone.
+        frames: at how many steps, evenly spread from the first to the last, `Estimate.history` keeps the map.
 
     Raises:
-        ValueError: bearings alone and unknown association at once.
+        ValueError: bearings without ids, and an initialisation that needs them.
     """
-    return _run(recording, CORRECTIONS["ekf"], association, rays)
+    return _run(recording, CORRECTIONS["ekf"], association, initialisation, frames)
 
 
-def fej_ekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR, rays: Rays = RAYS) -> Estimate:
+def fej_ekf(
+    recording: Recording,
+    association: Association = NEAREST_NEIGHBOUR,
+    initialisation: Initialisation = FIS,
+    frames: int = 0,
+) -> Estimate:
     """EKF-SLAM with first-estimates Jacobians (Huang, Mourikis and Roumeliotis, IJRR 2010); called as `ekf`.
 
     It leans on good first estimates: where landmarks are close to the robot, or first seen from a poorly known
     pose, it can diverge.
     """
-    return _run(recording, CORRECTIONS["fej-ekf"], association, rays)
+    return _run(recording, CORRECTIONS["fej-ekf"], association, initialisation, frames)
 
 
-def iekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR, rays: Rays = RAYS) -> Estimate:
+def iekf(
+    recording: Recording,
+    association: Association = NEAREST_NEIGHBOUR,
+    initialisation: Initialisation = FIS,
+    frames: int = 0,
+) -> Estimate:
     """Iterated EKF-SLAM (Bell and Cathey 1993), known to be less consistent than the plain EKF; called as `ekf`."""
-    return _run(recording, CORRECTIONS["iekf"], association, rays)
+    return _run(recording, CORRECTIONS["iekf"], association, initialisation, frames)
 
 
-def riekf(recording: Recording, association: Association = NEAREST_NEIGHBOUR, rays: Rays = RAYS) -> Estimate:
+def riekf(
+    recording: Recording,
+    association: Association = NEAREST_NEIGHBOUR,
+    initialisation: Initialisation = FIS,
+    frames: int = 0,
+) -> Estimate:
     """Right-invariant EKF-SLAM (Barrau and Bonnabel, arXiv 1510.06263); called as `ekf`."""
-    return _run(recording, CORRECTIONS["riekf"], association, rays)
+    return _run(recording, CORRECTIONS["riekf"], association, initialisation, frames)
 
 
 def dead_reckoning(recording: Recording) -> Estimate:
@@ -79,7 +102,10 @@ class Step(NamedTuple):
     seconds: float
 
 
-def drive(slam: SlamFilter | CompressedFilter | AssociatingFilter | RayFilter, recording: Recording) -> Iterator[Step]:
+Filter = SlamFilter | AssociatingFilter | BearingFilter
+
+
+def drive(slam: Filter | CompressedFilter, recording: Recording) -> Iterator[Step]:
     """Feed a recording to a filter, step 0, 1, ..., N."""
     for k, scan in enumerate(recording.scans()):
         start = perf_counter()
@@ -89,23 +115,23 @@ def drive(slam: SlamFilter | CompressedFilter | AssociatingFilter | RayFilter, r
         yield Step(nis, dof, perf_counter() - start)
 
 
-def _run(recording: Recording, correction: Correction, association: Association, rays: Rays) -> Estimate:
-    start = (recording.prior_mean, recording.prior_cov, correction)
-    if recording.sensor == "bearing":
-        slam = RayFilter(*start, rays)
-    elif recording.landmark is None:
-        slam = AssociatingFilter(recording.sensor, *start, association)
-    else:
-        slam = SlamFilter(recording.sensor, *start, landmarks=len(np.unique(recording.landmark)))
+def _run(
+    recording: Recording, correction: Correction, association: Association, initialisation: Initialisation, frames: int
+) -> Estimate:
+    slam = _filter(recording, correction, association, initialisation)
     steps = recording.steps
     poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
     nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1)
-    given = [np.zeros(0, dtype=np.int64)]
+    members, given = np.zeros(steps + 1, dtype=np.int64), [np.zeros(0, dtype=np.int64)]
+    history = History(steps, frames)
     for k, step in enumerate(drive(slam, recording)):
         nis[k], nis_dof[k], seconds[k] = step
         poses[k], pose_covs[k] = slam.pose, slam.pose_cov
-        if isinstance(slam, AssociatingFilter):
+        if not isinstance(slam, SlamFilter):
             given.append(slam.associated)
+        if isinstance(slam, BearingFilter):
+            members[k] = slam.member_count
+        history.keep(k, slam)
     return Estimate(
         kind="filtered",
         poses=poses,
@@ -113,19 +139,22 @@ def _run(recording: Recording, correction: Correction, association: Association,
         landmark_ids=slam.landmark_ids,
         landmarks=slam.landmarks,
         landmark_covs=slam.landmark_covs,
-        association=_associations(slam, recording, given),
+        association=recording.landmark if isinstance(slam, SlamFilter) else slam.standing(np.concatenate(given)),
         nis=nis,
         nis_dof=nis_dof,
         seconds=seconds,
+        rays=slam.ray_log(members) if isinstance(slam, BearingFilter) else None,
+        history=history.kept(),
     )
 
 
-def _associations(
-    slam: SlamFilter | AssociatingFilter | RayFilter, recording: Recording, given: list[Int]
-) -> Int | None:
-    """What became of the associations (M,) that a filter has made; lost landmarks have none."""
-    if isinstance(slam, AssociatingFilter):
-        return slam.standing(np.concatenate(given))
-    if isinstance(slam, RayFilter) and recording.landmark is not None:
-        return np.where(np.isin(recording.landmark, slam.landmark_ids), recording.landmark, -1)
-    return recording.landmark
+def _filter(
+    recording: Recording, correction: Correction, association: Association, initialisation: Initialisation
+) -> Filter:
+    """The online filter that the recording calls for."""
+    start = (recording.prior_mean, recording.prior_cov, correction)
+    if recording.sensor == "bearing":
+        return BearingFilter(*start, initialisation, association if recording.landmark is None else None)
+    if recording.landmark is None:
+        return AssociatingFilter(recording.sensor, *start, association)
+    return SlamFilter(recording.sensor, *start, landmarks=len(np.unique(recording.landmark)))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ekf import kernels, map_edits
+from ekf import kernels, linear, map_edits
 from ekf.compatibility import Pairs, allocate_pairs, find_compatible, mark_ambiguous, search_jointly
 from ekf.corrections import (
     MAX_ITERATIONS,
@@ -212,8 +212,13 @@ class SlamFilter:
 
     def _room_for(self, count: int) -> Workspace:
         if count > len(self._work.ids):
-            self._work = allocate(count, len(self._state), self._rule.block)
+            self._renew_workspace(count)
         return self._work
+
+    def _renew_workspace(self, observations: int) -> None:
+        points = self._work.points
+        self._work = allocate(observations, len(self._state), self._rule.block)
+        self._work.points[: len(points)] = points
 
     def _update_and_map(self, ids: Int, values: Float, covs: Float) -> tuple[float, int]:
         """An update in which some landmarks are new: first the mapped ones, then augmentation.
@@ -222,7 +227,7 @@ class SlamFilter:
         others correct it in an update of their own.
         """
         if self._sensor == BEARING:
-            raise ValueError("landmark: a bearing alone places no landmark; use ekf.rays.RayFilter")
+            raise ValueError("landmark: a bearing alone places no landmark; use ekf.bearing_only.BearingFilter")
         if not (np.isfinite(values).all() and np.isfinite(covs).all() and (np.linalg.eigvalsh(covs) > 0).all()):
             raise ValueError("observation: a value is not finite, or a covariance not positive definite; drop the row")
         mapped = np.isin(ids, self._ids)
@@ -252,6 +257,54 @@ class SlamFilter:
         kernels.augment(sensor, self._state, self._point, self._cov, self._size, count, self._work)
         self._size += 2 * count
         self._index(np.concatenate([self._ids, ids]))
+
+    def columns_of(self, ids: Int) -> Int:
+        """Entries (2m,) of the state that the landmarks (m,) take up."""
+        first = 3 + 2 * self.slots_of(ids)
+        return np.column_stack([first, first + 1]).ravel()
+
+    def entries(self, columns: Int) -> Float:
+        """What the state holds in `columns`; 0, 1, 2 are the robot's."""
+        return self._state[columns]
+
+    def block(self, columns: Int) -> Float:
+        """Covariance (c, c) of the entries in `columns` (c,)."""
+        return self._cov[np.minimum.outer(columns, columns), np.maximum.outer(columns, columns)]
+
+    def add_linear(
+        self, ids: Int, values: Float, columns: Int, jacobian: Float, own_cov: Float, points: Sequence[bool]
+    ) -> None:
+        """Append to the state what is known of it by its Jacobian.
+
+        Args:
+            ids: (m,) as for landmarks; each takes two entries.
+            values: (2m,).
+            columns: (c,) of the state, on which they depend ...
+            jacobian: (2m, c) ... in this way, ...
+            own_cov: (2m, 2m) with noise of their own.
+            points: (m,) which of them are positions in the plane (see `ekf.corrections`: these turn with the map).
+        """
+        first, size = self._size, self._size + len(values)
+        self._reserve(size)
+        self._state[first:size] = self._point[first:size] = values
+        linear.append_linear(self._cov, first, columns, jacobian, own_cov)
+        self._work.points[(first - 3) // 2 : (size - 3) // 2] = points
+        self._size = size
+        self._index(np.concatenate([self._ids, ids]))
+
+    def correct_linear(self, columns: Int, jacobian: Float, innovation: Float, noise_cov: Float) -> float:
+        """Correct with innovations (r,) whose Jacobian (r, c) on `columns` (c,) is given; returns the NIS.
+
+        Raises:
+            ValueError: there is no update, because something is not finite or `noise_cov` not positive definite.
+        """
+        rows, size = len(innovation), self._size
+        dx, W, S = self._work.scratch[0], np.empty((rows, size)), np.empty((rows, rows))
+        nis = linear.take_in_linear(self._cov, size, columns, jacobian, innovation, noise_cov, W, S, dx)
+        if not np.isfinite(nis):
+            raise ValueError(f"observation: no update exists; {SOUND}")
+        self._rule.retract(self._state, self._cov, size, self._work)
+        return nis
 
     def update_one_by_one(
         self, values: Float, covs: Float, gate: float, new_gate: float, next_id: int
@@ -283,11 +336,14 @@ class SlamFilter:
 
         They are valid until the next call.
         """
+        work, given = self._room_for(len(values)), len(values)
+        self._load(values, covs)
         belief = (self._sensor, self._state, self._point, self._cov, self._size)
-        count = find_compatible(*belief, values, covs, gate, self._pairs)
+        scan = (work.observation[:given], work.observation_cov[:given])
+        count = find_compatible(*belief, *scan, gate, self._pairs)
         if count < 0:
             self._pairs = allocate_pairs(-2 * count)
-            count = find_compatible(*belief, values, covs, gate, self._pairs)
+            count = find_compatible(*belief, *scan, gate, self._pairs)
         return self._pairs, count
 
     def innovations(self, slots: Int, values: Float, covs: Float) -> tuple[Float, Float]:
@@ -304,21 +360,28 @@ class SlamFilter:
         """Slots (m,) of mapped landmarks (m,)."""
         return self._sorted_slots[np.searchsorted(self._sorted_ids, ids)]
 
-    def jointly_compatible(self, covs: Float, count: int, gate: float, quantiles: Float, node_limit: int) -> Int:
-        """Slots (m,) of the best joint association of the first `count` pairs of `compatible`, -1 for none.
+    def jointly_compatible(self, given: int, count: int, gate: float, quantiles: Float, node_limit: int) -> Int:
+        """Slots of the best joint association of the first `count` pairs of `compatible`, -1 for none.
 
-        See `ekf.compatibility.search_jointly`.
+        Args:
+            given: number m of the observations that `compatible` was given.
+            count: how many pairs.
+            gate: see `ekf.compatibility.search_jointly`, also for the others.
+            quantiles: (m + 1,).
+            node_limit: pairs to try.
         """
-        best = np.empty(len(covs), dtype=np.int64)
+        best = np.empty(given, dtype=np.int64)
+        covs = self._work.observation_cov[:given]
         search_jointly(self._cov, covs, self._pairs, count, gate, quantiles, node_limit, best)
         return best
 
-    def ambiguous(self, covs: Float, count: int, gate: float, margin: float, slots: Int) -> NDArray[np.bool_]:
-        """Which observations (m,) another association than `slots` explains nearly as well.
+    def ambiguous(self, count: int, gate: float, margin: float, slots: Int) -> NDArray[np.bool_]:
+        """Which observations (m,) of `compatible` another association than `slots` (m,) explains nearly as well.
 
         See `ekf.compatibility.mark_ambiguous`.
         """
         marks = np.zeros(len(slots), dtype=np.bool_)
+        covs = self._work.observation_cov[: len(slots)]
         mark_ambiguous(self._cov, covs, self._pairs, count, gate, margin, slots, marks)
         return marks
 
@@ -326,6 +389,8 @@ class SlamFilter:
         """Take a landmark out of the map (marginalise it); the last landmark moves into its slot."""
         map_edits.remove_landmark(self._state, self._point, self._cov, self._size, slot)
         self._size -= 2
+        points, last = self._work.points, (self._size - 3) // 2
+        points[slot], points[last] = points[last], True
         ids = self._ids.copy()
         ids[slot] = ids[-1]
         self._index(ids[:-1])
@@ -358,4 +423,4 @@ class SlamFilter:
         cov = np.zeros((capacity, capacity))
         cov[:used, :used] = self._cov[:used, :used]
         self._cov = cov
-        self._work = allocate(len(self._work.ids), capacity, self._rule.block)
+        self._renew_workspace(len(self._work.ids))

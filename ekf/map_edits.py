@@ -7,15 +7,10 @@ then one of the two goes.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ekf.compiled import cholesky, combine_rows, kernel, solve_factor, subtract_gram
 from ekf.kernels import mirror_robot_block
-from ekf.workspace import Workspace
+from ekf.workspace import Marks, Workspace
 from slam2d import Float, Int
-
-Marks = NDArray[np.bool_]
 
 NOTHING = (-1, -1)
 

@@ -298,7 +298,7 @@ def _take_in(
         _fill_turn(state, anchor, size, u)
         for j in range(size):
             dx[j] += u[j] * dx[2]
-        move_invariantly(state, size, dx, u)
+        move_invariantly(state, size, work.points, dx, u)
     else:
         for j in range(size):
             state[j] += dx[j]

@@ -1,4 +1,4 @@
-"""Bearing-only SLAM with undelayed initialisation: a landmark begins as a ray of members and becomes a point.
+"""Undelayed initialisation of bearing-only landmarks (FIS): each begins as a ray of members and becomes a point.
 
 A first bearing puts members at distances in geometric progression along the ray, each with a standard deviation
 that grows with its distance. Later bearings weigh the members; the improbable ones go, and the last one is an
@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ekf.filter import Correction, SlamFilter
-from slam2d import Float, Int, Observations
+from ekf.filter import SlamFilter
+from ekf.young import NO_MEMBERS, Members, RayRecorder
+from slam2d import Float, Int
 
 Sharing = Literal["federated", "uniform", "none", "best", "weights"]
 
@@ -73,10 +73,11 @@ class Rays:
 
 @dataclass
 class Ray:
-    """Members of a landmark that is no point yet: their ids in the filter, and log weights (normalised)."""
+    """Members of a landmark that is no point yet: ids in the filter, log weights (normalised), numbers at birth."""
 
     members: Int
     log_weights: Float
+    numbers: Int
     born_with: int
     failures: int = 0
 
@@ -85,96 +86,65 @@ MIN_SHARE = 0.05  # members with a smaller share are not corrected
 SAME = 1.2  # two members with distances nearer than this ratio are one
 
 
-class RayFilter:
-    """Online bearing-only SLAM with known association.
+class YoungRays:
+    """The rays of a filter; see `Young` for its methods."""
 
-    Args:
-        prior_mean: (3,) start pose.
-        prior_cov: (3, 3) its covariance; zero is legal.
-        correction: see `SlamFilter`.
-        rays: see `Rays`.
-    """
-
-    def __init__(
-        self, prior_mean: ArrayLike, prior_cov: ArrayLike, correction: Correction = "standard", rays: Rays | None = None
-    ) -> None:
-        self._slam = SlamFilter("bearing", prior_mean, prior_cov, correction)
-        self._settings = rays or Rays()
+    def __init__(self, slam: SlamFilter, settings: Rays) -> None:
+        self._slam = slam
+        self._settings = settings
         self._rays: dict[int, Ray] = {}
-        self._points: dict[int, int] = {}  # landmark: its id in the filter
-        self._members = 0  # ids given so far
+        self._next_id = 0
+        self.log = RayRecorder()
 
     @property
-    def pose(self) -> Float:
-        """(3,) x, y [m], heading [rad] in the world frame."""
-        return self._slam.pose
+    def names(self) -> dict[int, Ray]:
+        """Landmarks that are rays."""
+        return self._rays
 
-    @property
-    def pose_cov(self) -> Float:
-        """(3, 3) covariance of the additive pose error in the world frame."""
-        return self._slam.pose_cov
-
-    @property
-    def cov(self) -> Float:
-        """(3 + 2n, 3 + 2n) covariance of the robot and all n points and members."""
-        return self._slam.cov
-
-    @property
-    def ray_members(self) -> dict[int, int]:
-        """Landmarks that are still rays, and how many members each has."""
-        return {name: len(ray.members) for name, ray in self._rays.items()}
-
-    @property
-    def landmark_ids(self) -> Int:
-        """(L,) ids of the landmarks, points and rays."""
-        return np.array([*self._points, *self._rays], dtype=np.int64)
-
-    @property
-    def landmarks(self) -> Float:
-        """(L, 2) their positions [m]; of a ray that of its heaviest member."""
-        return self._slam.landmarks[self._heaviest()]
-
-    @property
-    def landmark_covs(self) -> Float:
-        """(L, 2, 2) their covariances [m^2]; of a ray that of its heaviest member."""
-        return self._slam.landmark_covs[self._heaviest()]
-
-    def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
-        """Move by a body-frame increment; see `SlamFilter.predict`."""
-        self._slam.predict(increment, cov)
-
-    def update(self, observations: Observations) -> tuple[float, int]:
-        """Weigh rays, correct with all bearings of one step, then begin rays for what is new.
-
-        Returns:
-            The normalised innovation squared of the points and its degrees of freedom.
-        """
-        ids, values, covs = observations
-        if ids is None:
-            raise ValueError("landmark: this filter needs known association; give the ids of the observations")
-        names = ids.tolist()
-        points = [row for row, name in enumerate(names) if name in self._points]
-        slots = self._slam.slots_of(np.array([self._points[names[row]] for row in points], dtype=np.int64))
-        result = self._slam.correct(slots, values[points], covs[points])
-        rows, members, shares = self._weigh_rays(names, values, covs)
-        self._slam.correct(self._slam.slots_of(members), values[rows], covs[rows] / shares[:, None, None])
+    def observe(self, step: int, names: list[int], values: Float, covs: Float) -> dict[int, int]:
+        """Weigh the rays that were seen, correct their members in one update, then begin rays for what is new."""
+        rows, members, shares, points = [], [], [], dict[int, int]()
+        known = [(row, name) for row, name in enumerate(names) if name in self._rays]
+        for row, name in known:
+            given, share = self._weigh(step, name, values[row : row + 1], covs[row : row + 1])
+            rows.append(np.full(len(given), row))
+            members.append(given)
+            shares.append(share)
+            if len(given) == 1 and name not in self._rays:
+                points[name] = int(given[0])
+        if rows:
+            row = np.concatenate(rows)
+            share = np.concatenate(shares)[:, None, None]
+            self._slam.correct(self._slam.slots_of(np.concatenate(members)), values[row], covs[row] / share)
         for row, name in enumerate(names):
-            if name not in self._rays and name not in self._points:
-                self._begin(name, values[row], covs[row])
-        return result
+            if name not in self._rays and name not in points:
+                self._begin(step, name, values[row], covs[row])
+        return points
 
-    def _weigh_rays(self, names: list[int], values: Float, covs: Float) -> tuple[Int, Int, Float]:
-        """Weigh the rays that were seen; rows of the scan, members to be corrected and their shares."""
-        rows, members, shares = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
-        for row, name in enumerate(names):
-            if name in self._rays:
-                given, share = self._weigh(name, values[row : row + 1], covs[row : row + 1])
-                rows.append(np.full(len(given), row))
-                members.append(given)
-                shares.append(share)
-        return np.concatenate(rows), np.concatenate(members), np.concatenate(shares)
+    def members(self) -> Members:
+        """Every member of every ray."""
+        if not self._rays:
+            return NO_MEMBERS
+        rays = self._rays.values()
+        slots = self._slam.slots_of(np.concatenate([ray.members for ray in rays]))
+        return Members(
+            landmark=np.repeat([*self._rays], [len(ray.members) for ray in rays]),
+            number=np.concatenate([ray.numbers for ray in rays]),
+            weight=np.exp(np.concatenate([ray.log_weights for ray in rays])),
+            position=self._slam.landmarks[slots],
+            cov=self._slam.landmark_covs[slots],
+        )
 
-    def _weigh(self, name: int, value: Float, cov: Float) -> tuple[Int, Float]:
+    def member_ids(self) -> dict[int, Int]:
+        """Ids of every ray's members."""
+        return {name: ray.members for name, ray in self._rays.items()}
+
+    def forget(self, step: int, name: int) -> None:
+        """Take a ray out of the state; it is lost."""
+        self._remove(self._rays.pop(name).members)
+        self.log.end(step, name)
+
+    def _weigh(self, step: int, name: int, value: Float, cov: Float) -> tuple[Int, Float]:
         """Weigh the members of a ray by a bearing (1, 1) with covariance (1, 1, 1); prune, collapse, or lose it.
 
         Returns the members that the bearing corrects, and the share rho of each.
@@ -187,24 +157,27 @@ class RayFilter:
         if squared.min() > settings.gate:
             ray.failures += 1
             if ray.failures >= settings.lost_after:
-                self._remove(ray.members)
-                del self._rays[name]
+                self.forget(step, name)
             return ray.members[:0], np.zeros(0)
         ray.failures = 0
         weights = _normalised(ray.log_weights - squared / 2.0 - np.log(Z[:, 0, 0]) / 2.0)
-        kept = weights >= math.log(settings.threshold / ray.born_with)
+        self._prune(ray, weights, slots)
+        if len(ray.members) == 1:
+            del self._rays[name]
+            self.log.end(step, name, int(ray.numbers[0]))
+            return ray.members, np.ones(1)
+        return self._shares(ray)
+
+    def _prune(self, ray: Ray, weights: Float, slots: Int) -> None:
+        """Give the members, in `slots`, these log weights; those that are improbable now, or one with another, go."""
+        kept = weights >= math.log(self._settings.threshold / ray.born_with)
         if kept.sum() == 2:
             near, far = sorted(np.hypot(*(self._slam.landmarks[slots[kept]] - self._slam.pose[:2]).T))
             if far < SAME * near:
                 kept[:] = False
         kept[np.argmax(weights)] = True
         self._remove(ray.members[~kept])
-        ray.members, ray.log_weights = ray.members[kept], _normalised(weights[kept])
-        if len(ray.members) == 1:
-            self._points[name] = int(ray.members[0])
-            del self._rays[name]
-            return ray.members, np.ones(1)
-        return self._shares(ray)
+        ray.members, ray.numbers, ray.log_weights = ray.members[kept], ray.numbers[kept], _normalised(weights[kept])
 
     def _shares(self, ray: Ray) -> tuple[Int, Float]:
         weights = np.exp(ray.log_weights)
@@ -219,26 +192,23 @@ class RayFilter:
             return ray.members[:0], np.zeros(0)
         return ray.members, np.full(len(weights), 1.0 if sharing == "none" else 1.0 / len(weights))
 
-    def _begin(self, name: int, value: Float, cov: Float) -> None:
+    def _begin(self, step: int, name: int, value: Float, cov: Float) -> None:
         """Put the members of a new ray along a bearing (1,) with covariance (1, 1)."""
         distances = self._settings.distances()
-        members = self._members + np.arange(len(distances))
-        self._members += len(distances)
-        sights = np.column_stack([distances, np.full(len(distances), value[0])])
-        sight_covs = np.zeros((len(distances), 2, 2))
+        count = len(distances)
+        members = np.arange(self._next_id, self._next_id + count)
+        self._next_id += count
+        sights = np.column_stack([distances, np.full(count, value[0])])
+        sight_covs = np.zeros((count, 2, 2))
         sight_covs[:, 0, 0] = (self._settings.alpha * distances) ** 2
         sight_covs[:, 1, 1] = cov[0, 0]
         self._slam.add(members, sights, sight_covs)
-        self._rays[name] = Ray(members, np.full(len(members), -math.log(len(members))), len(members))
+        self._rays[name] = Ray(members, np.full(count, -math.log(count)), np.arange(count), count)
+        self.log.begin(step, name, distances)
 
     def _remove(self, members: Int) -> None:
         for member in members.tolist():
             self._slam.remove(int(self._slam.slots_of(np.array([member]))[0]))
-
-    def _heaviest(self) -> Int:
-        """Slots (L,) of the points and of the heaviest member of every ray."""
-        heaviest = [int(ray.members[np.argmax(ray.log_weights)]) for ray in self._rays.values()]
-        return self._slam.slots_of(np.array([*self._points.values(), *heaviest], dtype=np.int64))
 
 
 def _normalised(log_weights: Float) -> Float:

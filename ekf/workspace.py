@@ -5,8 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slam2d import Float, Int
+
+Marks = NDArray[np.bool_]
 
 
 class Workspace(NamedTuple):
@@ -21,6 +24,7 @@ class Workspace(NamedTuple):
     S: Float  # (2b, 2b)
     W: Float  # (2b, capacity)
     scratch: Float  # (3, capacity)
+    points: Marks  # (capacity // 2,) which slots hold a position in the plane, that turns with the map
 
 
 def allocate(observations: int, capacity: int, block: int) -> Workspace:
@@ -36,4 +40,5 @@ def allocate(observations: int, capacity: int, block: int) -> Workspace:
         S=np.zeros((block_rows, block_rows)),
         W=np.zeros((block_rows, capacity)),
         scratch=np.zeros((3, capacity)),
+        points=np.ones(capacity // 2, dtype=np.bool_),
     )

@@ -11,9 +11,8 @@ from gtsam.symbol_shorthand import L, X
 
 from graph_baseline.factors import LENT_SLIP, GraphBuilder, read_values, require_known_landmarks
 from graph_baseline.smoother import solve_at
-from graph_baseline.triangulation import triangulate
 from graph_baseline.undetermined import explained
-from slam2d import Estimate, Float, Int, Recording, rotation
+from slam2d import Estimate, Float, Int, Recording, rotation, triangulate
 
 
 @dataclass(frozen=True)

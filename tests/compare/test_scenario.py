@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from compare.scenario import ScenarioError, load_scenario, shipped_scenarios
+from compare.scenario_schema import Fis
 from slam2d import Float, chain
 
 Write = Callable[[str], str]
@@ -342,7 +343,7 @@ def test_rays_that_cannot_be(overrides: list[str], mistake: str):
 
 def test_rays_reach_as_far_as_the_sensor_unless_it_is_said_otherwise():
     for override, s_max in (("sensor.max_range=7", 7.0), ("fis.s_max=20", 20.0)):
-        rays = load_scenario("q4-ring", [override]).rays
-        assert rays is not None
+        rays = load_scenario("q4-ring", [override]).beginning
+        assert isinstance(rays, Fis)
         assert rays.s_max == s_max
-    assert load_scenario("q1-long-dense").rays is None
+    assert load_scenario("q1-long-dense").beginning is None

@@ -9,9 +9,10 @@ import pytest
 
 from compare import load_scenario, simulate
 from ekf import ekf, riekf
+from ekf.bearing_only import BearingFilter
 from ekf.estimators import drive
 from ekf.filter import Correction
-from ekf.rays import MIN_SHARE, RayFilter, Rays
+from ekf.rays import MIN_SHARE, Rays
 from slam2d import Float, Observations, rotation, wrap
 
 CORRECTIONS = pytest.mark.parametrize("correction", ["standard", "right-invariant"])
@@ -102,7 +103,7 @@ def test_a_ray_by_the_book():
     """One landmark, seen from a bending path, until one member is left; every state and covariance of it."""
     rng = np.random.default_rng(4)
     mean, cov = np.array([0.3, -0.2, 0.5]), np.diag([0.01, 0.02, 0.001])
-    slam, twin = RayFilter(mean, cov, rays=Rays(beta=2.0)), Twin(mean, cov, Rays(beta=2.0))
+    slam, twin = BearingFilter(mean, cov, initialisation=Rays(beta=2.0)), Twin(mean, cov, Rays(beta=2.0))
     truth, landmark, R = mean.copy(), np.array([4.0, 3.5]), np.deg2rad(5.0) ** 2
     Q = np.diag([0.03, 0.0, 0.005]) ** 2
     members = [0]
@@ -125,7 +126,7 @@ def test_a_ray_by_the_book():
         np.testing.assert_allclose(slam.pose_cov, twin.P[:3, :3], atol=1e-11)
         best = int(np.argmax(twin.weights))
         np.testing.assert_allclose(slam.landmarks[0], twin.x[3 + 2 * best : 5 + 2 * best], atol=1e-8)
-        assert slam.ray_members == ({7: len(twin.weights)} if len(twin.weights) > 1 else {})
+        assert slam.young == ({7: len(twin.weights)} if len(twin.weights) > 1 else {})
         if len(twin.weights) == 1:
             break
     assert members[1] == 4
@@ -136,18 +137,18 @@ def test_a_ray_by_the_book():
 @CORRECTIONS
 def test_every_ray_collapses_and_covariances_stay_sound(correction: Correction):
     truth, recording = simulate(load_scenario("q4-ring", ["start=sampled"]), 0)
-    slam = RayFilter(recording.prior_mean, recording.prior_cov, correction, Rays())
+    slam = BearingFilter(recording.prior_mean, recording.prior_cov, correction, Rays())
     for _ in drive(slam, recording):
         P = slam.cov
         np.testing.assert_array_equal(P, P.T)
         assert np.linalg.eigvalsh(P)[0] > -1e-12 * np.trace(P)
-    assert not slam.ray_members
+    assert not slam.young
     assert truth.landmark_ids is not None
     assert set(slam.landmark_ids.tolist()) == set(truth.landmark_ids.tolist())
 
 
 def test_a_ray_that_fits_no_bearing_is_lost():
-    slam = RayFilter(np.zeros(3), np.zeros((3, 3)), rays=Rays(beta=2.0, lost_after=3))
+    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=Rays(beta=2.0, lost_after=3))
 
     def see(bearing: float) -> None:
         slam.update(Observations(np.array([1]), np.array([[bearing]]), np.array([[[1e-4]]])))
@@ -157,15 +158,15 @@ def test_a_ray_that_fits_no_bearing_is_lost():
     for _ in range(2):
         see(1.0)
         np.testing.assert_array_equal(slam.landmarks, before)
-    assert slam.ray_members == {1: 4}
+    assert slam.young == {1: 4}
     see(1.0)  # lost, and begun anew where it is seen
-    assert slam.ray_members == {1: 4}
+    assert slam.young == {1: 4}
     np.testing.assert_allclose(np.arctan2(*slam.landmarks[0][::-1]), 1.0, atol=1e-12)
 
 
 def test_without_ids_bearings_are_refused():
     with pytest.raises(ValueError, match="known association"):
-        RayFilter(np.zeros(3), np.eye(3)).update(Observations(None, np.zeros((1, 1)), np.ones((1, 1, 1))))
+        BearingFilter(np.zeros(3), np.eye(3)).update(Observations(None, np.zeros((1, 1)), np.ones((1, 1, 1))))
 
 
 def test_federated_sharing_beats_the_alternatives():
@@ -177,7 +178,7 @@ def test_federated_sharing_beats_the_alternatives():
         assert truth.poses is not None
         for sharing, found in errors.items():
             rays = Rays(beta=2.0, sharing=sharing)  # pyright: ignore[reportArgumentType]
-            difference = ekf(recording, rays=rays).poses[:, :2] - truth.poses[:, :2]
+            difference = ekf(recording, initialisation=rays).poses[:, :2] - truth.poses[:, :2]
             found.append(math.sqrt(np.square(difference).sum(axis=1).mean()))
     federated = np.mean(errors["federated"])
     assert np.mean(errors["none"]) > 1.3 * federated

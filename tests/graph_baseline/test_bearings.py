@@ -16,8 +16,8 @@ from graph_baseline import batch, cost, isam2
 from graph_baseline.factors import first_sights
 from graph_baseline.hindsight import finish
 from graph_baseline.linearisation import log_se2
-from graph_baseline.triangulation import triangulate
-from slam2d import Estimate, Float, Recording, Truth, between, wrap
+from graph_baseline.triangulation import SURE
+from slam2d import Estimate, Float, Recording, Truth, between, triangulate, wrap
 
 OPTIMA = pytest.mark.parametrize("optimum", [batch, isam2])
 
@@ -46,7 +46,7 @@ def test_exact_bearings_meet_in_the_landmark():
     landmark = np.array([3.0, 4.0])
     offset = landmark - poses[:, :2]
     bearings = wrap(np.arctan2(offset[:, 1], offset[:, 0]) - poses[:, 2])
-    found = triangulate(poses, bearings, np.full(3, 1e-4))
+    found = triangulate(poses, bearings, np.full(3, 1e-4), SURE)
     assert found.placed
     np.testing.assert_allclose(found.landmark, landmark, atol=1e-9)
 
@@ -62,7 +62,7 @@ def test_exact_bearings_meet_in_the_landmark():
     ],
 )
 def test_bearings_that_place_nothing(poses: Float, bearings: Float):
-    assert not triangulate(poses, bearings, np.full(len(poses), np.deg2rad(5.0) ** 2)).placed
+    assert not triangulate(poses, bearings, np.full(len(poses), np.deg2rad(5.0) ** 2), SURE).placed
 
 
 def residuals(recording: Recording, unknowns: Float) -> Float:

@@ -1,0 +1,193 @@
+"""The online filter for bearings alone: young landmarks are the initialisation's, points are a `SlamFilter`'s.
+
+A landmark begins young, in the way of the chosen initialisation: as a ray of members (`ekf.rays`), in inverse depth
+(`ekf.inverse_depth`), or waiting to be placed (`ekf.delayed`). What a scan sees of points corrects first, all at once;
+then the young ones have their turn.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ekf.association import Association
+from ekf.compatibility import NONE
+from ekf.delayed import Delayed, Waiting
+from ekf.filter import SOUND, Correction, SlamFilter
+from ekf.inverse_depth import InverseDepth, YoungDepths
+from ekf.ray_association import RayAssociation
+from ekf.rays import Rays, YoungRays
+from ekf.warm_up import compile_association_once
+from ekf.young import POINT, Members, Young, joined
+from slam2d import Float, Int, Observations, RayLog
+
+Initialisation = Rays | InverseDepth | Delayed
+
+NOBODY = -2  # owner of a slot that no bearing is compared with
+
+
+class BearingFilter:
+    """Online bearing-only SLAM.
+
+    Args:
+        prior_mean: (3,) start pose.
+        prior_cov: (3, 3) its covariance; zero is legal.
+        correction: see `SlamFilter`.
+        initialisation: how landmarks begin; as rays with their defaults if not given.
+        association: how bearings find their landmarks; None where they have ids.
+
+    Raises:
+        ValueError: an association for landmarks that do not begin as rays.
+    """
+
+    def __init__(
+        self,
+        prior_mean: ArrayLike,
+        prior_cov: ArrayLike,
+        correction: Correction = "standard",
+        initialisation: Initialisation | None = None,
+        association: Association | None = None,
+    ) -> None:
+        initialisation = Rays() if initialisation is None else initialisation
+        if association is not None and not isinstance(initialisation, Rays):
+            raise ValueError("association: only rays can be associated; give ids, or initialise by ekf.Rays")
+        self._slam = SlamFilter("bearing", prior_mean, prior_cov, correction)
+        self._young = _begin(self._slam, initialisation)
+        self._points: dict[int, int] = {}  # landmark: its id in the filter
+        self._step = 0
+        self._association = None
+        self._associated: Int = np.zeros(0, dtype=np.int64)
+        if association is not None:
+            compile_association_once()
+            self._association = RayAssociation(association)
+
+    @property
+    def pose(self) -> Float:
+        """(3,) x, y [m], heading [rad] in the world frame."""
+        return self._slam.pose
+
+    @property
+    def pose_cov(self) -> Float:
+        """(3, 3) covariance of the additive pose error in the world frame."""
+        return self._slam.pose_cov
+
+    @property
+    def cov(self) -> Float:
+        """(3 + 2n, 3 + 2n) covariance of the robot and everything else in the state."""
+        return self._slam.cov
+
+    @property
+    def landmark_ids(self) -> Int:
+        """(L,) ids of the landmarks: points, and young ones of which something can be said."""
+        return self._landmarks().landmark
+
+    @property
+    def landmarks(self) -> Float:
+        """(L, 2) their positions [m]; of a ray that of its heaviest member."""
+        return self._landmarks().position
+
+    @property
+    def landmark_covs(self) -> Float:
+        """(L, 2, 2) their covariances [m^2]; of a ray that of its heaviest member."""
+        return self._landmarks().cov
+
+    @property
+    def young(self) -> dict[int, int]:
+        """Landmarks that are no points yet, and how many members each has."""
+        landmark = self._young.members().landmark
+        return {name: int(np.sum(landmark == name)) for name in self._young.names}
+
+    @property
+    def member_count(self) -> int:
+        """How many members the young landmarks have."""
+        return len(self._slam.landmark_ids) - len(self._points) if self._young.log is not None else 0
+
+    @property
+    def associated(self) -> Int:
+        """(m,) id that each bearing of the current step was given, -1 if none."""
+        return self._associated
+
+    def standing(self, ids: Int) -> Int:
+        """What has become of ids given earlier: -1 where the landmark is none any more, or not one yet."""
+        return np.where(np.isin(ids, self.landmark_ids), ids, NONE)
+
+    def ray_log(self, members: Int) -> RayLog | None:
+        """What became of the rays, with the number of members (N+1,) after each step; None without rays."""
+        return None if self._young.log is None else self._young.log.log(members)
+
+    def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
+        """Move by a body-frame increment; see `SlamFilter.predict`."""
+        self._slam.predict(increment, cov)
+        self._step += 1
+        self._associated = self._associated[:0]
+
+    def update(self, observations: Observations) -> tuple[float, int]:
+        """Correct with the points' bearings of one step, then take in those of young and new landmarks.
+
+        Returns:
+            The normalised innovation squared of the points and its degrees of freedom.
+
+        Raises:
+            ValueError: no ids for a filter without association, or an update that has no solution.
+        """
+        values, covs = np.asarray(observations.value), np.asarray(observations.cov)
+        names = self._names(observations.landmark, values, covs)
+        self._associated = names
+        listed = names.tolist()
+        points = [row for row, name in enumerate(listed) if name in self._points]
+        slots = self._slam.slots_of(np.array([self._points[listed[row]] for row in points], dtype=np.int64))
+        result = self._slam.correct(slots, values[points], covs[points])
+        others = [row for row, name in enumerate(listed) if name not in self._points and name != NONE]
+        found = self._young.observe(self._step, [listed[row] for row in others], values[others], covs[others])
+        self._points |= found
+        if self._association is not None:
+            for name in self._association.false_starts({*self._young.names}):
+                self._young.forget(self._step, name)
+        return result
+
+    def _names(self, ids: Int | None, values: Float, covs: Float) -> Int:
+        if self._association is None:
+            if ids is None:
+                raise ValueError("landmark: this filter needs known association; give the ids of the observations")
+            return np.asarray(ids)
+        if not (np.isfinite(values).all() and np.isfinite(covs).all() and (covs > 0.0).all()):
+            raise ValueError(f"observation: no update exists for this scan; {SOUND}")
+        return self._association.names(self._slam, self._owners(), values, covs)
+
+    def _owners(self) -> Int:
+        """Landmark (n,) of each slot of the state."""
+        owners = np.full(len(self._slam.landmark_ids), NOBODY)
+        for name, member in self._points.items():
+            owners[self._slam.slots_of(np.array(member))] = name
+        for name, members in self._young.member_ids().items():
+            owners[self._slam.slots_of(members)] = name
+        return owners
+
+    def _landmarks(self) -> Members:
+        """A row for every landmark, points first; of equal members the nearest. Unconfirmed landmarks have none."""
+        rows = self.whole_map()
+        order = np.lexsort((-rows.number, rows.weight, rows.landmark))
+        heaviest = order[np.diff(rows.landmark[order], append=NONE) != 0]
+        if self._association is not None:
+            confirmed = [self._association.is_confirmed(name) for name in rows.landmark[heaviest].tolist()]
+            heaviest = heaviest[np.array(confirmed, dtype=bool)]
+        heaviest.sort()
+        landmark, number, weight = rows.landmark[heaviest], rows.number[heaviest], rows.weight[heaviest]
+        return Members(landmark, number, weight, rows.position[heaviest], rows.cov[heaviest])
+
+    def whole_map(self) -> Members:
+        """Every point and every member of young landmarks."""
+        slots = self._slam.slots_of(np.array([*self._points.values()], dtype=np.int64))
+        count = len(slots)
+        names = np.array([*self._points], dtype=np.int64)
+        positions, covs = self._slam.landmarks[slots], self._slam.landmark_covs[slots]
+        points = Members(names, np.full(count, POINT), np.ones(count), positions, covs)
+        return joined([points, self._young.members()])
+
+
+def _begin(slam: SlamFilter, initialisation: Initialisation) -> Young:
+    if isinstance(initialisation, Rays):
+        return YoungRays(slam, initialisation)
+    if isinstance(initialisation, InverseDepth):
+        return YoungDepths(slam, initialisation)
+    return Waiting(slam, initialisation)
