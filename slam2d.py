@@ -70,7 +70,8 @@ def chain(start: ArrayLike, increments: ArrayLike) -> Float:
 
 # --- bearings ---------------------------------------------------------------------------------
 
-REWEIGHTINGS = 5
+GAUSS_NEWTON_STEPS = 8
+SETTLED = 0.1  # standard deviations: a landmark that moves less has been found
 
 
 class Triangulation(NamedTuple):
@@ -82,7 +83,7 @@ class Triangulation(NamedTuple):
 
 
 def triangulate(poses: Float, bearings: Float, variances: Float, sure: float) -> Triangulation:
-    """Weighted least squares on the distances from the lines of sight.
+    """The landmark of largest likelihood: Gauss-Newton from the least squares on distances from the lines of sight.
 
     Args:
         poses: (n, 3) that saw the landmark.
@@ -95,21 +96,25 @@ def triangulate(poses: Float, bearings: Float, variances: Float, sure: float) ->
     """
     angle = poses[:, 2] + bearings
     along = np.column_stack([np.cos(angle), np.sin(angle)])
-    across = np.column_stack([-along[:, 1], along[:, 0]])
-    distance = np.ones(len(poses))
-    landmark, sigma, offset = poses[-1, :2] + along[-1], np.inf, along
-    for _ in range(REWEIGHTINGS):
-        weighted = across / (variances * distance**2)[:, None]
-        information = weighted.T @ across
+    gradient = np.column_stack([-along[:, 1], along[:, 0]])
+    residual = (gradient * poses[:, :2]).sum(axis=1)
+    landmark, sigma, step, offset, squared = np.zeros(2), np.inf, np.inf, along, np.ones(len(poses))
+    for _ in range(GAUSS_NEWTON_STEPS):
+        weighted = gradient / variances[:, None]
+        information = weighted.T @ gradient
         weakest = float(np.linalg.eigvalsh(information)[0])
         if not weakest > 1e-12 * float(np.trace(information)):
-            return Triangulation(landmark, np.inf, placed=False)
-        landmark = np.linalg.solve(information, weighted.T @ (across * poses[:, :2]).sum(axis=1))
-        sigma = 1.0 / np.sqrt(weakest)
+            return Triangulation(poses[-1, :2] + along[-1], np.inf, placed=False)
+        move = np.linalg.solve(information, weighted.T @ residual)
+        landmark = landmark + move
+        sigma, step = 1.0 / np.sqrt(weakest), float(np.hypot(*move))
         offset = landmark - poses[:, :2]
-        distance = np.maximum(np.hypot(*offset.T), 1e-3)
+        squared = np.maximum((offset**2).sum(axis=1), 1e-6)
+        gradient = np.column_stack([-offset[:, 1], offset[:, 0]]) / squared[:, None]
+        residual = wrap(angle - np.arctan2(offset[:, 1], offset[:, 0]))
     ahead = float(np.mean((offset * along).sum(axis=1) > 0.0))
-    return Triangulation(landmark, sigma, placed=bool(ahead > 0.5 and sigma < sure * distance.min()))
+    settled = step < SETTLED * sigma < SETTLED * sure * float(np.sqrt(squared.min()))
+    return Triangulation(landmark, sigma, placed=bool(ahead > 0.5 and settled))
 
 
 # --- data --------------------------------------------------------------------------------------

@@ -327,7 +327,7 @@ def mark_ambiguous(
             chosen[pairs.observation[c]] = c
     for c in range(count):
         for i in range(observations):
-            if best[i] == pairs.slot[c]:
+            if chosen[i] != NONE and pairs.owner[chosen[i]] == pairs.owner[c]:
                 holder[c] = chosen[i]
     taken = chosen[chosen != NONE]
     least = -1.0
@@ -352,7 +352,7 @@ def mark_ambiguous(
 def _crossed(pairs: Pairs, count: int, a: int, b: int) -> int:
     """The pair of a's observation and b's landmark, NONE if they are not compatible."""
     for c in range(count):
-        if pairs.observation[c] == pairs.observation[a] and pairs.slot[c] == pairs.slot[b]:
+        if pairs.observation[c] == pairs.observation[a] and pairs.owner[c] == pairs.owner[b]:
             return c
     return NONE
 

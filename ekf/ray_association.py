@@ -88,7 +88,9 @@ class RayAssociation:
         rarer = chdtrc(1.0, gate)  # probability beyond the gate, 1 degree of freedom
         quantiles = np.concatenate([[0.0], chdtri(np.arange(1.0, observations + 1), rarer)])
         slots = slam.jointly_compatible(observations, count, gate, quantiles, self._settings.node_limit)
-        return np.where(slots == NONE, NONE, owners[slots])
+        if self._settings.map_management is not None:
+            slots[slam.ambiguous(count, gate, self._settings.map_management.margin, slots)] = NONE
+        return np.append(owners, NONE)[slots]  # NONE is the last
 
 
 def _keep_nearest_members(pairs: Pairs, count: int, owners: Int) -> int:
