@@ -8,7 +8,7 @@ are those that stand at the end, after deletion and merging.
 from __future__ import annotations
 
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from compare.estimators import load_estimators, run_estimator
 from compare.intervals import Interval, bootstrap_interval
+from compare.ray_figures import RayFigures, describe, mean_figures, ray_figures
 from compare.scenario import Scenario
 from compare.scenario_schema import Assumed
 from compare.simulation import informed, simulate
@@ -44,27 +45,32 @@ class Rung:
 
 @dataclass(frozen=True)
 class ErrorBudget:
-    """The budget of one filter on one scenario; `costliest` is the rung above the first that adds most."""
+    """The budget of one filter on one scenario; `costliest` is the rung above the first that adds most.
+
+    `rays` is what became of the rays of a bearing-only filter, in the mean over runs.
+    """
 
     scenario: str
     filter: str
     runs: int
     rungs: tuple[Rung, ...]
     costliest: str
+    rays: RayFigures | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """The content of budget.json."""
+        """The content of budget.json; `rays` for bearings alone."""
         rungs = [
             {"name": rung.name, "mse_m2": rung.mse_m2, "increment_m2": rung.increment_m2._asdict()}
             for rung in self.rungs
         ]
-        return {
+        content: dict[str, Any] = {
             "scenario": self.scenario,
             "filter": self.filter,
             "runs": self.runs,
             "rungs": rungs,
             "costliest": self.costliest,
         }
+        return content if self.rays is None else {**content, "rays": self.rays._asdict()}
 
 
 def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, executor: Executor) -> ErrorBudget:
@@ -82,11 +88,12 @@ def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, exe
     seeds = [run_seed(seed, run) for run in range(runs)]
     futures = [executor.submit(rung_errors, scenario, each, filter_name) for each in seeds]
     try:
-        table = np.array([future.result() for future in tqdm(futures, disable=None, unit="run", desc=scenario.name)])
+        results = [future.result() for future in tqdm(futures, disable=None, unit="run", desc=scenario.name)]
     finally:
         for future in futures:
             future.cancel()
-    return summarise_budget(scenario.name, filter_name, table)
+    errors, rays = zip(*results, strict=True)
+    return replace(summarise_budget(scenario.name, filter_name, np.array(errors)), rays=mean_figures(rays))
 
 
 def summarise_budget(scenario: str, filter_name: str, table: Float) -> ErrorBudget:
@@ -100,8 +107,11 @@ def summarise_budget(scenario: str, filter_name: str, table: Float) -> ErrorBudg
     return ErrorBudget(scenario, filter_name, len(table), rungs, costliest)
 
 
-def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> Float:
-    """Mean squared position errors (5,) [m^2] of one run, a rung each; rungs that coincide are run once."""
+def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> tuple[Float, RayFigures | None]:
+    """Mean squared position errors (5,) [m^2] of one run, a rung each, and what became of the filter's rays.
+
+    Rungs that coincide are run once.
+    """
     truth, recording = simulate(scenario, seed)
     told = simulate(informed(scenario), seed)[1]
     assert truth.association is not None
@@ -119,7 +129,8 @@ def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> Float:
             associating = _run("isam2", recording.associated(own))
     except ValueError as error:
         raise ValueError(f"run with seed {seed}: {error}") from error
-    return np.array([_mse(truth, each) for each in (hindsight, causal, assuming, associating, estimate)])
+    errors = np.array([_mse(truth, each) for each in (hindsight, causal, assuming, associating, estimate)])
+    return errors, ray_figures(truth, recording, estimate)
 
 
 def _run(name: str, recording: Recording) -> Estimate:
@@ -138,7 +149,8 @@ def budget_table(budget: ErrorBudget) -> str:
         added, low, high = rung.increment_m2
         interval = "-" if low is None or high is None else f"{low:+.5f} to {high:+.5f}"
         rows.append((rung.name, RUNGS[rung.name], f"{rung.mse_m2:.5f}", f"{added:+.5f}", interval))
-    return "\n".join([*aligned(rows, words=2), "", verdict(budget)])
+    rays = [] if budget.rays is None else [f"Per run {describe(budget.rays)}."]
+    return "\n".join([*aligned(rows, words=2), "", verdict(budget), *rays])
 
 
 def verdict(budget: ErrorBudget) -> str:

@@ -86,7 +86,7 @@ def _settings(association: Association | None, beginning: Beginning | None, fram
     """A scenario's settings as a filter takes them."""
     import ekf
 
-    settings: dict[str, object] = {"frames": frames}
+    settings: dict[str, object] = {"frames": frames} if frames else {}
     if association is not None and association.method != "known":
         managed = association.method == "jcbb" if association.map_management is None else association.map_management
         management = ekf.MapManagement() if managed else None

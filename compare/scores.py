@@ -12,6 +12,7 @@ from compare.consistency import sigma_ratios, squared_mahalanobis
 from compare.defined import mean, number, rms
 from compare.landmark_identity import association_figures, landmark_errors, true_landmarks
 from compare.loop_closures import LoopClosure, closure_steps, describe_closures
+from compare.ray_figures import RayFigures, ray_figures
 from compare.trajectory_error import align, pose_errors, step_errors
 from slam2d import Estimate, Float, Kind, Recording, Truth
 
@@ -42,6 +43,7 @@ class Score:
         observations_rejected: number of observations given to none.
         track_purity: mean over tracks of the largest share of their observations that come from one landmark.
         track_purity_min: that share of the least pure track.
+        rays: what became of the rays of a bearing-only estimate.
         ratio_to_optimum: ATE over the optimum's ATE.
         sigma_ratio_to_optimum: mean over time of sigma over the optimum's, for x, y and heading.
         mahalanobis_to_optimum: mean over time of the squared Mahalanobis distance to the optimum, under the
@@ -75,6 +77,7 @@ class Score:
     observations_rejected: int | None
     track_purity: float | None
     track_purity_min: float | None
+    rays: RayFigures | None
     ratio_to_optimum: float | None
     sigma_ratio_to_optimum: tuple[float | None, ...] | None
     mahalanobis_to_optimum: float | None
@@ -88,10 +91,14 @@ class Score:
     nis_dof_total: int
 
     def to_json(self) -> dict[str, Any]:
-        """The estimator's entry in metrics.json: plain numbers, lists and None."""
+        """The estimator's entry in metrics.json: plain numbers, lists and None; `rays` only where there are any."""
         entry = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in NOT_IN_JSON}
         if self.sigma_ratio_to_optimum is not None:
             entry["sigma_ratio_to_optimum"] = list(self.sigma_ratio_to_optimum)
+        if self.rays is None:
+            del entry["rays"]
+        else:
+            entry["rays"] = self.rays._asdict()
         if self.loop_closure is not None:
             entry["loop_closure"] = [closure._asdict() for closure in self.loop_closure]
         return entry
@@ -163,6 +170,7 @@ def map_figures(truth: Truth, recording: Recording, estimate: Estimate, batch: E
         **association_figures(truth, recording, estimate)._asdict(),
         "final_distance_to_batch_m": final_distance,
         "landmark_distance_to_batch_m": map_distance,
+        "rays": ray_figures(truth, recording, estimate),
     }
 
 

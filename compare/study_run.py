@@ -12,6 +12,7 @@ from compare.consistency import squared_mahalanobis
 from compare.defined import number, rms
 from compare.estimators import load_estimators, run_estimator
 from compare.landmark_identity import landmark_errors, true_landmarks
+from compare.ray_figures import RayFigures
 from compare.scenario import Scenario
 from compare.scores import filter_figures, map_figures, pose_covs_of
 from compare.simulation import informed, simulate
@@ -52,6 +53,7 @@ FIGURES = (
     "observations_rejected",
     "track_purity",
     "seconds_total",
+    *(f"rays_{name}" for name in RayFigures._fields),
 )
 
 
@@ -99,6 +101,8 @@ def _outcome(name: str, estimator: Estimator, truth: Truth, recording: Recording
         known["observations"] = len(recording.observation)
         if estimate.seconds is None:
             known["seconds_total"] = seconds
+        rays = known["rays"]
+        known |= {f"rays_{name}": None if rays is None else getattr(rays, name) for name in RayFigures._fields}
         figures = {key: known[key] for key in FIGURES}
         return Outcome(name, estimate.kind, figures, series.astype(np.float32).tobytes())
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened

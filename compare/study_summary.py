@@ -12,6 +12,7 @@ from compare.comparison import OPTIMUM
 from compare.consistency import chi2_band
 from compare.defined import mean
 from compare.intervals import Interval, jackknife_interval, mean_interval, ratio_interval
+from compare.ray_figures import RayFigures, describe, mean_figures
 from compare.study_store import Runs
 from compare.text_table import aligned, interval_cell
 from slam2d import Float, Int
@@ -43,6 +44,7 @@ class EstimatorSummary:
         landmarks_mapped: per run; likewise those missed and the spurious ones.
         nees_share_inside_band: share of steps whose mean pose NEES over runs lies in its chi-square band.
         sigma_ratio_to_optimum_final: mean over runs of the last sigma over the optimum's: x, y, heading.
+        rays: what became of the rays of a bearing-only estimator, means over runs (`ray_figures.RayFigures`).
         seconds_total: mean over runs.
     """
 
@@ -68,16 +70,21 @@ class EstimatorSummary:
     landmarks_spurious: Interval | None
     nees_share_inside_band: float | None
     sigma_ratio_to_optimum_final: tuple[float | None, ...] | None
+    rays: RayFigures | None
     seconds_total: float | None
 
     def to_json(self) -> dict[str, Any]:
-        """The estimator's entry in summary.json."""
+        """The estimator's entry in summary.json; `rays` only where there are any."""
         entry: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
         entry = {key: value._asdict() if isinstance(value, Interval) else value for key, value in entry.items()}
         if self.nees_share_inside_band is not None:
             entry["nees_share_inside_band"] = {"level": BAND_LEVEL, "share": self.nees_share_inside_band}
         if self.sigma_ratio_to_optimum_final is not None:
             entry["sigma_ratio_to_optimum_final"] = list(self.sigma_ratio_to_optimum_final)
+        if self.rays is None:
+            del entry["rays"]
+        else:
+            entry["rays"] = self.rays._asdict()
         entry["seconds_total"] = {"mean": self.seconds_total}
         return entry
 
@@ -179,8 +186,15 @@ def _summarise(runs: Runs, others: Mapping[str, Runs]) -> EstimatorSummary:
         landmarks_spurious=mean_interval(figures["landmarks_spurious"]),
         nees_share_inside_band=mean(((average >= low) & (average <= high))[defined].astype(np.float64)),
         sigma_ratio_to_optimum_final=_final_sigma_ratio(runs, optimum),
+        rays=_rays(runs),
         seconds_total=mean(figures["seconds_total"]),
     )
+
+
+def _rays(runs: Runs) -> RayFigures | None:
+    columns = [runs.figures[f"rays_{name}"] for name in RayFigures._fields]
+    rows = (RayFigures(*row) for row in np.array(columns).T.tolist())
+    return mean_figures([row for row in rows if not np.isnan(row.members)])
 
 
 def reported_sigma(runs: Runs) -> Float:
@@ -254,8 +268,10 @@ def summary_table(summary: Summary) -> str:
         cells.append("-" if share is None else f"{share:.1%}")
         cells.append("-" if ratios is None else " ".join("-" if r is None else f"{r:.3f}" for r in ratios))
         rows.append(cells)
-    lines = aligned(rows, words=1)
-    return "\n".join([*lines, *failure_lines(summary)])
+    rays = [
+        f"{name}: a run's {describe(each.rays)}" for name, each in summary.estimators.items() if each.rays is not None
+    ]
+    return "\n".join([*aligned(rows, words=1), *rays, *failure_lines(summary)])
 
 
 def failure_lines(summary: Summary) -> list[str]:

@@ -100,7 +100,7 @@ class BearingFilter:
     @property
     def member_count(self) -> int:
         """How many members the young landmarks have."""
-        return len(self._slam.landmark_ids) - len(self._points) if self._young.log is not None else 0
+        return len(self._young.members().landmark)
 
     @property
     def associated(self) -> Int:

@@ -43,7 +43,7 @@ def test_wrong_noise_is_charged_to_the_noise() -> None:
     wrong = load_scenario("q1-long-dense", [*SHORT, "assumed.sensor_scale=0.01"])
     right = load_scenario("q1-long-dense", SHORT)
     for seed in range(2):
-        errors, honest = rung_errors(wrong, seed, "riekf"), rung_errors(right, seed, "riekf")
+        errors, honest = rung_errors(wrong, seed, "riekf")[0], rung_errors(right, seed, "riekf")[0]
         np.testing.assert_array_equal(errors[:2], honest[:2])
         assert errors[2] != errors[1]
         assert errors[3] == errors[2]
@@ -61,7 +61,7 @@ def test_wrong_associations_are_charged_to_the_associations(monkeypatch: pytest.
         return replace(isam2(seen), association=np.where(kept, given, -1))
 
     monkeypatch.setattr("ekf.ekf", confused)
-    errors = rung_errors(load_scenario("q1-long-dense", SHORT), 0, "ekf")
+    errors = rung_errors(load_scenario("q1-long-dense", SHORT), 0, "ekf")[0]
     assert errors[3] != errors[2]
     assert errors[2] == errors[1]
     assert errors[4] == errors[3]
@@ -69,8 +69,8 @@ def test_wrong_associations_are_charged_to_the_associations(monkeypatch: pytest.
 
 def test_a_filter_without_ids_pays_for_its_associations_alone() -> None:
     """At gate 100 on measurements that the optimum sees with their true noise and associations."""
-    errors = rung_errors(load_scenario("q2-gate-100", ["start=sampled", "trajectory.duration=30"]), 2, "ekf")
-    honest = rung_errors(load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=30"]), 2, "ekf")
+    errors = rung_errors(load_scenario("q2-gate-100", ["start=sampled", "trajectory.duration=30"]), 2, "ekf")[0]
+    honest = rung_errors(load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=30"]), 2, "ekf")[0]
     np.testing.assert_array_equal(errors[:3], honest[:3])
     assert errors[2] == errors[1]
     assert errors[3] > errors[2]
