@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from compare.scenario import Scenario
-from compare.scenario_schema import Association, Assumed, Sensor, Trajectory
+from compare.scenario_schema import Association, Assumed, Delayed, Fis, InverseDepth, Sensor, Trajectory
 from slam2d import Float, Int, Recording, Truth, chain, rotation, wrap
 
 
@@ -56,8 +56,9 @@ def informed(scenario: Scenario) -> Scenario:
 
     It is equal for scenarios that simulate the same, whatever estimators are told of it.
     """
-    told = {"name": "optimum", "description": "", "assumed": Assumed(), "association": Association()}
-    return scenario.model_copy(update=told)
+    default = {"assumed": Assumed(), "association": Association(), "initialisation": "fis"}
+    default |= {"fis": Fis(), "inverse_depth": InverseDepth(), "delayed": Delayed()}
+    return scenario.model_copy(update={"name": "optimum", "description": "", **default})
 
 
 def _start(scenario: Scenario, stream: np.random.SeedSequence) -> Float:

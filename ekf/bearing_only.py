@@ -17,7 +17,7 @@ from ekf.filter import SOUND, Correction, SlamFilter
 from ekf.inverse_depth import InverseDepth, YoungDepths
 from ekf.ray_association import RayAssociation
 from ekf.rays import Rays, YoungRays
-from ekf.warm_up import compile_association_once
+from ekf.warm_up import compile_association_once, compile_bearings_once
 from ekf.young import POINT, Members, Young, joined
 from slam2d import Float, Int, Observations, RayLog
 
@@ -51,6 +51,7 @@ class BearingFilter:
         initialisation = Rays() if initialisation is None else initialisation
         if association is not None and not isinstance(initialisation, Rays):
             raise ValueError("association: only rays can be associated; give ids, or initialise by ekf.Rays")
+        compile_bearings_once()
         self._slam = SlamFilter("bearing", prior_mean, prior_cov, correction)
         self._young = _begin(self._slam, initialisation)
         self._points: dict[int, int] = {}  # landmark: its id in the filter

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from ekf import compatibility, corrections, kernels, map_edits, one_by_one
+from ekf import compatibility, corrections, kernels, linear, map_edits, one_by_one
 from ekf.workspace import allocate
 
 ANNOUNCE_AFTER = 1.0  # s; loading kernels from the cache is faster than this
@@ -47,6 +47,20 @@ def compile_association_once() -> None:
         compatibility.mark_ambiguous(cov, covs, pairs, count, 9.0, 0.0, work.slots, marks[0, :1])
         map_edits.find_duplicate(state, cov, 7, work.slots, marks, 9.0, 1.0)
         map_edits.equate_landmarks(state, cov, 7, 0, 1, work)
+        map_edits.remove_landmark(state, state, cov, 7, 0)
+        corrections.retract_standard(state, cov, 5, work)
+        corrections.retract_right_invariant(state, cov, 5, work)
+
+
+@functools.cache
+def compile_bearings_once() -> None:
+    """The same for the kernels of young landmarks."""
+    state, cov, work = np.zeros(7), np.eye(7), allocate(1, 7, 1)
+    columns, jacobian, one = np.arange(3), np.zeros((1, 3)), np.ones((1, 1))
+    with _announced("kernels of young landmarks"):
+        kernels.describe(2, state, state, cov, 1, work, np.empty((1, 2, 2)))
+        linear.append_linear(cov, 3, columns, np.zeros((2, 3)), np.eye(2))
+        linear.take_in_linear(cov, 5, columns, jacobian, np.zeros(1), one, np.zeros((1, 7)), one.copy(), np.zeros(7))
         map_edits.remove_landmark(state, state, cov, 7, 0)
         corrections.retract_standard(state, cov, 5, work)
         corrections.retract_right_invariant(state, cov, 5, work)

@@ -72,9 +72,9 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
 def minimise(recording: Recording, graph: gtsam.NonlinearFactorGraph) -> tuple[Float, Float]:
     """Poses and landmarks of the lowest Levenberg-Marquardt solution of `graph`, slip lent."""
     with explained():
-        solution = _levenberg_marquardt(graph, _extended(recording, np.zeros((0, 3)), {}))
+        solution = levenberg_marquardt(graph, _extended(recording, np.zeros((0, 3)), {}))
         if not _as_noise_allows(recording, graph.error(solution)):
-            second = _levenberg_marquardt(graph, _grown_start(recording))
+            second = levenberg_marquardt(graph, _grown_start(recording))
             solution = min(solution, second, key=graph.error)
     return read_values(solution)
 
@@ -96,7 +96,7 @@ def _grown_start(recording: Recording) -> gtsam.Values:
         placed = placed_alone(part)
         part = part if placed is None else part.associated(placed)
         values = _extended(part, poses, known)
-        poses, landmarks = read_values(_levenberg_marquardt(build_graph(part, LENT_SLIP), values, iterations=2))
+        poses, landmarks = read_values(levenberg_marquardt(build_graph(part, LENT_SLIP), values, iterations=2))
         known = dict(zip(first_sights(part)[0].tolist(), landmarks, strict=True))
     return _extended(recording, poses, known)
 
@@ -113,9 +113,8 @@ def _extended(recording: Recording, poses: Float, known: dict[int, Float]) -> gt
     return make_values(path, landmark_ids, landmarks)
 
 
-def _levenberg_marquardt(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int = 100
-) -> gtsam.Values:
+def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int = 100) -> gtsam.Values:
+    """The minimum that GTSAM's Levenberg-Marquardt reaches from `values`, to be finished by exact steps (`finish`)."""
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setRelativeErrorTol(1e-5)
     parameters.setMaxIterations(iterations)

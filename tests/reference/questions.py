@@ -36,7 +36,7 @@ def _scores(
     name: str, filters: tuple[str, ...], runs: int, overrides: tuple[str, ...], *, graded: bool
 ) -> dict[str, list[Score]]:
     scenario = load_scenario(name, ["start=sampled", *overrides])
-    estimators = load_estimators(filters, association=scenario.association)
+    estimators = load_estimators(filters, association=scenario.association, beginning=scenario.beginning)
     told = informed(scenario).model_dump_json()
     found: dict[str, list[Score]] = {each: [] for each in filters}
     for seed in range(runs):
