@@ -21,6 +21,7 @@ ALLOWED = {
 # modules of `compare` that may import what no other may
 HOMES = {
     "matplotlib": {
+        "ellipses",
         "plots",
         "error_panels",
         "plot_style",
