@@ -22,6 +22,8 @@ ALLOWED = {
 HOMES = {
     "matplotlib": {
         "ellipses",
+        "map_layers",
+        "ray_strip",
         "plots",
         "error_panels",
         "plot_style",
