@@ -55,7 +55,7 @@ def compare_estimators(
         ValueError: the truth is of another recording; an estimator raised, or returned what does not fit, and
             then the estimator is named.
     """
-    _require_same_run(truth, recording)
+    require_same_run(truth, recording)
     if informed is None:
         informed = recording
         if recording.landmark is None and truth is not None and truth.association is not None:
@@ -78,7 +78,7 @@ def compare_estimators(
     return Comparison(truth, recording, estimates, scores)
 
 
-def _require_same_run(truth: Truth | None, recording: Recording) -> None:
+def require_same_run(truth: Truth | None, recording: Recording) -> None:
     """Refuse a truth of another length before any estimator spends its time."""
     for name, given, expected in (
         ("poses", truth and truth.poses, recording.steps + 1),

@@ -60,17 +60,23 @@ class MapLayer:
 class RobotLayer:
     """A robot: the path so far, where it stands and heads, and the 3-sigma ellipse of its position."""
 
-    def __init__(self, ax: Axes, style: Style, size: float, zorder: float = 2.5) -> None:
-        """Nothing yet, in that style; `size` [m] is from the robot's middle to its nose."""
+    def __init__(self, ax: Axes, style: Style, size: float, *, filled: bool = True) -> None:
+        """Nothing yet, in that style; `size` [m] is from the robot's middle to its nose.
+
+        A robot that is not filled is an outline above the others.
+        """
         self._size = size
-        self.path: Line2D = ax.plot([], [], color=style.color, linestyle=style.dashes, linewidth=1.0, zorder=zorder)[0]
-        self._body = Polygon(size * SHAPE, facecolor=style.color, edgecolor="w", linewidth=0.3, zorder=zorder + 1.5)
+        (self._path,) = ax.plot([], [], color=style.color, linestyle=style.dashes, linewidth=1.0, zorder=2.5)
+        solid: dict[str, Any] = {"facecolor": style.color, "edgecolor": "w", "linewidth": 0.3, "zorder": 4}
+        outline: dict[str, Any] = {"facecolor": "none", "edgecolor": style.color, "linewidth": 0.7, "zorder": 5}
+        self._body = Polygon(size * SHAPE, visible=False, **(solid if filled else outline))
         ax.add_patch(self._body)
-        self._ellipse = draw_ellipses(ax, NO_PLACES, NO_COVS, style.color, zorder)
+        self._ellipse = draw_ellipses(ax, NO_PLACES, NO_COVS, style.color, zorder=2.5)
 
     def show(self, poses: Float, cov: Float | None = None) -> None:
         """Show the poses so far (k+1, 3), and the covariance (3, 3) of the last one if there is any."""
-        self.path.set_data(*poses[:, :2].T)
+        self._path.set_data(*poses[:, :2].T)
+        self._body.set_visible(True)
         self._body.set_xy(poses[-1, :2] + self._size * SHAPE @ rotation(poses[-1, 2]).T)
         if cov is not None:
             move_ellipses(self._ellipse, poses[-1:, :2], cov[None, :2, :2])

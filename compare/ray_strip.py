@@ -80,7 +80,7 @@ def _limits(truth: Truth, estimate: Estimate, frames: list[RayFrame]) -> tuple[F
 def _draw_robots(ax: Axes, truth: Truth, estimate: Estimate, style: Style, size: float, step: int) -> None:
     """True and estimated robot with their paths up to the step."""
     if truth.poses is not None:
-        RobotLayer(ax, TRUE_ROBOT, size).show(truth.poses[: step + 1])
+        RobotLayer(ax, TRUE_ROBOT, size, filled=False).show(truth.poses[: step + 1])
     cov = None if estimate.pose_covs is None else estimate.pose_covs[step]
     RobotLayer(ax, style, size).show(estimate.poses[: step + 1], cov)
 

@@ -21,6 +21,8 @@ ALLOWED = {
 # modules of `compare` that may import what no other may
 HOMES = {
     "matplotlib": {
+        "animation",
+        "animation_scene",
         "ellipses",
         "map_layers",
         "ray_strip",
