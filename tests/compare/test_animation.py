@@ -145,6 +145,18 @@ def test_the_time_and_the_lines_of_sight_move():
         assert len(sight.get_segments()) == lines
 
 
+def test_a_scan_is_not_shown_again_in_later_frames():
+    truth, recording = half_loop()
+    assert truth.association is not None
+    kept = recording.observation_step == 85
+    told = replace(truth, association=truth.association[kept])
+    scene = Scene(Results("a title", told, recording.only(kept), {"a": GUEST}), {"a": GUEST}, {"a": GUEST})
+    (sight,) = (each for each in scene.figure.axes[0].collections if isinstance(each, LineCollection))
+    for step, lines in ((80, 0), (90, 3), (100, 0)):
+        scene.show(step)
+        assert len(sight.get_segments()) == lines
+
+
 def test_scales_are_equal_and_everything_is_inside():
     ax = scene_of({"ekf": WITH_RAYS}, ["ekf"]).figure.axes[0]
     box = ax.get_window_extent()

@@ -60,6 +60,18 @@ def test_a_ray_that_was_lost_since_the_last_note_is_gone():
     assert len(map_at(estimate, end).weight) == 0
 
 
+def test_a_ray_that_begins_anew_where_one_was_lost_is_there():
+    again = [0, BIRTHS[0] + AGES[-1]]
+    log = RayLog(
+        *(np.array(column) for column in ([0, 0], again, [again[1], -1], [-1, -1])),
+        distances=np.full((2, 4), np.nan),
+        members=np.zeros(STEPS + 1, np.int64),
+    )
+    estimate = replace(estimate_with_rays(("ray",)), rays=log)
+    assert again[1] in NOTED
+    assert len(map_at(estimate, again[1]).weight) == 2
+
+
 def test_the_heaviest_member_of_each_ray():
     estimate = estimate_with_rays()
     assert not map_at(estimate, 0).heaviest().any()  # all four weigh the same
