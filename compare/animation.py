@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
 from contextlib import suppress
@@ -20,6 +21,7 @@ from compare.plot_style import DEAD_RECKONING, PRINT
 from compare.results_folder import load_results
 from slam2d import Estimate
 
+LOG = logging.getLogger("matplotlib.animation")
 GIF, VIDEO = "animation.gif", "animation.mp4"
 MOST_MAPS = 3  # more than these would hide each other
 MOST_FRAMES = 600  # all are in memory before a GIF is written
@@ -104,7 +106,9 @@ def _render_video(scene: Scene, rate: Any, path: Path, steps: list[int]) -> str 
         path.unlink(missing_ok=True)
         return "ffmpeg failed"
     except BaseException:
-        with suppress(CalledProcessError):  # the interrupt has reached ffmpeg as well
+        LOG.disabled = True  # where ffmpeg complains of half a frame
+        with suppress(CalledProcessError):  # the interrupt has reached it as well
             writer.finish()
+        LOG.disabled = False
         raise
     return None

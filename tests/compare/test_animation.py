@@ -277,7 +277,11 @@ def test_an_ffmpeg_that_fails_costs_the_video_alone(
 
 @pytest.mark.parametrize("frame", [3, pytest.param(9, marks=needs_ffmpeg)])
 def test_an_interrupted_animation_leaves_nothing(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], frame: int
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+    frame: int,
 ):
     """While the GIF is drawn, and while the video is."""
     (folder / "animation.gif").write_bytes(b"old")
@@ -293,6 +297,7 @@ def test_an_interrupted_animation_leaves_nothing(
 
     monkeypatch.setattr(Scene, "show", interrupted)
     assert animate(folder, *SHORT) == 130
+    assert not caplog.records
     assert capsys.readouterr().err == "slamgauge: interrupted; nothing was written\n"
     assert contents(folder) == before
     assert len(shown) == frame
