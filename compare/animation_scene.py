@@ -58,7 +58,8 @@ class Scene:
         self._true_robot = RobotLayer(ax, TRUE_ROBOT, size, filled=False)
         self._robots = {name: RobotLayer(ax, chosen[name], size) for name in mapped}
         self._paths = {name: _path(ax, chosen[name]) for name in shown if name not in mapped}
-        self._maps = {name: MapLayer(ax, chosen[name].color) for name in mapped if mapped[name].history is not None}
+        drawn = [name for name in mapped if mapped[name].history is not None]
+        self._maps = {name: MapLayer(ax, chosen[name].color, filled=len(drawn) == 1) for name in drawn}
         self._last_maps = {name: _last_map(ax, chosen[name]) for name in mapped if name not in self._maps}
         self._first_seen = {name: first_seen(results.recording, mapped[name]) for name in self._last_maps}
         self._sight = LineCollection([], colors=MARK_COLOR, linewidths=0.4, zorder=1)

@@ -36,8 +36,9 @@ TRUE_ROBOT = Style(TRUTH_COLOR, "-")
 class MapLayer:
     """The map of one estimate: dots and 3-sigma ellipses, members of rays the darker the heavier they are."""
 
-    def __init__(self, ax: Axes, color: str) -> None:
-        """Nothing yet, in that colour."""
+    def __init__(self, ax: Axes, color: str, *, filled: bool = True) -> None:
+        """Nothing yet, in that colour; members are outlines unless `filled`, as colours of several maps would mix."""
+        self._filling = FILLING if filled else 0.0
         self._color = to_rgb(color)
         self._points = draw_ellipses(ax, NO_PLACES, NO_COVS, color)
         (self._dots,) = ax.plot([], [], color=color, zorder=3, **POINT)
@@ -53,7 +54,7 @@ class MapLayer:
         move_ellipses(self._members, members.position, members.cov)
         opacity = FAINTEST + (1 - FAINTEST) * members.weight
         self._members.set_edgecolor([(*self._color, each) for each in opacity])
-        self._members.set_facecolor([(*self._color, FILLING * each) for each in opacity])
+        self._members.set_facecolor([(*self._color, self._filling * each) for each in opacity])
         self._heaviest.set_data(*members.position[members.heaviest()].T)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -38,35 +39,32 @@ def has_rays(estimate: Estimate) -> bool:
 def ray_frames(estimate: Estimate, count: int) -> list[RayFrame]:
     """At most `count` moments in order: births, members that go, collapses, the first and the last ones first of all.
 
-    What events leave is filled with moments far from the others.
+    Room that is left goes to other events, then to any moments, always far from what is there.
     """
     log, history = estimate.rays, estimate.history
     assert log is not None and history is not None
     noted = np.unique(history.step)
-    chosen: list[int] = []
-    for step in _events(log, history, noted):
-        if step not in chosen and len(chosen) < count:
-            chosen.append(step)
-    rest = noted[noted > chosen[0]].tolist()
-    while len(chosen) < count and set(rest) - set(chosen):
-        chosen.append(max(rest, key=lambda step: min(abs(step - other) for other in chosen)))
+    hero = int(np.lexsort([log.end, log.birth, log.survivor < 0])[0])  # of those that became points the first begun
+    chosen = list(dict.fromkeys(_story(log, history, noted, hero)))[:count]
+    others = [*_prunings(log, history, noted), *_seen(noted, log.birth), *_seen(noted, log.end[log.survivor >= 0])]
+    for candidates in (others, noted[noted > chosen[0]]):
+        free = {int(step) for step in candidates} - set(chosen)
+        while free and len(chosen) < count:
+            chosen.append(max(sorted(free), key=lambda step: min(abs(step - other) for other in chosen)))
+            free.remove(chosen[-1])
     return [_frame(estimate, log, noted, step) for step in sorted(chosen)]
 
 
-def _events(log: RayLog, history: MapHistory, noted: Int) -> list[int]:
-    """Steps at which something is seen to have happened, those that tell the story before the others."""
-    collapsed = log.survivor >= 0
+def _story(log: RayLog, history: MapHistory, noted: Int, hero: int) -> list[int]:
+    """Steps that show the hero's life, and the first and last of what happens to the others."""
     births = _seen(noted, np.sort(log.birth))
-    collapses = _seen(noted, np.sort(log.end[collapsed]))
-    losses = np.sort(log.end[_lost(log)])
-    hero = int(np.lexsort([log.end, log.birth, ~collapsed])[0])  # of those that became points the first that began
-    pruned = _prunings(log, history, noted, hero)
-    others = [_prunings(log, history, noted, ray) for ray in range(len(log.birth))]
-    later = births[births > births[0]]
-    own_end = _seen(noted, log.end[[hero]][collapsed[[hero]]])
-    story = [births[:1], _seen(noted, log.birth[[hero]]), own_end, collapses[-1:]]
-    story += [pruned[:1], pruned[-1:], later[:1], losses[:1]]
-    return np.concatenate([*story, pruned, later[::-1], collapses, losses, *others]).astype(int).tolist()
+    collapses = _seen(noted, np.sort(log.end[log.survivor >= 0]))
+    own = _seen(noted, np.array([log.birth[hero], log.end[hero]]))
+    ended = own[1:] if log.survivor[hero] >= 0 else own[:0]
+    pruned = _prunings(log, history, noted, [hero])
+    later, losses = births[births > births[0]], np.sort(log.end[_lost(log)])
+    parts = (births[:1], own[:1], ended, collapses[-1:], pruned[:1], pruned[-1:], later[:1], losses[:1])
+    return np.concatenate(parts).tolist()
 
 
 def _seen(noted: Int, events: Int) -> Int:
@@ -75,12 +73,15 @@ def _seen(noted: Int, events: Int) -> Int:
     return np.where(slot < len(noted), noted[slot.clip(max=len(noted) - 1)], events)
 
 
-def _prunings(log: RayLog, history: MapHistory, noted: Int, ray: int) -> Int:
-    """Noted steps at which the ray has fewer members than at the one before, and has not ended."""
-    living = noted[(noted >= log.birth[ray]) & ((log.end[ray] < 0) | (noted < log.end[ray]))]
-    own = history.step[(history.landmark == log.landmark[ray]) & (history.member >= 0)]
-    members = np.searchsorted(own, living, side="right") - np.searchsorted(own, living)
-    return living[1:][np.diff(members) < 0]
+def _prunings(log: RayLog, history: MapHistory, noted: Int, rays: Iterable[int] | None = None) -> Int:
+    """Noted steps at which a ray, of these or of all, has fewer members than at the one before, and has not ended."""
+    found: list[Int] = [noted[:0]]
+    for ray in range(len(log.birth)) if rays is None else rays:
+        living = noted[(noted >= log.birth[ray]) & ((log.end[ray] < 0) | (noted < log.end[ray]))]
+        own = history.step[(history.landmark == log.landmark[ray]) & (history.member >= 0)]
+        members = np.searchsorted(own, living, side="right") - np.searchsorted(own, living)
+        found.append(living[1:][np.diff(members) < 0])
+    return np.concatenate(found)
 
 
 def _lost(log: RayLog) -> NDArray[np.bool_]:

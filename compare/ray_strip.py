@@ -23,6 +23,7 @@ WIDTH = 7.2  # [in]
 HEADINGS = 0.30  # [in], above and below the panels of a row
 FOOT = 0.75  # [in], the legend and the title of the figure
 ROBOT = 0.035  # of the map's extent
+LABEL_ROOM = 0.12  # of the panel's height: nearer to its top than that a label stands below
 SURVIVOR: dict[str, Any] = {
     "marker": "s",
     "markersize": 8,
@@ -98,7 +99,11 @@ def _draw_map(ax: Axes, truth: Truth, estimate: Estimate, style: Style, since: i
     named = rows.only(rows.landmark == frame.landmark)
     if len(named.weight):
         place = named.position[np.argmax(named.weight)]
-        ax.annotate(str(frame.landmark), place, (0, 6), textcoords="offset points", ha="center", clip_on=True, zorder=5)
+        bottom, top = ax.get_ylim()
+        below = place[1] > top - LABEL_ROOM * (top - bottom)
+        offset, side = ((0, -6), "top") if below else ((0, 6), "bottom")
+        text = str(frame.landmark)
+        ax.annotate(text, place, offset, textcoords="offset points", ha="center", va=side, clip_on=True, zorder=5)
 
 
 def _title(frame: RayFrame, stamps: Float) -> str:
@@ -119,5 +124,5 @@ def _keys(truth: Truth, name: str, style: Style) -> list[Line2D]:
         key(r"3$\sigma$ of a member, dark if likely", color=style.color, **MEMBER),
         key("likeliest member of a ray", color=style.color, **HEAVIEST),
         key("landmark", color=style.color, **POINT),
-        key("has just become a landmark", **SURVIVOR),
+        key("landmark since the frame before", **SURVIVOR),
     ]
