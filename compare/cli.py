@@ -357,8 +357,8 @@ class Animate:
     seconds: float = 10.0
     """How long it lasts."""
 
-    fps: int = 20
-    """Frames per second."""
+    fps: int = 10
+    """Frames per second; a GIF grows with them."""
 
     def __call__(self) -> None:
         """Draw and write."""

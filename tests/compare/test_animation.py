@@ -352,8 +352,8 @@ def test_results_without_estimates_are_refused(tmp_path: Path, capsys: pytest.Ca
         (["--seconds", "nan"], "seconds nan: no length of an animation; give a number > 0, for example 10"),
         (["--fps", "0"], "fps 0: not what viewers show; give 1 to 50 frames per second"),
         (["--fps", "51"], "fps 51: not what viewers show; give 1 to 50 frames per second"),
-        (["--seconds", "40"], "seconds 40.0, fps 20: give 1 to 600 frames, these are 800"),
-        (["--seconds", "0.001"], "seconds 0.001, fps 20: give 1 to 600 frames, these are 0"),
+        (["--seconds", "70"], "seconds 70.0, fps 10: give 1 to 600 frames, these are 700"),
+        (["--seconds", "0.001"], "seconds 0.001, fps 10: give 1 to 600 frames, these are 0"),
     ],
 )
 def test_settings_that_make_no_sense(
