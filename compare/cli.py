@@ -362,6 +362,33 @@ class Claims:
 
 
 @dataclass
+class Animate:
+    """Show a run as a moving picture: animation.gif, and animation.mp4 where ffmpeg is installed."""
+
+    folder: tyro.conf.Positional[Path]
+    """What `slamgauge run` or `slamgauge evaluate --out` has written; the animation goes there too."""
+
+    estimator: str | None = None
+    """Whose path, robot and map to show; if not given those of all filtered estimates (of more than three, of the
+    first), and the paths of the smoothed ones."""
+
+    seconds: float = 10.0
+    """How long it lasts."""
+
+    fps: int = 10
+    """Frames per second; a GIF grows with them."""
+
+    def __call__(self) -> None:
+        """Draw and write."""
+        from compare.animation import animate
+
+        missing = animate(self.folder, self.estimator, self.seconds, self.fps)
+        print(f"written to {self.folder / 'animation.gif'}{'' if missing else ' and .mp4'}", file=sys.stderr)
+        if missing:
+            print(f"animation.mp4 is left out: {missing}", file=sys.stderr)
+
+
+@dataclass
 class Bench:
     """Measure step times against map size, side by side in one run (everything at all four sizes: twenty minutes)."""
 
@@ -484,6 +511,7 @@ Command = (
     | Annotated[Study, tyro.conf.subcommand(name="study")]
     | Annotated[Budget, tyro.conf.subcommand(name="budget")]
     | Annotated[Claims, tyro.conf.subcommand(name="claims")]
+    | Annotated[Animate, tyro.conf.subcommand(name="animate")]
     | Annotated[Bench, tyro.conf.subcommand(name="bench")]
 )
 

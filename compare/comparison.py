@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from compare.estimators import run_estimator
 from compare.files import save, write_tum
+from compare.ray_frames import has_rays
 from compare.scores import Score, evaluate
 from compare.text_table import aligned
 from slam2d import Estimate, Estimator, Recording, Truth
@@ -54,7 +55,7 @@ def compare_estimators(
         ValueError: the truth is of another recording; an estimator raised, or returned what does not fit, and
             then the estimator is named.
     """
-    _require_same_run(truth, recording)
+    require_same_run(truth, recording)
     if informed is None:
         informed = recording
         if recording.landmark is None and truth is not None and truth.association is not None:
@@ -77,7 +78,7 @@ def compare_estimators(
     return Comparison(truth, recording, estimates, scores)
 
 
-def _require_same_run(truth: Truth | None, recording: Recording) -> None:
+def require_same_run(truth: Truth | None, recording: Recording) -> None:
     """Refuse a truth of another length before any estimator spends its time."""
     for name, given, expected in (
         ("poses", truth and truth.poses, recording.steps + 1),
@@ -109,8 +110,9 @@ def digest(recording: Recording) -> str:
 
 
 def write_comparison(folder: Path, comparison: Comparison, content: dict[str, Any], title: str) -> None:
-    """Write recording, truth, estimates, TUM trajectories, figure and metrics into an existing folder."""
+    """Write recording, truth, estimates, TUM trajectories, figures and metrics into an existing folder."""
     from compare.plots import save_figure  # matplotlib only where pictures are made
+    from compare.ray_strip import save_ray_strip
 
     recording = comparison.recording
     save(folder / "recording.npz", recording)
@@ -124,6 +126,11 @@ def write_comparison(folder: Path, comparison: Comparison, content: dict[str, An
     if comparison.truth is not None and comparison.truth.poses is not None:
         write_tum(folder / "trajectories" / "truth.tum", recording.stamps, comparison.truth.poses)
     save_figure(folder, comparison.truth, recording, comparison.estimates, title)
+    rays = next((name for name, estimate in comparison.estimates.items() if has_rays(estimate)), None)
+    if rays is not None:
+        save_ray_strip(
+            folder, comparison.truth, recording, rays, comparison.estimates[rays], f"{title}: rays of {rays}"
+        )
     text = json.dumps(content, indent=2, allow_nan=False)
     (folder / "metrics.json").write_text(text + "\n", encoding="utf-8")
 

@@ -10,12 +10,13 @@ from typing import Any, cast
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure, SubFigure
 
+from compare.ellipses import draw_ellipses
 from compare.error_panels import plot_errors
 from compare.landmark_identity import true_landmarks
 from compare.loop_closures import closure_steps
+from compare.map_limits import map_limits
 from compare.plot_style import DEAD_RECKONING, LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, Style, save_png_and_svg, styles
 from slam2d import Estimate, Float, Recording, Truth, chain
 
@@ -28,8 +29,6 @@ LONG_LABEL = 20  # characters; import paths of guests, mostly
 POSE_ELLIPSES = 15  # along each path; odd, or two loops would show the same places
 LANDMARK_ELLIPSES = 150  # more than these in all: only the first map's are drawn
 CLOSURE_MARKS = 60  # more than these would hide the paths
-MARGIN = 0.06  # of the map's extent, on each side
-ODOMETRY_ROOM = 0.15  # of the map's extent, on each side: dead reckoning that leaves it is cut
 
 
 def plot_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]) -> None:
@@ -77,30 +76,9 @@ def _draw_maps(
         _, landmarks = true_landmarks(truth, recording, estimate)
         ax.plot(*landmarks.T, ".", color=color, markersize=2.5, zorder=3)
         if name in landmark_covs:
-            _draw_ellipses(ax, landmarks, landmark_covs[name], color)
+            draw_ellipses(ax, landmarks, landmark_covs[name], color)
         if estimate.pose_covs is not None and name != DEAD_RECKONING:
-            _draw_ellipses(ax, estimate.poses[some, :2], estimate.pose_covs[some, :2, :2], color)
-
-
-def _draw_ellipses(ax: Axes, centers: Float, covs: Float, color: str) -> None:
-    """Outlines of the 3-sigma ellipses of positions (n, 2) [m] with covariances (n, 2, 2)."""
-    variances, directions = np.linalg.eigh(covs)
-    short, long = 6 * np.sqrt(variances.clip(min=0)).T  # diameters
-    angles = np.degrees(np.arctan2(directions[:, 1, 1], directions[:, 0, 1]))
-    ellipses = EllipseCollection(
-        long,
-        short,
-        angles,
-        units="xy",
-        offsets=centers,
-        offset_transform=ax.transData,
-        facecolors="none",
-        edgecolors=color,
-        linewidths=0.5,
-        alpha=0.8,
-        zorder=1.5,
-    )
-    ax.add_collection(ellipses, autolim=False)
+            draw_ellipses(ax, estimate.poses[some, :2], estimate.pose_covs[some, :2, :2], color)
 
 
 def _draw_marks(ax: Axes, truth: Truth, recording: Recording, paths: Mapping[str, Float]) -> None:
@@ -125,10 +103,7 @@ def _frame(ax: Axes, paths: Mapping[str, Float], others: list[Float]) -> None:
     drift = paths[DEAD_RECKONING][:, :2]
     estimated = [poses for name, poses in paths.items() if name != DEAD_RECKONING] or [drift]
     rest = np.concatenate([each[:, :2] for each in estimated + others])
-    low, high = np.nanmin(rest, axis=0), np.nanmax(rest, axis=0)
-    extent = (high - low).max()
-    low = np.minimum(low, np.maximum(drift.min(axis=0), low - ODOMETRY_ROOM * extent)) - MARGIN * extent
-    high = np.maximum(high, np.minimum(drift.max(axis=0), high + ODOMETRY_ROOM * extent)) + MARGIN * extent
+    low, high = map_limits(rest, drift)
     ax.set_xlim(low[0], high[0], auto=True)
     ax.set_ylim(low[1], high[1], auto=True)
     if ((drift < low) | (drift > high)).any():

@@ -21,6 +21,11 @@ ALLOWED = {
 # modules of `compare` that may import what no other may
 HOMES = {
     "matplotlib": {
+        "animation",
+        "animation_scene",
+        "ellipses",
+        "map_layers",
+        "ray_strip",
         "plots",
         "error_panels",
         "plot_style",
