@@ -52,7 +52,7 @@ def animate(folder: Path, name: str | None, seconds: float, fps: int) -> str | N
     frames = min(_frames(seconds, fps), results.recording.steps + 1)
     steps = np.linspace(0, results.recording.steps, frames).round().astype(int).tolist()
     rate: Any = frames / seconds  # by the writers' types a whole number, which it need not be
-    with staged_folder(folder, last=GIF) as stage, mpl.rc_context(SCREEN):
+    with staged_folder(folder, last=GIF, outdated=(VIDEO,)) as stage, mpl.rc_context(SCREEN):
         scene = Scene(results, shown, mapped)
         with explained(folder, "written"):
             _render(scene, PillowWriter(rate), stage / GIF, steps)

@@ -445,7 +445,7 @@ class _Grading:
         estimators = load_estimators(names, self.own, self.association, self.beginning, FRAMES)
         if not estimators:
             raise ValueError("estimators: none given; name at least one, for example --estimators ekf,batch")
-        with _folder(self.out, last="metrics.json") as folder:
+        with _folder(self.out, last="metrics.json", outdated=("rays.*", "animation.*")) as folder:
             comparison = compare_estimators(truth, recording, estimators, informed)
             content = metrics(comparison, self.scenario, self.seed)
             if folder is not None and self.out is not None:
@@ -478,11 +478,11 @@ def _names(comma_separated: str) -> list[str]:
     return [name.strip() for name in comma_separated.split(",") if name.strip()]
 
 
-def _folder(out: Path | None, last: str) -> AbstractContextManager[Path | None]:
+def _folder(out: Path | None, last: str, outdated: Sequence[str] = ()) -> AbstractContextManager[Path | None]:
     """The staged folder for results, or nothing to write to."""
     from compare.files import staged_folder
 
-    return nullcontext() if out is None else staged_folder(out, last)
+    return nullcontext() if out is None else staged_folder(out, last, outdated)
 
 
 def _flat(groups: Sequence[Sequence[str]]) -> list[str]:

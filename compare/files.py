@@ -8,7 +8,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -117,8 +117,10 @@ def write_json(path: Path, content: object) -> None:
 
 
 @contextmanager
-def staged_folder(out: str | Path, last: str = "metrics.json") -> Generator[Path]:
+def staged_folder(out: str | Path, last: str = "metrics.json", outdated: Sequence[str] = ()) -> Generator[Path]:
     """A temporary folder whose files are published in `out` when the block ends, and dropped when it fails.
+
+    Old files that match a pattern in `outdated` go even if the block wrote none of that name.
 
     A new `out` appears in one atomic rename. In an existing `out` files and folders are replaced one by one:
     if the block wrote the file `last`, the old one is removed before and the new one put in place after all
@@ -135,17 +137,19 @@ def staged_folder(out: str | Path, last: str = "metrics.json") -> Generator[Path
     try:
         yield stage
         with explained(out, "written"):
-            _publish(stage, out, last)
+            _publish(stage, out, last, outdated)
     finally:
         shutil.rmtree(stage, ignore_errors=True)
 
 
-def _publish(stage: Path, out: Path, last: str) -> None:
+def _publish(stage: Path, out: Path, last: str, outdated: Sequence[str]) -> None:
     if not out.exists():
         stage.rename(out)
         return
     if (stage / last).exists():
         (out / last).unlink(missing_ok=True)
+    for old in [old for pattern in outdated for old in out.glob(pattern)]:
+        old.unlink()
     for entry in sorted(stage.iterdir(), key=lambda entry: entry.name == last):
         if (out / entry.name).is_dir():  # its old files may be of estimators that did not run this time
             shutil.rmtree(out / entry.name)

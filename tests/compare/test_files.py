@@ -223,3 +223,16 @@ def test_a_folder_inside_is_replaced_as_a_whole(tmp_path: Path) -> None:
             (stage / "metrics.json").write_text(name)
     assert [file.name for file in (out / "estimates").iterdir()] == ["riekf.npz"]
     assert (out / "metrics.json").read_text() == "riekf"
+
+
+def test_files_that_the_block_outdates_go_with_it(tmp_path: Path):
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in ("rays.png", "rays.svg", "notes.txt"):
+        (out / name).write_text("old")
+    with pytest.raises(KeyError), staged_folder(out, outdated=("rays.*",)):
+        raise KeyError
+    assert (out / "rays.png").read_text() == "old"
+    with staged_folder(out, outdated=("rays.*",)) as folder:
+        (folder / "rays.svg").write_text("new")
+    assert {path.name: path.read_text() for path in out.iterdir()} == {"rays.svg": "new", "notes.txt": "old"}
