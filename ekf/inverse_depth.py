@@ -124,7 +124,7 @@ class YoungDepths:
             [[0, 1, 2], self._slam.columns_of(np.concatenate([self._depths[n].ids for n in names]))]
         )
         innovation, jacobian = linearise_depths(self._slam.entries(columns), bearings)
-        predicted = np.einsum("mi,ij,mj->m", jacobian, self._slam.block(columns), jacobian)
+        predicted = ((jacobian @ self._slam.block(columns)) * jacobian).sum(axis=1)
         passed = innovation**2 <= self._settings.gate * (predicted + variances)
         used = passed & (predicted < VAGUE**2)
         if used.any():
