@@ -129,31 +129,61 @@ class BearingFilter:
             The normalised innovation squared of the points and its degrees of freedom.
 
         Raises:
-            ValueError: no ids for a filter without association, or an update that has no solution.
+            ValueError: no ids for a filter without association, shapes that do not fit, or an update that has no
+                solution because a number is not finite or a variance not positive; the filter is then unchanged,
+                unless it had diverged.
         """
         values, covs = np.asarray(observations.value), np.asarray(observations.cov)
+        self._associated = self._associated[:0]
+        if not len(values):
+            return 0.0, 0
+        if values.shape[1:] != (1,) or covs.shape != (len(values), 1, 1):
+            raise ValueError(f"observation: shapes {values.shape}, {covs.shape} do not fit; give (m, 1), (m, 1, 1)")
+        if not (np.isfinite(values).all() and np.isfinite(covs).all() and (covs > 0.0).all()):
+            raise ValueError(f"observation: no update exists for this scan; {SOUND}")
         names = self._names(observations.landmark, values, covs)
         self._associated = names
-        listed = names.tolist()
-        points = [row for row, name in enumerate(listed) if name in self._points]
-        slots = self._slam.slots_of(np.array([self._points[listed[row]] for row in points], dtype=np.int64))
-        result = self._slam.correct(slots, values[points], covs[points])
-        others = [row for row, name in enumerate(listed) if name not in self._points and name != NONE]
-        found = self._young.observe(self._step, [listed[row] for row in others], values[others], covs[others])
-        self._points |= found
+        result = self._take_in(names.tolist(), values, covs)
         if self._association is not None:
-            for name in self._association.false_starts({*self._young.names}):
-                self._young.forget(self._step, name)
+            for name in self._association.false_starts({*self._young.names, *self._points}):
+                self._forget(name)
         return result
 
     def _names(self, ids: Int | None, values: Float, covs: Float) -> Int:
-        if self._association is None:
-            if ids is None:
-                raise ValueError("landmark: this filter needs known association; give the ids of the observations")
-            return np.asarray(ids)
-        if not (np.isfinite(values).all() and np.isfinite(covs).all() and (covs > 0.0).all()):
-            raise ValueError(f"observation: no update exists for this scan; {SOUND}")
-        return self._association.names(self._slam, self._owners(), values, covs)
+        if self._association is not None:
+            return self._association.names(self._slam, self._owners(), values, covs)
+        if ids is None:
+            raise ValueError("landmark: this filter needs known association; give the ids of the observations")
+        if len(ids) != len(values):
+            raise ValueError(f"landmark: {len(ids)} ids for {len(values)} observations; give one for each")
+        return np.asarray(ids)
+
+    def _take_in(self, names: list[int], values: Float, covs: Float) -> tuple[float, int]:
+        """Correct with the points' bearings, then give the young and new landmarks theirs; returns as `update`.
+
+        Of a young landmark that is named more than once the first bearing is taken in; the others follow by themselves.
+        """
+        points = [row for row, name in enumerate(names) if name in self._points]
+        slots = self._slam.slots_of(np.array([self._points[names[row]] for row in points], dtype=np.int64))
+        nis, dof = self._slam.correct(slots, values[points], covs[points])
+        others = [row for row, name in enumerate(names) if name not in self._points and name != NONE]
+        first: dict[int, int] = {}
+        for row in others:
+            first.setdefault(names[row], row)
+        rows = [*first.values()]
+        self._points |= self._young.observe(self._step, [*first], values[rows], covs[rows])
+        again = [row for row in others if first[names[row]] != row]
+        if again:
+            further = self._take_in([names[row] for row in again], values[again], covs[again])
+            nis, dof = nis + further[0], dof + further[1]
+        return nis, dof
+
+    def _forget(self, name: int) -> None:
+        """Take a landmark out of the state."""
+        if name in self._points:
+            self._slam.remove(int(self._slam.slots_of(np.array(self._points.pop(name)))))
+        else:
+            self._young.forget(self._step, name)
 
     def _owners(self) -> Int:
         """Landmark (n,) of each slot of the state."""

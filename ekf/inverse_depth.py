@@ -21,10 +21,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ekf.filter import SlamFilter
+from ekf.models import MIN_BEARING_DISTANCE
 from ekf.young import NO_MEMBERS, Members, RayRecorder
 from slam2d import Float, Int, wrap
 
 BEYOND_INFINITY = 3.0  # standard deviations of omega
+VAGUE = 0.5  # rad; what a bearing predicted no better than this says is not linear, and is left out
 FARTHEST = 10.0  # times the expected distance: where a landmark is said to be whose omega is about zero or below
 
 
@@ -55,6 +57,7 @@ class InverseDepth:
             (self.sigma > 0.0, f"sigma: {self.sigma} 1/m leaves nothing to find out; choose it above 0"),
             (self.linearity > 0.0, f"linearity: {self.linearity} is never reached; choose it above 0"),
             (self.gate > 0.0, f"gate: {self.gate} lets nothing pass; choose it above 0"),
+            (self.lost_after >= 1, f"lost_after: {self.lost_after} loses a landmark by no failure; choose at least 1"),
         )
         for holds, mistake in rules:
             if not holds:
@@ -121,10 +124,11 @@ class YoungDepths:
             [[0, 1, 2], self._slam.columns_of(np.concatenate([self._depths[n].ids for n in names]))]
         )
         innovation, jacobian = linearise_depths(self._slam.entries(columns), bearings)
-        own_variances = np.einsum("mi,ij,mj->m", jacobian, self._slam.block(columns), jacobian) + variances
-        passed = innovation**2 <= self._settings.gate * own_variances
-        if passed.any():
-            self._slam.correct_linear(columns, jacobian[passed], innovation[passed], np.diag(variances[passed]))
+        predicted = ((jacobian @ self._slam.block(columns)) * jacobian).sum(axis=1)
+        passed = innovation**2 <= self._settings.gate * (predicted + variances)
+        used = passed & (predicted < VAGUE**2)
+        if used.any():
+            self._slam.correct_linear(columns, jacobian[used], innovation[used], np.diag(variances[used]))
         for name, good in zip(names, passed.tolist(), strict=True):
             depth = self._depths[name]
             depth.failures = 0 if good else depth.failures + 1
@@ -176,7 +180,7 @@ class YoungDepths:
 
 
 def linearise_depths(state: Float, bearings: Float) -> tuple[Float, Float]:
-    """Innovations (m,) of bearings [rad] and their Jacobian (m, 3 + 4m).
+    """Innovations (m,) of bearings [rad] and their Jacobian (m, 3 + 4m); zeros for what is too near to have a bearing.
 
     Args:
         state: (3 + 4m,) robot x, y, heading, then anchor x, y, phi and omega of each landmark.
@@ -187,7 +191,9 @@ def linearise_depths(state: Float, bearings: Float) -> tuple[Float, Float]:
     along = np.column_stack([np.cos(phi), np.sin(phi)])
     offset = anchor - state[:2]
     delta = omega[:, None] * offset + along
-    gradient = np.column_stack([-delta[:, 1], delta[:, 0]]) / (delta**2).sum(axis=1)[:, None]
+    squared = (delta**2).sum(axis=1)
+    near = squared < (MIN_BEARING_DISTANCE * omega) ** 2
+    gradient = np.column_stack([-delta[:, 1], delta[:, 0]]) / np.where(near, 1.0, squared)[:, None]
     jacobian = np.zeros((count, 3 + 4 * count))
     jacobian[:, :2] = -omega[:, None] * gradient
     jacobian[:, 2] = -1.0
@@ -195,7 +201,9 @@ def linearise_depths(state: Float, bearings: Float) -> tuple[Float, Float]:
     jacobian[row, first], jacobian[row, first + 1] = -jacobian[:, 0], -jacobian[:, 1]
     jacobian[row, first + 2] = gradient[:, 1] * along[:, 0] - gradient[:, 0] * along[:, 1]
     jacobian[row, first + 3] = (gradient * offset).sum(axis=1)
-    return wrap(bearings - (np.arctan2(delta[:, 1], delta[:, 0]) - state[2])), jacobian
+    jacobian[near] = 0.0
+    innovation = wrap(bearings - (np.arctan2(delta[:, 1], delta[:, 0]) - state[2]))
+    return np.where(near, 0.0, innovation), jacobian
 
 
 def locate_depth(state: Float) -> tuple[Float, Float]:
@@ -212,6 +220,6 @@ def linearity_index(state: Float, sigma: float, pose: Float) -> float:
     """
     position, _ = locate_depth(state)
     offset = position - pose[:2]
-    distance = float(np.hypot(*offset))
+    distance = max(float(np.hypot(*offset)), MIN_BEARING_DISTANCE)
     cosine = abs(offset @ (position - state[:2])) * state[3] / distance
     return float(4.0 * sigma / state[3] ** 2 / distance * cosine)

@@ -20,6 +20,8 @@ def project_columns(cov: Float, size: int, columns: Int, jacobian: Float, W: Flo
         column = columns[c]
         for r in range(len(jacobian)):
             h = jacobian[r, c]
+            if h == 0.0:  # most are, where each row is of another landmark
+                continue
             for j in range(column):
                 W[r, j] += h * cov[j, column]
             for j in range(column, size):
