@@ -4,8 +4,10 @@ A bearing is as far from a ray as from the nearest of its members. `nearest-neig
 scan from the nearest on, and takes those of which both are free; `jcbb` finds the pairs that are jointly compatible
 (`ekf.compatibility`), each ray standing for its member that is nearest to the bearing.
 
-With map management a ray must be seen often enough at first, or it was none; and a bearing that may be an outlier of
-a landmark that the scan has not seen otherwise begins no ray. Points are not merged.
+With map management a ray must be seen often enough at first, or it was none, and `jcbb` leaves out bearings that are
+ambiguous. Two of its rules for ranges do not hold here: a bearing that may be an outlier of a landmark begins a ray all
+the same (many landmarks lie in a direction, most of them out of reach, and would keep new ones from beginning), and
+points are not merged.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from scipy.special import chdtrc, chdtri
 from ekf.association import Association
 from ekf.compatibility import NONE, Pairs
 from ekf.filter import SlamFilter
+from ekf.workspace import Marks
 from slam2d import Float, Int
 
 
@@ -38,18 +41,13 @@ class RayAssociation:
             values: (m, 1) [rad].
             covs: (m, 1, 1) [rad^2].
         """
-        management, gate = self._settings.map_management, self._settings.gate
-        widest = gate if management is None else max(gate, management.new_gate)
-        pairs, count = slam.compatible(values, covs, widest)
+        pairs, count = slam.compatible(values, covs, self._settings.gate)
         count = _keep_nearest_members(pairs, count, owners)
+        doubtful = np.zeros(len(values), dtype=bool)
         if self._settings.method == "jcbb":
-            names = self._jointly(slam, count, len(values), owners)
+            names, doubtful = self._jointly(slam, count, len(values), owners)
         else:
             names = self._nearest(pairs, count, len(values))
-        doubtful = np.zeros(len(values), dtype=bool)
-        if management is not None:
-            free = np.isin(pairs.owner[:count], names, invert=True)
-            doubtful[pairs.observation[:count][free]] = True
         for row in np.flatnonzero((names == NONE) & ~doubtful).tolist():
             names[row] = len(self._born)
             self._born.append(self._scan)
@@ -83,14 +81,17 @@ class RayAssociation:
                 names[pairs.observation[c]] = pairs.owner[c]
         return names
 
-    def _jointly(self, slam: SlamFilter, count: int, observations: int, owners: Int) -> Int:
+    def _jointly(self, slam: SlamFilter, count: int, observations: int, owners: Int) -> tuple[Int, Marks]:
+        """Names, and which bearings have none because they are ambiguous."""
         gate = self._settings.gate
         rarer = chdtrc(1.0, gate)  # probability beyond the gate, 1 degree of freedom
         quantiles = np.concatenate([[0.0], chdtri(np.arange(1.0, observations + 1), rarer)])
         slots = slam.jointly_compatible(observations, count, gate, quantiles, self._settings.node_limit)
+        doubtful = np.zeros(observations, dtype=bool)
         if self._settings.map_management is not None:
-            slots[slam.ambiguous(count, gate, self._settings.map_management.margin, slots)] = NONE
-        return np.append(owners, NONE)[slots]  # NONE is the last
+            doubtful = slam.ambiguous(count, gate, self._settings.map_management.margin, slots)
+            slots[doubtful] = NONE
+        return np.append(owners, NONE)[slots], doubtful  # NONE is the last
 
 
 def _keep_nearest_members(pairs: Pairs, count: int, owners: Int) -> int:
