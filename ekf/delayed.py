@@ -7,8 +7,9 @@ rows say where the landmark is, given the poses, and the others, in which it doe
 is exact but for the linearisation, and this is made where the landmark is known. Bearings whose innovation is
 improbable wait on.
 
-A full window gives up the clone whose neighbours are nearest to each other, so that it keeps its baseline. What a
-step costs does not depend on time. Jacobians are taken at the present estimate, whatever the filter's correction.
+A full window gives up the oldest clone that has seen nothing of what waits in view, and so leaves the past behind. If
+there is none, it gives up that whose neighbours are nearest to each other, so that it keeps its baseline. What a step
+costs does not depend on time. Jacobians are taken at the present estimate, whatever the filter's correction.
 
 Sources: Bailey, "Constrained initialisation for bearing-only SLAM", ICRA 2003 (delayed initialisation from past poses
 in the state); Mourikis and Roumeliotis, "A multi-state constraint Kalman filter for vision-aided inertial
@@ -90,7 +91,7 @@ class Waiting:
         for row, name in enumerate(names):
             self._sights.setdefault(name, []).append(Sight(clone, values[row, 0], covs[row, 0, 0]))
         if len(self._clones) > self._settings.poses:
-            self._drop_clone(self._nearest_neighbours())
+            self._drop_clone(self._dispensable(names))
         for name in names:
             found = self._place(name)
             if found is not None:
@@ -128,8 +129,12 @@ class Waiting:
         self._clones.append(int(ids[0]))
         return int(ids[0])
 
-    def _nearest_neighbours(self) -> int:
-        """The clone between the two that are nearest to each other."""
+    def _dispensable(self, names: list[int]) -> int:
+        """The oldest clone that saw none of the landmarks `names`, or that between the two nearest to each other."""
+        useful = {sight.clone for name in names for sight in self._sights[name]}
+        for clone in self._clones:
+            if clone not in useful:
+                return clone
         positions = self._slam.entries(np.concatenate([self._columns(clone)[:2] for clone in self._clones]))
         positions = positions.reshape(-1, 2)
         gaps = np.hypot(*(positions[2:] - positions[:-2]).T)

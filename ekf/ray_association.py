@@ -57,13 +57,13 @@ class RayAssociation:
         self._scan += 1
         return names
 
-    def false_starts(self, young: set[int]) -> list[int]:
-        """Those of the `young` landmarks that were seen too seldom at first; they are gone for good."""
+    def false_starts(self, landmarks: set[int]) -> list[int]:
+        """Those of the `landmarks`, rays or points, that were seen too seldom at first; they are gone for good."""
         management = self._settings.map_management
         if management is None:
             return []
         old = self._scan - management.probation
-        found = [name for name in sorted(young) if self._born[name] <= old and not self.is_confirmed(name)]
+        found = [name for name in sorted(landmarks) if self._born[name] <= old and not self.is_confirmed(name)]
         self._gone.update(found)
         return found
 

@@ -51,6 +51,58 @@ def test_exact_bearings_meet_in_the_landmark():
     np.testing.assert_allclose(found.landmark, landmark, atol=1e-9)
 
 
+def pseudolinear(poses: Float, bearings: Float, variances: Float) -> Float:
+    """Least squares on the distances from the lines of sight: linear, and biased towards the robot."""
+    angle = poses[:, 2] + bearings
+    across = np.column_stack([-np.sin(angle), np.cos(angle)]) / np.sqrt(variances)[:, None]
+    return np.linalg.lstsq(across, (across * poses[:, :2]).sum(axis=1), rcond=None)[0]
+
+
+def noisy_sights(seed: int) -> tuple[Float, Float, Float, Float]:
+    """Poses, bearings, variances, and the landmark: 8 m abeam of a winding way of 5 m, seen within about 3 degrees."""
+    rng = np.random.default_rng(seed)
+    x = np.linspace(0.0, 5.0, 30)
+    poses = np.column_stack([x, 0.3 * np.sin(x), rng.uniform(-np.pi, np.pi, 30)])
+    landmark, variances = np.array([3.0, 8.0]), np.deg2rad(rng.uniform(1.5, 4.5, 30)) ** 2
+    offset = landmark - poses[:, :2]
+    exact = np.arctan2(offset[:, 1], offset[:, 0]) - poses[:, 2]
+    return poses, wrap(exact + np.sqrt(variances) * rng.normal(size=30)), variances, landmark
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_triangulation_minimises_the_squared_residuals_of_bearings(seed: int):
+    """From wherever scipy starts, unless it ends higher; sigma is that of the solution's information."""
+    poses, bearings, variances, landmark = noisy_sights(seed)
+
+    def residual(at: Float) -> Float:
+        offset = at - poses[:, :2]
+        return wrap(bearings + poses[:, 2] - np.arctan2(offset[:, 1], offset[:, 0])) / np.sqrt(variances)
+
+    found = triangulate(poses, bearings, variances, SURE)
+    assert found.placed
+    starts = [landmark, landmark / 2, pseudolinear(poses, bearings, variances), np.array([0.0, 20.0])]
+    solutions = [least_squares(residual, start, xtol=1e-15, ftol=1e-15, gtol=1e-12) for start in starts]
+    best = solutions[int(np.argmin([solution.cost for solution in solutions]))]
+    assert sum(solution.cost < best.cost + 1e-9 for solution in solutions) >= 3
+    assert 0.5 * np.square(residual(found.landmark)).sum() <= best.cost * (1 + 1e-9)
+    sigmas = np.linalg.svd(np.linalg.inv(best.jac.T @ best.jac), compute_uv=False) ** 0.5
+    np.testing.assert_allclose(found.landmark, best.x, rtol=0, atol=1e-4 * sigmas[0])
+    assert found.sigma == pytest.approx(sigmas[0], rel=1e-3)
+
+
+def test_triangulation_is_not_drawn_towards_the_robot():
+    """Mean of 400 errors away from the robot, in deviations: zero within four of its own, but not pseudolinear."""
+    ours, linear = [], []
+    for seed in range(400):
+        poses, bearings, variances, landmark = noisy_sights(seed)
+        found = triangulate(poses, bearings, variances, SURE)
+        assert found.placed
+        ours.append((found.landmark - landmark)[1] / found.sigma)
+        linear.append((pseudolinear(poses, bearings, variances) - landmark)[1] / found.sigma)
+    assert abs(np.mean(ours)) < 0.2
+    assert np.mean(linear) < -1.0
+
+
 @pytest.mark.parametrize(
     ("poses", "bearings"),
     [

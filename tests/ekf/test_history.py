@@ -1,0 +1,198 @@
+"""What an estimate keeps of its way: the map at some steps, and the log of its rays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from random_recordings import random_recording
+
+from compare import load_scenario, simulate
+from ekf import Association, BearingFilter, Delayed, InverseDepth, MapManagement, Rays, ekf, riekf
+from ekf.bearing_only import Initialisation
+from ekf.estimators import drive
+from ekf.history import History
+from ekf.young import POINT, RayRecorder
+from slam2d import Estimate, MapHistory, RayLog, Recording
+
+INITIALISATIONS = pytest.mark.parametrize(
+    "initialisation", [Rays(), InverseDepth(), Delayed()], ids=["rays", "inverse-depth", "delayed"]
+)
+
+
+def ring() -> Recording:
+    return simulate(load_scenario("q4-ring", ["start=sampled", "trajectory.duration=25"]), 0)[1]
+
+
+def history_of(estimate: Estimate) -> MapHistory:
+    assert estimate.history is not None
+    return estimate.history
+
+
+def rays_of(estimate: Estimate) -> RayLog:
+    assert estimate.rays is not None
+    return estimate.rays
+
+
+# --- frames --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("steps", "frames"), [(40, 5), (40, 2), (40, 41), (40, 1000), (41, 5), (7, 6), (40, 1)])
+def test_frames_are_spread_evenly_from_first_to_last(steps: int, frames: int) -> None:
+    _, recording = random_recording(0, steps=steps)
+    kept = np.unique(history_of(ekf(recording, frames=frames)).step)
+    assert len(kept) == min(frames, steps + 1)
+    assert kept[0] == 0
+    assert frames == 1 or kept[-1] == steps
+    assert np.ptp(np.diff(kept)) <= 1 if len(kept) > 2 else True
+
+
+@pytest.mark.parametrize("steps", range(12))
+def test_a_frame_is_never_lost_to_rounding(steps: int) -> None:
+    for frames in range(1, 15):
+        history = History(steps, frames)
+        wanted = history._wanted  # pyright: ignore[reportPrivateUsage]
+        assert len(wanted) == min(frames, steps + 1)
+        assert wanted <= {*range(steps + 1)}
+
+
+@pytest.mark.parametrize("bearing", [False, True])
+def test_without_frames_nothing_is_kept(bearing: bool) -> None:
+    recording = ring() if bearing else random_recording(0)[1]
+    assert ekf(recording).history is None
+    assert ekf(recording, frames=0).history is None
+
+
+def test_frames_change_nothing_else() -> None:
+    recording = ring()
+    with_frames, without = ekf(recording, frames=20), ekf(recording)
+    np.testing.assert_array_equal(with_frames.poses, without.poses)
+    np.testing.assert_array_equal(with_frames.landmarks, without.landmarks)
+
+
+def test_a_map_without_landmarks_has_no_rows() -> None:
+    _, recording = random_recording(0, steps=10)
+    nothing = recording.only(np.zeros(len(recording.observation), dtype=bool))
+    assert len(history_of(ekf(nothing, frames=5)).step) == 0
+
+
+# --- maps ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_points_are_the_map_at_that_step(known: bool) -> None:
+    """That of a filter which saw the recording up to there, and at the end the estimate's own."""
+    _, recording = random_recording(1, steps=30)
+    recording = recording if known else replace(recording, landmark=None)
+    estimate = ekf(recording, frames=4)
+    history = history_of(estimate)
+    assert np.unique(history.step).tolist() == [0, 10, 20, 30]
+    assert (history.member == POINT).all()
+    assert (history.weight == 1.0).all()
+    for step in (0, 10, 20, 30):
+        rows, then = history.step == step, ekf(recording.first(step))
+        np.testing.assert_array_equal(history.landmark[rows], then.landmark_ids)
+        np.testing.assert_array_equal(history.position[rows], then.landmarks)
+        np.testing.assert_array_equal(history.cov[rows], then.landmark_covs)
+
+
+@INITIALISATIONS
+def test_members_are_those_of_the_filter_at_that_step(initialisation: Initialisation) -> None:
+    """A ray's weights add up to one; its heaviest member, and every point, is what the filter reports."""
+    recording = ring()
+    history = history_of(riekf(recording, initialisation=initialisation, frames=recording.steps + 1))
+    slam = BearingFilter(recording.prior_mean, recording.prior_cov, "right-invariant", initialisation)
+    rays, points = 0, 0
+    for step, _ in enumerate(drive(slam, recording)):
+        rows = np.flatnonzero(history.step == step)
+        member, landmark, weight = history.member[rows], history.landmark[rows], history.weight[rows]
+        for name, position in zip(slam.landmark_ids.tolist(), slam.landmarks, strict=True):
+            mine = rows[landmark == name]
+            np.testing.assert_array_equal(history.position[mine[np.argmax(history.weight[mine])]], position)
+            if name in slam.young:
+                assert len(mine) == slam.young[name]
+                assert (np.diff(history.member[mine]) > 0).all()
+                assert history.weight[mine].sum() == pytest.approx(1.0, abs=1e-12)
+                rays += 1
+            else:
+                assert history.member[mine].tolist() == [POINT]
+                assert history.weight[mine].tolist() == [1.0]
+                points += 1
+        assert {*landmark.tolist()} == {*slam.landmark_ids.tolist()}
+        assert (member >= 0).sum() == slam.member_count
+        assert (weight > 0.0).all()
+    assert points > 50
+    assert rays > 50 or isinstance(initialisation, Delayed)
+
+
+# --- the log of rays -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("initialisation", "association"),
+    [(Rays(), None), (InverseDepth(), None), (Rays(), Association("jcbb", map_management=MapManagement()))],
+    ids=["rays", "inverse-depth", "rays without ids"],
+)
+def test_the_log_tells_the_same_as_the_maps(
+    initialisation: Rays | InverseDepth, association: Association | None
+) -> None:
+    """Birth: the first map with the landmark. End: the first in which it is no ray. Survivor: the last one's number."""
+    recording = ring()
+    if association is None:
+        association = Association()
+    else:
+        recording = replace(recording, landmark=None)
+    estimate = ekf(recording, association, initialisation, frames=recording.steps + 1)
+    log, history = rays_of(estimate), history_of(estimate)
+    counted = [((history.step == step) & (history.member >= 0)).sum() for step in range(recording.steps + 1)]
+    np.testing.assert_array_equal(log.members, counted)
+    assert len(log.members) == recording.steps + 1
+    outcomes = {"point": 0, "lost": 0, "ray": 0}
+    for row, name in enumerate(log.landmark.tolist()):
+        end = int(log.end[row])
+        alive = (history.landmark == name) & (history.step >= log.birth[row])
+        as_ray = alive & (history.member >= 0) & ((end < 0) | (history.step < end))
+        steps = np.unique(history.step[as_ray])
+        last = end - 1 if end >= 0 else recording.steps
+        assert steps.tolist() == [*range(int(log.birth[row]), last + 1)]
+        distances = log.distances[row][np.isfinite(log.distances[row])]
+        assert history.member[as_ray & (history.step == log.birth[row])].tolist() == [*range(len(distances))]
+        expected = initialisation.distances() if isinstance(initialisation, Rays) else [1.0 / initialisation.mean]
+        np.testing.assert_array_equal(distances, expected)
+        if log.survivor[row] >= 0:
+            assert log.survivor[row] in history.member[as_ray & (history.step == last)]
+            assert history.member[alive & (history.step == end)].tolist() == [POINT]
+            outcomes["point"] += 1
+        else:
+            outcomes["ray" if end < 0 else "lost"] += 1
+    assert outcomes["point"] > 5
+    assert {*log.landmark.tolist()} >= {*np.asarray(estimate.landmark_ids).tolist()}
+    assert sum(outcomes.values()) == len(log.landmark)
+
+
+def test_without_rays_there_is_no_log() -> None:
+    assert ekf(ring(), initialisation=Delayed()).rays is None
+    assert ekf(random_recording(0)[1]).rays is None
+
+
+def test_a_landmark_that_begins_twice_has_two_rows() -> None:
+    recorder = RayRecorder()
+    recorder.begin(0, 7, np.array([1.0, 2.0]))
+    recorder.begin(1, 8, np.array([3.0]))
+    recorder.end(2, 7)
+    recorder.begin(2, 7, np.array([1.0, 2.0]))
+    recorder.end(5, 7, survivor=1)
+    log = recorder.log(np.arange(6))
+    assert log.landmark.tolist() == [7, 8, 7]
+    assert log.birth.tolist() == [0, 1, 2]
+    assert log.end.tolist() == [2, -1, 5]
+    assert log.survivor.tolist() == [-1, -1, 1]
+    np.testing.assert_array_equal(log.distances, [[1.0, 2.0], [3.0, np.nan], [1.0, 2.0]])
+    np.testing.assert_array_equal(log.members, np.arange(6))
+
+
+def test_a_log_without_rays_has_no_rows() -> None:
+    log = RayRecorder().log(np.zeros(3, np.int64))
+    assert len(log.landmark) == 0
+    assert log.distances.shape == (0, 0)
