@@ -17,8 +17,8 @@ from compare import Score, assert_error_bounds
 
 FILTERS = ("ekf", "riekf")
 RUNS = {"q4-three-landmarks": 40, "q4-ring": 30}  # without the optimum; seeds 0 ..
-GRADED_RUNS = {"q4-three-landmarks": 40, "q4-ring": 12}  # next to the optimum; the first of them
-ABLATED_RUNS = 50
+GRADED_RUNS = {"q4-three-landmarks": 40, "q4-ring": 8}  # next to the optimum; the first of them
+ABLATED_RUNS = 30
 LEVEL = 0.999
 
 
@@ -34,12 +34,12 @@ BOUNDS = {
     ("q4-three-landmarks", "riekf", "inverse-depth"): Bounds(0.708, 1.070),  # 0.564, 1.007
     ("q4-three-landmarks", "ekf", "delayed"): Bounds(0.750, 1.235),  # 0.593, 1.084
     ("q4-three-landmarks", "riekf", "delayed"): Bounds(0.727, 1.221),  # 0.584, 1.071
-    ("q4-ring", "ekf", "fis"): Bounds(0.967, 2.186),  # 0.759, 1.443
-    ("q4-ring", "riekf", "fis"): Bounds(0.827, 1.643),  # 0.653, 1.172
-    ("q4-ring", "ekf", "inverse-depth"): Bounds(0.750, 1.308),  # 0.608, 1.079
-    ("q4-ring", "riekf", "inverse-depth"): Bounds(0.743, 1.283),  # 0.605, 1.073
-    ("q4-ring", "ekf", "delayed"): Bounds(0.816, 1.553),  # 0.659, 1.168
-    ("q4-ring", "riekf", "delayed"): Bounds(0.793, 1.484),  # 0.644, 1.151
+    ("q4-ring", "ekf", "fis"): Bounds(0.967, 2.404),  # 0.759, 1.443
+    ("q4-ring", "riekf", "fis"): Bounds(0.833, 1.757),  # 0.653, 1.172
+    ("q4-ring", "ekf", "inverse-depth"): Bounds(0.750, 1.368),  # 0.608, 1.079
+    ("q4-ring", "riekf", "inverse-depth"): Bounds(0.745, 1.335),  # 0.605, 1.073
+    ("q4-ring", "ekf", "delayed"): Bounds(0.841, 1.664),  # 0.675, 1.201
+    ("q4-ring", "riekf", "delayed"): Bounds(0.813, 1.633),  # 0.661, 1.181
 }
 CASES = pytest.mark.parametrize(("scenario", "name", "initialisation"), BOUNDS)
 SCENARIOS = pytest.mark.parametrize("scenario", RUNS)
@@ -101,7 +101,7 @@ def test_every_ray_is_a_point_or_lost_in_the_end(scenario: str, name: str):
     [("none", 2.0), ("uniform", 1.3), ("best", 3.0), ("weights", 1.05)],
 )
 def test_federated_sharing_beats_the_others(sharing: str, times: float):
-    """Mean ATE of the right-invariant filter; `docs/bearings.md` has the figures of the same number of runs."""
+    """Mean ATE of the right-invariant filter; `docs/bearings.md` has the figures of more runs."""
     ate = {}
     for each in ("federated", sharing):
         found = scores("q4-ring", ("riekf",), ABLATED_RUNS, (f"fis.sharing={each}",))["riekf"]

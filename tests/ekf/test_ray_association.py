@@ -152,29 +152,22 @@ def test_joint_association_is_that_of_brute_force(gate: float) -> None:
     assert min(outcomes.values()) > 5, outcomes
 
 
-@METHODS
-def test_what_is_ambiguous_or_an_outlier_is_left_out(method: Method) -> None:
-    """With map management: no ray where one may be; `jcbb` gives no bearing away that may be another's."""
-    gate, outcomes = 4.0, {"ambiguous": 0, "outlier": 0, "new": 0}
+def test_what_is_ambiguous_is_left_out() -> None:
+    """With map management `jcbb` gives no bearing away that may be another's; what has no landmark begins one."""
+    gate, outcomes = 4.0, {"ambiguous": 0, "known": 0, "new": 0}
     management = MapManagement(margin=4.0)
     for seed in range(200):
         problem = random_problem(seed)
-        names, landmarks = named(problem, Association(method, gate, management))
+        names, landmarks = named(problem, Association("jcbb", gate, management))
         scan = problem.of_rays()
-        if method == "jcbb":
-            best = brute_force_joint(scan, gate, quantiles_of(gate, len(names)))
-            ambiguous = brute_force_ambiguous(scan, gate, management.margin, best)
-            expected = {i: landmark for i, landmark in best if i not in ambiguous}
-            outcomes["ambiguous"] += len(ambiguous)
-        else:
-            expected = greedy(scan.distances(), gate)
-            outcomes["ambiguous"] = 99  # which this method does not know
+        best = brute_force_joint(scan, gate, quantiles_of(gate, len(names)))
+        ambiguous = brute_force_ambiguous(scan, gate, management.margin, best)
+        expected = {i: landmark for i, landmark in best if i not in ambiguous}
         assert {i: name for i, name in enumerate(names) if NONE != name < landmarks} == expected
-        free = [landmark for landmark in range(landmarks) if landmark not in expected.values()]
-        for i in {*range(len(names))} - {*expected}:
-            near = scan.distances()[i, free].min(initial=np.inf) <= management.new_gate
-            assert (names[i] == NONE) == near
-            outcomes["outlier" if near else "new"] += 1
+        assert {i for i, name in enumerate(names) if name == NONE} == {*ambiguous}
+        outcomes["ambiguous"] += len(ambiguous)
+        outcomes["known"] += len(expected)
+        outcomes["new"] += len(names) - len(expected) - len(ambiguous)
     assert min(outcomes.values()) > 5, outcomes
 
 
