@@ -147,6 +147,7 @@ class SlamFilter:
         self._size = size
         self._state[3:size] = self._point[3:size] = np.ravel(landmarks)
         self._cov[:size, :size] = cov
+        self._work.points[:] = True
         self._index(landmark_ids)
 
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:

@@ -155,13 +155,14 @@ class YoungRays:
         slots = self._slam.slots_of(ray.members)
         innovation, Z = self._slam.innovations(slots, np.repeat(value, count, axis=0), np.repeat(cov, count, axis=0))
         squared = innovation[:, 0] ** 2 / Z[:, 0, 0]
+        spread = np.where(Z[:, 0, 0] > cov[0, 0, 0], Z[:, 0, 0], 2.0 * math.pi)  # at the robot: any bearing alike
         if squared.min() > settings.gate:
             ray.failures += 1
             if ray.failures >= settings.lost_after:
                 self.forget(step, name)
             return ray.members[:0], np.zeros(0)
         ray.failures = 0
-        weights = _normalised(ray.log_weights - squared / 2.0 - np.log(Z[:, 0, 0]) / 2.0)
+        weights = _normalised(ray.log_weights - squared / 2.0 - np.log(spread) / 2.0)
         self._prune(ray, weights, slots)
         if len(ray.members) == 1:
             del self._rays[name]

@@ -240,6 +240,22 @@ def test_slots_freed_by_others_turn_with_the_map_again() -> None:
     np.testing.assert_array_equal(slam.cov, fresh.cov)
 
 
+def test_a_new_map_is_of_points() -> None:
+    """Also where the old one had slots that were none."""
+    rng, found = np.random.default_rng(11), list[Float]()
+    landmarks, cov = rng.normal(size=(3, 2)), random_cov(rng, 9)
+    for others in (0, 3):
+        slam = SlamFilter("position", np.zeros(3), 0.1 * np.eye(3), "right-invariant")
+        ids = np.arange(others)
+        slam.add_linear(
+            ids, np.zeros(2 * others), ids, np.zeros((2 * others, others)), np.eye(2 * others), [False] * others
+        )
+        slam.set_map(np.arange(3), landmarks, cov)
+        slam.correct_linear(np.arange(3), np.eye(3), np.ones(3), 0.1 * np.eye(3))
+        found.append(slam.landmarks)
+    np.testing.assert_array_equal(found[0], found[1])
+
+
 @CORRECTIONS
 def test_a_linear_correction_without_solution_is_refused_and_changes_nothing(correction: Correction) -> None:
     twin = Twin(np.random.default_rng(9), correction)

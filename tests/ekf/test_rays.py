@@ -162,6 +162,20 @@ def test_a_ray_that_fits_no_bearing_is_lost():
     np.testing.assert_allclose(np.arctan2(*slam.landmarks[0][::-1]), 1.0, atol=1e-12)
 
 
+def test_a_member_at_the_robot_explains_any_bearing_alike():
+    """Its likelihood is that of the whole circle, not that of a bearing it had predicted exactly."""
+    rays, variance = Rays(beta=2.0, threshold=1e-9), 1e-2
+    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=rays)
+    for increment in (0.0, float(rays.distances()[0])):
+        slam.predict([increment, 0.0, 0.0], np.zeros((3, 3)))
+        slam.update(Observations(np.array([1]), np.zeros((1, 1)), np.full((1, 1, 1), variance)))
+    distances = rays.distances()
+    far = distances[1:] - distances[0]
+    Z = variance + variance * (distances[1:] / far) ** 2  # across the ray the members are as good as the first bearing
+    likelihood = np.append(1.0 / (2.0 * np.pi), 1.0 / np.sqrt(2.0 * np.pi * Z))
+    np.testing.assert_allclose(slam.whole_map().weight, likelihood / likelihood.sum(), rtol=1e-9)
+
+
 def test_without_ids_bearings_are_refused():
     with pytest.raises(ValueError, match="known association"):
         BearingFilter(np.zeros(3), np.eye(3)).update(Observations(None, np.zeros((1, 1)), np.ones((1, 1, 1))))
