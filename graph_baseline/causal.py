@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from time import perf_counter
 
 import gtsam
@@ -10,6 +10,7 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 
 from graph_baseline.factors import LENT_SLIP, GraphBuilder, read_values, require_known_landmarks
+from graph_baseline.hindsight import among_mapped
 from graph_baseline.smoother import solve_at
 from graph_baseline.undetermined import explained
 from slam2d import Estimate, Float, Int, Recording, rotation, triangulate
@@ -47,7 +48,7 @@ def isam2(recording: Recording, association: Int | None = None) -> Estimate:
         ValueError: the recording cannot be turned into a graph, or leaves a variable undetermined.
     """
     if association is not None:
-        return replace(isam2(recording.associated(association)), association=association)
+        return among_mapped(isam2(recording.associated(association)), association)
     return causal_optimum(recording, SETTINGS)
 
 

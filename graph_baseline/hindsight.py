@@ -51,7 +51,7 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
             optimum was not reached.
     """
     if association is not None:
-        return replace(batch(recording.associated(association)), association=association)
+        return among_mapped(batch(recording.associated(association)), association)
     placed = placed_alone(recording)
     if placed is not None:
         return batch(recording, placed)
@@ -67,6 +67,12 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
         landmark_covs=solution.landmark_covs,
         association=recording.landmark,
     )
+
+
+def among_mapped(estimate: Estimate, association: Int) -> Estimate:
+    """The estimate for an association (M,) of its own; -1 for what was given to landmarks that are not mapped."""
+    mapped = np.isin(association, np.asarray(estimate.landmark_ids))
+    return replace(estimate, association=np.where(mapped, association, -1))
 
 
 def minimise(recording: Recording, graph: gtsam.NonlinearFactorGraph) -> tuple[Float, Float]:

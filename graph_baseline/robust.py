@@ -10,7 +10,14 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
-from graph_baseline.factors import LENT_SLIP, build_graph, first_sights, make_values, require_known_landmarks
+from graph_baseline.factors import (
+    LENT_SLIP,
+    build_graph,
+    first_sights,
+    make_values,
+    placed_alone,
+    require_known_landmarks,
+)
 from graph_baseline.hindsight import batch, minimise
 from graph_baseline.undetermined import explained
 from slam2d import Estimate, Int, Recording
@@ -29,6 +36,9 @@ def robust_batch(recording: Recording, association: Int | None = None) -> Estima
         ValueError: as `batch`.
     """
     given = np.array(require_known_landmarks(recording) if association is None else association)
+    placed = placed_alone(recording.associated(given))
+    if placed is not None:
+        given[given >= 0] = placed
     seen = recording.associated(given)
     graph = build_graph(seen, LENT_SLIP)
     rows = seen.observation_step + 1 + np.arange(len(seen.observation))  # in the graph: after each step's motion

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -12,12 +13,12 @@ from scipy.optimize import least_squares
 
 from compare import load_scenario, simulate
 from compare.study_run import run_seed
-from graph_baseline import batch, cost, isam2
+from graph_baseline import batch, cost, isam2, robust_batch
 from graph_baseline.factors import first_sights
 from graph_baseline.hindsight import finish
 from graph_baseline.linearisation import log_se2
 from graph_baseline.triangulation import SURE
-from slam2d import Estimate, Float, Recording, Truth, between, triangulate, wrap
+from slam2d import Estimate, Float, Int, Recording, Truth, between, triangulate, wrap
 
 OPTIMA = pytest.mark.parametrize("optimum", [batch, isam2])
 
@@ -203,3 +204,20 @@ def test_isam2_goes_through_the_first_metres_of_any_run():
     for run in (4, 5, 6, 18, 19, 38):
         estimate = isam2(simulate(scenario, run_seed(0, run))[1])
         assert len(np.asarray(estimate.landmark_ids)) >= 1
+
+
+@pytest.mark.parametrize("optimum", [batch, isam2, robust_batch])
+def test_a_given_association_may_name_landmarks_that_bearings_do_not_place(
+    optimum: Callable[[Recording, Int], Estimate],
+):
+    _, recording = small()
+    assert recording.landmark is not None
+    lonely = int(recording.landmark.max())
+    association = np.array(recording.landmark)
+    association[np.flatnonzero(association == lonely)[1:]] = -1
+    estimate = optimum(recording, association)
+    assert lonely not in np.asarray(estimate.landmark_ids).tolist()
+    given = np.asarray(estimate.association)
+    assert not (given == lonely).any()
+    assert (given[given >= 0] == association[given >= 0]).all()
+    assert (given >= 0).sum() > len(given) / 3
