@@ -192,4 +192,4 @@ def _line(place: Place, detail: ErrorDetails) -> str:
     if what.startswith("Input should be"):
         kind = "a table" if detail["type"] == "model_type" else what.removeprefix("Input should be ")
         what = f"must be {kind}, not {reprlib.repr(detail['input'])}"
-    return f"{where}: {what}"
+    return f"{where}: {what}" if where else what  # what concerns several sections names its keys itself

@@ -155,13 +155,29 @@ class Fis(Section):
     `s_max` is the sensor's range unless it is given, and cannot be shorter.
     """
 
-    alpha: Annotated[Number, Field(gt=0, lt=1)] = 0.3
-    beta: Annotated[Number, Field(gt=1)] = 2.0
+    alpha: Number = 0.3
+    beta: Number = 2.0
     s_min: Positive = 1.0
     s_max: Positive | None = None
     threshold: Annotated[Number, Field(gt=0, lt=1)] = 1e-3
     gate: Positive = 9.0
     sharing: Literal["federated", "uniform", "none", "best", "weights"] = "federated"
+
+    @field_validator("alpha")
+    @classmethod
+    def _share_of_a_distance(cls, value: float) -> float:
+        if not 0.0 < value < 1.0:
+            text = "is a member's sigma over its distance; choose it in (0, 1), not {value}"
+            raise PydanticCustomError("share", text, {"value": value})
+        return value
+
+    @field_validator("beta")
+    @classmethod
+    def _progression(cls, value: float) -> float:
+        if not value > 1.0:
+            text = "is a member's distance over that of the one before, and {value} leads nowhere; choose it above 1"
+            raise PydanticCustomError("progression", text, {"value": value})
+        return value
 
 
 class InverseDepth(Section):

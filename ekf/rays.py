@@ -56,7 +56,10 @@ class Rays:
         rules = (
             (0.0 < self.alpha < 1.0, f"alpha: {self.alpha} is no share of a distance; choose it above 0 and below 1"),
             (self.beta > 1.0, f"beta: {self.beta} makes no progression; choose it above 1"),
-            (0.0 < self.s_min < self.s_max, f"s_max: {self.s_max} m must lie beyond s_min, {self.s_min} m, above 0"),
+            (
+                0.0 < self.s_min < self.s_max < math.inf,
+                f"s_max: {self.s_max} m must be finite and lie beyond s_min, {self.s_min} m, above 0",
+            ),
             (0.0 < self.threshold < 1.0, f"threshold: {self.threshold} prunes all or nothing; choose it in (0, 1)"),
             (self.gate > 0.0, f"gate: {self.gate} lets nothing pass; choose it above 0"),
             (self.lost_after >= 1, f"lost_after: {self.lost_after} loses a ray by no failure; choose at least 1"),

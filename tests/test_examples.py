@@ -138,3 +138,21 @@ def test_compare_question_3(folder: Path):
         assert int(tables[0][name]["mapped"]) > 10 * int(tables[3][name]["mapped"])
     assert last == "errors: errors of mine/errors.png\n"
     assert imread(folder / "errors of mine/errors.png").shape == (600, 1800, 4)
+
+
+def test_compare_question_4(folder: Path):
+    """On one fixed run every way to begin a landmark maps all of them, and ends near the optimum."""
+    printed, errors = run(folder, "compare_question_4.py", "--out", "maps of mine")
+    assert errors == ""
+    *texts, last = printed.split("\n\n")
+    assert [text.partition(",")[0] for text in texts] == ["q4-three-landmarks", "q4-ring"]
+    ways = ["ekf, fis", "riekf, fis", "riekf, inverse-depth", "riekf, delayed"]
+    for text, landmarks in zip(texts, ("3", "19"), strict=True):
+        lines = text.splitlines()[2:]
+        assert [line.partition("  ")[0] for line in lines] == [*ways, "isam2"]
+        for line in lines:
+            cells = line.split("  ")
+            assert {cell.strip() for cell in cells} >= {landmarks, "0"}  # mapped, and none wrong
+            assert float(line[line.index("filtered") + 8 :].split()[0]) < 2.0  # ATE [m]
+    assert last == "maps: maps of mine/maps.png\n"
+    assert imread(folder / "maps of mine/maps.png").shape == (1050, 1800, 4)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from compare.scenario import ScenarioError, load_scenario, shipped_scenarios
-from compare.scenario_schema import Fis
+from compare.scenario_schema import Delayed, Fis, InverseDepth
 from slam2d import Float, chain
 
 Write = Callable[[str], str]
@@ -328,11 +328,24 @@ def test_questions_2_and_3_are_question_1_with_another_association_and_noise(
     [
         (
             ["fis.s_max=5"],
-            "sensor.max_range = 10.0 m; farther landmarks would be lost",
+            "fis.s_max = 5.0 m is shorter than sensor.max_range = 10.0 m; farther landmarks would be lost",
+        ),
+        (
+            ["association.method=jcbb", "initialisation=delayed"],
+            'association.method = "jcbb" needs rays; set initialisation = "fis", or the method "known"',
         ),
         (["fis.s_min=10"], "fis.s_min = 10.0 m lies beyond s_max = 10.0 m; choose it nearer"),
-        (["fis.alpha=1"], "fis.alpha: must be less than 1, not 1"),
-        (["fis.beta=1"], "fis.beta: must be greater than 1, not 1"),
+        (
+            ["fis.alpha=1"],
+            "fis.alpha: is a member's sigma over its distance; choose it in (0, 1), not 1.0",
+        ),
+        (
+            ["fis.beta=1"],
+            "fis.beta: is a member's distance over that of the one before, and 1.0 leads nowhere; choose it above 1",
+        ),
+        (["initialisation=ekf"], "initialisation: must be 'fis', 'inverse-depth' or 'delayed', not 'ekf'"),
+        (["delayed.poses=2"], "delayed.poses: must be greater than or equal to 3, not 2"),
+        (["inverse_depth.mean=0"], "inverse_depth.mean: must be greater than 0, not 0"),
         (["sensor.sigma_range=1"], "sensor.sigma_range: a bearing sensor has none; remove it or change kind"),
     ],
 )
@@ -347,3 +360,16 @@ def test_rays_reach_as_far_as_the_sensor_unless_it_is_said_otherwise():
         assert isinstance(rays, Fis)
         assert rays.s_max == s_max
     assert load_scenario("q1-long-dense").beginning is None
+
+
+def test_the_other_initialisations_are_fitted_to_the_sensor_too():
+    far = ["sensor.max_range=20"]
+    depth = load_scenario("q4-ring", [*far, "initialisation=inverse-depth"]).beginning
+    assert isinstance(depth, InverseDepth)
+    assert (depth.mean, depth.sigma) == (0.075, 0.025)
+    delayed = load_scenario("q4-ring", [*far, "initialisation=delayed"]).beginning
+    assert isinstance(delayed, Delayed)
+    assert delayed.spacing == 0.4
+    nearer = load_scenario("q4-ring", ["initialisation=delayed", "delayed.spacing=0.1"]).beginning
+    assert isinstance(nearer, Delayed)
+    assert nearer.spacing == 0.1

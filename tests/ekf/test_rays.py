@@ -35,7 +35,7 @@ def test_the_progression(alpha: float, beta: float, s_min: float, s_max: float, 
     [("alpha", 1.0), ("alpha", 0.0), ("beta", 1.0), ("s_min", 0.0), ("s_max", 0.5), ("threshold", 1.0), ("gate", 0.0)],
 )
 def test_settings_that_make_no_ray(key: str, value: float):
-    with pytest.raises(ValueError, match=r"choose it|must lie beyond"):
+    with pytest.raises(ValueError, match=r"choose it|lie beyond"):
         Rays(**{key: value})  # pyright: ignore[reportArgumentType]
 
 
