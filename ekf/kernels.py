@@ -218,16 +218,22 @@ def whiten(cov: Float, size: int, first: int, last: int, work: Workspace) -> flo
     W, S, y = work.W, work.S, work.innovation[2 * first : 2 * last]
     project_covariance(cov, size, slots, jacobian, W)
     innovation_covariance(W, slots, jacobian, work.observation_cov[first:last], S)
+    return divide_by_factor(S, W, y, rows, size)
+
+
+@kernel
+def divide_by_factor(S: Float, W: Float, y: Float, rows: int, size: int) -> float:
+    """W <- U'^-1 W and y <- U'^-1 y, where S = U'U; returns y'y, NaN when S is not positive definite."""
     if not cholesky(S, rows):
         return math.nan
     solve_factor(S, W, rows, size)
-    nis = 0.0
+    squared = 0.0
     for a in range(rows):
         for b in range(a):
             y[a] -= S[b, a] * y[b]
         y[a] /= S[a, a]
-        nis += y[a] * y[a]
-    return nis
+        squared += y[a] * y[a]
+    return squared
 
 
 @kernel

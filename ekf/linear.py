@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 
-from ekf.compiled import cholesky, combine_rows, kernel, solve_factor, subtract_gram
-from ekf.kernels import mirror_robot_block
+from ekf.compiled import combine_rows, kernel, subtract_gram
+from ekf.kernels import divide_by_factor, mirror_robot_block
 from slam2d import Float, Int
 
 
@@ -52,15 +52,7 @@ def take_in_linear(
             for c in range(len(columns)):
                 S[a, b] += W[a, columns[c]] * jacobian[b, c]
     y = innovation.copy()
-    if not cholesky(S, rows):
-        return math.nan
-    solve_factor(S, W, rows, size)
-    nis = 0.0
-    for a in range(rows):
-        for b in range(a):
-            y[a] -= S[b, a] * y[b]
-        y[a] /= S[a, a]
-        nis += y[a] * y[a]
+    nis = divide_by_factor(S, W, y, rows, size)
     if math.isfinite(nis):
         combine_rows(W, y, dx, rows, size)
         subtract_gram(cov, W, rows, size)
