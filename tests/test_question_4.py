@@ -16,8 +16,8 @@ from questions import graded_scores, scores
 from compare import Score, assert_error_bounds
 
 FILTERS = ("ekf", "riekf")
-RUNS = {"q4-three-landmarks": 40, "q4-ring": 30}  # without the optimum; seeds 0 ..
-GRADED_RUNS = {"q4-three-landmarks": 40, "q4-ring": 8}  # next to the optimum; the first of them
+RUNS = {"q4-three-landmarks": 30, "q4-ring": 20}  # without the optimum; seeds 0 ..
+GRADED_RUNS = {"q4-three-landmarks": 20, "q4-ring": 8}  # next to the optimum; the first of them
 ABLATED_RUNS = 30
 LEVEL = 0.999
 
@@ -28,18 +28,18 @@ class Bounds(NamedTuple):
 
 
 BOUNDS = {
-    ("q4-three-landmarks", "ekf", "fis"): Bounds(0.849, 1.541),  # means 0.658, 1.234
-    ("q4-three-landmarks", "riekf", "fis"): Bounds(0.776, 1.340),  # 0.601, 1.102
-    ("q4-three-landmarks", "ekf", "inverse-depth"): Bounds(0.716, 1.079),  # 0.568, 1.014
-    ("q4-three-landmarks", "riekf", "inverse-depth"): Bounds(0.708, 1.070),  # 0.564, 1.007
-    ("q4-three-landmarks", "ekf", "delayed"): Bounds(0.750, 1.235),  # 0.593, 1.084
-    ("q4-three-landmarks", "riekf", "delayed"): Bounds(0.727, 1.221),  # 0.584, 1.071
-    ("q4-ring", "ekf", "fis"): Bounds(0.967, 2.404),  # 0.759, 1.443
-    ("q4-ring", "riekf", "fis"): Bounds(0.833, 1.757),  # 0.653, 1.172
-    ("q4-ring", "ekf", "inverse-depth"): Bounds(0.750, 1.368),  # 0.608, 1.079
-    ("q4-ring", "riekf", "inverse-depth"): Bounds(0.745, 1.335),  # 0.605, 1.073
-    ("q4-ring", "ekf", "delayed"): Bounds(0.841, 1.664),  # 0.675, 1.201
-    ("q4-ring", "riekf", "delayed"): Bounds(0.813, 1.633),  # 0.661, 1.181
+    ("q4-three-landmarks", "ekf", "fis"): Bounds(0.879, 1.714),  # means 0.658, 1.234
+    ("q4-three-landmarks", "riekf", "fis"): Bounds(0.802, 1.457),  # 0.601, 1.102
+    ("q4-three-landmarks", "ekf", "inverse-depth"): Bounds(0.733, 1.111),  # 0.568, 1.014
+    ("q4-three-landmarks", "riekf", "inverse-depth"): Bounds(0.731, 1.105),  # 0.564, 1.007
+    ("q4-three-landmarks", "ekf", "delayed"): Bounds(0.774, 1.318),  # 0.593, 1.084
+    ("q4-three-landmarks", "riekf", "delayed"): Bounds(0.751, 1.293),  # 0.584, 1.071
+    ("q4-ring", "ekf", "fis"): Bounds(1.032, 2.396),  # 0.759, 1.443
+    ("q4-ring", "riekf", "fis"): Bounds(0.866, 1.742),  # 0.653, 1.172
+    ("q4-ring", "ekf", "inverse-depth"): Bounds(0.784, 1.361),  # 0.608, 1.079
+    ("q4-ring", "riekf", "inverse-depth"): Bounds(0.772, 1.324),  # 0.605, 1.073
+    ("q4-ring", "ekf", "delayed"): Bounds(0.892, 1.686),  # 0.675, 1.201
+    ("q4-ring", "riekf", "delayed"): Bounds(0.849, 1.606),  # 0.661, 1.181
 }
 CASES = pytest.mark.parametrize(("scenario", "name", "initialisation"), BOUNDS)
 SCENARIOS = pytest.mark.parametrize("scenario", RUNS)
@@ -75,14 +75,14 @@ def test_delayed_landmarks_keep_the_right_invariant_filter_consistent(scenario: 
 
 
 def test_the_best_initialisation_is_within_the_bars():
-    """Mean NEES over time of the right-invariant filter, over its three degrees of freedom."""
+    """Time-mean NEES/3; on the other seeds 1.15 and 0.98; resampled, 0.8 % and none of the means exceed the bar."""
     for initialisation in ("inverse-depth", "delayed"):
         found = [score.nees_pose for score in of("q4-ring", initialisation, "riekf")]
         assert np.mean([nees for nees in found if nees is not None]) / 3 <= 1.5
 
 
 def test_rays_make_the_textbook_filter_too_sure_of_itself():
-    """Its time-mean NEES/3 on the other seeds is 2.7; resampled, no mean of 30 runs came below 1.5."""
+    """Its time-mean NEES/3 on the other seeds is 2.7; resampled, 0.4 % of the means of 20 runs come below 1.5."""
     found = [score.nees_pose for score in of("q4-ring", "fis", "ekf")]
     assert np.mean([nees for nees in found if nees is not None]) / 3 > 1.5
 
