@@ -56,10 +56,7 @@ def animate(folder: Path, name: str | None, seconds: float, fps: int) -> str | N
         scene = Scene(results, shown, mapped)
         with explained(folder, "written"):
             _render(scene, PillowWriter(rate), stage / GIF, steps)
-            missing = _render_video(scene, rate, stage / VIDEO, steps)
-    if missing:
-        (folder / VIDEO).unlink(missing_ok=True)  # it would be of another animation
-    return missing
+            return _render_video(scene, rate, stage / VIDEO, steps)
 
 
 def _chosen(estimates: Mapping[str, Estimate], name: str | None) -> tuple[dict[str, Estimate], dict[str, Estimate]]:

@@ -95,13 +95,12 @@ class BearingFilter:
     @property
     def young(self) -> dict[int, int]:
         """Landmarks that are no points yet, and how many members each has."""
-        landmark = self._young.members().landmark
-        return {name: int(np.sum(landmark == name)) for name in self._young.names}
+        return self._young.counts
 
     @property
     def member_count(self) -> int:
         """How many members the young landmarks have."""
-        return len(self._young.members().landmark)
+        return sum(self._young.counts.values())
 
     @property
     def associated(self) -> Int:
@@ -145,7 +144,7 @@ class BearingFilter:
         self._associated = names
         result = self._take_in(names.tolist(), values, covs)
         if self._association is not None:
-            for name in self._association.false_starts({*self._young.names, *self._points}):
+            for name in self._association.false_starts({*self._young.counts, *self._points}):
                 self._forget(name)
         return result
 

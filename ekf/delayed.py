@@ -79,9 +79,9 @@ class Waiting:
         self._next_id = 0
 
     @property
-    def names(self) -> dict[int, list[Sight]]:
-        """Landmarks that wait."""
-        return self._sights
+    def counts(self) -> dict[int, int]:
+        """Landmarks that wait; they have no members."""
+        return dict.fromkeys(self._sights, 0)
 
     def observe(self, step: int, names: list[int], values: Float, covs: Float) -> dict[int, int]:  # noqa: ARG002
         """Note the bearings if the robot has moved on, then place the landmarks that they place."""

@@ -83,9 +83,9 @@ class YoungDepths:
         self.log = RayRecorder()
 
     @property
-    def names(self) -> dict[int, Depth]:
-        """Landmarks in inverse depth."""
-        return self._depths
+    def counts(self) -> dict[int, int]:
+        """Landmarks in inverse depth; each is a member of its own."""
+        return dict.fromkeys(self._depths, 1)
 
     def observe(self, step: int, names: list[int], values: Float, covs: Float) -> dict[int, int]:
         """Correct with all bearings in one update, turn into points what is known well, begin what is new."""

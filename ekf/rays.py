@@ -101,9 +101,9 @@ class YoungRays:
         self.log = RayRecorder()
 
     @property
-    def names(self) -> dict[int, Ray]:
-        """Landmarks that are rays."""
-        return self._rays
+    def counts(self) -> dict[int, int]:
+        """Landmarks that are rays, and how many members each has."""
+        return {name: len(ray.members) for name, ray in self._rays.items()}
 
     def observe(self, step: int, names: list[int], values: Float, covs: Float) -> dict[int, int]:
         """Weigh the rays that were seen, correct their members in one update, then begin rays for what is new."""

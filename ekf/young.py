@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -40,8 +40,8 @@ class Young(Protocol):
     """Landmarks of a `BearingFilter` from their first bearing until they are points."""
 
     @property
-    def names(self) -> Collection[int]:
-        """Ids of the landmarks that are young."""
+    def counts(self) -> dict[int, int]:
+        """The landmarks that are young, in the order of their first bearings, and how many members each has."""
         ...
 
     @property

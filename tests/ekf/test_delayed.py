@@ -290,7 +290,7 @@ def test_a_landmark_is_forgotten_with_its_poses() -> None:
     waiting.observe(1, [5], np.zeros((1, 1)), np.ones((1, 1, 1)))
     assert len(inner.landmark_ids) == 4
     waiting.forget(1, 5)
-    assert [*waiting.names] == [4]
+    assert [*waiting.counts] == [4]
     assert len(inner.landmark_ids) == 2
     waiting.forget(1, 4)
     assert len(inner.cov) == 3
