@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from compare import load_runs, load_scenario, local_processes, run_study
+from slamgauge import load_runs, load_scenario, local_processes, run_study
 
 SCENARIOS = ("q2-short-dense", "q2-long-dense", "q2-long-sparse")
 METHODS = {

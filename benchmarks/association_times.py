@@ -10,7 +10,7 @@ which associates and corrects one by one.
 
 from __future__ import annotations
 
-from compare.executors import pin_blas_threads
+from slamgauge.compare.studies.executors import pin_blas_threads
 
 pin_blas_threads()
 
@@ -19,13 +19,14 @@ from time import perf_counter
 
 import numpy as np
 from scipy.special import chdtri
+from slamgauge.compare.bench.bench import workload
+from slamgauge.ekf import SlamFilter
+from slamgauge.ekf.association import AssociatingFilter
+from slamgauge.ekf.map_management import MapManagement
 
-from compare import simulate
-from compare.bench import workload
-from ekf import SlamFilter
-from ekf.association import AssociatingFilter
-from ekf.map_management import MapManagement
-from slam2d import Float, Observations, Recording
+from slamgauge import simulate
+from slamgauge.arrays import Float
+from slamgauge.recording import Observations, Recording
 
 GATE, MANAGEMENT = 9.0, MapManagement()
 

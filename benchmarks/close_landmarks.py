@@ -13,10 +13,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from slamgauge.compare.studies.executors import local_processes
+from slamgauge.compare.studies.study import run_study
 
-from compare import load_scenario
-from compare.executors import local_processes
-from compare.study import run_study
+from slamgauge import load_scenario
 
 NAMES = ("ekf", "fej-ekf", "iekf", "riekf")
 

@@ -8,7 +8,7 @@ in standard deviations, at ten steps spread over the run. The setting in use is 
 
 from __future__ import annotations
 
-from compare.executors import pin_blas_threads
+from slamgauge.compare.studies.executors import pin_blas_threads
 
 pin_blas_threads()
 
@@ -16,11 +16,11 @@ import argparse
 from dataclasses import replace
 
 import numpy as np
+from slamgauge.compare.bench.bench import workload
+from slamgauge.graph_baseline import batch
+from slamgauge.graph_baseline.causal import SETTINGS, causal_optimum
 
-from compare import simulate
-from compare.bench import workload
-from graph_baseline import batch
-from graph_baseline.causal import SETTINGS, causal_optimum
+from slamgauge import simulate
 
 
 def main() -> None:

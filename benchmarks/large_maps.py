@@ -9,7 +9,7 @@ that of the covariance alone.
 
 from __future__ import annotations
 
-from compare.executors import pin_blas_threads
+from slamgauge.compare.studies.executors import pin_blas_threads
 
 pin_blas_threads()
 
@@ -17,12 +17,13 @@ import argparse
 import tracemalloc
 
 import numpy as np
+from slamgauge.compare.bench.bench import workload
+from slamgauge.ekf import CompressedFilter, SlamFilter
+from slamgauge.ekf.estimators import drive
 
-from compare import simulate
-from compare.bench import workload
-from ekf import CompressedFilter, SlamFilter
-from ekf.estimators import drive
-from slam2d import Float, Recording
+from slamgauge import simulate
+from slamgauge.arrays import Float
+from slamgauge.recording import Recording
 
 
 def run(slam: SlamFilter | CompressedFilter, recording: Recording) -> tuple[Float, Float]:

@@ -16,7 +16,7 @@ an array larger than its caches (bandwidth) and by a large symmetric product (mu
 
 from __future__ import annotations
 
-from compare.executors import pin_blas_threads
+from slamgauge.compare.studies.executors import pin_blas_threads
 
 pin_blas_threads()
 
@@ -25,11 +25,11 @@ from importlib import import_module
 from time import perf_counter
 
 import numpy as np
+from slamgauge.compare.bench.bench import workload
+from slamgauge.ekf import ekf
+from slamgauge.ekf.filter import BLOCK
 
-from compare import simulate
-from compare.bench import workload
-from ekf import ekf
-from ekf.filter import BLOCK
+from slamgauge import simulate
 
 
 def bandwidth() -> float:

@@ -8,7 +8,7 @@ complement, and, up to `--marginals` landmarks, GTSAM's own `Marginals` for ever
 
 from __future__ import annotations
 
-from compare.executors import pin_blas_threads
+from slamgauge.compare.studies.executors import pin_blas_threads
 
 pin_blas_threads()
 
@@ -19,12 +19,12 @@ from typing import ParamSpec, TypeVar
 
 import gtsam
 from gtsam.symbol_shorthand import L, X
+from slamgauge.compare.bench.bench import workload
+from slamgauge.graph_baseline.factors import LENT_SLIP, build_graph, first_sights, make_values
+from slamgauge.graph_baseline.hindsight import finish, minimise
+from slamgauge.graph_baseline.smoother import solve_at
 
-from compare import simulate
-from compare.bench import workload
-from graph_baseline.factors import LENT_SLIP, build_graph, first_sights, make_values
-from graph_baseline.hindsight import finish, minimise
-from graph_baseline.smoother import solve_at
+from slamgauge import simulate
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")

@@ -13,14 +13,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
-from compare.executors import local_processes, pin_blas_threads
+from slamgauge.compare.studies.executors import local_processes, pin_blas_threads
 
 pin_blas_threads()
 
-from compare import load_estimators, load_scenario, simulate
-from compare.scenario import Scenario
-from compare.study import run_study
-from compare.study_run import run_once, run_seed
+from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.studies.run import run_once, run_seed
+from slamgauge.compare.studies.study import run_study
+
+from slamgauge import load_estimators, load_scenario, simulate
 
 NAMES = ("ekf", "riekf")
 

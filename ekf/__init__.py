@@ -10,15 +10,15 @@ Bearings alone: `bearing_only` (the online form); landmarks begin as `rays`, in 
 what these have in common, `linear`: measurements with Jacobians of their own); `ray_association` without ids.
 """
 
-from ekf.association import AssociatingFilter, Association
-from ekf.bearing_only import BearingFilter
-from ekf.compressed import CompressedFilter
-from ekf.delayed import Delayed
-from ekf.estimators import dead_reckoning, ekf, fej_ekf, iekf, riekf
-from ekf.filter import SlamFilter
-from ekf.inverse_depth import InverseDepth
-from ekf.map_management import MapManagement
-from ekf.rays import Rays
+from slamgauge.ekf.association import AssociatingFilter, Association
+from slamgauge.ekf.bearings.bearing_filter import BearingFilter
+from slamgauge.ekf.bearings.delayed import Delayed
+from slamgauge.ekf.bearings.inverse_depth import InverseDepth
+from slamgauge.ekf.bearings.rays import Rays
+from slamgauge.ekf.compressed import CompressedFilter
+from slamgauge.ekf.estimators import dead_reckoning, ekf, fej_ekf, iekf, riekf
+from slamgauge.ekf.filter import SlamFilter
+from slamgauge.ekf.map_management import MapManagement
 
 __all__ = [
     "AssociatingFilter",

@@ -2,7 +2,7 @@
 
 `nearest-neighbour` is the practical's rule: observation by observation, the landmark of the smallest squared
 Mahalanobis distance below the gate corrects the filter at once, and if there is none, a new landmark is mapped
-at once. `jcbb` associates a whole scan jointly (Neira and Tardos 2001, see `ekf.compatibility`), corrects with
+at once. `jcbb` associates a whole scan jointly (Neira and Tardos 2001, see `kernels.compatibility`), corrects with
 all that was matched in one update, then maps the rest.
 
 Names: a landmark's id is the number of its track, 0, 1, 2, ... in the order of birth, and is never used again.
@@ -16,13 +16,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
+from slamgauge.ekf.filter import SOUND, Correction, SlamFilter
+from slamgauge.ekf.kernels.compatibility import NONE
+from slamgauge.ekf.kernels.take_in import are_sound
+from slamgauge.ekf.kernels.warm_up import compile_association_once
+from slamgauge.ekf.map_management import MapManagement, Tracks
 
-from ekf.compatibility import NONE
-from ekf.filter import SOUND, Correction, SlamFilter
-from ekf.kernels import are_sound
-from ekf.map_management import MapManagement, Tracks
-from ekf.warm_up import compile_association_once
-from slam2d import Float, Int, Observations
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Observations
 
 Method = Literal["nearest-neighbour", "jcbb"]
 

@@ -17,12 +17,13 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
+from slamgauge.ekf.filter import WHOLE_SCAN, Rule, SlamFilter
+from slamgauge.ekf.kernels.compiled import kernel, solve_factor, subtract_gram, subtract_product
+from slamgauge.ekf.kernels.corrections import update_standard
+from slamgauge.ekf.kernels.workspace import Workspace
 
-from ekf.compiled import kernel, solve_factor, subtract_gram, subtract_product
-from ekf.corrections import update_standard
-from ekf.filter import WHOLE_SCAN, Rule, SlamFilter
-from ekf.workspace import Workspace
-from slam2d import Float, Int, Observations
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Observations
 
 
 @kernel
@@ -49,7 +50,7 @@ class CompressedFilter:
     """Standard EKF-SLAM with known association; equal to `SlamFilter`, faster on large maps.
 
     Args:
-        sensor: `range-bearing` or `position` (see `slam2d.Recording`).
+        sensor: `range-bearing` or `position` (see `slamgauge.Recording`).
         prior_mean: (3,) start pose.
         prior_cov: (3, 3) its covariance.
         area_radius: landmarks within this distance [m] of the robot form its area, which it leaves a

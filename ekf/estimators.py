@@ -7,14 +7,15 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
+from slamgauge.ekf.association import AssociatingFilter, Association
+from slamgauge.ekf.bearings.bearing_filter import BearingFilter, Initialisation
+from slamgauge.ekf.bearings.rays import Rays
+from slamgauge.ekf.compressed import CompressedFilter
+from slamgauge.ekf.filter import Correction, SlamFilter
+from slamgauge.ekf.history import History
 
-from ekf.association import AssociatingFilter, Association
-from ekf.bearing_only import BearingFilter, Initialisation
-from ekf.compressed import CompressedFilter
-from ekf.filter import Correction, SlamFilter
-from ekf.history import History
-from ekf.rays import Rays
-from slam2d import Estimate, Recording
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
 
 CORRECTIONS: dict[str, Correction] = {
     "ekf": "standard",

@@ -8,10 +8,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from ekf import kernels, linear, map_edits
-from ekf.compatibility import Pairs, allocate_pairs, find_compatible, mark_ambiguous, search_jointly
-from ekf.corrections import (
+from slamgauge.ekf.kernels import linear, map_edits
+from slamgauge.ekf.kernels.augmentation import augment
+from slamgauge.ekf.kernels.compatibility import Pairs, allocate_pairs, find_compatible
+from slamgauge.ekf.kernels.corrections import (
     MAX_ITERATIONS,
     retract_right_invariant,
     retract_standard,
@@ -19,11 +19,17 @@ from ekf.corrections import (
     update_right_invariant,
     update_standard,
 )
-from ekf.models import BEARING, RANGE_BEARING, SENSOR_CODES
-from ekf.one_by_one import update_one_by_one
-from ekf.warm_up import compile_once
-from ekf.workspace import Workspace, allocate
-from slam2d import Float, Int, Observations
+from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
+from slamgauge.ekf.kernels.linearisation import describe
+from slamgauge.ekf.kernels.models import BEARING, RANGE_BEARING, SENSOR_CODES
+from slamgauge.ekf.kernels.one_by_one import update_one_by_one
+from slamgauge.ekf.kernels.prediction import predict
+from slamgauge.ekf.kernels.slots import find_slots
+from slamgauge.ekf.kernels.warm_up import compile_once
+from slamgauge.ekf.kernels.workspace import Workspace, allocate
+
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Observations
 
 Correction = Literal["standard", "first-estimates", "iterated", "right-invariant"]
 Update = Callable[[int, Float, Float, Float, int, int, Workspace], tuple[float, int]]
@@ -68,10 +74,10 @@ class SlamFilter:
     rows of `landmarks`. A slot stays a landmark's own until `remove` or `merge`.
 
     Args:
-        sensor: `range-bearing` or `position` (see `slam2d.Recording`).
+        sensor: `range-bearing` or `position` (see `slamgauge.Recording`).
         prior_mean: (3,) start pose.
         prior_cov: (3, 3) its covariance; zero is legal.
-        correction: `standard`, `first-estimates`, `iterated`, `right-invariant` (see `ekf.corrections`), or a
+        correction: `standard`, `first-estimates`, `iterated`, `right-invariant` (see `kernels.corrections`), or a
             rule of your own.
         landmarks: how many to make room for at first; the filter grows beyond that by itself.
 
@@ -158,7 +164,7 @@ class SlamFilter:
         """
         self._increment[:] = increment
         self._increment_cov[:] = cov
-        if not kernels.predict(self._state, self._point, self._cov, self._size, self._increment, self._increment_cov):
+        if not predict(self._state, self._point, self._cov, self._size, self._increment, self._increment_cov):
             raise ValueError(f"increment: {increment} or its covariance is not finite; drop the step or repair it")
 
     def update(self, observations: Observations) -> tuple[float, int]:
@@ -180,7 +186,7 @@ class SlamFilter:
             return 0.0, 0
         work = self._room_for(count)
         work.ids[:count] = ids
-        unmapped = kernels.find_slots(self._sorted_ids, self._sorted_slots, work.ids[:count], work.slots)
+        unmapped = find_slots(self._sorted_ids, self._sorted_slots, work.ids[:count], work.slots)
         if unmapped:
             return self._update_and_map(np.asarray(ids), np.asarray(values), np.asarray(covs))
         return self._correct(count, values, covs)
@@ -228,7 +234,9 @@ class SlamFilter:
         others correct it in an update of their own.
         """
         if self._sensor == BEARING:
-            raise ValueError("landmark: a bearing alone places no landmark; use ekf.bearing_only.BearingFilter")
+            raise ValueError(
+                "landmark: a bearing alone places no landmark; use slamgauge.ekf.bearings.bearing_filter.BearingFilter"
+            )
         if not (np.isfinite(values).all() and np.isfinite(covs).all() and (np.linalg.eigvalsh(covs) > 0).all()):
             raise ValueError("observation: a value is not finite, or a covariance not positive definite; drop the row")
         mapped = np.isin(ids, self._ids)
@@ -255,7 +263,7 @@ class SlamFilter:
         self._room_for(count)
         self._load(values, covs)
         sensor = RANGE_BEARING if self._sensor == BEARING else self._sensor
-        kernels.augment(sensor, self._state, self._point, self._cov, self._size, count, self._work)
+        augment(sensor, self._state, self._point, self._cov, self._size, count, self._work)
         self._size += 2 * count
         self._index(np.concatenate([self._ids, ids]))
 
@@ -283,7 +291,7 @@ class SlamFilter:
             columns: (c,) of the state, on which they depend ...
             jacobian: (2m, c) ... in this way, ...
             own_cov: (2m, 2m) with noise of their own.
-            points: (m,) which of them are positions in the plane (see `ekf.corrections`: these turn with the map).
+            points: (m,) which of them are positions in the plane (see `kernels.corrections`: these turn with the map).
         """
         first, size = self._size, self._size + len(values)
         self._reserve(size)
@@ -312,7 +320,7 @@ class SlamFilter:
     ) -> tuple[Int, float, int]:
         """Associate the observations (m, d) with the nearest landmarks, correcting and mapping at once.
 
-        New landmarks get the ids `next_id`, `next_id + 1`, ...; see `ekf.one_by_one`.
+        New landmarks get the ids `next_id`, `next_id + 1`, ...; see `kernels.one_by_one`.
 
         Returns:
             Slots (m,), -1 for none; the NIS and its degrees of freedom.
@@ -354,7 +362,7 @@ class SlamFilter:
         work.slots[:count] = slots
         self._load(values, covs)
         S = np.empty((count, 2, 2))
-        kernels.describe(self._sensor, self._state, self._point, self._cov, count, work, S)
+        describe(self._sensor, self._state, self._point, self._cov, count, work, S)
         return work.innovation[: 2 * count].reshape(count, 2)[:, first:].copy(), S[:, first:, first:]
 
     def slots_of(self, ids: Int) -> Int:
@@ -367,7 +375,7 @@ class SlamFilter:
         Args:
             given: number m of the observations that `compatible` was given.
             count: how many pairs.
-            gate: see `ekf.compatibility.search_jointly`, also for the others.
+            gate: see `kernels.compatibility.search_jointly`, also for the others.
             quantiles: (m + 1,).
             node_limit: pairs to try.
         """
@@ -379,7 +387,7 @@ class SlamFilter:
     def ambiguous(self, count: int, gate: float, margin: float, slots: Int) -> NDArray[np.bool_]:
         """Which observations (m,) of `compatible` another association than `slots` (m,) explains nearly as well.
 
-        See `ekf.compatibility.mark_ambiguous`.
+        See `kernels.compatibility.mark_ambiguous`.
         """
         marks = np.zeros(len(slots), dtype=np.bool_)
         covs = self._work.observation_cov[: len(slots)]
@@ -404,7 +412,7 @@ class SlamFilter:
         self.remove(gone)
 
     def find_duplicate(self, slots: Int, apart: NDArray[np.bool_], gate: float, distance: float) -> tuple[int, int]:
-        """Slots of two landmarks that are statistically one; see `ekf.map_edits.find_duplicate`."""
+        """Slots of two landmarks that are statistically one; see `kernels.map_edits.find_duplicate`."""
         return map_edits.find_duplicate(self._state, self._cov, self._size, slots, apart, gate, distance)
 
     def _index(self, ids: Int) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from slamgauge.ekf.association import AssociatingFilter
+from slamgauge.ekf.bearings.bearing_filter import BearingFilter
+from slamgauge.ekf.bearings.young import POINT, Members, joined
+from slamgauge.ekf.filter import SlamFilter
 
-from ekf.association import AssociatingFilter
-from ekf.bearing_only import BearingFilter
-from ekf.filter import SlamFilter
-from ekf.young import POINT, Members, joined
-from slam2d import MapHistory
+from slamgauge.estimate import MapHistory
 
 
 class History:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from slamgauge.ekf.filter import SlamFilter
+from slamgauge.ekf.kernels.map_edits import NOTHING
 
-from ekf.filter import SlamFilter
-from ekf.map_edits import NOTHING
-from slam2d import Int
+from slamgauge.arrays import Int
 
 GONE = -1
 

@@ -12,10 +12,10 @@ import argparse
 from pathlib import Path
 
 from matplotlib.figure import Figure
+from slamgauge.compare.scoring.comparison import table
 
-from compare import compare_estimators, load_estimators, load_scenario, plot_run, simulate
-from compare.comparison import table
-from slam2d import Estimator
+from slamgauge import compare_estimators, load_estimators, load_scenario, plot_run, simulate
+from slamgauge.estimate import Estimator
 
 SCENARIOS = ("q4-three-landmarks", "q4-ring")
 FILTERS = (("ekf", "fis"), ("riekf", "fis"), ("riekf", "inverse-depth"), ("riekf", "delayed"))

@@ -15,10 +15,13 @@ or on a stored recording, beside the filters that come along:
 from __future__ import annotations
 
 import numpy as np
+from slamgauge.compare.scoring.comparison import table
 
-from compare import compare_estimators, load_estimators, load_scenario, simulate
-from compare.comparison import table
-from slam2d import Estimate, Float, Recording, compose, rotation, wrap
+from slamgauge import compare_estimators, load_estimators, load_scenario, simulate
+from slamgauge.arrays import Float
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import compose, rotation, wrap
 
 
 def estimate(recording: Recording) -> Estimate:

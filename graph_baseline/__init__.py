@@ -5,10 +5,10 @@ outliers), `linearisation` and `smoother` (the exact linear model, its Schur com
 `undetermined` (errors).
 """
 
-from graph_baseline.causal import isam2
-from graph_baseline.hindsight import batch
-from graph_baseline.linearisation import cost
-from graph_baseline.robust import robust_batch
-from graph_baseline.undetermined import UndeterminedError
+from slamgauge.graph_baseline.causal import isam2
+from slamgauge.graph_baseline.hindsight import batch
+from slamgauge.graph_baseline.linearisation import cost
+from slamgauge.graph_baseline.robust import robust_batch
+from slamgauge.graph_baseline.undetermined import UndeterminedError
 
 __all__ = ["UndeterminedError", "batch", "cost", "isam2", "robust_batch"]

@@ -11,10 +11,12 @@ from collections.abc import Callable
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
+from slamgauge.graph_baseline.triangulation import triangulate_all
+from slamgauge.graph_baseline.undetermined import undetermined_variable
 
-from graph_baseline.triangulation import triangulate_all
-from graph_baseline.undetermined import undetermined_variable
-from slam2d import Float, Int, Recording, chain, rotation
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Recording
+from slamgauge.se2 import chain, rotation
 
 # Lent to a motion direction of zero variance, as a share of the largest standard deviation of its step
 # (0.1 mm beside the practical's 30 mm), where GTSAM's solvers would stumble over a hard constraint.

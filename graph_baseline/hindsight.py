@@ -17,8 +17,7 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 from scipy.special import chdtr
-
-from graph_baseline.factors import (
+from slamgauge.graph_baseline.factors import (
     LENT_SLIP,
     build_graph,
     first_sights,
@@ -28,9 +27,13 @@ from graph_baseline.factors import (
     read_values,
     require_known_landmarks,
 )
-from graph_baseline.smoother import Solution, solve_at
-from graph_baseline.undetermined import UndeterminedError, explained
-from slam2d import Estimate, Float, Int, Recording, chain, wrap
+from slamgauge.graph_baseline.smoother import Solution, solve_at
+from slamgauge.graph_baseline.undetermined import UndeterminedError, explained
+
+from slamgauge.arrays import Float, Int
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import chain, wrap
 
 PORTIONS = 8  # of the recording, in the grown start
 MAX_NEWTON_STEPS = 30

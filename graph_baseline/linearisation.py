@@ -10,9 +10,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from slamgauge.graph_baseline.factors import prior_cov_in_body, require_known_landmarks
 
-from graph_baseline.factors import prior_cov_in_body, require_known_landmarks
-from slam2d import Float, Int, Recording, between, rotation, wrap
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Recording
+from slamgauge.se2 import between, rotation, wrap
 
 
 class LinearModel(NamedTuple):

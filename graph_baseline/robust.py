@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import gtsam
 import numpy as np
-
-from graph_baseline.factors import (
+from slamgauge.graph_baseline.factors import (
     LENT_SLIP,
     build_graph,
     first_sights,
@@ -18,9 +17,12 @@ from graph_baseline.factors import (
     placed_alone,
     require_known_landmarks,
 )
-from graph_baseline.hindsight import batch, minimise
-from graph_baseline.undetermined import explained
-from slam2d import Estimate, Int, Recording
+from slamgauge.graph_baseline.hindsight import batch, minimise
+from slamgauge.graph_baseline.undetermined import explained
+
+from slamgauge.arrays import Int
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
 
 TRUSTED = 0.999  # probability with which a true observation's cost stays below the truncation
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from slam2d import Float, Int, Recording, triangulate
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Recording
+from slamgauge.triangulation import triangulate
 
 SURE = 0.3  # largest standard deviation over distance of a landmark that its bearings place
 TRACK_BREAK = 1.0  # s unseen, after which the path may have drifted too far to go on triangulating

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.image import imread
-
-from ekf.warm_up import compile_association_once, compile_once
+from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -53,9 +52,9 @@ def test_own_estimator(folder: Path):
     assert float(table["own"]["NEES"]) > 30.0
     assert 0.0 < float(table["isam2"]["NEES"]) < 5.0
 
-    run(folder, "-m", "compare", "run", "q1-long-dense", "--estimators", "dead-reckoning", "--out", "first-run")
+    run(folder, "-m", "slamgauge", "run", "q1-long-dense", "--estimators", "dead-reckoning", "--out", "first-run")
     arguments = ("--estimators", "dead-reckoning,riekf", "--estimator", "own_estimator:estimate")
-    printed, _ = run(folder, "-m", "compare", "evaluate", "first-run/recording.npz", *arguments)
+    printed, _ = run(folder, "-m", "slamgauge", "evaluate", "first-run/recording.npz", *arguments)
     again = rows(printed)
     assert list(again) == ["dead-reckoning", "riekf", "own_estimator:estimate"]
     own = again["own_estimator:estimate"]
@@ -71,9 +70,9 @@ def test_own_estimator_refuses_what_it_does_not_know(folder: Path):
     lines = shipped.read_text(encoding="utf-8").splitlines(keepends=True)
     path.write_text("".join(line for line in lines if not line.startswith(("sigma_range", "sigma_bearing"))))
     simulated = ("run", "positions.toml", "--estimators", "dead-reckoning", "--out", "run", "--set", *overrides)
-    run(folder, "-m", "compare", *simulated)
+    run(folder, "-m", "slamgauge", *simulated)
     own = ("--estimators", "dead-reckoning", "--estimator", "own_estimator:estimate")
-    printed, errors = run(folder, "-m", "compare", "evaluate", "run/recording.npz", *own, status=2)
+    printed, errors = run(folder, "-m", "slamgauge", "evaluate", "run/recording.npz", *own, status=2)
     assert printed == ""
     (line,) = errors.splitlines()
     assert "this filter needs known association, ranges and bearings (own_estimator.py, line " in line

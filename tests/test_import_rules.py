@@ -1,116 +1,157 @@
-"""Who may import what (DESIGN.md, layout), read from the sources, and what the command line really loads."""
+"""Who may import what (docs/architecture.md), read from the sources by folder, and what a command really loads."""
 
 from __future__ import annotations
 
 import ast
 import subprocess
 import sys
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
-PACKAGES = ("slam2d", "ekf", "graph_baseline", "compare")
+ROOT = Path(__file__).parents[1]
+FLOORS = ("slamgauge", "ekf", "graph_baseline", "compare")  # folders; all but the first are mapped into it
 
-# beyond the standard library
-ALLOWED = {
-    "slam2d": {"numpy"},
-    "ekf": {"slam2d", "ekf", "numpy", "scipy", "numba", "llvmlite"},
-    "graph_baseline": {"slam2d", "graph_baseline", "numpy", "scipy", "gtsam"},
+# rooms from the ground up: a room imports rooms below it, never one above
+ROOMS = {
+    "slamgauge": (),
+    "slamgauge.ekf": ("kernels", "bearings"),
+    "slamgauge.graph_baseline": (),
+    "slamgauge.compare": (
+        "storage",
+        "scenarios",
+        "datasets",
+        "estimators",
+        "scoring",
+        "studies",
+        "bench",
+        "figures",
+        "cli",
+    ),
 }
-# modules of `compare` that may import what no other may
-HOMES = {
-    "matplotlib": {
-        "animation",
-        "animation_scene",
-        "ellipses",
-        "map_layers",
-        "ray_strip",
-        "plots",
-        "error_panels",
-        "plot_style",
-        "bench_figure",
-        "study_figures",
-        "sweep_figure",
-        "budget_figure",
-    },
-    "plotly": {"report"},
-    "jinja2": {"report"},
-    "tyro": {"cli"},
-    "pydantic": {"scenario", "scenario_schema"},
-    "pydantic_core": {"scenario", "scenario_schema"},
-    "gtsam": set[str](),
+# beyond the standard library and slamgauge itself
+LIBRARIES = {
+    "slamgauge": {"numpy"},
+    "slamgauge.ekf": {"numpy", "scipy", "numba", "llvmlite"},
+    "slamgauge.graph_baseline": {"numpy", "scipy", "gtsam"},
+    "slamgauge.compare": {"numpy", "scipy", "tqdm", "distributed"},
+    "slamgauge.compare.scenarios": {"pydantic", "pydantic_core"},
+    "slamgauge.compare.figures": {"matplotlib"},
+    "slamgauge.compare.cli": {"tyro"},
 }
+FLOORS_BELOW = {
+    "slamgauge": (),
+    "slamgauge.ekf": ("slamgauge",),
+    "slamgauge.graph_baseline": ("slamgauge",),
+    "slamgauge.compare": ("slamgauge", "slamgauge.ekf", "slamgauge.graph_baseline"),
+}
+DOORS = ("slamgauge", "slamgauge.__main__")  # they offer names of all floors, and import them when asked to
 SLOW_TO_START = ("numpy", "gtsam", "matplotlib", "numba", "scipy", "pydantic")
 
 
-def sources(package: str) -> list[Path]:
-    single = ROOT / f"{package}.py"
-    return [single] if single.exists() else sorted((ROOT / package).rglob("*.py"))
+def sources() -> dict[str, Path]:
+    """Every module of the program by its import name."""
+    found: dict[str, Path] = {}
+    for floor in FLOORS:
+        for path in sorted((ROOT / floor).rglob("*.py")):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            name = ".".join(parts if floor == "slamgauge" else ("slamgauge", *parts))
+            found[name.removesuffix(".__init__")] = path
+    return found
 
 
-def imported(source: Path) -> set[str]:
-    """Top-level names that a module imports anywhere: at its head, in functions, for type checking."""
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+SOURCES = sources()
+
+
+def imported(path: Path, modules: dict[str, Path] = SOURCES) -> Iterator[str]:
+    """Modules that a file imports anywhere: at its head, in functions, for type checking."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            names.add(source.parent.name if node.level else node.module or "")
-    return {name.partition(".")[0] for name in names}
+            assert node.level == 0, f"{path}: a relative import"
+            assert node.module is not None
+            submodules = [f"{node.module}.{alias.name}" for alias in node.names]
+            yield from (name if name in modules else node.module for name in submodules)
 
 
-def foreign(source: Path) -> set[str]:
-    return imported(source) - sys.stdlib_module_names
+IMPORTS = {name: {*imported(path)} for name, path in SOURCES.items() if name not in DOORS}
 
 
-def test_every_package_is_found() -> None:
-    assert [len(sources(package)) > 1 for package in PACKAGES] == [False, True, True, True]
+def floor_of(name: str) -> str:
+    """The floor of a module."""
+    two = ".".join(name.split(".")[:2])
+    return two if two in ROOMS else "slamgauge"
+
+
+def room_of(name: str) -> str:
+    """The room of a module within its floor, "" for what lies outside its rooms."""
+    rest = name.removeprefix(floor_of(name)).strip(".").split(".")[0]
+    return rest if rest in ROOMS[floor_of(name)] else ""
+
+
+def height(name: str) -> int:
+    """The room's place from the ground up; what lies at a floor's root is on top of its rooms."""
+    rooms = ROOMS[floor_of(name)]
+    return rooms.index(room_of(name)) if room_of(name) else len(rooms)
+
+
+def ours(name: str) -> set[str]:
+    return {other for other in IMPORTS[name] if other.partition(".")[0] == "slamgauge" and other not in DOORS}
+
+
+def test_every_folder_is_a_room_and_every_room_is_there() -> None:
+    for floor, rooms in ROOMS.items():
+        folder = ROOT / (floor.rpartition(".")[2])
+        assert {each.parent.name for each in folder.glob("*/__init__.py")} == {*rooms}
 
 
 def test_imports_are_seen_wherever_they_stand(tmp_path: Path) -> None:
     module = tmp_path / "module.py"
-    module.write_text("import a.b\nfrom c.d import e\ndef f():\n    import g as h\n    from . import i\n")
-    assert imported(module) == {"a", "c", "g", tmp_path.name}
+    module.write_text("import a.b\nfrom c.d import e\ndef f():\n    import g as h\n    from i import j\n")
+    assert {*imported(module, {"i.j": module})} == {"a.b", "c.d", "g", "i.j"}
 
 
-@pytest.mark.parametrize("package", ALLOWED)
-def test_a_package_imports_nothing_else(package: str) -> None:
-    found = {source.name: foreign(source) - ALLOWED[package] for source in sources(package)}
-    assert not {name: names for name, names in found.items() if names}
+@pytest.mark.parametrize("name", IMPORTS)
+def test_a_module_imports_from_below(name: str) -> None:
+    above = {other for other in ours(name) if floor_of(other) == floor_of(name) and height(other) > height(name)}
+    allowed = {*FLOORS_BELOW[floor_of(name)], floor_of(name)}
+    assert not above | {other for other in ours(name) if floor_of(other) not in allowed}
 
 
-@pytest.mark.parametrize(("package", "other"), [("ekf", "graph_baseline"), ("graph_baseline", "ekf")])
-def test_filters_and_optimum_know_neither_each_other_nor_compare(package: str, other: str) -> None:
-    assert not [source.name for source in sources(package) if imported(source) & {other, "compare"}]
+@pytest.mark.parametrize("name", IMPORTS)
+def test_a_module_imports_the_libraries_of_its_room(name: str) -> None:
+    floor = floor_of(name)
+    allowed = LIBRARIES[floor] | LIBRARIES.get(f"{floor}.{room_of(name)}", set())
+    assert {other.partition(".")[0] for other in IMPORTS[name]} - sys.stdlib_module_names - {"slamgauge"} <= allowed
 
 
-@pytest.mark.parametrize("library", HOMES)
-def test_a_library_is_imported_at_its_home_alone(library: str) -> None:
-    users = {source.stem for source in sources("compare") if library in imported(source)}
-    assert users <= HOMES[library]
-
-
-def test_gtsam_is_imported_in_graph_baseline_alone() -> None:
-    users = {package for package in PACKAGES for source in sources(package) if "gtsam" in imported(source)}
-    assert users == {"graph_baseline"}
+def test_no_imports_in_circles() -> None:
+    graph = {name: {other for other in ours(name) if other in IMPORTS} - {name} for name in IMPORTS}
+    TopologicalSorter(graph).prepare()  # names the circle if there is one
 
 
 def loaded_by(statement: str) -> set[str]:
-    """Top-level modules that a fresh process has loaded after `statement`."""
-    program = f"import sys\n{statement}\nprint(' '.join({{name.partition('.')[0] for name in sys.modules}}))"
+    """Modules that a fresh process has loaded after `statement`."""
+    program = f"import sys\n{statement}\nprint(' '.join(sys.modules))"
     done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True, cwd=ROOT)
     return set(done.stdout.split())
 
 
-def test_the_command_line_starts_without_the_slow_libraries() -> None:
-    loaded = loaded_by("import compare.cli")
-    assert {"compare", "tyro"} <= loaded
+@pytest.mark.parametrize("statement", ["import slamgauge", "import slamgauge.compare.cli.main"])
+def test_the_command_and_the_package_start_without_the_slow_libraries(statement: str) -> None:
+    loaded = loaded_by(statement)
+    assert statement.split()[1] in loaded
     assert not loaded & set(SLOW_TO_START)
 
 
-@pytest.mark.parametrize(("package", "never"), [("ekf", "gtsam"), ("graph_baseline", "numba"), ("slam2d", "scipy")])
-def test_a_package_can_be_used_without_the_others_libraries(package: str, never: str) -> None:
+@pytest.mark.parametrize(
+    ("package", "never"),
+    [("slamgauge.ekf", "gtsam"), ("slamgauge.graph_baseline", "numba"), ("slamgauge.recording", "scipy")],
+)
+def test_a_floor_can_be_used_without_the_others_libraries(package: str, never: str) -> None:
     loaded = loaded_by(f"import {package}")
     assert "numpy" in loaded
-    assert not loaded & {never, "compare", "matplotlib"}
+    assert not loaded & {never, "slamgauge.compare", "matplotlib"}

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compare import Summary, load_scenario, run_study, simulate
+from slamgauge import Summary, load_scenario, run_study, simulate
 
 PUBLISHED_EKF = {
     "heading_rmse_rad": np.deg2rad(3.02),

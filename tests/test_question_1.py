@@ -14,7 +14,7 @@ from typing import NamedTuple
 import pytest
 from questions import graded_scores, scores
 
-from compare import assert_error_bounds
+from slamgauge import assert_error_bounds
 
 FILTERS = ("dead-reckoning", "ekf", "riekf")
 MAPS = ("q1-short-dense", "q1-long-dense", "q1-long-sparse")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from questions import Expected, graded_scores, scores
 
-from compare import Score, assert_error_bounds
+from slamgauge import Score, assert_error_bounds
 
 FILTERS = ("ekf", "riekf")
 RUNS = 40  # without the optimum; seeds 0 ..

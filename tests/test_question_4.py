@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from questions import graded_scores, scores
 
-from compare import Score, assert_error_bounds
+from slamgauge import Score, assert_error_bounds
 
 FILTERS = ("ekf", "riekf")
 RUNS = {"q4-three-landmarks": 30, "q4-ring": 20}  # without the optimum; seeds 0 ..

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compare import load_estimators, load_scenario, simulate
-from slam2d import Float
+from slamgauge import load_estimators, load_scenario, simulate
+from slamgauge.arrays import Float
 
 
 @pytest.fixture(scope="module")

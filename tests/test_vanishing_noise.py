@@ -15,10 +15,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from random_recordings import random_recording
+from slamgauge.ekf import ekf, riekf
+from slamgauge.graph_baseline import batch, isam2
 
-from ekf import ekf, riekf
-from graph_baseline import batch, isam2
-from slam2d import Estimate, Float, Recording, wrap
+from slamgauge.arrays import Float
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import wrap
 
 Estimator = Callable[[Recording], Estimate]
 LEVELS = (1e-2, 1e-3, 1e-4)

@@ -13,7 +13,7 @@ from zipfile import ZipFile
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("compare", "ekf", "graph_baseline")
+FLOORS = ("compare", "ekf", "graph_baseline")
 SCENARIOS = sorted(path.stem for path in (ROOT / "compare/scenarios").glob("*.toml"))
 
 
@@ -42,9 +42,11 @@ def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path):
     with ZipFile(wheel) as archive:
         names = {PurePosixPath(name) for name in archive.namelist()}
     program = {name for name in names if not name.parts[0].endswith(".dist-info")}
-    source = [ROOT / "slam2d.py", *(ROOT / "compare/scenarios").glob("*.toml")]
-    source += [file for package in PACKAGES for file in (ROOT / package).glob("*.py")]
-    assert program == {PurePosixPath(file.relative_to(ROOT).as_posix()) for file in source}
+    source = {PurePosixPath("slamgauge", file.name) for file in (ROOT / "slamgauge").iterdir() if file.is_file()}
+    for floor in FLOORS:
+        files = [*(ROOT / floor).rglob("*.py"), *(ROOT / floor).rglob("*.toml")]
+        source |= {PurePosixPath("slamgauge", file.relative_to(ROOT).as_posix()) for file in files}
+    assert program == source
     assert set(SCENARIOS) >= {"q1-long-dense", "q1-long-sparse", "q1-short-dense"}
     assert wheel.name.endswith("-py3-none-any.whl")
     licences = [name for name in names - program if "licenses" in name.parts]
@@ -61,19 +63,19 @@ def python(unpacked: Path, cwd: Path, *arguments: str) -> str:
 
 
 def test_the_unpacked_wheel_is_what_runs(unpacked: Path, tmp_path: Path):
-    code = "import json, compare, ekf, graph_baseline, slam2d; "
-    code += "print(json.dumps([module.__file__ for module in (compare, ekf, graph_baseline, slam2d)]))"
+    code = "import json, slamgauge as s; "
+    code += "print(json.dumps([module.__file__ for module in (s, s.compare, s.ekf, s.graph_baseline)]))"
     files = [Path(file) for file in json.loads(python(unpacked, tmp_path, "-c", code))]
     assert [unpacked in file.parents for file in files] == [True] * 4
 
 
 def test_the_unpacked_wheel_finds_its_scenarios(unpacked: Path, tmp_path: Path):
-    lines = python(unpacked, tmp_path, "-m", "compare", "scenarios").splitlines()
+    lines = python(unpacked, tmp_path, "-m", "slamgauge", "scenarios").splitlines()
     assert [line.split()[0] for line in lines] == SCENARIOS
 
 
 def test_the_unpacked_wheel_runs_one(unpacked: Path, tmp_path: Path):
     arguments = ("--set", "trajectory.duration=2", "--estimators", "isam2,batch", "--out", "run", "--json")
-    metrics = json.loads(python(unpacked, tmp_path, "-m", "compare", "run", "q1-short-dense", *arguments))
+    metrics = json.loads(python(unpacked, tmp_path, "-m", "slamgauge", "run", "q1-short-dense", *arguments))
     assert set(metrics["estimators"]) == {"isam2", "batch"}
     assert (tmp_path / "run/figure.svg").exists()

@@ -12,6 +12,16 @@ import numpy as np
 import pytest
 from random_recordings import random_covariances, random_recording
 from scipy.stats import chi2
+from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.ekf import ekf, fej_ekf, iekf, riekf
+from slamgauge.ekf.association import AssociatingFilter, Association
+from slamgauge.ekf.estimators import drive
+from slamgauge.ekf.filter import BLOCK, Correction, SlamFilter
+from slamgauge.ekf.kernels.compatibility import NONE, Pairs, allocate_pairs, find_compatible
+from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
+from slamgauge.ekf.kernels.models import SENSOR_CODES
+from slamgauge.ekf.map_management import MapManagement
 from textbook import additive_from_invariant, observe
 from textbook_association import (
     Kind,
@@ -25,16 +35,10 @@ from textbook_association import (
     textbook_nearest_neighbour,
 )
 
-from compare.scenario import load_scenario
-from compare.simulation import simulate
-from ekf import ekf, fej_ekf, iekf, riekf
-from ekf.association import AssociatingFilter, Association
-from ekf.compatibility import NONE, Pairs, allocate_pairs, find_compatible, mark_ambiguous, search_jointly
-from ekf.estimators import drive
-from ekf.filter import BLOCK, Correction, SlamFilter
-from ekf.map_management import MapManagement
-from ekf.models import SENSOR_CODES
-from slam2d import Estimate, Float, Int, Observations, Recording, rotation
+from slamgauge.arrays import Float, Int
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Observations, Recording
+from slamgauge.se2 import rotation
 
 Estimator = Callable[[Recording, Association], Estimate]
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])

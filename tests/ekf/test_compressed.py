@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from random_recordings import random_recording
+from slamgauge.compare.bench.bench import workload
+from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.ekf import CompressedFilter, SlamFilter
 
-from compare.bench import workload
-from compare.simulation import simulate
-from ekf import CompressedFilter, SlamFilter
-from slam2d import Observations, Recording
+from slamgauge.recording import Observations, Recording
 
 
 def assert_equal_all_along(recording: Recording, area_radius: float) -> int:

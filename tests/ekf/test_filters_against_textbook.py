@@ -7,11 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from random_recordings import random_recording
+from slamgauge.ekf import SlamFilter, ekf, fej_ekf, iekf, riekf
+from slamgauge.ekf.filter import Correction
 from textbook import textbook_ekf, textbook_fej_ekf, textbook_iekf, textbook_riekf
 
-from ekf import SlamFilter, ekf, fej_ekf, iekf, riekf
-from ekf.filter import Correction
-from slam2d import Estimate, Observations, Recording
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Observations, Recording
 
 Estimator = Callable[[Recording], Estimate]
 PAIRS = [

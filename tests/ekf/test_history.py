@@ -7,14 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from random_recordings import random_recording
+from slamgauge.ekf import Association, BearingFilter, Delayed, InverseDepth, MapManagement, Rays, ekf, riekf
+from slamgauge.ekf.bearings.bearing_filter import Initialisation
+from slamgauge.ekf.bearings.young import POINT, RayRecorder
+from slamgauge.ekf.estimators import drive
+from slamgauge.ekf.history import History
 
-from compare import load_scenario, simulate
-from ekf import Association, BearingFilter, Delayed, InverseDepth, MapManagement, Rays, ekf, riekf
-from ekf.bearing_only import Initialisation
-from ekf.estimators import drive
-from ekf.history import History
-from ekf.young import POINT, RayRecorder
-from slam2d import Estimate, MapHistory, RayLog, Recording
+from slamgauge import load_scenario, simulate
+from slamgauge.estimate import Estimate, MapHistory, RayLog
+from slamgauge.recording import Recording
 
 INITIALISATIONS = pytest.mark.parametrize(
     "initialisation", [Rays(), InverseDepth(), Delayed()], ids=["rays", "inverse-depth", "delayed"]

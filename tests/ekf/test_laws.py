@@ -15,12 +15,15 @@ import pytest
 from jacobians import differentiate
 from random_recordings import random_recording
 from scipy.stats import chi2
+from slamgauge.ekf import SlamFilter, dead_reckoning, ekf, fej_ekf, iekf, riekf
+from slamgauge.ekf.filter import WHOLE_SCAN, Correction, Rule
+from slamgauge.ekf.kernels.corrections import iterate
+from slamgauge.ekf.kernels.workspace import Workspace
 
-from ekf import SlamFilter, dead_reckoning, ekf, fej_ekf, iekf, riekf
-from ekf.corrections import iterate
-from ekf.filter import WHOLE_SCAN, Correction, Rule
-from ekf.workspace import Workspace
-from slam2d import Estimate, Float, Int, Observations, Recording, Sensor, between, chain, compose, rotation, wrap
+from slamgauge.arrays import Float, Int
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Observations, Recording, Sensor
+from slamgauge.se2 import between, chain, compose, rotation, wrap
 
 Estimator = Callable[[Recording], Estimate]
 FILTERS = pytest.mark.parametrize("estimator", [ekf, fej_ekf, iekf, riekf])

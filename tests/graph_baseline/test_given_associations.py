@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from random_recordings import random_recording
+from slamgauge.graph_baseline import batch, isam2, robust_batch
 
-from graph_baseline import batch, isam2, robust_batch
-from slam2d import Estimate, Int, Recording, Truth
+from slamgauge.arrays import Int
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
 
 OPTIMA = pytest.mark.parametrize("optimum", [batch, isam2, robust_batch])
 

@@ -10,9 +10,11 @@ import pytest
 from jacobians import assert_jacobian, differentiate
 from optimum import exp_se2
 from random_recordings import random_recording
+from slamgauge.graph_baseline.linearisation import LinearModel, linearise, log_se2, right_jacobian
 
-from graph_baseline.linearisation import LinearModel, linearise, log_se2, right_jacobian
-from slam2d import Float, Int, Recording, between, chain, compose, rotation, wrap
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Recording
+from slamgauge.se2 import between, chain, compose, rotation, wrap
 
 PI = math.pi
 TURNS = [0.0, 1e-12, -1e-7, 5e-5, 0.99e-4, 1.01e-4, -3e-4, 1e-2, 0.7, -2.0, 3.0, PI - 1e-6, -PI + 1e-6, PI - 1e-12]

@@ -21,12 +21,16 @@ from gtsam.symbol_shorthand import L, X
 from numpy.typing import ArrayLike
 from optimum import ExactProblem
 from random_recordings import random_recording
+from slamgauge.ekf import dead_reckoning, ekf, riekf
+from slamgauge.graph_baseline import UndeterminedError, batch, cost, hindsight, isam2
+from slamgauge.graph_baseline.factors import LENT_SLIP, build_graph, require_known_landmarks
+from slamgauge.graph_baseline.undetermined import explained
 
-from ekf import dead_reckoning, ekf, riekf
-from graph_baseline import UndeterminedError, batch, cost, hindsight, isam2
-from graph_baseline.factors import LENT_SLIP, build_graph, require_known_landmarks
-from graph_baseline.undetermined import explained
-from slam2d import Estimate, Float, Int, Recording, Truth, between, compose, rotation, wrap
+from slamgauge.arrays import Float, Int
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import between, compose, rotation, wrap
+from slamgauge.truth import Truth
 
 Estimator = Callable[[Recording], Estimate]
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])

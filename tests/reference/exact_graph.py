@@ -10,7 +10,9 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from slam2d import Float, Int, Recording, rotation
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Recording
+from slamgauge.se2 import rotation
 
 
 def exact_graph(recording: Recording, *, polar: bool = False) -> gtsam.NonlinearFactorGraph:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from slam2d import Float, wrap
+from slamgauge.arrays import Float
+from slamgauge.se2 import wrap
 
 
 def differentiate(

@@ -16,7 +16,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import least_squares
 
-from slam2d import Float, Recording, compose, rotation, wrap
+from slamgauge.arrays import Float
+from slamgauge.recording import Recording
+from slamgauge.se2 import compose, rotation, wrap
 
 
 def exp_se2(tangent: Float) -> Float:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from functools import cache
 from typing import NamedTuple
 
-from compare import Score, evaluate, load_estimators, load_scenario, simulate
-from compare.simulation import informed
-from slam2d import Estimate
+from slamgauge.compare.scenarios.simulation import informed
+
+from slamgauge import Score, evaluate, load_estimators, load_scenario, simulate
+from slamgauge.estimate import Estimate
 
 
 class Expected(NamedTuple):
@@ -50,7 +51,7 @@ def _scores(
 @cache
 def causal_optimum(scenario: str, seed: int) -> Estimate:
     """What isam2 makes of a run of the scenario given as JSON."""
-    from compare import Scenario
+    from slamgauge import Scenario
 
     recording = simulate(Scenario.model_validate_json(scenario), seed)[1]
     return load_estimators(["isam2"])["isam2"](recording)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from slam2d import Float, Recording, Truth, between, chain, rotation, wrap
+from slamgauge.arrays import Float
+from slamgauge.recording import Recording
+from slamgauge.se2 import between, chain, rotation, wrap
+from slamgauge.truth import Truth
 
 
 def random_covariances(rng: np.random.Generator, count: int, sigmas: Float) -> Float:

@@ -7,7 +7,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from slam2d import Estimate, Float, Int, MapHistory, RayLog, Recording, Truth, chain, rotation
+from slamgauge.arrays import Float, Int
+from slamgauge.estimate import Estimate, MapHistory, RayLog
+from slamgauge.recording import Recording
+from slamgauge.se2 import chain, rotation
+from slamgauge.truth import Truth
 
 Fate = Literal["point", "ray", "lost"]
 

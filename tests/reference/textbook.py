@@ -12,7 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from slam2d import Estimate, Float, Recording, rotation, wrap
+from slamgauge.arrays import Float
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import rotation, wrap
 
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
 

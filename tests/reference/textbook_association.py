@@ -24,7 +24,9 @@ from textbook import (
     update_iterated,
 )
 
-from slam2d import Estimate, Float, Recording
+from slamgauge.arrays import Float
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
 
 Kind = Literal["standard", "first-estimates", "iterated", "invariant"]
 Pair = tuple[int, int]  # observation, slot

@@ -1,0 +1,123 @@
+"""The Lost in the Woods recording (University of Toronto, AER1513): a MATLAB file with ground truth."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from slamgauge.compare.storage.files import explained
+
+from slamgauge.arrays import Float
+from slamgauge.recording import Recording
+from slamgauge.se2 import compose, wrap
+from slamgauge.truth import Truth
+
+_HEADER = b"MATLAB 5.0 MAT-file"
+_COLUMNS = ("t", "v", "om", "x_true", "y_true", "th_true", "true_valid")
+_SCALARS = ("d", "r_var", "b_var", "v_var", "om_var")
+_TABLES = ("r", "b", "l")
+
+Fields = dict[str, Float]
+
+
+def read_lost_in_the_woods(
+    path: str | Path, *, max_range: float = 5.0, lateral_slip: float = 0.02
+) -> tuple[Recording, Truth]:
+    """The recording and its ground truth, with the body frame at the laser, `d` metres ahead of the robot's centre.
+
+    The start is the true first pose, fixed; association is known. The control of index k leads from
+    pose k-1 to pose k. Poses without valid ground truth are rows of NaN.
+
+    Args:
+        path: The MATLAB file (dataset2.mat).
+        max_range: Observations farther than this [m] are left out.
+        lateral_slip: Standard deviation of the sideways velocity at the robot's centre [m/s], not in the file.
+
+    Raises:
+        ValueError: With the file, the field and the remedy.
+    """
+    fields = _read_fields(path)
+    poses = _true_sensor_poses(fields)
+    if np.isnan(poses[0]).any():
+        raise ValueError(f"{path}: true_valid: no ground truth at the first step, where the map starts; cut the file")
+    seen_at, seen = np.nonzero((fields["r"] > 0) & (fields["r"] <= max_range))
+    observation = np.column_stack([fields["r"][seen_at, seen], wrap(fields["b"][seen_at, seen])])
+    odometry, odometry_cov = _sensor_increments(fields, lateral_slip)
+    try:
+        truth = Truth(poses=poses, landmark_ids=np.arange(len(fields["l"])), landmarks=fields["l"], association=seen)
+        recording = Recording(
+            stamps=fields["t"],
+            prior_mean=poses[0],
+            prior_cov=np.zeros((3, 3)),
+            odometry=odometry,
+            odometry_cov=odometry_cov,
+            sensor="range-bearing",
+            observation_step=seen_at,
+            observation=observation,
+            observation_cov=np.tile(np.diag([fields["r_var"], fields["b_var"]]), (len(seen), 1, 1)),
+            landmark=seen,
+        )
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return recording, truth
+
+
+def _true_sensor_poses(fields: Fields) -> Float:
+    """True poses (N+1, 3) of the sensor; NaN where the ground truth is not valid."""
+    robot = np.column_stack([fields["x_true"], fields["y_true"], fields["th_true"]])
+    robot[fields["true_valid"] == 0] = np.nan
+    return compose(robot, np.array([fields["d"], 0.0, 0.0]))
+
+
+def _sensor_increments(fields: Fields, lateral_slip: float) -> tuple[Float, Float]:
+    """Increments (N, 3) of the sensor frame, and their covariances (N, 3, 3).
+
+    The robot's centre moves by (v dt, slip dt, omega dt); a sensor at (d, 0) on it adds
+    (d (cos dtheta - 1), d sin dtheta, 0).
+    """
+    dt, ahead = np.diff(fields["t"]), fields["d"]
+    turn = fields["om"][1:] * dt
+    sine, cosine = np.sin(turn), np.cos(turn)
+    increments = np.column_stack([fields["v"][1:] * dt + ahead * (cosine - 1.0), ahead * sine, turn])
+
+    jacobian = np.tile(np.eye(3), (len(dt), 1, 1))  # by (v, slip, omega), over dt
+    jacobian[:, 0, 2] = -ahead * sine
+    jacobian[:, 1, 2] = ahead * cosine
+    jacobian *= dt[:, None, None]
+    variances = np.array([fields["v_var"], lateral_slip**2, fields["om_var"]])
+    return increments, np.einsum("nij,j,nkj->nik", jacobian, variances, jacobian)
+
+
+def _read_fields(path: str | Path) -> Fields:
+    """The file's columns (N+1,), tables (N+1, L) and (L, 2) and scalars (), finite."""
+    raw = _load_mat(path)
+    for name in (*_COLUMNS, *_SCALARS, *_TABLES):
+        if name not in raw:
+            raise ValueError(f"{path}: field {name} is missing; give dataset2.mat of Lost in the Woods")
+        if raw[name].dtype.kind not in "fiub" or not np.isfinite(raw[name]).all():
+            raise ValueError(f"{path}: field {name} does not hold finite numbers; correct it")
+    steps, landmarks = len(raw["t"]), len(raw["l"])
+    shapes = dict.fromkeys(_COLUMNS, (steps, 1)) | dict.fromkeys(_SCALARS, (1, 1))
+    shapes |= {"r": (steps, landmarks), "b": (steps, landmarks), "l": (landmarks, 2)}
+    for name, shape in shapes.items():
+        if raw[name].shape != shape:
+            raise ValueError(f"{path}: field {name} has shape {raw[name].shape}, not {shape}; correct it")
+    fields = {name: raw[name].astype(np.float64) for name in shapes}
+    return fields | {name: fields[name][:, 0] for name in _COLUMNS} | {name: fields[name][0, 0] for name in _SCALARS}
+
+
+def _load_mat(path: str | Path) -> dict[str, NDArray[Any]]:
+    from scipy.io import loadmat  # imported here: slow, and for this format alone
+    from scipy.io.matlab import MatReadError
+
+    with explained(path, "read"), Path(path).open("rb") as file:
+        if file.read(len(_HEADER)) != _HEADER:
+            raise ValueError(f"{path}: not a MATLAB 5 file; give dataset2.mat of Lost in the Woods")
+        file.seek(0)
+        try:
+            return loadmat(file, variable_names=[*_COLUMNS, *_SCALARS, *_TABLES])
+        except (MatReadError, OSError, ValueError, TypeError, IndexError, zlib.error):
+            raise ValueError(f"{path}: damaged or cut short; copy the file again") from None

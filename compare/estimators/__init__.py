@@ -1,0 +1,1 @@
+"""Estimators by name: ours, and people's own."""

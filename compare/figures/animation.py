@@ -1,0 +1,111 @@
+"""A run as a moving picture: animation.gif, and animation.mp4 where ffmpeg is installed."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from subprocess import CalledProcessError
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from slamgauge.compare.figures.animation_scene import DOTS, Scene
+from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT
+from slamgauge.compare.storage.files import explained, staged_folder
+from slamgauge.compare.storage.results_folder import load_results
+from tqdm import tqdm
+
+from slamgauge.estimate import Estimate
+
+LOG = logging.getLogger("matplotlib.animation")
+GIF, VIDEO = "animation.gif", "animation.mp4"
+MOST_MAPS = 3  # more than these would hide each other
+MOST_FRAMES = 600  # all are in memory before a GIF is written
+FASTEST = 50  # frames per second that viewers of GIFs keep up with
+
+# a tight box, which somebody's settings may ask for, would change size from frame to frame
+SCREEN: dict[Any, Any] = {**PRINT, "savefig.bbox": None}
+
+
+def animate(folder: Path, name: str | None, seconds: float, fps: int) -> str | None:
+    """Write animation.gif and animation.mp4 into a folder of results, whole or not at all.
+
+    Args:
+        folder: what `slamgauge run` or `evaluate --out` has written.
+        name: the estimate to show; without it the filtered ones with their maps (the first alone if there are more
+            than three), and the smoothed ones' paths.
+        seconds: how long it lasts.
+        fps: frames per second; fewer where the run has fewer steps.
+
+    Returns:
+        Why there is no animation.mp4, None if there is one.
+
+    Raises:
+        ValueError: there are no results, no such estimate, or the length makes no sense.
+    """
+    results = load_results(folder)
+    shown, mapped = _chosen(results.estimates, name)
+    frames = min(_frames(seconds, fps), results.recording.steps + 1)
+    steps = np.linspace(0, results.recording.steps, frames).round().astype(int).tolist()
+    rate: Any = frames / seconds  # by the writers' types a whole number, which it need not be
+    with staged_folder(folder, last=GIF, outdated=(VIDEO,)) as stage, mpl.rc_context(SCREEN):
+        scene = Scene(results, shown, mapped)
+        with explained(folder, "written"):
+            _render(scene, PillowWriter(rate), stage / GIF, steps)
+            return _render_video(scene, rate, stage / VIDEO, steps)
+
+
+def _chosen(estimates: Mapping[str, Estimate], name: str | None) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
+    """Whose paths are shown, and whose maps among them."""
+    if name is not None:
+        if name not in estimates:
+            raise ValueError(f"estimator {name!r}: has no estimate in the folder; choose from {', '.join(estimates)}")
+        return {name: estimates[name]}, {name: estimates[name]}
+    others = {name: each for name, each in estimates.items() if name != DEAD_RECKONING} or dict(estimates)
+    smoothed = {name: each for name, each in others.items() if each.kind == "smoothed"}
+    filtered = [name for name in others if name not in smoothed]
+    mapped = {name: others[name] for name in (filtered if len(filtered) <= MOST_MAPS else filtered[:1])}
+    return mapped | smoothed, mapped or smoothed
+
+
+def _frames(seconds: float, fps: int) -> int:
+    if not 0 < seconds < math.inf:
+        raise ValueError(f"seconds {seconds}: no length of an animation; give a number > 0, for example 10")
+    if not 1 <= fps <= FASTEST:
+        raise ValueError(f"fps {fps}: not what viewers show; give 1 to {FASTEST} frames per second")
+    frames = round(seconds * fps)
+    if not 1 <= frames <= MOST_FRAMES:
+        raise ValueError(f"seconds {seconds}, fps {fps}: give 1 to {MOST_FRAMES} frames, these are {frames}")
+    return frames
+
+
+def _render(scene: Scene, writer: AbstractMovieWriter, path: Path, steps: list[int]) -> None:
+    """Draw every step; what is half done is not finished when that is interrupted."""
+    writer.setup(scene.figure, str(path), DOTS)
+    for step in tqdm(steps, desc=path.name, disable=None, leave=False, unit="frame"):
+        scene.show(step)
+        writer.grab_frame()
+    writer.finish()
+
+
+def _render_video(scene: Scene, rate: Any, path: Path, steps: list[int]) -> str | None:
+    """Why there is no video, if there is none."""
+    if not FFMpegWriter.isAvailable():
+        return "there is no ffmpeg on the PATH"
+    writer = FFMpegWriter(rate)
+    try:
+        _render(scene, writer, path, steps)
+    except (CalledProcessError, BrokenPipeError):  # ffmpeg lacks the codec, or the disk is full
+        path.unlink(missing_ok=True)
+        return "ffmpeg failed"
+    except BaseException:
+        LOG.disabled = True  # where ffmpeg complains of half a frame
+        with suppress(CalledProcessError):  # the interrupt has reached it as well
+            writer.finish()
+        LOG.disabled = False
+        raise
+    return None

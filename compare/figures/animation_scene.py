@@ -1,0 +1,170 @@
+"""The figure that an animation moves: its artists are made once, and then only told where to be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
+from slamgauge.compare.figures.map_at_step import map_at
+from slamgauge.compare.figures.map_layers import (
+    HEAVIEST,
+    MEMBER,
+    POINT,
+    TRUE_LANDMARK,
+    TRUE_ROBOT,
+    MapLayer,
+    RobotLayer,
+    key,
+)
+from slamgauge.compare.figures.map_limits import map_limits
+from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, Style, styles
+from slamgauge.compare.figures.ray_frames import has_rays
+from slamgauge.compare.figures.sightings import first_seen, sight_lines
+from slamgauge.compare.storage.results_folder import Results
+
+from slamgauge.arrays import Float
+from slamgauge.estimate import Estimate
+from slamgauge.truth import Truth
+
+WIDTH = 5.0  # [in]
+DOTS = 120  # per inch: 600 pixels
+LEFT, RIGHT, TOP, BOTTOM = 0.5, 0.1, 0.25, 0.4  # [in] around the axes
+LEGEND_ROW = 0.17  # [in]
+COLUMNS = 3  # of the legend
+BOTH_WAYS = np.array([-1, 1])
+SHAPES = (0.4, 1.0)  # the lowest and the highest axes, of their width
+ROBOT = 0.025  # of the map's extent
+FAINT = 0.5  # opacity of a map that is known only as it ends
+
+
+class Scene:
+    """Estimates of a run on some axes, which `show` moves to a step."""
+
+    def __init__(self, results: Results, shown: Mapping[str, Estimate], mapped: Mapping[str, Estimate]) -> None:
+        """Lay the figure out.
+
+        Args:
+            results: the run.
+            shown: whose paths are drawn.
+            mapped: of these, who has a robot and a map too: as its history tells, or else as it ends.
+        """
+        self._truth = Truth() if results.truth is None else results.truth
+        self._recording = results.recording
+        self._shown, self._mapped = shown, mapped
+        everybody = styles(results.estimates)  # as in the figure of the run
+        chosen = {name: everybody[name] for name in shown}
+        low, high = _limits(self._truth, shown, mapped)
+        keys = list(_keys(self._truth, mapped, chosen))
+        self.figure, ax, self._time = _layout(low, high, results.title, keys)
+        size = ROBOT * float((high - low).max())
+        if self._truth.landmarks is not None:
+            ax.plot(*self._truth.landmarks.T, **TRUE_LANDMARK)
+        self._true_robot = RobotLayer(ax, TRUE_ROBOT, size, filled=False)
+        self._robots = {name: RobotLayer(ax, chosen[name], size) for name in mapped}
+        self._paths = {name: _path(ax, chosen[name]) for name in shown if name not in mapped}
+        drawn = [name for name in mapped if mapped[name].history is not None]
+        self._maps = {name: MapLayer(ax, chosen[name].color, filled=len(drawn) == 1) for name in drawn}
+        self._last_maps = {name: _last_map(ax, chosen[name]) for name in mapped if name not in self._maps}
+        self._first_seen = {name: first_seen(results.recording, mapped[name]) for name in self._last_maps}
+        self._sight = LineCollection([], colors=MARK_COLOR, linewidths=0.4, zorder=1)
+        ax.add_collection(self._sight, autolim=False)
+        self._step = -1
+
+    def show(self, step: int) -> None:
+        """Move everything to a step."""
+        if self._truth.poses is not None:
+            self._true_robot.show(self._truth.poses[: step + 1])
+        for name, robot in self._robots.items():
+            poses, covs = self._mapped[name].poses, self._mapped[name].pose_covs
+            robot.show(poses[: step + 1], None if covs is None else covs[step])
+        for name, path in self._paths.items():
+            path.set_data(*self._shown[name].poses[: step + 1, :2].T)
+        for name, layer in self._maps.items():
+            layer.show(map_at(self._mapped[name], step))
+        for name, dots in self._last_maps.items():
+            dots.set_data(*_landmarks(self._mapped[name])[self._first_seen[name] <= step].T)
+        seer = next(iter(self._mapped.values()))
+        self._sight.set_segments(list(sight_lines(self._truth, self._recording, seer, self._step, step)))
+        stamps = self._recording.stamps
+        self._time.set_text(f"t = {stamps[step] - stamps[0]:.1f} s")
+        self._step = step
+
+
+def _limits(truth: Truth, shown: Mapping[str, Estimate], mapped: Mapping[str, Estimate]) -> tuple[Float, Float]:
+    """Limits that hold paths, true landmarks and last maps, and all that the maps went through as there is room."""
+    sure = [each[:, :2] for each in (truth.poses, truth.landmarks) if each is not None]
+    sure += [estimate.poses[:, :2] for estimate in shown.values()]
+    sure += [_landmarks(estimate) for estimate in mapped.values()]
+    passing = [estimate.history.position for estimate in mapped.values() if estimate.history is not None]
+    return map_limits(np.concatenate(sure), np.concatenate([np.zeros((0, 2)), *passing]))
+
+
+def _layout(low: Float, high: Float, title: str, keys: list[Line2D]) -> tuple[Figure, Axes, Text]:
+    """Empty axes of the map's shape, and the text that tells the time; all around them stands still."""
+    across = WIDTH - LEFT - RIGHT
+    foot = BOTTOM - (-len(keys) // COLUMNS) * LEGEND_ROW
+    shape = float(np.clip((high - low)[1] / (high - low)[0], *SHAPES))
+    even = 2 / DOTS  # [in], two pixels: video wants an even number of them
+    height = even * round((TOP + across * shape + foot) / even)
+    figure = Figure(figsize=(WIDTH, height), dpi=DOTS)
+    ax = figure.add_axes((LEFT / WIDTH, foot / height, across / WIDTH, 1 - (foot + TOP) / height))
+    middle = (low + high) / 2
+    sides = np.array([across, height - foot - TOP])
+    half = sides * ((high - low) / sides).max() / 2  # equal scales
+    ax.set(xlim=middle[0] + half[0] * BOTH_WAYS, ylim=middle[1] + half[1] * BOTH_WAYS, xlabel="x [m]", ylabel="y [m]")
+    ax.set_title(title, loc="left")
+    figure.legend(handles=keys, loc="lower center", ncols=COLUMNS, **LEGEND)
+    _freeze(figure, ax)
+    above = 1 - (TOP - mpl.rcParams["axes.titlepad"] / 72) / height
+    time = figure.text(1 - RIGHT / WIDTH, above, "", ha="right", fontsize=mpl.rcParams["axes.titlesize"])
+    return figure, ax, time
+
+
+def _freeze(figure: Figure, ax: Axes) -> None:
+    """Put a picture in the place of title, ticks and legend: to draw these takes most of the time of a frame."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    picture = np.array(canvas.buffer_rgba())
+    figure.legends[0].remove()
+    ax.set_title("", loc="left")
+    ax.set_axis_off()
+    figure.figimage(picture, origin="upper", zorder=-1)
+
+
+def _keys(truth: Truth, mapped: Mapping[str, Estimate], chosen: Mapping[str, Style]) -> Iterator[Line2D]:
+    """What the legend explains: only what there is."""
+    if truth.poses is not None:
+        yield key("truth", color=TRUE_ROBOT.color, linewidth=1.0)
+    for name, style in chosen.items():
+        yield key(name, color=style.color, linestyle=style.dashes, linewidth=1.0)
+    if truth.landmarks is not None:
+        yield key("true landmark", **TRUE_LANDMARK)
+    yield key("line of sight", color=MARK_COLOR, linewidth=0.4)
+    histories = [estimate for estimate in mapped.values() if estimate.history is not None]
+    if histories:
+        yield key("mapped landmark", color=MARK_COLOR, **POINT)
+    if len(histories) < len(mapped):
+        yield key("landmark as mapped in the end", color=MARK_COLOR, alpha=FAINT, **POINT)
+    yield key(r"3$\sigma$ ellipse", color=MARK_COLOR, **MEMBER)
+    if any(has_rays(estimate) for estimate in histories):
+        yield key("likeliest member of a ray", color=MARK_COLOR, **HEAVIEST)
+
+
+def _landmarks(estimate: Estimate) -> Float:
+    assert estimate.landmarks is not None  # filled by Estimate's constructor
+    return estimate.landmarks
+
+
+def _path(ax: Axes, style: Style) -> Line2D:
+    return ax.plot([], [], color=style.color, linestyle=style.dashes, linewidth=1.0, zorder=2.5)[0]
+
+
+def _last_map(ax: Axes, style: Style) -> Line2D:
+    return ax.plot([], [], color=style.color, alpha=FAINT, zorder=2.8, **POINT)[0]

@@ -1,0 +1,40 @@
+"""The error budget as a waterfall: every bar starts where the last one ended."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+from slamgauge.compare.figures.plot_style import PRINT, TRUTH_COLOR, save_png_and_svg
+from slamgauge.compare.studies.budget import ErrorBudget, verdict
+
+BASE, COST, GAIN = "#777777", "#CC3311", "#009988"
+LABELS = ("hindsight\noptimum", "+ causal\nonly", "+ assumed\nnoise", "+ own asso-\nciations", "+ lineari-\nsation")
+
+
+def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
+    """Write budget.png and budget.svg into `out`."""
+    with mpl.rc_context(PRINT):
+        figure = Figure(figsize=(6.0, 3.4), layout="constrained")
+        axes = figure.subplots()
+        before = 0.0
+        for place, rung in enumerate(budget.rungs):
+            added, low, high = rung.increment_m2
+            color, hatch = (BASE, "") if place == 0 else (COST, "///") if added >= 0 else (GAIN, "...")
+            axes.bar(place, added, bottom=before, width=0.6, color=color, hatch=hatch, edgecolor="white", linewidth=0)
+            if low is not None and high is not None:
+                axes.plot([place, place], [before + low, before + high], color=TRUTH_COLOR, linewidth=1)
+            top = max(before, before + added, before + (high or 0.0))
+            axes.annotate(f"{added:+.4f}", (place, top), (0, 3), textcoords="offset points", ha="center")
+            axes.plot([place - 0.3, place + 1.3], [rung.mse_m2] * 2, color=TRUTH_COLOR, linewidth=0.5, linestyle=":")
+            before = rung.mse_m2
+        last = len(budget.rungs)
+        axes.bar(last, before, width=0.6, color=TRUTH_COLOR)
+        axes.annotate(f"{before:.4f}", (last, before), (0, 3), textcoords="offset points", ha="center")
+        axes.set_xticks(range(last + 1), [*LABELS, f"= {budget.filter}"])
+        axes.set(ylabel="mean squared position error [m²]")
+        axes.margins(y=0.12)
+        axes.set_ylim(bottom=0)
+        axes.set_title(verdict(budget).replace(": ", ":\n", 1).replace("; ", ";\n", 1), loc="left")
+        save_png_and_svg(figure, out / "budget")

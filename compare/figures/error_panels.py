@@ -1,0 +1,89 @@
+"""Three panels of pose errors against time, with the 3-sigma bounds that each filter claims."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from slamgauge.compare.figures.plot_style import DEAD_RECKONING, MARK_COLOR, TRUTH_COLOR, styles
+from slamgauge.compare.scoring.loop_closures import closure_steps
+from slamgauge.compare.scoring.trajectory_error import pose_errors
+
+from slamgauge.arrays import Float
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
+
+PANELS = ("x [m]", "y [m]", "heading [°]")
+UNITS = np.array([1.0, 1.0, 180.0 / np.pi])
+
+
+class _Reference(NamedTuple):
+    """What errors are measured from: a title for them, poses (N+1, 3), and its name if it is an estimate."""
+
+    title: str
+    poses: Float
+    name: str | None = None
+
+
+def plot_errors(
+    axes: Iterable[Axes], truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]
+) -> None:
+    """Draw the errors in x, y [m] and heading [deg] against time on three axes, world frame.
+
+    The 3-sigma bounds of the first estimate with covariances are filled, those of the others are thin lines in
+    their own colours. Dead reckoning would flatten the rest and is left out where there is anything else. Without
+    true poses the differences to batch, or else to iSAM2, are drawn; without those the bounds alone.
+    """
+    panels = list(axes)
+    reference = _reference(truth, recording, estimates)
+    shown = {name: each for name, each in estimates.items() if name != reference.name}
+    left_out = len(shown) > 1 and shown.pop(DEAD_RECKONING, None) is not None
+    panels[0].set_title(reference.title + (" (dead reckoning left out)" if left_out else ""))
+    chosen = styles(shown)
+    filled = next((name for name, each in shown.items() if each.pose_covs is not None), None)
+    times = recording.stamps
+    for name, estimate in shown.items():
+        color, dashes = chosen[name]
+        errors = pose_errors(reference.poses, estimate.poses) * UNITS
+        bounds = _three_sigma(estimate)
+        for panel, error, bound in zip(panels, errors.T, bounds.T, strict=True):
+            panel.plot(times, error, color=color, linestyle=dashes, linewidth=0.8, label=name, zorder=3)
+            if name == filled:
+                panel.fill_between(times, -bound, bound, color=color, alpha=0.15, linewidth=0, zorder=1)
+            panel.plot(times, bound, times, -bound, color=color, linewidth=0.5, alpha=0.8, zorder=2)
+    closures = closure_steps(truth, recording)
+    closed = times[:0] if closures is None else times[closures]
+    for panel, label in zip(panels, PANELS, strict=True):
+        _finish(panel, label, times, closed)
+    panels[-1].set_xlabel("time [s]; ticks: loop closures" if len(closed) else "time [s]")
+
+
+def _reference(truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]) -> _Reference:
+    """The truth, or else the best estimate that is there, or else nothing (NaN)."""
+    if truth is not None and truth.poses is not None:
+        return _Reference(r"error and ±3$\sigma$", truth.poses)
+    for name in ("batch", "isam2"):
+        if name in estimates:
+            return _Reference(rf"difference to {name} and ±3$\sigma$", estimates[name].poses, name)
+    return _Reference(r"±3$\sigma$ alone: no truth, no optimum", np.full((recording.steps + 1, 3), np.nan))
+
+
+def _three_sigma(estimate: Estimate) -> Float:
+    """Bounds (N+1, 3) [m, m, deg]; NaN, which is not drawn, where the estimator claims none."""
+    if estimate.pose_covs is None:
+        return np.full(estimate.poses.shape, np.nan)
+    return 3 * np.sqrt(np.diagonal(estimate.pose_covs, axis1=1, axis2=2).clip(min=0)) * UNITS
+
+
+def _finish(panel: Axes, label: str, times: Float, closures: Float) -> None:
+    """Zero line, marks at the loop closures, and limits that are symmetric so that a bias shows."""
+    panel.margins(y=0.1)
+    limit = max(map(abs, panel.get_ylim()))
+    panel.set_ylim(-limit, limit)
+    panel.axhline(0, color=MARK_COLOR, linewidth=0.5, zorder=0)
+    panel.vlines(closures, 0, 0.06, transform=panel.get_xaxis_transform(), color=TRUTH_COLOR, linewidth=0.4)
+    panel.set_xlim(times[0], times[-1])
+    panel.set_ylabel(label)

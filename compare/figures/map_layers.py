@@ -1,0 +1,89 @@
+"""What moves in the pictures of a run: a robot on its path, and a map of points and rays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+from slamgauge.compare.figures.ellipses import draw_ellipses, move_ellipses
+from slamgauge.compare.figures.map_at_step import MapRows
+from slamgauge.compare.figures.plot_style import TRUTH_COLOR, Style
+
+from slamgauge.arrays import Float
+from slamgauge.se2 import rotation
+
+SHAPE = np.array([[1.0, 0.0], [-0.7, 0.65], [-0.35, 0.0], [-0.7, -0.65]])  # of the robot, nose ahead
+FAINTEST = 0.2  # opacity of a member that weighs nothing
+FILLING = 0.2  # opacity of a member's inside, of that of its outline
+NO_PLACES, NO_COVS = np.zeros((0, 2)), np.zeros((0, 2, 2))
+POINT: dict[str, Any] = {"marker": ".", "markersize": 3.5, "linestyle": "none"}
+HEAVIEST: dict[str, Any] = {"marker": "D", "markersize": 2.8, "linestyle": "none", "markeredgewidth": 0}
+MEMBER: dict[str, Any] = {"marker": "o", "markersize": 6, "linestyle": "none", "markerfacecolor": "none"}
+TRUE_LANDMARK: dict[str, Any] = {
+    "marker": "+",
+    "markersize": 5,
+    "linestyle": "none",
+    "color": TRUTH_COLOR,
+    "markeredgewidth": 0.8,
+    "zorder": 3,
+}
+TRUE_ROBOT = Style(TRUTH_COLOR, "-")
+
+
+class MapLayer:
+    """The map of one estimate: dots and 3-sigma ellipses, members of rays the darker the heavier they are."""
+
+    def __init__(self, ax: Axes, color: str, *, filled: bool = True) -> None:
+        """Nothing yet, in that colour; members are outlines unless `filled`, as colours of several maps would mix."""
+        self._filling = FILLING if filled else 0.0
+        self._color = to_rgb(color)
+        self._points = draw_ellipses(ax, NO_PLACES, NO_COVS, color)
+        (self._dots,) = ax.plot([], [], color=color, zorder=3, **POINT)
+        self._members = draw_ellipses(ax, NO_PLACES, NO_COVS, color, zorder=1.2)
+        self._members.set_alpha(None)  # each has its own
+        (self._heaviest,) = ax.plot([], [], color=color, zorder=3, **HEAVIEST)
+
+    def show(self, rows: MapRows) -> None:
+        """Replace what is shown by these points and members."""
+        points, members = rows.only(rows.member < 0), rows.only(rows.member >= 0)
+        move_ellipses(self._points, points.position, points.cov)
+        self._dots.set_data(*points.position.T)
+        move_ellipses(self._members, members.position, members.cov)
+        opacity = FAINTEST + (1 - FAINTEST) * members.weight
+        self._members.set_edgecolor([(*self._color, each) for each in opacity])
+        self._members.set_facecolor([(*self._color, self._filling * each) for each in opacity])
+        self._heaviest.set_data(*members.position[members.heaviest()].T)
+
+
+class RobotLayer:
+    """A robot: the path so far, where it stands and heads, and the 3-sigma ellipse of its position."""
+
+    def __init__(self, ax: Axes, style: Style, size: float, *, filled: bool = True) -> None:
+        """Nothing yet, in that style; `size` [m] is from the robot's middle to its nose.
+
+        A robot that is not filled is an outline above the others.
+        """
+        self._size = size
+        (self._path,) = ax.plot([], [], color=style.color, linestyle=style.dashes, linewidth=1.0, zorder=2.5)
+        solid: dict[str, Any] = {"facecolor": style.color, "edgecolor": "w", "linewidth": 0.3, "zorder": 4}
+        outline: dict[str, Any] = {"facecolor": "none", "edgecolor": style.color, "linewidth": 0.7, "zorder": 5}
+        self._body = Polygon(size * SHAPE, visible=False, **(solid if filled else outline))
+        ax.add_patch(self._body)
+        self._ellipse = draw_ellipses(ax, NO_PLACES, NO_COVS, style.color, zorder=2.5)
+
+    def show(self, poses: Float, cov: Float | None = None) -> None:
+        """Show the poses so far (k+1, 3), and the covariance (3, 3) of the last one if there is any."""
+        self._path.set_data(*poses[:, :2].T)
+        self._body.set_visible(True)
+        self._body.set_xy(poses[-1, :2] + self._size * SHAPE @ rotation(poses[-1, 2]).T)
+        if cov is not None:
+            move_ellipses(self._ellipse, poses[-1:, :2], cov[None, :2, :2])
+
+
+def key(label: str, **look: Any) -> Line2D:
+    """What a legend shows for artists of that look."""
+    return Line2D([], [], label=label, **look)

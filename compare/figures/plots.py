@@ -1,0 +1,140 @@
+"""Print figures of a run: the map and the errors, drawn on the axes that the caller gives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from itertools import islice
+from pathlib import Path
+from typing import Any, cast
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+from slamgauge.compare.figures.ellipses import draw_ellipses
+from slamgauge.compare.figures.error_panels import plot_errors
+from slamgauge.compare.figures.map_limits import map_limits
+from slamgauge.compare.figures.plot_style import (
+    DEAD_RECKONING,
+    LEGEND,
+    MARK_COLOR,
+    PRINT,
+    TRUTH_COLOR,
+    Style,
+    save_png_and_svg,
+    styles,
+)
+from slamgauge.compare.scoring.landmark_identity import true_landmarks
+from slamgauge.compare.scoring.loop_closures import closure_steps
+
+from slamgauge.arrays import Float
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import chain
+from slamgauge.truth import Truth
+
+__all__ = ["plot_errors", "plot_run", "save_figure"]
+
+PAGE = (7.2, 4.6)  # [in]
+DIAMOND: dict[str, Any] = {"markersize": 3, "color": "w", "markeredgecolor": TRUTH_COLOR, "markeredgewidth": 0.6}
+OUTLINE: dict[str, Any] = {"markersize": 6, "color": "none", "markeredgecolor": MARK_COLOR, "markeredgewidth": 0.5}
+LONG_LABEL = 20  # characters; import paths of guests, mostly
+POSE_ELLIPSES = 15  # along each path; odd, or two loops would show the same places
+LANDMARK_ELLIPSES = 150  # more than these in all: only the first map's are drawn
+CLOSURE_MARKS = 60  # more than these would hide the paths
+
+
+def plot_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]) -> None:
+    """Draw the map of a run: paths, landmarks and 3-sigma ellipses in the world frame [m].
+
+    Dead reckoning is drawn from the recording where the estimates lack it, and cut where it leaves the rest far
+    behind. The legend stands below the axes.
+    """
+    _draw_run(ax, truth, recording, estimates)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, **LEGEND)
+
+
+def _draw_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]) -> None:
+    truth = Truth() if truth is None else truth
+    paths = {DEAD_RECKONING: chain(recording.prior_mean, recording.odometry)}
+    paths |= {name: estimate.poses for name, estimate in estimates.items()}
+    chosen = styles(paths)
+    if truth.poses is not None:
+        ax.plot(*truth.poses[:, :2].T, color=TRUTH_COLOR, linewidth=1.0, label="truth", zorder=2)
+    for name, poses in paths.items():
+        color, dashes = chosen[name]
+        ax.plot(*poses[:, :2].T, color=color, linestyle=dashes, linewidth=1.0, label=name, zorder=2.5)
+    _draw_maps(ax, truth, recording, estimates, chosen)
+    _draw_marks(ax, truth, recording, paths)
+    mapped = [true_landmarks(truth, recording, estimate)[1] for estimate in estimates.values()]
+    _frame(ax, paths, [each for each in (truth.poses, truth.landmarks) if each is not None] or mapped)
+
+
+def _draw_maps(
+    ax: Axes,
+    truth: Truth,
+    recording: Recording,
+    estimates: Mapping[str, Estimate],
+    chosen: Mapping[str, Style],
+) -> None:
+    """True landmarks, mapped landmarks and the ellipses of both maps and paths."""
+    if truth.landmarks is not None:
+        ax.plot(*truth.landmarks.T, "k+", markersize=5, markeredgewidth=0.8, label="true landmark", zorder=3)
+    landmark_covs = {name: each.landmark_covs for name, each in estimates.items() if each.landmark_covs is not None}
+    if sum(len(covs) for covs in landmark_covs.values()) > LANDMARK_ELLIPSES:
+        landmark_covs = dict(islice(landmark_covs.items(), 1))
+    some = np.linspace(0, recording.steps, POSE_ELLIPSES + 1).astype(int)[1:]
+    for name, estimate in estimates.items():
+        color = chosen[name].color
+        _, landmarks = true_landmarks(truth, recording, estimate)
+        ax.plot(*landmarks.T, ".", color=color, markersize=2.5, zorder=3)
+        if name in landmark_covs:
+            draw_ellipses(ax, landmarks, landmark_covs[name], color)
+        if estimate.pose_covs is not None and name != DEAD_RECKONING:
+            draw_ellipses(ax, estimate.poses[some, :2], estimate.pose_covs[some, :2, :2], color)
+
+
+def _draw_marks(ax: Axes, truth: Truth, recording: Recording, paths: Mapping[str, Float]) -> None:
+    """The start, the loop closures, and keys to the dots and ellipses."""
+    path = truth.poses if truth.poses is not None else list(paths.values())[-1]
+    closures = closure_steps(truth, recording)
+    if closures is not None and len(closures):
+        every = -(-len(closures) // CLOSURE_MARKS)
+        label = "loop closure" if every == 1 else f"1 in {every} loop closures"
+        ax.plot(*path[closures[::every], :2].T, "d", label=label, zorder=4, **DIAMOND)
+    ax.plot(*recording.prior_mean[:2, None], "o", color=TRUTH_COLOR, markersize=4, label="start", zorder=4)
+    ax.plot([], [], ".", color=MARK_COLOR, markersize=2.5, label="mapped landmark")
+    if ax.collections:
+        ax.plot([], [], "o", label=r"3$\sigma$ ellipse", **OUTLINE)
+
+
+def _frame(ax: Axes, paths: Mapping[str, Float], others: list[Float]) -> None:
+    """Limits at equal scales that hold everything but a dead reckoning that has gone astray."""
+    ax.set_xlabel("x [m]")
+    ax.set_ylabel("y [m]")
+    ax.set_aspect("equal", adjustable="datalim")
+    drift = paths[DEAD_RECKONING][:, :2]
+    estimated = [poses for name, poses in paths.items() if name != DEAD_RECKONING] or [drift]
+    rest = np.concatenate([each[:, :2] for each in estimated + others])
+    low, high = map_limits(rest, drift)
+    ax.set_xlim(low[0], high[0], auto=True)
+    ax.set_ylim(low[1], high[1], auto=True)
+    if ((drift < low) | (drift > high)).any():
+        ax.set_title("dead reckoning leaves the map and is cut")
+
+
+def save_figure(
+    folder: Path, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate], title: str
+) -> None:
+    """Write figure.png (200 dpi) and figure.svg into `folder`: the map beside the errors, 7.2 x 4.6 in."""
+    with mpl.rc_context(PRINT):
+        figure = Figure(figsize=PAGE, layout="constrained")
+        left, right = cast("Iterable[SubFigure]", figure.subfigures(1, 2, width_ratios=(1.25, 1)))
+        left_axes = left.subplots()
+        _draw_run(left_axes, truth, recording, estimates)
+        plot_errors(right.subplots(3, sharex=True), truth, recording, estimates)
+        handles, labels = left_axes.get_legend_handles_labels()
+        columns = 6 if max(map(len, labels)) <= LONG_LABEL else 4
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns, **LEGEND)
+        figure.suptitle(title)
+        save_png_and_svg(figure, folder / "figure")

@@ -1,0 +1,140 @@
+"""The practical's figure 4.1 as a strip of frames: rays begin, lose members, and become landmarks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from slamgauge.compare.figures.map_at_step import map_at
+from slamgauge.compare.figures.map_layers import (
+    HEAVIEST,
+    MEMBER,
+    POINT,
+    TRUE_LANDMARK,
+    TRUE_ROBOT,
+    MapLayer,
+    RobotLayer,
+    key,
+)
+from slamgauge.compare.figures.map_limits import map_limits
+from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, Style, save_png_and_svg, styles
+from slamgauge.compare.figures.ray_frames import RayFrame, ray_frames
+
+from slamgauge.arrays import Float
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
+
+COLUMNS, ROWS = 3, 2
+WIDTH = 7.2  # [in]
+HEADINGS = 0.30  # [in], above and below the panels of a row
+FOOT = 0.75  # [in], the legend and the title of the figure
+ROBOT = 0.035  # of the map's extent
+LABEL_ROOM = 0.12  # of the panel's height: nearer to its top than that a label stands below
+SURVIVOR: dict[str, Any] = {
+    "marker": "s",
+    "markersize": 8,
+    "linestyle": "none",
+    "markerfacecolor": "none",
+    "markeredgecolor": MARK_COLOR,
+    "markeredgewidth": 0.9,
+}
+
+
+def save_ray_strip(
+    folder: Path, truth: Truth | None, recording: Recording, name: str, estimate: Estimate, title: str
+) -> None:
+    """Write rays.png (200 dpi) and rays.svg into `folder`: frames of an estimate that `has_rays`, 7.2 in wide."""
+    frames = ray_frames(estimate, COLUMNS * ROWS)
+    truth = Truth() if truth is None else truth
+    low, high = _limits(truth, estimate, frames)
+    rows = -(-len(frames) // COLUMNS)
+    height = WIDTH / COLUMNS * float(np.clip((high - low)[1] / (high - low)[0], 0.4, 1.4))
+    style = styles([name])[name]
+    with mpl.rc_context(PRINT):
+        figure = Figure(figsize=(WIDTH, rows * (height + HEADINGS) + FOOT), layout="constrained")
+        panels: list[Axes] = list(figure.subplots(rows, COLUMNS, sharex=True, sharey=True, squeeze=False).flat)
+        for panel in panels[len(frames) :]:
+            panel.set_axis_off()
+        since = -1
+        for panel, frame in zip(panels, frames, strict=False):
+            panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+            _draw_robots(panel, truth, estimate, style, ROBOT * float((high - low).max()), frame.step)
+            _draw_map(panel, truth, estimate, style, since, frame)
+            panel.set_title(_title(frame, recording.stamps))
+            since = frame.step
+        for panel in panels[: len(frames)][-COLUMNS:]:
+            panel.set_xlabel("x [m]")
+            panel.tick_params(labelbottom=True)  # though panels below it stay empty
+        for panel in panels[::COLUMNS]:
+            panel.set_ylabel("y [m]")
+        figure.legend(handles=_keys(truth, name, style), loc="outside lower center", ncols=4, **LEGEND)
+        figure.suptitle(title)
+        save_png_and_svg(figure, folder / "rays")
+
+
+def _limits(truth: Truth, estimate: Estimate, frames: list[RayFrame]) -> tuple[Float, Float]:
+    """Limits for all frames: paths so far, landmarks, the likeliest member of each ray, others as there is room."""
+    end = frames[-1].step + 1
+    maps = [map_at(estimate, frame.step) for frame in frames]
+    members = np.concatenate([rows.position[rows.member >= 0] for rows in maps])
+    sure = [estimate.poses[:end, :2], *(rows.position[(rows.member < 0) | rows.heaviest()] for rows in maps)]
+    if truth.poses is not None:
+        sure.append(truth.poses[:end, :2])
+    sure.append(members if truth.landmarks is None else truth.landmarks)
+    return map_limits(np.concatenate(sure), members)
+
+
+def _draw_robots(ax: Axes, truth: Truth, estimate: Estimate, style: Style, size: float, step: int) -> None:
+    """True and estimated robot with their paths up to the step."""
+    if truth.poses is not None:
+        RobotLayer(ax, TRUE_ROBOT, size, filled=False).show(truth.poses[: step + 1])
+    cov = None if estimate.pose_covs is None else estimate.pose_covs[step]
+    RobotLayer(ax, style, size).show(estimate.poses[: step + 1], cov)
+
+
+def _draw_map(ax: Axes, truth: Truth, estimate: Estimate, style: Style, since: int, frame: RayFrame) -> None:
+    """True landmarks, the map of the frame, and marks around what became a point after the step `since`."""
+    log = estimate.rays
+    assert log is not None
+    if truth.landmarks is not None:
+        ax.plot(*truth.landmarks.T, **TRUE_LANDMARK)
+    rows = map_at(estimate, frame.step)
+    MapLayer(ax, style.color).show(rows)
+    collapsed = log.landmark[(log.survivor >= 0) & (since < log.end) & (log.end <= frame.step)]
+    ax.plot(*rows.position[np.isin(rows.landmark, collapsed)].T, **SURVIVOR)
+    named = rows.only(rows.landmark == frame.landmark)
+    if len(named.weight):
+        place = named.position[np.argmax(named.weight)]
+        bottom, top = ax.get_ylim()
+        below = place[1] > top - LABEL_ROOM * (top - bottom)
+        offset, side = ((0, -6), "top") if below else ((0, 6), "bottom")
+        text = str(frame.landmark)
+        ax.annotate(text, place, offset, textcoords="offset points", ha="center", va=side, clip_on=True, zorder=5)
+
+
+def _title(frame: RayFrame, stamps: Float) -> str:
+    """When, what has just happened, and how many members there are."""
+    counted = f"{frame.rays} ray{'s' * (frame.rays != 1)}, {frame.members} member{'s' * (frame.members != 1)}"
+    moment = f"t = {stamps[frame.step] - stamps[0]:.1f} s, {counted}"
+    return f"{moment}\n{frame.caption}"
+
+
+def _keys(truth: Truth, name: str, style: Style) -> list[Line2D]:
+    keys = [key(name, color=style.color, linestyle=style.dashes, linewidth=1.0)]
+    if truth.poses is not None:
+        keys.append(key("truth", color=TRUE_ROBOT.color, linewidth=1.0))
+    if truth.landmarks is not None:
+        keys.append(key("true landmark", **TRUE_LANDMARK))
+    return [
+        *keys,
+        key(r"3$\sigma$ of a member, dark if likely", color=style.color, **MEMBER),
+        key("likeliest member of a ray", color=style.color, **HEAVIEST),
+        key("landmark", color=style.color, **POINT),
+        key("landmark since the frame before", **SURVIVOR),
+    ]

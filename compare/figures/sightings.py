@@ -1,0 +1,46 @@
+"""Who was seen when, and from where: for pictures, which may use the truth."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
+
+NEVER = np.iinfo(np.int64).max
+
+
+def first_seen(recording: Recording, estimate: Estimate) -> Int:
+    """Steps (L,) at which the estimate's landmarks were first observed; 0 where nobody tells what was observed."""
+    ids = estimate.landmark_ids
+    assert ids is not None  # filled by Estimate's constructor
+    seen = recording.landmark if estimate.association is None else estimate.association
+    if seen is None:
+        return np.zeros(len(ids), np.int64)
+    met = seen[:, None] == ids
+    steps = np.append(recording.observation_step, NEVER)
+    return steps[np.where(met.any(axis=0), met.argmax(axis=0), len(seen))] if len(seen) else np.full(len(ids), NEVER)
+
+
+def sight_lines(truth: Truth, recording: Recording, estimate: Estimate, after: int, step: int) -> Float:
+    """Lines (m, 2, 2) [m] from robot to landmark of the last scan after the step `after` and up to `step`.
+
+    They are the true ones as far as the truth is known, else the estimate's; without known ids there are none.
+    """
+    first, last = np.searchsorted(recording.observation_step, [after, step], side="right")
+    if first == last:
+        return np.zeros((0, 2, 2))
+    at = int(recording.observation_step[last - 1])
+    scan = slice(int(np.searchsorted(recording.observation_step, at)), int(last))
+    true_ids = recording.landmark if truth.association is None else truth.association
+    own_ids = recording.landmark if estimate.association is None else estimate.association
+    if truth.poses is not None and truth.landmark_ids is not None and true_ids is not None:
+        ids, names, places, start = true_ids[scan], truth.landmark_ids, truth.landmarks, truth.poses[at, :2]
+    else:
+        ids, names, places, start = own_ids, estimate.landmark_ids, estimate.landmarks, estimate.poses[at, :2]
+        ids = np.zeros(0, np.int64) if ids is None else ids[scan]
+    assert names is not None and places is not None
+    which = np.nonzero(ids[:, None] == names)[1]
+    return np.stack([np.broadcast_to(start, (len(which), 2)), places[which]], axis=1)

@@ -1,0 +1,136 @@
+"""The figures of a study: consistency over time, errors in their 3-sigma envelope, ratios to the optimum."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, save_png_and_svg, styles
+from slamgauge.compare.studies.store import Runs
+from slamgauge.compare.studies.summary import BAND_LEVEL, PerStep, Summary, nees_per_step, nis_per_step, paired
+
+from slamgauge.arrays import Float
+
+RUNS_DRAWN = 50  # error curves; more are one grey mass
+COMPONENTS = (("x [m]", "x", 1.0), ("y [m]", "y", 1.0), ("heading [°]", "heading", 180.0 / np.pi))
+
+
+def save_study_figures(out: Path, summary: Summary, runs: Mapping[str, Runs], step: float) -> None:
+    """Write nees, nis, errors and ratios (.png and .svg) into `out`; `step` is the time step [s]."""
+    ran = {name: each for name, each in runs.items() if len(each.run)}
+    title = f"{summary.scenario}, {summary.runs} runs"
+    with mpl.rc_context(PRINT):
+        figures = {
+            "nees": _nees(ran, step),
+            "nis": _nis(ran, step),
+            "errors": _errors(ran, step),
+            "ratios": _ratios(ran),
+        }
+        for name, figure in figures.items():
+            if figure is None:  # what an earlier study has drawn there would not be of this one
+                for ending in ("png", "svg"):
+                    (out / f"{name}.{ending}").unlink(missing_ok=True)
+            else:
+                figure.suptitle(title)
+                save_png_and_svg(figure, out / name)
+
+
+def _nees(runs: Mapping[str, Runs], step: float) -> Figure | None:
+    """Mean pose NEES over runs against time, with its chi-square band."""
+    figure = _against_band(runs, nees_per_step, step, "mean pose NEES (3 when consistent)")
+    if figure is not None:
+        _logarithmic(figure.axes[0])
+    return figure
+
+
+def _nis(runs: Mapping[str, Runs], step: float) -> Figure | None:
+    """NIS over its degrees of freedom, all runs together, against time, with its chi-square band."""
+    return _against_band(runs, nis_per_step, step, "NIS / degrees of freedom (1 when right)")
+
+
+def _against_band(
+    runs: Mapping[str, Runs], statistic: Callable[[Runs], PerStep], step: float, label: str
+) -> Figure | None:
+    """A curve for each estimator that has the statistic, and the widest of their bands."""
+    curves = {name: statistic(each) for name, each in runs.items()}
+    curves = {name: curve for name, curve in curves.items() if not np.isnan(curve.value).all()}
+    if not curves:
+        return None
+    figure = Figure(figsize=(6.0, 3.2), layout="constrained")
+    axes = figure.subplots()
+    time = step * np.arange(len(next(iter(curves.values())).value))
+    low = np.fmin.reduce([curve.low for curve in curves.values()])
+    high = np.fmax.reduce([curve.high for curve in curves.values()])
+    axes.fill_between(time, low, high, color=MARK_COLOR, alpha=0.25, linewidth=0, label=f"{BAND_LEVEL:.1%} band")
+    for name, style in styles(runs).items():
+        if name in curves:
+            value = curves[name].value
+            axes.plot(time, value, color=style.color, linestyle=style.dashes, linewidth=0.9, label=name)
+    axes.set(xlabel="time [s]", ylabel=label)
+    figure.legend(loc="outside lower center", ncols=8, **LEGEND)
+    return figure
+
+
+def _errors(runs: Mapping[str, Runs], step: float) -> Figure | None:
+    """Errors of single runs, and three times the sigma that the estimator claims, mean over runs."""
+    if not runs:
+        return None
+    figure = Figure(figsize=(7.2, 1.0 + 1.4 * len(runs)), layout="constrained")
+    grid = figure.subplots(len(runs), 3, sharex=True, sharey="col", squeeze=False)
+    for axes, (title, _, _) in zip(grid[0], COMPONENTS, strict=True):
+        axes.set_title(title)
+    for axes in grid[-1]:
+        axes.set_xlabel("time [s]")
+    for row, (name, style) in zip(grid, styles(runs).items(), strict=True):
+        for axes, (_, key, unit) in zip(row, COMPONENTS, strict=True):
+            errors, sigmas = runs[name].series[f"error_{key}"], runs[name].series[f"sigma_{key}"]
+            time = step * np.arange(errors.shape[1])
+            axes.plot(time, unit * errors[:RUNS_DRAWN].T, color=MARK_COLOR, linewidth=0.3, alpha=0.5)
+            bound = 3 * unit * sigmas.mean(axis=0)
+            for side in (-bound, bound):
+                axes.plot(time, side, color=style.color, linestyle=style.dashes, linewidth=1.2)
+        row[0].set_ylabel(name)
+    figure.supylabel(r"error of each run (grey), mean 3$\sigma$ bound (dashed)", fontsize=7.5)
+    return figure
+
+
+def _ratios(runs: Mapping[str, Runs]) -> Figure | None:
+    """ATE of each run over that of the optimum in the same run: box plots."""
+    references = [(name, text) for name, text in (("isam2", "causal"), ("batch", "hindsight")) if name in runs]
+    boxes = [
+        (f"{name}\n/ {text}", _run_ratios(runs[name], runs[reference]), styles(runs)[name].color)
+        for reference, text in references
+        for name in runs
+        if name != reference
+    ]
+    boxes = [box for box in boxes if len(box[1])]
+    if not boxes:
+        return None
+    figure = Figure(figsize=(1.0 + 0.8 * len(boxes), 3.2), layout="constrained")
+    axes = figure.subplots()
+    drawn = axes.boxplot(
+        [ratios for _, ratios, _ in boxes], tick_labels=[label for label, _, _ in boxes], flierprops={"markersize": 2}
+    )
+    for median, (_, _, color) in zip(drawn["medians"], boxes, strict=True):
+        median.set(color=color, linewidth=1.5)
+    axes.axhline(1.0, color=MARK_COLOR, linewidth=0.6)
+    axes.set_ylabel("ATE / optimum's ATE, run by run")
+    _logarithmic(axes)
+    return figure
+
+
+def _logarithmic(axes: Axes) -> None:
+    """A logarithmic y axis with plain numbers."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("{x:.2g}")
+
+
+def _run_ratios(runs: Runs, optimum: Runs) -> Float:
+    ours, theirs = paired(runs, optimum)
+    ratios = runs.figures["ate_m"][ours] / optimum.figures["ate_m"][theirs]
+    return ratios[np.isfinite(ratios)]

@@ -1,0 +1,96 @@
+"""The figure of a sweep: error, consistency, reported sigma and map size against the key's value."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
+from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, Style, save_png_and_svg, styles
+from slamgauge.compare.scoring.comparison import YARDSTICKS
+from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.studies.sweep import Sweep
+
+PANELS = (
+    ("ate_m", "ATE [m]"),
+    ("nees_pose_per_dof", "pose NEES / 3 (1 when consistent)"),
+    ("position_sigma_m", "reported position sigma [m]"),
+    ("landmarks_mapped", "landmarks mapped"),
+)
+OPTIMA = {"isam2": "causal optimum", "batch": "hindsight optimum"}
+WIDE = 4.0  # values that span more than this factor get a logarithmic axis
+
+
+def save_sweep_figure(out: Path, sweep: Sweep) -> None:
+    """Write sweep.png and sweep.svg into `out`."""
+    with mpl.rc_context(PRINT):
+        figure = Figure(figsize=(7.2, 5.0), layout="constrained")
+        names = styles(sweep.summaries[0].estimators)
+        for axes, (key, label) in zip(figure.subplots(2, 2, sharex=True).flat, PANELS, strict=True):
+            for name, style in names.items():
+                intervals = [getattr(summary.estimators[name], key) for summary in sweep.summaries]
+                _draw(axes, sweep.values, intervals, OPTIMA.get(name, name), style, line=name in YARDSTICKS)
+            axes.set_ylabel(label)
+            _arrange(axes, sweep.values)
+            if key == "nees_pose_per_dof":
+                axes.axhline(1.0, color=MARK_COLOR, linewidth=0.6)
+        for axes in figure.axes[2:]:
+            axes.set_xlabel(sweep.key)
+        handles, labels = figure.axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=6, **LEGEND)
+        figure.suptitle(f"{sweep.scenario}, {sweep.runs} runs at each value (bars: 95 % intervals)")
+        save_png_and_svg(figure, out / "sweep")
+
+
+def _draw(
+    axes: Axes, values: tuple[str, ...], intervals: list[Interval | None], label: str, style: Style, *, line: bool
+) -> None:
+    """Means with their intervals; the optima, which know no gate and no scale, as lines without markers."""
+    found = sorted(
+        (place, each) for place, each in zip(_places(values).tolist(), intervals, strict=True) if each is not None
+    )
+    if not found:
+        return
+    places, known = zip(*found, strict=True)
+    mean = np.array([each.mean for each in known])
+    low = np.array([each.mean if each.low is None else each.low for each in known])
+    high = np.array([each.mean if each.high is None else each.high for each in known])
+    axes.errorbar(
+        places,
+        mean,
+        yerr=np.abs([mean - low, high - mean]),
+        color=TRUTH_COLOR if line else style.color,
+        linestyle=style.dashes,
+        linewidth=0.9,
+        marker="" if line else "o",
+        markersize=2.5,
+        capsize=2,
+        label=label,
+    )
+
+
+def _places(values: tuple[str, ...]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """The values as numbers, or their order where they are none."""
+    try:
+        return np.array([float(value) for value in values])
+    except ValueError:
+        return np.arange(len(values), dtype=np.float64)
+
+
+def _arrange(axes: Axes, values: tuple[str, ...]) -> None:
+    """Ticks at the values; logarithmic axes where figures span a lot."""
+    places = _places(values)
+    if places.min() > 0 and places.max() > WIDE * places.min():
+        axes.set_xscale("log")
+    axes.set_xticks(places, values)
+    axes.minorticks_off()
+    means = np.array([mean for line in axes.lines if line.get_marker() != "_" for mean in np.asarray(line.get_ydata())])
+    if means.size and means.min() > 0 and means.max() > WIDE * means.min():
+        axes.set_yscale("log", nonpositive="clip")
+        axes.set_ylim(means.min() / 2, None)
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_locator(NullLocator())

@@ -1,0 +1,1 @@
+"""Scenarios: what a simulated run consists of, read from TOML files, and its simulation."""

@@ -1,0 +1,194 @@
+"""Scenarios: what a simulated run consists of, read from TOML files.
+
+A file may begin with `extends = "a shipped name"`: its own keys then come on top of that scenario's.
+The schema stands in `scenario_schema`. Every mistake of a file is reported, each in a line that names
+the file and the key.
+"""
+
+from __future__ import annotations
+
+import difflib
+import reprlib
+import tomllib
+from collections.abc import Sequence
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+from slamgauge.compare.scenarios.schema import (
+    Association,
+    Assumed,
+    Delayed,
+    Fis,
+    InverseDepth,
+    Landmarks,
+    Motion,
+    Prior,
+    Scenario,
+    Segment,
+    Sensor,
+    Trajectory,
+)
+
+__all__ = ["Scenario", "ScenarioError", "load_scenario", "shipped_scenarios"]
+
+Table = dict[str, Any]
+Place = tuple[str | int, ...]
+
+FORMS = {"kind", "segments"}  # keys that give a section another form: it then replaces the extended one whole
+
+
+class ScenarioError(ValueError):
+    """The mistakes of a scenario, one located line each."""
+
+
+def shipped_scenarios() -> list[tuple[str, str]]:
+    """Name and description of every scenario that comes with slamgauge, by name."""
+    return [(name, load_scenario(name).description) for name in sorted(_shipped())]
+
+
+def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+    """The scenario of a shipped name or a TOML file, with `dotted.key=value` overrides.
+
+    Args:
+        name_or_path: A shipped name, or the path of a TOML file; a shipped name wins.
+        overrides: Each value is read as TOML, or as a bare string where it is none.
+
+    Raises:
+        ScenarioError: With one line `where: key: what; remedy` for each mistake.
+    """
+    where = str(name_or_path)
+    source = _locate(where)
+    table = _extended(_parse(source, where), where)
+    for override in overrides:
+        _override(table, override)
+    mistakes = ["name: unknown key; the file's own name is the scenario's name"] if "name" in table else []
+    try:
+        scenario = Scenario.model_validate({**table, "name": Path(source.name).stem})
+    except ValidationError as error:
+        mistakes += _mistakes(error, table)
+    else:
+        if not mistakes:
+            return scenario
+    raise ScenarioError("\n".join(f"{where}: {mistake}" for mistake in mistakes))
+
+
+def _shipped() -> dict[str, Traversable]:
+    folder = resources.files(__package__ or "")
+    return {file.name.removesuffix(".toml"): file for file in folder.iterdir() if file.name.endswith(".toml")}
+
+
+def _locate(where: str) -> Traversable:
+    shipped, path = _shipped(), Path(where)
+    if where in shipped:
+        return shipped[where]
+    if path.suffix == ".toml" or path.is_file():
+        return path
+    near = difflib.get_close_matches(where, shipped, n=3)
+    remedy = f"did you mean {' or '.join(near)}?" if near else f"use {', '.join(sorted(shipped))}, or a TOML file"
+    raise ScenarioError(f"{where}: no such scenario; {remedy}")
+
+
+def _parse(source: Traversable, where: str) -> Table:
+    try:
+        text = source.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ScenarioError(f"{where}: cannot be read ({error.strerror}); check the path") from None
+    except UnicodeDecodeError:
+        raise ScenarioError(f"{where}: not a text in UTF-8; save it as such") from None
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        message = str(error).replace("at end of document", f"at line {len(text.splitlines())}, the end")
+        raise ScenarioError(f"{where}: not valid TOML: {message}; correct that line") from None
+
+
+def _extended(table: Table, where: str) -> Table:
+    """The table on top of the shipped scenario that its key `extends` names, key by key."""
+    if "extends" not in table:
+        return table
+    name, shipped = table.pop("extends"), _shipped()
+    if not isinstance(name, str) or name not in shipped:
+        near = difflib.get_close_matches(str(name), shipped, n=1)
+        remedy = f"did you mean {near[0]}?" if near else f"use {', '.join(sorted(shipped))}"
+        raise ScenarioError(f"{where}: extends: {name!r} is no shipped scenario; {remedy}")
+    base = _extended(_parse(shipped[name], name), name)
+    for key, value in table.items():
+        merged = isinstance(value, dict) and isinstance(base.get(key), dict) and not FORMS & value.keys()
+        base[key] = {**base[key], **value} if merged else value
+    return base
+
+
+def _override(table: Table, override: str) -> None:
+    """Set the key of one `dotted.key=value` in the table, sections on the way included."""
+    path, equals, text = override.partition("=")
+    if not equals or not path.strip():
+        raise ScenarioError(f"{override}: not an override; write dotted.key=value")
+    *sections, key = path.strip().split(".")
+    for section in sections:
+        if not isinstance(table.get(section), dict):
+            table[section] = {}
+        table = table[section]
+    try:
+        table[key] = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        table[key] = text.strip()
+
+
+# --- mistakes ----------------------------------------------------------------------------------
+
+_KEYS: dict[Place, tuple[str, ...]] = {
+    (): ("extends", *(key for key in Scenario.model_fields if key != "name")),
+    ("prior",): tuple(Prior.model_fields),
+    ("trajectory",): (*Trajectory.model_fields, *Segment.model_fields),
+    ("trajectory", "segments"): tuple(Segment.model_fields),
+    ("motion",): tuple(Motion.model_fields),
+    ("sensor",): tuple(Sensor.model_fields),
+    ("assumed",): tuple(Assumed.model_fields),
+    ("association",): tuple(Association.model_fields),
+    ("fis",): tuple(Fis.model_fields),
+    ("inverse_depth",): tuple(InverseDepth.model_fields),
+    ("delayed",): tuple(Delayed.model_fields),
+    ("landmarks",): tuple(Landmarks.model_fields),
+}
+
+
+def _mistakes(error: ValidationError, table: Table) -> list[str]:
+    """One `key: what; remedy` for each mistake; a misspelt key is not reported as missing as well."""
+    details = [(_place(detail["loc"], table), detail) for detail in error.errors()]
+    unknown = [place for place, detail in details if detail["type"] == "extra_forbidden"]
+    meant = {(*place[:-1], near) for place in unknown for near in _near(place)}
+    lines = [_line(place, detail) for place, detail in details if detail["type"] != "missing" or place not in meant]
+    return list(dict.fromkeys(lines))
+
+
+def _place(loc: Place, table: Table) -> Place:
+    """The place in the user's own file, where a single segment's keys may stand in [trajectory]."""
+    single = loc[:3] == ("trajectory", "segments", 0) and "segments" not in table["trajectory"]
+    return ("trajectory", *loc[3:]) if single else loc
+
+
+def _near(place: Place) -> list[str]:
+    return difflib.get_close_matches(str(place[-1]), _keys(place), n=1)
+
+
+def _keys(place: Place) -> tuple[str, ...]:
+    return _KEYS[tuple(part for part in place[:-1] if isinstance(part, str))]
+
+
+def _line(place: Place, detail: ErrorDetails) -> str:
+    where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).removeprefix(".")
+    if detail["type"] == "extra_forbidden":
+        if place[-1] in _keys(place):  # only a trajectory's two forms share a table
+            return "trajectory: has both forms; give segments, or speed, yaw_rate and duration"
+        near = _near(place)
+        return f"{where}: unknown key; " + (f"did you mean {near[0]}?" if near else f"use {', '.join(_keys(place))}")
+    what = detail["msg"].replace("Field required", "missing; add it").replace("Tuple should", "must")
+    what = what.replace(" after validation", "").replace("valid tuple", "list")
+    if what.startswith("Input should be"):
+        kind = "a table" if detail["type"] == "model_type" else what.removeprefix("Input should be ")
+        what = f"must be {kind}, not {reprlib.repr(detail['input'])}"
+    return f"{where}: {what}" if where else what  # what concerns several sections names its keys itself

@@ -1,0 +1,1 @@
+"""Scores of estimates against truth and optimum, and their statistics."""

@@ -1,0 +1,153 @@
+"""Estimators run side by side on one recording: estimates, scores, table and files."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from slamgauge.compare.estimators.estimators import run_estimator
+from slamgauge.compare.figures.ray_frames import has_rays
+from slamgauge.compare.scoring.scores import Score, evaluate
+from slamgauge.compare.scoring.text_table import aligned
+from slamgauge.compare.storage.files import save, write_tum
+from tqdm import tqdm
+
+from slamgauge.estimate import Estimate, Estimator
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth, require_same_run
+
+OPTIMUM = {"filtered": "isam2", "smoothed": "batch"}
+YARDSTICKS = tuple(OPTIMUM.values())
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What came out: the estimate and the score of each estimator, by name."""
+
+    truth: Truth | None
+    recording: Recording
+    estimates: dict[str, Estimate]
+    scores: dict[str, Score]
+
+
+def compare_estimators(
+    truth: Truth | None,
+    recording: Recording,
+    estimators: Mapping[str, Estimator],
+    informed: Recording | None = None,
+) -> Comparison:
+    """Run every estimator, then score each against truth and optimum.
+
+    Estimators see the recording alone. Two are yardsticks: `isam2`, the optimum of filtered estimates, and `batch`,
+    that of smoothed ones, show what the measurements allow to somebody whom nothing misleads.
+
+    Args:
+        truth: what is known of it.
+        recording: what estimators see.
+        estimators: by name.
+        informed: the same measurements with their true noise and associations, which the yardsticks see; by
+            default the recording, with the truth's associations where it has no ids of its own.
+
+    Raises:
+        ValueError: the truth is of another recording; an estimator raised, or returned what does not fit, and
+            then the estimator is named.
+    """
+    require_same_run(truth, recording)
+    if informed is None:
+        informed = recording
+        if recording.landmark is None and truth is not None and truth.association is not None:
+            informed = recording.associated(truth.association)
+    estimates: dict[str, Estimate] = {}
+    seconds: dict[str, float] = {}
+    progress = tqdm(estimators.items(), disable=None, leave=False, unit="estimator")
+    for name, estimator in progress:
+        progress.set_description(name)
+        seen = informed if name in YARDSTICKS else recording
+        estimates[name], seconds[name] = run_estimator(name, estimator, seen)
+    scores: dict[str, Score] = {}
+    for name, estimate in estimates.items():
+        optimum = estimates.get(OPTIMUM[estimate.kind])
+        try:
+            score = evaluate(truth, recording, estimate, optimum, estimates.get("batch"))
+        except ValueError as error:
+            raise ValueError(f"estimator {name}: {error}") from error
+        scores[name] = score if estimate.seconds is not None else replace(score, seconds_total=seconds[name])
+    return Comparison(truth, recording, estimates, scores)
+
+
+def metrics(comparison: Comparison, scenario: str | None, seed: int | None) -> dict[str, Any]:
+    """The content of metrics.json; scenario and seed are None for a stored recording."""
+    return {
+        "scenario": scenario,
+        "seed": seed,
+        "digest": digest(comparison.recording),
+        "truth": comparison.truth is not None and comparison.truth.poses is not None,
+        "estimators": {name: score.to_json() for name, score in comparison.scores.items()},
+    }
+
+
+def digest(recording: Recording) -> str:
+    """SHA-256 of a recording's fields: equal digests, equal measurements."""
+    total = hashlib.sha256()
+    for field in fields(recording):
+        value = getattr(recording, field.name)
+        total.update(field.name.encode())
+        total.update(value.tobytes() if isinstance(value, np.ndarray) else str(value).encode())
+    return total.hexdigest()
+
+
+def write_comparison(folder: Path, comparison: Comparison, content: dict[str, Any], title: str) -> None:
+    """Write recording, truth, estimates, TUM trajectories, figures and metrics into an existing folder."""
+    from slamgauge.compare.figures.plots import save_figure  # matplotlib only where pictures are made
+    from slamgauge.compare.figures.ray_strip import save_ray_strip
+
+    recording = comparison.recording
+    save(folder / "recording.npz", recording)
+    if comparison.truth is not None:
+        save(folder / "truth.npz", comparison.truth)
+    (folder / "estimates").mkdir()
+    (folder / "trajectories").mkdir()
+    for name, estimate in comparison.estimates.items():
+        save(folder / "estimates" / f"{name}.npz", estimate)
+        write_tum(folder / "trajectories" / f"{name}.tum", recording.stamps, estimate.poses)
+    if comparison.truth is not None and comparison.truth.poses is not None:
+        write_tum(folder / "trajectories" / "truth.tum", recording.stamps, comparison.truth.poses)
+    save_figure(folder, comparison.truth, recording, comparison.estimates, title)
+    rays = next((name for name, estimate in comparison.estimates.items() if has_rays(estimate)), None)
+    if rays is not None:
+        save_ray_strip(
+            folder, comparison.truth, recording, rays, comparison.estimates[rays], f"{title}: rays of {rays}"
+        )
+    text = json.dumps(content, indent=2, allow_nan=False)
+    (folder / "metrics.json").write_text(text + "\n", encoding="utf-8")
+
+
+_COLUMNS = (
+    ("ATE [m]", "ate_m", "{:.3f}"),
+    ("heading [rad]", "heading_rmse_rad", "{:.4f}"),
+    ("end [m]", "final_position_error_m", "{:.3f}"),
+    ("NEES", "nees_pose", "{:.2f}"),
+    ("NIS/dof", "nis_per_dof", "{:.3f}"),
+    ("map [m]", "landmark_rmse_m", "{:.3f}"),
+    ("mapped", "landmarks_mapped", "{:d}"),
+    ("of", "landmarks_true", "{:d}"),
+    ("wrong", "wrong_associations", "{:d}"),
+    ("x optimum", "ratio_to_optimum", "{:.2f}"),
+    ("d to optimum", "mahalanobis_to_optimum", "{:.3g}"),
+    ("end to batch [m]", "final_distance_to_batch_m", "{:.3f}"),
+    ("time [s]", "seconds_total", "{:.2f}"),
+)
+
+
+def table(comparison: Comparison) -> str:
+    """The scores as a text table, filtered estimates before smoothed ones; `-` where none applies."""
+    rows = [["estimator", "kind", *(title for title, _, _ in _COLUMNS)]]
+    for name, score in sorted(comparison.scores.items(), key=lambda item: item[1].kind):
+        figures = [(getattr(score, key), form) for _, key, form in _COLUMNS]
+        rows.append([name, score.kind, *("-" if value is None else form.format(value) for value, form in figures)])
+    return "\n".join(aligned(rows, words=2))

@@ -1,0 +1,55 @@
+"""Loop closures: steps at which a landmark is seen again after a long absence."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from slamgauge.compare.scoring.defined import number
+
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
+
+ABSENCE = 10.0  # [s] for which the landmark was unseen, at least
+ROUNDING = 1e-6  # [s] by which stamps such as 0.1 k may miss that
+
+
+class LoopClosure(NamedTuple):
+    """Position error and uncertainty on both sides of a closure; None where they are unknown.
+
+    `error_before_m` and `sigma_before_m` belong to the pose before `step`, the others to the pose at it; a sigma
+    is the root of the trace of the position covariance.
+    """
+
+    step: int
+    error_before_m: float | None
+    error_after_m: float | None
+    sigma_before_m: float | None
+    sigma_after_m: float | None
+
+
+def closure_steps(truth: Truth | None, recording: Recording) -> Int | None:
+    """Steps of the loop closures, increasing; None if nobody knows which landmark was observed.
+
+    The recording's own ids are used where it has them, otherwise the truth's.
+    """
+    ids = recording.landmark
+    if ids is None:
+        ids = None if truth is None else truth.association
+    if ids is None:
+        return None
+    order = np.argsort(ids, kind="stable")  # one landmark after the other, each in order of time
+    ids, steps = ids[order], recording.observation_step[order]
+    absence = np.diff(recording.stamps[steps])
+    again = (np.diff(ids) == 0) & (absence >= ABSENCE - ROUNDING)
+    return np.unique(steps[1:][again])
+
+
+def describe_closures(steps: Int, errors: Float, sigmas: Float) -> tuple[LoopClosure, ...]:
+    """The closures at `steps`, from position errors and sigmas (N+1,) [m] that may be NaN."""
+    before_and_after = np.column_stack([errors[steps - 1], errors[steps], sigmas[steps - 1], sigmas[steps]])
+    return tuple(
+        LoopClosure(step, *(number(figure) for figure in figures))
+        for step, figures in zip(steps.tolist(), before_and_after.tolist(), strict=True)
+    )

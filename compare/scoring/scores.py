@@ -1,0 +1,237 @@
+"""The score of an estimate: every figure of metrics.json, against the truth and against the optimum."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from slamgauge.compare.scoring.consistency import sigma_ratios, squared_mahalanobis
+from slamgauge.compare.scoring.defined import mean, number, rms
+from slamgauge.compare.scoring.landmark_identity import association_figures, landmark_errors, true_landmarks
+from slamgauge.compare.scoring.loop_closures import LoopClosure, closure_steps, describe_closures
+from slamgauge.compare.scoring.ray_figures import RayFigures, ray_figures
+from slamgauge.compare.scoring.trajectory_error import align, pose_errors, step_errors
+
+from slamgauge.arrays import Float
+from slamgauge.estimate import Estimate, Kind
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
+
+NOT_IN_JSON = ("nees", "nis_total", "nis_dof_total")
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Score:
+    """How good an estimate is; a figure that does not apply is None.
+
+    Attributes:
+        kind: `filtered` (compared with iSAM2) or `smoothed` (compared with batch).
+        ate_m: RMS position error over the poses with truth, without alignment.
+        ate_aligned_m: the same after the best rigid motion in SE(2).
+        heading_rmse_rad: RMS heading error.
+        final_position_error_m: position error of the last pose.
+        final_heading_error_rad: absolute heading error of the last pose.
+        rpe_m: RMS translation error of single steps, in the body frame.
+        nees_pose: mean over time of the pose NEES; a consistent estimate reads about 3.
+        nis_per_dof: NIS over its degrees of freedom; a filter that knows its noise reads about 1.
+        landmark_rmse_m: RMS distance of the mapped landmarks from the true ones.
+        landmark_nees_per_dof: mean NEES of the mapped landmarks over its 2 degrees of freedom.
+        landmarks_mapped: number of landmarks in the map.
+        landmarks_true: number of distinct landmarks that were observed.
+        landmarks_missed: observed landmarks that no mapped one stands for.
+        landmarks_spurious: mapped landmarks that stand for none, doubles among them.
+        wrong_associations: number of observations given to another landmark than their own.
+        observations_rejected: number of observations given to none.
+        track_purity: mean over tracks of the largest share of their observations that come from one landmark.
+        track_purity_min: that share of the least pure track.
+        rays: what became of the rays of a bearing-only estimate.
+        ratio_to_optimum: ATE over the optimum's ATE.
+        sigma_ratio_to_optimum: mean over time of sigma over the optimum's, for x, y and heading.
+        mahalanobis_to_optimum: mean over time of the squared Mahalanobis distance to the optimum, under the
+            optimum's covariance.
+        final_distance_to_batch_m: distance of the last position from batch's.
+        landmark_distance_to_batch_m: RMS distance of the landmarks from batch's.
+        loop_closure: one entry per loop closure.
+        seconds_total: computing time.
+        seconds_per_step_median: its median over the steps.
+        nees: (N+1,) pose NEES of each step, NaN where it is undefined.
+        nis_total: sum of the NIS of all steps.
+        nis_dof_total: its degrees of freedom.
+    """
+
+    kind: Kind
+    ate_m: float | None
+    ate_aligned_m: float | None
+    heading_rmse_rad: float | None
+    final_position_error_m: float | None
+    final_heading_error_rad: float | None
+    rpe_m: float | None
+    nees_pose: float | None
+    nis_per_dof: float | None
+    landmark_rmse_m: float | None
+    landmark_nees_per_dof: float | None
+    landmarks_mapped: int
+    landmarks_true: int | None
+    landmarks_missed: int | None
+    landmarks_spurious: int | None
+    wrong_associations: int | None
+    observations_rejected: int | None
+    track_purity: float | None
+    track_purity_min: float | None
+    rays: RayFigures | None
+    ratio_to_optimum: float | None
+    sigma_ratio_to_optimum: tuple[float | None, ...] | None
+    mahalanobis_to_optimum: float | None
+    final_distance_to_batch_m: float | None
+    landmark_distance_to_batch_m: float | None
+    loop_closure: tuple[LoopClosure, ...] | None
+    seconds_total: float | None
+    seconds_per_step_median: float | None
+    nees: Float
+    nis_total: float
+    nis_dof_total: int
+
+    def to_json(self) -> dict[str, Any]:
+        """The estimator's entry in metrics.json: plain numbers, lists and None; `rays` only where there are any."""
+        entry = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in NOT_IN_JSON}
+        if self.sigma_ratio_to_optimum is not None:
+            entry["sigma_ratio_to_optimum"] = list(self.sigma_ratio_to_optimum)
+        if self.rays is None:
+            del entry["rays"]
+        else:
+            entry["rays"] = self.rays._asdict()
+        if self.loop_closure is not None:
+            entry["loop_closure"] = [closure._asdict() for closure in self.loop_closure]
+        return entry
+
+
+def evaluate(
+    truth: Truth | None,
+    recording: Recording,
+    estimate: Estimate,
+    optimum: Estimate | None = None,
+    batch: Estimate | None = None,
+) -> Score:
+    """Score an estimate against the truth, the optimum of its own kind and the hindsight optimum.
+
+    Args:
+        truth: what is known of it; None on real data without ground truth.
+        recording: what the estimator was given.
+        estimate: what it returned.
+        optimum: iSAM2's estimate for a filtered one, batch's for a smoothed one.
+        batch: the hindsight optimum, for the distances of the last pose and of the map.
+
+    Raises:
+        ValueError: if lengths do not fit the recording, or the optimum is of another kind.
+    """
+    truth = Truth() if truth is None else truth
+    _check(truth, recording, estimate, optimum, batch)
+    figures = _path_figures(truth, recording, estimate)
+    figures |= map_figures(truth, recording, estimate, batch)
+    figures |= _optimum_figures(truth, estimate, optimum)
+    figures |= filter_figures(estimate)
+    return Score(kind=estimate.kind, **figures)
+
+
+def _path_figures(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, Any]:
+    poses, reference, covs = estimate.poses, _true_poses(truth, estimate), pose_covs_of(estimate)
+    errors = pose_errors(reference, poses)
+    distances = np.linalg.norm(errors[:, :2], axis=1)
+    nees = squared_mahalanobis(errors, covs)
+    closures = closure_steps(truth, recording)
+    sigmas = np.sqrt((covs[:, 0, 0] + covs[:, 1, 1]).clip(min=0))
+    return {
+        "ate_m": rms(distances),
+        "ate_aligned_m": rms(np.linalg.norm(align(poses[:, :2], reference[:, :2]) - reference[:, :2], axis=1)),
+        "heading_rmse_rad": rms(errors[:, 2]),
+        "final_position_error_m": number(distances[-1]),
+        "final_heading_error_rad": number(abs(errors[-1, 2])),
+        "rpe_m": rms(step_errors(reference, poses)),
+        "nees": nees,
+        "nees_pose": mean(nees),
+        "loop_closure": None if closures is None else describe_closures(closures, distances, sigmas),
+    }
+
+
+def map_figures(truth: Truth, recording: Recording, estimate: Estimate, batch: Estimate | None) -> dict[str, Any]:
+    """What a `Score` says of the map and of the associations."""
+    ids, landmarks = true_landmarks(truth, recording, estimate)
+    errors = landmark_errors(ids, landmarks, truth.landmark_ids, truth.landmarks)
+    covs = estimate.landmark_covs
+    nees = None if covs is None else mean(squared_mahalanobis(errors, covs))
+    final_distance, map_distance = None, None
+    if batch is not None:
+        final_distance = number(math.dist(estimate.poses[-1, :2], batch.poses[-1, :2]))
+        differences = landmark_errors(ids, landmarks, *true_landmarks(truth, recording, batch))
+        map_distance = rms(np.linalg.norm(differences, axis=1))
+    return {
+        "landmark_rmse_m": rms(np.linalg.norm(errors, axis=1)),
+        "landmark_nees_per_dof": None if nees is None else nees / 2,
+        "landmarks_mapped": len(ids),
+        **association_figures(truth, recording, estimate)._asdict(),
+        "final_distance_to_batch_m": final_distance,
+        "landmark_distance_to_batch_m": map_distance,
+        "rays": ray_figures(truth, recording, estimate),
+    }
+
+
+def _optimum_figures(truth: Truth, estimate: Estimate, optimum: Estimate | None) -> dict[str, Any]:
+    if optimum is None:
+        return dict.fromkeys(("ratio_to_optimum", "sigma_ratio_to_optimum", "mahalanobis_to_optimum"))
+    reference = _true_poses(truth, estimate)
+    ate, optimal = (rms(np.linalg.norm((path.poses - reference)[:, :2], axis=1)) for path in (estimate, optimum))
+    covs, optimum_covs = pose_covs_of(estimate), pose_covs_of(optimum)
+    ratios = tuple(mean(column) for column in sigma_ratios(covs, optimum_covs).T)
+    return {
+        "ratio_to_optimum": ate / optimal if ate is not None and optimal else None,
+        "sigma_ratio_to_optimum": None if ratios == (None, None, None) else ratios,
+        "mahalanobis_to_optimum": mean(squared_mahalanobis(pose_errors(optimum.poses, estimate.poses), optimum_covs)),
+    }
+
+
+def filter_figures(estimate: Estimate) -> dict[str, Any]:
+    """What a `Score` says of the innovations and of computing time."""
+    nis = 0.0 if estimate.nis is None else float(estimate.nis.sum())
+    dof = 0 if estimate.nis_dof is None else int(estimate.nis_dof.sum())
+    seconds = estimate.seconds
+    return {
+        "nis_total": nis,
+        "nis_dof_total": dof,
+        "nis_per_dof": nis / dof if dof > 0 else None,
+        "seconds_total": None if seconds is None else float(seconds.sum()),
+        "seconds_per_step_median": None if seconds is None else float(np.median(seconds)),
+    }
+
+
+def _true_poses(truth: Truth, estimate: Estimate) -> Float:
+    """True poses (N+1, 3), all NaN where there is no truth: what needs them becomes undefined by itself."""
+    return np.full(estimate.poses.shape, np.nan) if truth.poses is None else truth.poses
+
+
+def pose_covs_of(estimate: Estimate) -> Float:
+    """Pose covariances (N+1, 3, 3), all NaN where the estimator gives none."""
+    return np.full((len(estimate.poses), 3, 3), np.nan) if estimate.pose_covs is None else estimate.pose_covs
+
+
+def _check(
+    truth: Truth, recording: Recording, estimate: Estimate, optimum: Estimate | None, batch: Estimate | None
+) -> None:
+    poses, observations = recording.steps + 1, len(recording.observation_step)
+    given = {"truth": truth, "estimate": estimate, "optimum": optimum, "batch": batch}
+    for name, each in given.items():
+        if each is not None and each.poses is not None and len(each.poses) != poses:
+            raise ValueError(f"{name}.poses: {len(each.poses)} rows for {poses} stamps; give one pose per stamp")
+        if each is not None and each.association is not None and len(each.association) != observations:
+            raise ValueError(
+                f"{name}.association: {len(each.association)} entries for {observations} observations; "
+                "give one per observation"
+            )
+    if optimum is not None and optimum.kind != estimate.kind:
+        raise ValueError(
+            f"optimum.kind: {optimum.kind!r} is not comparable with {estimate.kind!r}; "
+            "compare a filtered estimate with iSAM2, a smoothed one with batch"
+        )
+    if batch is not None and batch.kind != "smoothed":
+        raise ValueError(f"batch.kind: {batch.kind!r} is not the hindsight optimum; give batch's smoothed estimate")

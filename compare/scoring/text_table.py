@@ -1,0 +1,28 @@
+"""Tables for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from slamgauge.compare.scoring.intervals import Interval
+
+
+def aligned(rows: Sequence[Sequence[str]], words: int) -> list[str]:
+    """Lines of equal columns: the first `words` to the left, the figures after them to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            cell.ljust(width) if place < words else cell.rjust(width)
+            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    ]
+
+
+def interval_cell(interval: Interval | None, form: str) -> str:
+    """`mean ± half width`, `-` where there is none."""
+    if interval is None:
+        return "-"
+    if interval.low is None or interval.high is None:
+        return form.format(interval.mean)
+    return f"{form.format(interval.mean)} ± {form.format((interval.high - interval.low) / 2)}"

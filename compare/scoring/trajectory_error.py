@@ -1,0 +1,36 @@
+"""Errors of a path against a reference path, pose by pose; rows of NaN in the reference stay NaN."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamgauge.arrays import Float
+from slamgauge.se2 import between, rotation, wrap
+
+
+def pose_errors(reference: Float, poses: Float) -> Float:
+    """Additive errors (n, 3) of `poses` (n, 3) in the world frame, [m, m, rad], heading wrapped."""
+    errors = poses - reference
+    errors[:, 2] = wrap(errors[:, 2])
+    return errors
+
+
+def step_errors(reference: Float, poses: Float) -> Float:
+    """Translations (n-1,) [m] by which consecutive body-frame steps differ (evo's RPE at a delta of one)."""
+    steps = between(poses[:-1], poses[1:]) - between(reference[:-1], reference[1:])
+    return np.linalg.norm(steps[:, :2], axis=1)
+
+
+def align(positions: Float, reference: Float) -> Float:
+    """A copy of `positions` (n, 2), moved rigidly onto `reference` (n, 2) in the least-squares sense.
+
+    The motion is in SE(2): no scale, no reflection. It is fitted where the reference is defined; a path
+    without extent is translated only (Horn 1987, the planar case in closed form).
+    """
+    known = np.isfinite(reference).all(axis=1)
+    if not known.any():
+        return positions.copy()
+    center, target = positions[known].mean(axis=0), reference[known].mean(axis=0)
+    source, goal = positions[known] - center, reference[known] - target
+    sine = np.sum(source[:, 0] * goal[:, 1] - source[:, 1] * goal[:, 0])
+    return (positions - center) @ rotation(np.arctan2(sine, np.sum(source * goal))).T + target

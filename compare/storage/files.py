@@ -1,0 +1,196 @@
+"""Results on disk: npz files of the vocabulary, TUM trajectories, folders that appear whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import struct
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from secrets import token_hex
+from types import NoneType
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.lib.npyio import NpzFile
+from numpy.typing import NDArray
+
+from slamgauge.arrays import Float
+from slamgauge.estimate import Estimate, MapHistory, RayLog
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
+
+Record = TypeVar("Record", Recording, Truth, Estimate)
+
+RECORDS_WITHIN: set[type[object]] = {RayLog, MapHistory}  # records that are fields of an `Estimate`
+
+# what numpy raises at a damaged, truncated or pickled file
+_BROKEN = (
+    ValueError,
+    EOFError,
+    KeyError,
+    RuntimeError,
+    MemoryError,
+    SyntaxError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
+
+@contextmanager
+def explained(path: str | Path, verb: str) -> Generator[None]:
+    """Turn the operating system's refusal to have `path` "read" or "written" into a one-line `ValueError`."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ValueError(f"{path}: cannot be {verb} ({reason}); check the path and its permissions") from None
+
+
+def save(path: str | Path, record: Recording | Truth | Estimate) -> None:
+    """Write the fields of a record to an npz file under their own names; a field that is None is left out.
+
+    The fields of a record within the record get its name before theirs: `rays_birth`.
+
+    Raises:
+        ValueError: If the file cannot be written.
+    """
+    with explained(path, "written"), Path(path).open("wb") as file:
+        np.savez_compressed(file, **_flat(record))
+
+
+def _flat(record: object) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for field in fields(record):  # pyright: ignore[reportArgumentType]
+        value = getattr(record, field.name)
+        if is_dataclass(value):
+            values |= {f"{field.name}_{name}": inner for name, inner in _flat(value).items()}
+        elif value is not None:
+            values[field.name] = value
+    return values
+
+
+def load_recording(path: str | Path) -> Recording:
+    """The recording of an npz file; `ValueError` with path and remedy if it holds none."""
+    return _load(path, Recording)
+
+
+def load_truth(path: str | Path) -> Truth:
+    """The truth of an npz file; `ValueError` with path and remedy if it holds none."""
+    return _load(path, Truth)
+
+
+def load_estimate(path: str | Path) -> Estimate:
+    """The estimate of an npz file; `ValueError` with path and remedy if it holds none."""
+    return _load(path, Estimate)
+
+
+def write_tum(path: str | Path, stamps: Float, poses: Float) -> None:
+    """Write a trajectory in the TUM format of evo: `t x y z qx qy qz qw`, without the gaps (rows of NaN).
+
+    Args:
+        path: The text file.
+        stamps: (N+1,) [s].
+        poses: (N+1, 3) x [m], y [m], heading [rad].
+
+    Raises:
+        ValueError: If the file cannot be written.
+    """
+    x, y, heading = poses.T
+    zero = np.zeros_like(x)
+    rows = np.column_stack([stamps, x, y, zero, zero, zero, np.sin(heading / 2), np.cos(heading / 2)])
+    rows = rows[~np.isnan(poses).any(axis=1)]
+    with explained(path, "written"):
+        Path(path).write_text("".join(f"{' '.join(map(repr, row))}\n" for row in rows.tolist()), encoding="ascii")
+
+
+def write_json(path: Path, content: object) -> None:
+    """Write JSON so that `path` holds the old content or the new, whatever happens."""
+    partial = path.with_name(f".{path.name}.{token_hex(4)}.partial")
+    with explained(path, "written"):
+        partial.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        partial.replace(path)
+
+
+@contextmanager
+def staged_folder(out: str | Path, last: str = "metrics.json", outdated: Sequence[str] = ()) -> Generator[Path]:
+    """A temporary folder whose files are published in `out` when the block ends, and dropped when it fails.
+
+    Old files that match a pattern in `outdated` go even if the block wrote none of that name.
+
+    A new `out` appears in one atomic rename. In an existing `out` files and folders are replaced one by one:
+    if the block wrote the file `last`, the old one is removed before and the new one put in place after all
+    others, so that a folder which holds it is whole.
+
+    Raises:
+        ValueError: On entry if nothing can be written there, at the end if publishing fails.
+    """
+    out = Path(out)
+    # inside an existing folder: its parent may be another file system, or not ours to write to
+    with explained(out, "written"):
+        stage = (out if out.exists() else out.parent) / f".{out.name}.{token_hex(4)}.partial"
+        stage.mkdir(parents=True)
+    try:
+        yield stage
+        with explained(out, "written"):
+            _publish(stage, out, last, outdated)
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def _publish(stage: Path, out: Path, last: str, outdated: Sequence[str]) -> None:
+    if not out.exists():
+        stage.rename(out)
+        return
+    if (stage / last).exists():
+        (out / last).unlink(missing_ok=True)
+    for old in [old for pattern in outdated for old in out.glob(pattern)]:
+        old.unlink()
+    for entry in sorted(stage.iterdir(), key=lambda entry: entry.name == last):
+        if (out / entry.name).is_dir():  # its old files may be of estimators that did not run this time
+            shutil.rmtree(out / entry.name)
+        entry.replace(out / entry.name)
+
+
+def _load(path: str | Path, kind: type[Record]) -> Record:
+    return _made(path, kind, dict(_read_npz(path)))
+
+
+def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str = "") -> Any:
+    """The record of the file's `values`; `within` is what stands before its fields' names in the file."""
+    hints = get_type_hints(kind)
+    for field, hint in hints.items():
+        for inner in RECORDS_WITHIN & {*get_args(hint)}:
+            begin = f"{field}_"
+            parts = {name.removeprefix(begin): values.pop(name) for name in [*values] if name.startswith(begin)}
+            if parts:
+                values[field] = _made(path, inner, parts, begin)
+    required = {field for field, hint in hints.items() if NoneType not in get_args(hint)}
+    for verdict, names in (("lacks", required - values.keys()), ("has the unknown", values.keys() - hints.keys())):
+        if names:
+            found = f"it {verdict} {', '.join(sorted(f'{within}{name}' for name in names))}"
+            raise ValueError(f"{path}: not a {kind.__name__}, {found}; give another file")
+    texts = {field: str(values[field]) for field, hint in hints.items() if get_origin(hint) is Literal}
+    arguments: dict[str, Any] = dict.fromkeys(hints) | values | texts
+    try:
+        return kind(**arguments)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _read_npz(path: str | Path) -> dict[str, NDArray[Any]]:
+    arrays = None
+    with explained(path, "read"), Path(path).open("rb") as file, suppress(*_BROKEN):
+        archive = np.load(file, allow_pickle=False)
+        if isinstance(archive, NpzFile):  # np.load reads other formats too
+            arrays = {name: np.asarray(archive[name]) for name in archive}
+    if arrays is None:
+        raise ValueError(f"{path}: not a whole npz file of plain arrays; write it again with numpy.savez")
+    return arrays

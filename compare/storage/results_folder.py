@@ -1,0 +1,57 @@
+"""What a folder of results holds, read back."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+from slamgauge.compare.storage.files import explained, load_estimate, load_recording, load_truth
+
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth, require_same_run
+
+
+class Results(NamedTuple):
+    """A run as `slamgauge run` or `evaluate --out` has written it; estimates by name, in the order of the command."""
+
+    title: str
+    truth: Truth | None
+    recording: Recording
+    estimates: dict[str, Estimate]
+
+
+def load_results(folder: Path) -> Results:
+    """The results in a folder.
+
+    Raises:
+        ValueError: if there are none, or if what is there does not belong together.
+    """
+    path = folder / "metrics.json"
+    if not path.is_file():
+        raise ValueError(
+            f"{folder}: not a folder of results, it has no metrics.json; "
+            "give one that `slamgauge run` or `slamgauge evaluate --out` has written"
+        )
+    with explained(path, "read"):
+        text = path.read_bytes()
+    try:
+        metrics = json.loads(text)
+        names, scenario, seed = list(metrics["estimators"]), metrics["scenario"], metrics["seed"]
+    except (ValueError, TypeError, KeyError):
+        raise ValueError(f"{path}: not what `slamgauge run` writes; run it again") from None
+    if not names:
+        raise ValueError(f"{path}: tells of no estimators; run the command again with at least one")
+    recording = load_recording(folder / "recording.npz")
+    truth = load_truth(folder / "truth.npz") if (folder / "truth.npz").exists() else None
+    require_same_run(truth, recording)
+    estimates = {name: load_estimate(folder / "estimates" / f"{name}.npz") for name in names}
+    for name, estimate in estimates.items():
+        if len(estimate.poses) != recording.steps + 1:
+            raise ValueError(
+                f"{folder / 'estimates' / name}.npz: {len(estimate.poses)} poses, "
+                f"but the recording beside it needs {recording.steps + 1}; run the command again"
+            )
+    title = folder.resolve().name if scenario is None else f"{scenario}, seed {seed}"
+    return Results(title, truth, recording, estimates)

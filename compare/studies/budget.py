@@ -1,0 +1,169 @@
+"""The error budget: a filter's mean squared error split rung by rung, each rung run on the same measurements.
+
+hindsight optimum -> causal optimum -> with the noise the filter assumes -> with the associations it makes
+-> the filter itself. What a rung adds to the mean squared position error is what it costs. The associations
+are those that stand at the end, after deletion and merging.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from slamgauge.compare.estimators.estimators import load_estimators, run_estimator
+from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scenarios.schema import Assumed
+from slamgauge.compare.scenarios.simulation import informed, simulate
+from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval
+from slamgauge.compare.scoring.ray_figures import RayFigures, describe, mean_figures, ray_figures
+from slamgauge.compare.scoring.text_table import aligned
+from slamgauge.compare.studies.run import run_seed
+from slamgauge.ekf.estimators import CORRECTIONS
+from tqdm import tqdm
+
+from slamgauge.arrays import Float
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
+
+RUNGS = {
+    "hindsight optimum": "all measurements at once: what no estimator avoids",
+    "causal optimum": "for knowing only the past",
+    "assumed noise": "for believing other noise than there is",
+    "own associations": "for taking landmarks for others",
+    "linearisation": "for being a filter: its own linearisation",
+}
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One step of the budget: its mean squared position error [m^2], and what it adds, with 95 % interval."""
+
+    name: str
+    mse_m2: float
+    increment_m2: Interval
+
+
+@dataclass(frozen=True)
+class ErrorBudget:
+    """The budget of one filter on one scenario; `costliest` is the rung above the first that adds most.
+
+    `rays` is what became of the rays of a bearing-only filter, in the mean over runs.
+    """
+
+    scenario: str
+    filter: str
+    runs: int
+    rungs: tuple[Rung, ...]
+    costliest: str
+    rays: RayFigures | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of budget.json; `rays` for bearings alone."""
+        rungs = [
+            {"name": rung.name, "mse_m2": rung.mse_m2, "increment_m2": rung.increment_m2._asdict()}
+            for rung in self.rungs
+        ]
+        content: dict[str, Any] = {
+            "scenario": self.scenario,
+            "filter": self.filter,
+            "runs": self.runs,
+            "rungs": rungs,
+            "costliest": self.costliest,
+        }
+        return content if self.rays is None else {**content, "rays": self.rays._asdict()}
+
+
+def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, executor: Executor) -> ErrorBudget:
+    """The budget over `runs` runs whose seeds are spawned from `seed`; intervals are bootstrapped over runs.
+
+    Raises:
+        ValueError: bad names or numbers, or an estimator that failed, with the run.
+    """
+    if filter_name not in CORRECTIONS:
+        raise ValueError(f"filter: {filter_name!r} is none whose error can be split; use {', '.join(CORRECTIONS)}")
+    if runs < 1:
+        raise ValueError(f"runs: {runs} is no budget; give at least 1")
+    if seed < 0:
+        raise ValueError(f"seed: {seed} is negative; use a whole number >= 0")
+    seeds = [run_seed(seed, run) for run in range(runs)]
+    futures = [executor.submit(rung_errors, scenario, each, filter_name) for each in seeds]
+    try:
+        results = [future.result() for future in tqdm(futures, disable=None, unit="run", desc=scenario.name)]
+    finally:
+        for future in futures:
+            future.cancel()
+    errors, rays = zip(*results, strict=True)
+    return replace(summarise_budget(scenario.name, filter_name, np.array(errors)), rays=mean_figures(rays))
+
+
+def summarise_budget(scenario: str, filter_name: str, table: Float) -> ErrorBudget:
+    """The budget of mean squared errors (runs, 5) [m^2], a column per rung."""
+    increments = np.diff(table, axis=1, prepend=0.0)
+    rungs = tuple(
+        Rung(name, float(errors.mean()), bootstrap_interval(added))
+        for name, errors, added in zip(RUNGS, table.T, increments.T, strict=True)
+    )
+    costliest = max(rungs[1:], key=lambda rung: rung.increment_m2.mean).name
+    return ErrorBudget(scenario, filter_name, len(table), rungs, costliest)
+
+
+def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> tuple[Float, RayFigures | None]:
+    """Mean squared position errors (5,) [m^2] of one run, a rung each, and what became of the filter's rays.
+
+    Rungs that coincide are run once.
+    """
+    truth, recording = simulate(scenario, seed)
+    told = simulate(informed(scenario), seed)[1]
+    assert truth.association is not None
+    believed = recording.associated(truth.association)
+    slam = load_estimators([filter_name], association=scenario.association, beginning=scenario.beginning)[filter_name]
+    try:
+        hindsight = _run("batch", told)
+        causal = _run("isam2", told)
+        assuming = causal if scenario.assumed == Assumed() else _run("isam2", believed)
+        estimate = run_estimator(filter_name, slam, recording)[0]
+        own = estimate.association
+        if own is None or np.array_equal(own, truth.association):
+            associating = assuming
+        else:
+            associating = _run("isam2", recording.associated(own))
+    except ValueError as error:
+        raise ValueError(f"run with seed {seed}: {error}") from error
+    errors = np.array([_mse(truth, each) for each in (hindsight, causal, assuming, associating, estimate)])
+    return errors, ray_figures(truth, recording, estimate)
+
+
+def _run(name: str, recording: Recording) -> Estimate:
+    return run_estimator(name, load_estimators([name])[name], recording)[0]
+
+
+def _mse(truth: Truth, estimate: Estimate) -> float:
+    assert truth.poses is not None
+    return float(np.square(estimate.poses[:, :2] - truth.poses[:, :2]).sum(axis=1).mean())
+
+
+def budget_table(budget: ErrorBudget) -> str:
+    """The rungs, what each adds, and a sentence that says which costs most."""
+    rows = [("rung", "for", "mse [m^2]", "adds [m^2]", "95 % interval")]
+    for rung in budget.rungs:
+        added, low, high = rung.increment_m2
+        interval = "-" if low is None or high is None else f"{low:+.5f} to {high:+.5f}"
+        rows.append((rung.name, RUNGS[rung.name], f"{rung.mse_m2:.5f}", f"{added:+.5f}", interval))
+    rays = [] if budget.rays is None else [f"Per run {describe(budget.rays)}."]
+    return "\n".join([*aligned(rows, words=2), "", verdict(budget), *rays])
+
+
+def verdict(budget: ErrorBudget) -> str:
+    """Which rung costs most, in a sentence."""
+    total, unavoidable = budget.rungs[-1].mse_m2, budget.rungs[0].mse_m2
+    cost = next(rung.increment_m2.mean for rung in budget.rungs if rung.name == budget.costliest)
+    opening = (
+        f"{budget.filter} on {budget.scenario}, {budget.runs} runs: of {total:.4f} m^2 (RMS {np.sqrt(total):.3f} m) "
+        f"{unavoidable:.4f} m^2 no estimator avoids"
+    )
+    if cost <= 1e-9 * total:  # rounding
+        return f"{opening}; no rung above that costs anything."
+    return f"{opening}; most of the rest goes to {budget.costliest}: {cost:.4f} m^2, {cost / total:.0%} of the whole."

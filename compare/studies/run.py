@@ -1,0 +1,149 @@
+"""One run of a study, as a worker carries it out: simulate, estimate, score."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from slamgauge.compare.estimators.estimators import load_estimators, run_estimator
+from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scenarios.simulation import informed, simulate
+from slamgauge.compare.scoring.comparison import YARDSTICKS
+from slamgauge.compare.scoring.consistency import squared_mahalanobis
+from slamgauge.compare.scoring.defined import number, rms
+from slamgauge.compare.scoring.landmark_identity import landmark_errors, true_landmarks
+from slamgauge.compare.scoring.ray_figures import RayFigures
+from slamgauge.compare.scoring.scores import filter_figures, map_figures, pose_covs_of
+from slamgauge.compare.scoring.trajectory_error import pose_errors
+
+from slamgauge.arrays import Float
+from slamgauge.estimate import Estimate, Estimator
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
+
+# what is kept of every step: errors and sigmas [m, m, rad], NEES, and the NIS with its degrees of freedom
+SERIES = (
+    "error_x",
+    "error_y",
+    "error_heading",
+    "sigma_x",
+    "sigma_y",
+    "sigma_heading",
+    "nees_pose",
+    "nees_position",
+    "nees_heading",
+    "nis",
+    "nis_dof",
+)
+FIGURES = (
+    "ate_m",
+    "final_position_error_m",
+    "nis_total",
+    "nis_dof_total",
+    "landmark_rmse_m",
+    "landmark_nees_per_dof",
+    "landmark_sigma_near_m",
+    "landmark_sigma_far_m",
+    "landmark_error_near_m",
+    "landmark_error_far_m",
+    "observations",
+    "landmarks_mapped",
+    "landmarks_true",
+    "landmarks_missed",
+    "landmarks_spurious",
+    "wrong_associations",
+    "observations_rejected",
+    "track_purity",
+    "seconds_total",
+    *(f"rays_{name}" for name in RayFigures._fields),
+)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one estimator made of one run: its figures and series, or the error that it ended with."""
+
+    estimator: str
+    kind: str = ""
+    figures: dict[str, float | None] = field(default_factory=dict)
+    series: bytes = b""  # (len(SERIES), N+1) in single precision
+    error: str | None = None
+
+
+def run_seed(seed: int, run: int) -> int:
+    """The seed of run number `run` of a study: independent streams, whatever the number of runs."""
+    return int(np.random.SeedSequence(seed, spawn_key=(run,)).generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+
+def run_once(scenario: Scenario, seed: int, names: Sequence[str]) -> list[Outcome]:
+    """Simulate one run and score the estimators `names` on it; an estimator that fails leaves its error.
+
+    The optima see the measurements with their true noise and associations (`simulation.informed`).
+    """
+    try:
+        truth, recording = simulate(scenario, seed)
+        told = simulate(informed(scenario), seed)[1] if set(names) & set(YARDSTICKS) else recording
+    except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
+        return [Outcome(name, error=f"simulation: {type(error).__name__}: {error}") for name in names]
+    estimators = load_estimators(names, association=scenario.association, beginning=scenario.beginning)
+    return [
+        _outcome(name, estimator, truth, told if name in YARDSTICKS else recording)
+        for name, estimator in estimators.items()
+    ]
+
+
+def _outcome(name: str, estimator: Estimator, truth: Truth, recording: Recording) -> Outcome:
+    try:
+        estimate, seconds = run_estimator(name, estimator, recording)
+        series = step_series(truth, estimate)
+        distances = np.hypot(series[0], series[1])
+        known = map_figures(truth, recording, estimate, None) | filter_figures(estimate)
+        known |= near_and_far(truth, recording, estimate)
+        known |= {"ate_m": rms(distances), "final_position_error_m": number(distances[-1])}
+        known["observations"] = len(recording.observation)
+        if estimate.seconds is None:
+            known["seconds_total"] = seconds
+        rays = known["rays"]
+        known |= {f"rays_{name}": None if rays is None else getattr(rays, name) for name in RayFigures._fields}
+        figures = {key: known[key] for key in FIGURES}
+        return Outcome(name, estimate.kind, figures, series.astype(np.float32).tobytes())
+    except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
+        return Outcome(name, error=f"{type(error).__name__}: {error}")
+
+
+def near_and_far(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, float | None]:
+    """RMS error and RMS sigma [m] of the mapped landmarks: the half of them nearer to the start, and the other."""
+    assert truth.poses is not None
+    ids, landmarks = true_landmarks(truth, recording, estimate)
+    errors = np.linalg.norm(landmark_errors(ids, landmarks, truth.landmark_ids, truth.landmarks), axis=1)
+    covs = estimate.landmark_covs
+    sigmas = np.full(len(ids), np.nan) if covs is None else np.sqrt(np.trace(covs, axis1=1, axis2=2).clip(min=0))
+    offsets = landmark_errors(ids, np.tile(truth.poses[0, :2], (len(ids), 1)), truth.landmark_ids, truth.landmarks)
+    distances = np.linalg.norm(offsets, axis=1)
+    near = distances <= np.median(distances[~np.isnan(distances)]) if len(ids) else np.zeros(0, dtype=bool)
+    far = ~near & ~np.isnan(distances)
+    return {
+        "landmark_sigma_near_m": rms(sigmas[near]),
+        "landmark_sigma_far_m": rms(sigmas[far]),
+        "landmark_error_near_m": rms(errors[near]),
+        "landmark_error_far_m": rms(errors[far]),
+    }
+
+
+def step_series(truth: Truth, estimate: Estimate) -> Float:
+    """The rows of `SERIES` (11, N+1); NaN where a figure is undefined."""
+    assert truth.poses is not None
+    errors = pose_errors(truth.poses, estimate.poses)
+    undefined = np.full(len(errors), np.nan)
+    covs = pose_covs_of(estimate)
+    rows = [
+        *errors.T,
+        *np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0)).T,
+        squared_mahalanobis(errors, covs),
+        squared_mahalanobis(errors[:, :2], covs[:, :2, :2]),
+        squared_mahalanobis(errors[:, 2:], covs[:, 2:, 2:]),
+        undefined if estimate.nis is None else estimate.nis,
+        undefined if estimate.nis_dof is None else estimate.nis_dof,
+    ]
+    return np.array(rows, dtype=np.float64)

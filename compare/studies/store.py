@@ -1,0 +1,147 @@
+"""The store of a study: one SQLite file, a row per run and estimator, written as results arrive.
+
+Every run is one transaction of a write-ahead log: whatever ends the process, a run is stored whole or
+not at all, and the next process goes on with the runs that are missing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sqlite3
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.storage.files import explained
+from slamgauge.compare.studies.run import FIGURES, SERIES, Outcome
+
+from slamgauge.arrays import Float, Int
+
+_TABLES = """
+CREATE TABLE IF NOT EXISTS study (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS outcome (
+    run INTEGER NOT NULL,
+    estimator TEXT NOT NULL,
+    seed INTEGER NOT NULL,
+    kind TEXT NOT NULL,
+    error TEXT,
+    figures TEXT NOT NULL,
+    series BLOB NOT NULL,
+    PRIMARY KEY (run, estimator)
+);
+"""
+
+
+@dataclass(frozen=True)
+class Runs:
+    """The stored runs of one estimator that did not fail.
+
+    Attributes:
+        run: (R,) numbers of the runs, increasing.
+        kind: `filtered` or `smoothed`.
+        figures: name (`study_run.FIGURES`) to (R,); NaN where a figure is undefined.
+        series: name (`study_run.SERIES`) to (R, N+1); NaN where undefined.
+    """
+
+    run: Int
+    kind: str
+    figures: dict[str, Float]
+    series: dict[str, Float]
+
+
+def digest(scenario: Scenario, seed: int) -> str:
+    """SHA-256 of all that decides the runs: equal digests, equal measurements."""
+    return hashlib.sha256(f"{scenario.model_dump_json()} seed {seed}".encode()).hexdigest()
+
+
+class StudyStore:
+    """An open store; see `open_store`."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._connection = connection
+
+    def stored(self) -> set[tuple[int, str]]:
+        """Run and estimator of every row."""
+        return set(self._connection.execute("SELECT run, estimator FROM outcome"))
+
+    def add(self, run: int, seed: int, outcomes: Sequence[Outcome]) -> None:
+        """Store a run whole; what is stored already stays."""
+        rows = [
+            (run, each.estimator, seed, each.kind, each.error, json.dumps(each.figures), each.series)
+            for each in outcomes
+        ]
+        with self._connection:
+            self._connection.executemany("INSERT OR IGNORE INTO outcome VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+
+    def failures(self, runs: int) -> list[tuple[int, str, str]]:
+        """Run, estimator and error of each failure among the first `runs`."""
+        query = "SELECT run, estimator, error FROM outcome WHERE error IS NOT NULL AND run < ? ORDER BY run, estimator"
+        return list(self._connection.execute(query, (runs,)))
+
+    def load(self, estimator: str, runs: int) -> Runs:
+        """What the first `runs` runs gave for `estimator`."""
+        query = (
+            "SELECT run, kind, figures, series FROM outcome "
+            "WHERE estimator = ? AND run < ? AND error IS NULL ORDER BY run"
+        )
+        rows = list(self._connection.execute(query, (estimator, runs)))
+        figures = [json.loads(text) for _, _, text, _ in rows]
+        table = np.array([[np.nan if each[key] is None else each[key] for key in FIGURES] for each in figures])
+        series = np.array([np.frombuffer(blob, dtype=np.float32) for _, _, _, blob in rows], dtype=np.float64)
+        return Runs(
+            run=np.array([run for run, _, _, _ in rows], dtype=np.int64),
+            kind=rows[0][1] if rows else "",
+            figures=dict(zip(FIGURES, table.reshape(len(rows), len(FIGURES)).T, strict=True)),
+            series=dict(zip(SERIES, np.moveaxis(series.reshape(len(rows), len(SERIES), -1), 1, 0), strict=True))
+            if rows
+            else dict.fromkeys(SERIES, np.zeros((0, 0))),
+        )
+
+
+@contextmanager
+def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStore]:
+    """The store at `path`, made if there is none.
+
+    Raises:
+        ValueError: the file holds another study, was made by another version, or cannot be used.
+    """
+    with explained(path.parent, "written"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        connection = sqlite3.connect(path, timeout=60.0)
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute("PRAGMA synchronous = NORMAL")
+            with connection:
+                connection.executescript(_TABLES)
+                _claim(connection, path, scenario, seed)
+            yield StudyStore(connection)
+        finally:
+            connection.close()
+    except sqlite3.Error as error:
+        raise ValueError(f"{path}: cannot be used as a study's store ({error}); give another --out") from None
+
+
+def _claim(connection: sqlite3.Connection, path: Path, scenario: Scenario, seed: int) -> None:
+    """Note what the store is for, or refuse one that is for something else."""
+    ours = {
+        "version": version("slamgauge"),
+        "digest": digest(scenario, seed),
+        "scenario": scenario.model_dump_json(),
+        "seed": str(seed),
+    }
+    connection.executemany("INSERT OR IGNORE INTO study VALUES (?, ?)", ours.items())
+    found = dict(connection.execute("SELECT key, value FROM study"))
+    if found["version"] != ours["version"]:
+        raise ValueError(
+            f"{path}: was begun by slamgauge {found['version']}, this is {ours['version']}; "
+            "finish it with that version, or give another --out"
+        )
+    if found["digest"] != ours["digest"]:
+        what = "another seed" if found["scenario"] == ours["scenario"] else "another scenario"
+        raise ValueError(f"{path}: holds a study of {what} (digest {found['digest'][:12]}); give another --out")

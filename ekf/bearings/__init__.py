@@ -1,0 +1,1 @@
+"""Bearings alone: landmarks that begin as rays, in inverse depth, or delayed, until they are points."""

@@ -1,0 +1,226 @@
+"""Undelayed initialisation of bearing-only landmarks by inverse depth: one Gaussian from 2 m to the horizon.
+
+A landmark begins as an anchor a, the robot's position at the first bearing, the direction phi of that bearing in the
+world, and the inverse omega of its distance from there: l = a + u(phi) / omega. A bearing sees the direction of
+omega (a - p) + u(phi), which is nearly linear in omega and smooth through omega = 0, a landmark at infinity. So an
+omega below zero is no mistake in itself, and is left alone: later bearings bring it back. What is three standard
+deviations beyond infinity is no landmark, and begins anew. When the depth is known well enough for a point to be
+as good, the landmark becomes one.
+
+Jacobians are taken at the present estimate, whatever the filter's correction. Anchors are points and turn with the
+map; phi and omega do not (see `kernels.corrections`), which makes this consistent in the right-invariant filter.
+
+Sources: Montiel, Civera and Davison, "Unified inverse depth parametrization for monocular SLAM", RSS 2006; Civera,
+Davison and Montiel, IEEE Transactions on Robotics 24(5), 2008 (linearity index).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from slamgauge.ekf.bearings.young import NO_MEMBERS, Members, RayRecorder
+from slamgauge.ekf.filter import SlamFilter
+from slamgauge.ekf.kernels.models import MIN_BEARING_DISTANCE
+
+from slamgauge.arrays import Float, Int
+from slamgauge.se2 import wrap
+
+BEYOND_INFINITY = 3.0  # standard deviations of omega
+VAGUE = 0.5  # rad; what a bearing predicted no better than this says is not linear, and is left out
+FARTHEST = 10.0  # times the expected distance: where a landmark is said to be whose omega is about zero or below
+
+
+@dataclass(frozen=True)
+class InverseDepth:
+    """What is expected of a new landmark, and when it becomes a point.
+
+    The defaults suit a sensor that reaches 10 m: in general 1.5 / reach and 0.5 / reach, so that two standard
+    deviations hold 0.4 to 2 times the reach, at which most landmarks come into view.
+
+    Attributes:
+        mean: inverse distance of a new landmark [1/m].
+        sigma: its standard deviation [1/m].
+        linearity: index below which a landmark becomes a point.
+        gate: largest squared Mahalanobis distance of a bearing (1 degree of freedom).
+        lost_after: a landmark whose bearing fails the gate so many times in a row is deleted.
+    """
+
+    mean: float = 0.15
+    sigma: float = 0.05
+    linearity: float = 0.1
+    gate: float = 9.0
+    lost_after: int = 3
+
+    def __post_init__(self) -> None:
+        rules = (
+            (self.mean > 0.0, f"mean: {self.mean} 1/m is no inverse distance; choose it above 0"),
+            (self.sigma > 0.0, f"sigma: {self.sigma} 1/m leaves nothing to find out; choose it above 0"),
+            (self.linearity > 0.0, f"linearity: {self.linearity} is never reached; choose it above 0"),
+            (self.gate > 0.0, f"gate: {self.gate} lets nothing pass; choose it above 0"),
+            (self.lost_after >= 1, f"lost_after: {self.lost_after} loses a landmark by no failure; choose at least 1"),
+        )
+        for holds, mistake in rules:
+            if not holds:
+                raise ValueError(mistake)
+
+
+@dataclass
+class Depth:
+    """A landmark in the state: ids of its two slots, the anchor's and that of (phi, omega)."""
+
+    ids: Int
+    failures: int = 0
+
+
+class YoungDepths:
+    """The landmarks of a filter in inverse depth; see `Young` for its methods."""
+
+    def __init__(self, slam: SlamFilter, settings: InverseDepth) -> None:
+        self._slam = slam
+        self._settings = settings
+        self._depths: dict[int, Depth] = {}
+        self._next_id = 0
+        self.log = RayRecorder()
+
+    @property
+    def counts(self) -> dict[int, int]:
+        """Landmarks in inverse depth; each is a member of its own."""
+        return dict.fromkeys(self._depths, 1)
+
+    def observe(self, step: int, names: list[int], values: Float, covs: Float) -> dict[int, int]:
+        """Correct with all bearings in one update, turn into points what is known well, begin what is new."""
+        seen = [row for row, name in enumerate(names) if name in self._depths]
+        if seen:
+            self._correct(step, [names[row] for row in seen], values[seen, 0], covs[seen, 0, 0])
+        points: dict[int, int] = {}
+        for row in seen:
+            self._settle(step, names[row], points)
+        for row, name in enumerate(names):
+            if name not in self._depths and name not in points:
+                self._begin(step, name, values[row, 0], covs[row, 0, 0])
+        return points
+
+    def members(self) -> Members:
+        """One of each landmark: where it is if its omega is right."""
+        if not self._depths:
+            return NO_MEMBERS
+        positions, covs = zip(*(self._as_point(depth) for depth in self._depths.values()), strict=True)
+        count = len(self._depths)
+        landmark = np.array([*self._depths], dtype=np.int64)
+        return Members(landmark, np.zeros(count, np.int64), np.ones(count), np.array(positions), np.array(covs))
+
+    def member_ids(self) -> dict[int, Int]:
+        """None: a bearing cannot be compared with a slot."""
+        return {}
+
+    def forget(self, step: int, name: int) -> None:
+        """Take a landmark out of the state; it is lost."""
+        self._remove(self._depths.pop(name))
+        self.log.end(step, name)
+
+    def _correct(self, step: int, names: list[int], bearings: Float, variances: Float) -> None:
+        """Correct with the bearings (m,) that pass the gate; landmarks that fail too often are lost."""
+        columns = np.concatenate(
+            [[0, 1, 2], self._slam.columns_of(np.concatenate([self._depths[n].ids for n in names]))]
+        )
+        innovation, jacobian = linearise_depths(self._slam.entries(columns), bearings)
+        predicted = ((jacobian @ self._slam.block(columns)) * jacobian).sum(axis=1)
+        passed = innovation**2 <= self._settings.gate * (predicted + variances)
+        used = passed & (predicted < VAGUE**2)
+        if used.any():
+            self._slam.correct_linear(columns, jacobian[used], innovation[used], np.diag(variances[used]))
+        for name, good in zip(names, passed.tolist(), strict=True):
+            depth = self._depths[name]
+            depth.failures = 0 if good else depth.failures + 1
+            if depth.failures >= self._settings.lost_after:
+                self.forget(step, name)
+
+    def _settle(self, step: int, name: int, points: dict[int, int]) -> None:
+        """Make a point of a landmark whose depth is known well enough, lose one that lies beyond infinity."""
+        if name not in self._depths:
+            return
+        depth = self._depths[name]
+        columns = self._slam.columns_of(depth.ids)
+        state, sigma = self._slam.entries(columns), np.sqrt(self._slam.block(columns)[3, 3])
+        if state[3] < -BEYOND_INFINITY * sigma:
+            self.forget(step, name)
+        elif state[3] > 0.0 and linearity_index(state, sigma, self._slam.pose) < self._settings.linearity:
+            position, jacobian = locate_depth(state)
+            self._slam.add_linear(self._new_ids(1), position, columns, jacobian, np.zeros((2, 2)), [True])
+            points[name] = self._next_id - 1
+            self._remove(self._depths.pop(name))
+            self.log.end(step, name, 0)
+
+    def _begin(self, step: int, name: int, bearing: float, variance: float) -> None:
+        """Anchor a new landmark at the robot."""
+        x, y, heading = self._slam.pose
+        jacobian = np.zeros((4, 3))
+        jacobian[:3] = np.eye(3)
+        own = np.diag([0.0, 0.0, variance, self._settings.sigma**2])
+        ids = self._new_ids(2)
+        values = np.array([x, y, wrap(heading + bearing), self._settings.mean])
+        self._slam.add_linear(ids, values, np.arange(3), jacobian, own, [True, False])
+        self._depths[name] = Depth(ids)
+        self.log.begin(step, name, np.array([1.0 / self._settings.mean]))
+
+    def _new_ids(self, count: int) -> Int:
+        self._next_id += count
+        return np.arange(self._next_id - count, self._next_id)
+
+    def _as_point(self, depth: Depth) -> tuple[Float, Float]:
+        columns = self._slam.columns_of(depth.ids)
+        state = self._slam.entries(columns)
+        state[3] = max(state[3], self._settings.mean / FARTHEST)
+        position, jacobian = locate_depth(state)
+        return position, jacobian @ self._slam.block(columns) @ jacobian.T
+
+    def _remove(self, depth: Depth) -> None:
+        for each in depth.ids:
+            self._slam.remove(int(self._slam.slots_of(each)))
+
+
+def linearise_depths(state: Float, bearings: Float) -> tuple[Float, Float]:
+    """Innovations (m,) of bearings [rad] and their Jacobian (m, 3 + 4m); zeros for what is too near to have a bearing.
+
+    Args:
+        state: (3 + 4m,) robot x, y, heading, then anchor x, y, phi and omega of each landmark.
+        bearings: (m,) in the body frame.
+    """
+    count = len(bearings)
+    anchor, phi, omega = state[3:].reshape(-1, 4)[:, :2], state[5::4], state[6::4]
+    along = np.column_stack([np.cos(phi), np.sin(phi)])
+    offset = anchor - state[:2]
+    delta = omega[:, None] * offset + along
+    squared = (delta**2).sum(axis=1)
+    near = squared < (MIN_BEARING_DISTANCE * omega) ** 2
+    gradient = np.column_stack([-delta[:, 1], delta[:, 0]]) / np.where(near, 1.0, squared)[:, None]
+    jacobian = np.zeros((count, 3 + 4 * count))
+    jacobian[:, :2] = -omega[:, None] * gradient
+    jacobian[:, 2] = -1.0
+    row, first = np.arange(count), 3 + 4 * np.arange(count)
+    jacobian[row, first], jacobian[row, first + 1] = -jacobian[:, 0], -jacobian[:, 1]
+    jacobian[row, first + 2] = gradient[:, 1] * along[:, 0] - gradient[:, 0] * along[:, 1]
+    jacobian[row, first + 3] = (gradient * offset).sum(axis=1)
+    jacobian[near] = 0.0
+    innovation = wrap(bearings - (np.arctan2(delta[:, 1], delta[:, 0]) - state[2]))
+    return np.where(near, 0.0, innovation), jacobian
+
+
+def locate_depth(state: Float) -> tuple[Float, Float]:
+    """Position (2,) [m] of a landmark (anchor x, y, phi, omega), omega > 0, and its Jacobian (2, 4)."""
+    omega, along = state[3], np.array([np.cos(state[2]), np.sin(state[2])])
+    jacobian = np.column_stack([np.eye(2), np.array([-along[1], along[0]]) / omega, -along / omega**2])
+    return state[:2] + along / omega, jacobian
+
+
+def linearity_index(state: Float, sigma: float, pose: Float) -> float:
+    """4 sigma_d / d |cos(parallax)|: a point is as good as inverse depth where this is small.
+
+    With sigma_d = sigma / omega^2, and d the distance of the landmark (anchor x, y, phi, omega) from the robot.
+    """
+    position, _ = locate_depth(state)
+    offset = position - pose[:2]
+    distance = max(float(np.hypot(*offset)), MIN_BEARING_DISTANCE)
+    cosine = abs(offset @ (position - state[:2])) * state[3] / distance
+    return float(4.0 * sigma / state[3] ** 2 / distance * cosine)

@@ -1,0 +1,222 @@
+"""Undelayed initialisation of bearing-only landmarks (FIS): each begins as a ray of members and becomes a point.
+
+A first bearing puts members at distances in geometric progression along the ray, each with a standard deviation
+that grows with its distance. Later bearings weigh the members; the improbable ones go, and the last one is an
+ordinary landmark. Until then a measurement is shared out among the members (federated information sharing): member
+i is corrected with R / rho_i and the shares rho_i add up to one at most, so that the ray receives no more
+information than the measurement has.
+
+Members are landmarks of `SlamFilter`; whatever its correction, the logic here is the same.
+
+Sources: Sola, Monin, Devy and Lemaire, "Undelayed initialization in bearing only SLAM", IROS 2005; the practical,
+equations 4.1 to 4.4.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from slamgauge.ekf.bearings.young import NO_MEMBERS, Members, RayRecorder
+from slamgauge.ekf.filter import SlamFilter
+
+from slamgauge.arrays import Float, Int
+
+Sharing = Literal["federated", "uniform", "none", "best", "weights"]
+
+
+@dataclass(frozen=True)
+class Rays:
+    """How rays are made, weighed and shared out.
+
+    Attributes:
+        alpha: a member's standard deviation over its distance, below 1.
+        beta: distance of a member over that of the one before, above 1.
+        s_min: nearest distance of a landmark [m].
+        s_max: farthest distance of a landmark [m]; no shorter than the sensor's range.
+        threshold: tau; members with a weight below tau / (number of members at first) go.
+        gate: largest squared Mahalanobis distance (1 degree of freedom) of the nearest member.
+        lost_after: a ray whose every member fails the gate so many times in a row is deleted.
+        sharing: `federated`; the others are there to see what it is worth: `uniform` shares, `none` (R to every
+            member), `best` (R to the heaviest alone), `weights` (no corrections before the ray is a point).
+    """
+
+    alpha: float = 0.3
+    beta: float = 2.0
+    s_min: float = 1.0
+    s_max: float = 10.0
+    threshold: float = 1e-3
+    gate: float = 9.0
+    lost_after: int = 3
+    sharing: Sharing = "federated"
+
+    def __post_init__(self) -> None:
+        rules = (
+            (0.0 < self.alpha < 1.0, f"alpha: {self.alpha} is no share of a distance; choose it above 0 and below 1"),
+            (self.beta > 1.0, f"beta: {self.beta} makes no progression; choose it above 1"),
+            (
+                0.0 < self.s_min < self.s_max < math.inf,
+                f"s_max: {self.s_max} m must be finite and lie beyond s_min, {self.s_min} m, above 0",
+            ),
+            (0.0 < self.threshold < 1.0, f"threshold: {self.threshold} prunes all or nothing; choose it in (0, 1)"),
+            (self.gate > 0.0, f"gate: {self.gate} lets nothing pass; choose it above 0"),
+            (self.lost_after >= 1, f"lost_after: {self.lost_after} loses a ray by no failure; choose at least 1"),
+        )
+        for holds, mistake in rules:
+            if not holds:
+                raise ValueError(mistake)
+
+    def distances(self) -> Float:
+        """Distances (N_g,) of the members [m]."""
+        ratio = (1.0 - self.alpha) / (1.0 + self.alpha) * self.s_max / self.s_min
+        count = max(1 + math.ceil(math.log(ratio) / math.log(self.beta)), 1)
+        return self.s_min / (1.0 - self.alpha) * np.float64(self.beta) ** np.arange(count)
+
+
+@dataclass
+class Ray:
+    """Members of a landmark that is no point yet: ids in the filter, log weights (normalised), numbers at birth."""
+
+    members: Int
+    log_weights: Float
+    numbers: Int
+    born_with: int
+    failures: int = 0
+
+
+MIN_SHARE = 0.05  # members with a smaller share are not corrected
+SAME = 1.2  # two members with distances nearer than this ratio are one
+
+
+class YoungRays:
+    """The rays of a filter; see `Young` for its methods."""
+
+    def __init__(self, slam: SlamFilter, settings: Rays) -> None:
+        self._slam = slam
+        self._settings = settings
+        self._rays: dict[int, Ray] = {}
+        self._next_id = 0
+        self.log = RayRecorder()
+
+    @property
+    def counts(self) -> dict[int, int]:
+        """Landmarks that are rays, and how many members each has."""
+        return {name: len(ray.members) for name, ray in self._rays.items()}
+
+    def observe(self, step: int, names: list[int], values: Float, covs: Float) -> dict[int, int]:
+        """Weigh the rays that were seen, correct their members in one update, then begin rays for what is new."""
+        rows, members, shares, points = [], [], [], dict[int, int]()
+        known = [(row, name) for row, name in enumerate(names) if name in self._rays]
+        for row, name in known:
+            given, share = self._weigh(step, name, values[row : row + 1], covs[row : row + 1])
+            rows.append(np.full(len(given), row))
+            members.append(given)
+            shares.append(share)
+            if len(given) == 1 and name not in self._rays:
+                points[name] = int(given[0])
+        if rows:
+            row = np.concatenate(rows)
+            share = np.concatenate(shares)[:, None, None]
+            self._slam.correct(self._slam.slots_of(np.concatenate(members)), values[row], covs[row] / share)
+        for row, name in enumerate(names):
+            if name not in self._rays and name not in points:
+                self._begin(step, name, values[row], covs[row])
+        return points
+
+    def members(self) -> Members:
+        """Every member of every ray."""
+        if not self._rays:
+            return NO_MEMBERS
+        rays = self._rays.values()
+        slots = self._slam.slots_of(np.concatenate([ray.members for ray in rays]))
+        return Members(
+            landmark=np.repeat([*self._rays], [len(ray.members) for ray in rays]),
+            number=np.concatenate([ray.numbers for ray in rays]),
+            weight=np.exp(np.concatenate([ray.log_weights for ray in rays])),
+            position=self._slam.landmarks[slots],
+            cov=self._slam.landmark_covs[slots],
+        )
+
+    def member_ids(self) -> dict[int, Int]:
+        """Ids of every ray's members."""
+        return {name: ray.members for name, ray in self._rays.items()}
+
+    def forget(self, step: int, name: int) -> None:
+        """Take a ray out of the state; it is lost."""
+        self._remove(self._rays.pop(name).members)
+        self.log.end(step, name)
+
+    def _weigh(self, step: int, name: int, value: Float, cov: Float) -> tuple[Int, Float]:
+        """Weigh the members of a ray by a bearing (1, 1) with covariance (1, 1, 1); prune, collapse, or lose it.
+
+        Returns the members that the bearing corrects, and the share rho of each.
+        """
+        ray, settings = self._rays[name], self._settings
+        count = len(ray.members)
+        slots = self._slam.slots_of(ray.members)
+        innovation, Z = self._slam.innovations(slots, np.repeat(value, count, axis=0), np.repeat(cov, count, axis=0))
+        squared = innovation[:, 0] ** 2 / Z[:, 0, 0]
+        spread = np.where(Z[:, 0, 0] > cov[0, 0, 0], Z[:, 0, 0], 2.0 * math.pi)  # at the robot: any bearing alike
+        if squared.min() > settings.gate:
+            ray.failures += 1
+            if ray.failures >= settings.lost_after:
+                self.forget(step, name)
+            return ray.members[:0], np.zeros(0)
+        ray.failures = 0
+        weights = _normalised(ray.log_weights - squared / 2.0 - np.log(spread) / 2.0)
+        self._prune(ray, weights, slots)
+        if len(ray.members) == 1:
+            del self._rays[name]
+            self.log.end(step, name, int(ray.numbers[0]))
+            return ray.members, np.ones(1)
+        return self._shares(ray)
+
+    def _prune(self, ray: Ray, weights: Float, slots: Int) -> None:
+        """Give the members, in `slots`, these log weights; those that are improbable now, or one with another, go."""
+        kept = weights >= math.log(self._settings.threshold / ray.born_with)
+        if kept.sum() == 2:
+            near, far = sorted(np.hypot(*(self._slam.landmarks[slots[kept]] - self._slam.pose[:2]).T))
+            if far < SAME * near:
+                kept[:] = False
+        kept[np.argmax(weights)] = True
+        self._remove(ray.members[~kept])
+        ray.members, ray.numbers, ray.log_weights = ray.members[kept], ray.numbers[kept], _normalised(weights[kept])
+
+    def _shares(self, ray: Ray) -> tuple[Int, Float]:
+        weights = np.exp(ray.log_weights)
+        sharing = self._settings.sharing
+        if sharing == "federated":
+            corrected = weights >= MIN_SHARE
+            return ray.members[corrected], weights[corrected]
+        if sharing == "best":
+            heaviest = np.argmax(weights)
+            return ray.members[heaviest : heaviest + 1], np.ones(1)
+        if sharing == "weights":
+            return ray.members[:0], np.zeros(0)
+        return ray.members, np.full(len(weights), 1.0 if sharing == "none" else 1.0 / len(weights))
+
+    def _begin(self, step: int, name: int, value: Float, cov: Float) -> None:
+        """Put the members of a new ray along a bearing (1,) with covariance (1, 1)."""
+        distances = self._settings.distances()
+        count = len(distances)
+        members = np.arange(self._next_id, self._next_id + count)
+        self._next_id += count
+        sights = np.column_stack([distances, np.full(count, value[0])])
+        sight_covs = np.zeros((count, 2, 2))
+        sight_covs[:, 0, 0] = (self._settings.alpha * distances) ** 2
+        sight_covs[:, 1, 1] = cov[0, 0]
+        self._slam.add(members, sights, sight_covs)
+        self._rays[name] = Ray(members, np.full(count, -math.log(count)), np.arange(count), count)
+        self.log.begin(step, name, distances)
+
+    def _remove(self, members: Int) -> None:
+        for member in members.tolist():
+            self._slam.remove(int(self._slam.slots_of(np.array([member]))[0]))
+
+
+def _normalised(log_weights: Float) -> Float:
+    """Log weights that add up to one."""
+    largest = log_weights.max()
+    return log_weights - largest - math.log(np.exp(log_weights - largest).sum())

@@ -1,0 +1,1 @@
+"""What is compiled: the steps of landmark EKF-SLAM on preallocated arrays."""

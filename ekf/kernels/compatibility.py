@@ -1,0 +1,181 @@
+"""Which landmarks the observations of a scan may have come from, one by one and jointly.
+
+An observation is individually compatible with a landmark when its squared Mahalanobis distance
+d^2 = v' S^-1 v is below a gate. Before S is formed, a bound on d^2 that needs four numbers of a landmark
+sets the far ones aside; it never sets aside one that the gate would let in.
+
+`search_jointly` is the joint compatibility test by branch and bound. Sets of pairs, no landmark twice, grow
+observation by observation, those with the fewest candidates first, as long as they are jointly compatible: joint
+d^2 below a chi-square quantile of its dimension. Of all that can grow so it finds one with the most pairs, and among
+these the smallest joint d^2.
+
+Source: Neira and Tardos, "Data association in stochastic mapping using the joint compatibility test",
+IEEE Transactions on Robotics and Automation 17(6), 2001.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from slamgauge.ekf.kernels.compiled import kernel
+from slamgauge.ekf.kernels.covariance import squared_distance
+from slamgauge.ekf.kernels.linearisation import linearise
+from slamgauge.ekf.kernels.models import BEARING, POSITION
+
+from slamgauge.arrays import Float, Int
+
+NONE = -1  # no landmark
+
+
+class Pairs(NamedTuple):
+    """Pairs of an observation and a landmark, ordered by observation, then by slot."""
+
+    observation: Int  # (c,) index in the scan
+    slot: Int  # (c,) where the landmark is in the state
+    owner: Int  # (c,) the landmark: its slot, or whatever several slots of one landmark have in common
+    value: Float  # (c, 2) the observation itself, while pairs are being found
+    innovation: Float  # (2c,)
+    jacobian: Float  # (2c, 5) columns as in `kernels.linearise`
+    distance: Float  # (c,) d^2
+    by_distance: Int  # (c,) the pairs of each observation, nearest first
+
+
+def allocate_pairs(capacity: int) -> Pairs:
+    """Room for that many pairs."""
+    return Pairs(
+        observation=np.zeros(capacity, dtype=np.int64),
+        slot=np.zeros(capacity, dtype=np.int64),
+        owner=np.zeros(capacity, dtype=np.int64),
+        value=np.zeros((capacity, 2)),
+        innovation=np.zeros(2 * capacity),
+        jacobian=np.zeros((2 * capacity, 5)),
+        distance=np.zeros(capacity),
+        by_distance=np.zeros(capacity, dtype=np.int64),
+    )
+
+
+@kernel
+def find_compatible(
+    sensor: int,
+    state: Float,
+    point: Float,
+    cov: Float,
+    size: int,
+    values: Float,
+    covs: Float,
+    gate: float,
+    pairs: Pairs,
+) -> int:
+    """Every pair of the observations (m, 2) and a landmark with d^2 <= gate.
+
+    Returns how many there are, or -n when `pairs` must have room for n to find out.
+    """
+    candidates = _find_near(sensor, state, point, cov, size, values, covs, gate, pairs)
+    if candidates > len(pairs.slot):
+        return -candidates
+    linearise(sensor, state, point, pairs.slot[:candidates], pairs.value, pairs.innovation, pairs.jacobian)
+    S = np.empty((2, 2))
+    count = 0
+    for c in range(candidates):
+        pair_covariance(cov, pairs, c, c, S)
+        add_noise(covs[pairs.observation[c]], pairs.jacobian[2 * c + 1], S)
+        v0, v1 = pairs.innovation[2 * c], pairs.innovation[2 * c + 1]
+        distance = squared_distance(v0, v1, S[0, 0], S[0, 1], S[1, 1])
+        if distance <= gate:
+            pairs.observation[count] = pairs.observation[c]
+            pairs.slot[count] = pairs.owner[count] = pairs.slot[c]
+            pairs.innovation[2 * count : 2 * count + 2] = pairs.innovation[2 * c : 2 * c + 2]
+            pairs.jacobian[2 * count : 2 * count + 2] = pairs.jacobian[2 * c : 2 * c + 2]
+            pairs.distance[count] = distance
+            count += 1
+    _sort_by_distance(pairs, count)
+    return count
+
+
+@kernel
+def _find_near(
+    sensor: int,
+    state: Float,
+    point: Float,
+    cov: Float,
+    size: int,
+    values: Float,
+    covs: Float,
+    gate: float,
+    pairs: Pairs,
+) -> int:
+    """Pairs whose measured and expected distances agree as well as d^2 <= gate requires; returns how many.
+
+    With s the standard deviations of robot and landmark added up, no component of H P H' exceeds s^2, and so
+    d^2 >= (measured - expected distance)^2 / (s^2 + tr R). Bearings alone set nothing aside.
+    """
+    robot = math.sqrt(max(cov[0, 0] + cov[1, 1], 0.0))
+    heading = math.sqrt(max(cov[2, 2], 0.0)) if sensor == POSITION else 0.0  # turns do not change a range
+    candidates = 0
+    for i in range(len(values)):
+        measured = values[i, 0]
+        noise = covs[i, 0, 0]
+        if sensor == POSITION:
+            measured = math.sqrt(values[i, 0] ** 2 + values[i, 1] ** 2)
+            noise += covs[i, 1, 1]
+        for landmark in range(3, size, 2):
+            expected = math.sqrt((state[landmark] - state[0]) ** 2 + (state[landmark + 1] - state[1]) ** 2)
+            lever = 0.0
+            if heading > 0.0:
+                lever = math.sqrt((point[landmark] - point[0]) ** 2 + (point[landmark + 1] - point[1]) ** 2)
+            own = math.sqrt(max(cov[landmark, landmark] + cov[landmark + 1, landmark + 1], 0.0))
+            spread = robot + own + lever * heading
+            if sensor == BEARING or (measured - expected) ** 2 <= gate * (spread * spread + noise):
+                if candidates < len(pairs.slot):
+                    pairs.observation[candidates] = i
+                    pairs.slot[candidates] = (landmark - 3) // 2
+                    pairs.value[candidates] = values[i]
+                candidates += 1
+    return candidates
+
+
+@kernel
+def _sort_by_distance(pairs: Pairs, count: int) -> None:
+    """Fill `by_distance` for the first `count` pairs."""
+    first = 0
+    while first < count:
+        last = first
+        while last < count and pairs.observation[last] == pairs.observation[first]:
+            last += 1
+        pairs.by_distance[first:last] = first + np.argsort(pairs.distance[first:last])
+        first = last
+
+
+@kernel
+def pair_covariance(cov: Float, pairs: Pairs, a: int, b: int, out: Float) -> None:
+    """Out (2, 2) = H_a P H_b', from the upper triangle of P."""
+    la, lb = 3 + 2 * pairs.slot[a], 3 + 2 * pairs.slot[b]
+    for i in range(2):
+        ha = pairs.jacobian[2 * a + i]
+        # H_a P, in b's columns
+        for j in range(2):
+            hb = pairs.jacobian[2 * b + j]
+            total = 0.0
+            for k in range(3):
+                across = ha[0] * cov[0, k] + ha[1] * cov[1, k] + ha[2] * cov[2, k]
+                across += ha[3] * cov[k, la] + ha[4] * cov[k, la + 1]
+                total += across * hb[k]
+            for k in range(2):
+                column = lb + k
+                across = ha[0] * cov[0, column] + ha[1] * cov[1, column] + ha[2] * cov[2, column]
+                across += ha[3] * cov[min(la, column), max(la, column)]
+                across += ha[4] * cov[min(la + 1, column), max(la + 1, column)]
+                total += across * hb[3 + k]
+            out[i, j] = total
+
+
+@kernel
+def add_noise(R: Float, bearing_row: Float, S: Float) -> None:
+    """S <- S + R; a bearing row without information keeps its own variance alone."""
+    S[0, 0] += R[0, 0]
+    S[1, 1] += R[1, 1]
+    if bearing_row[3] != 0.0 or bearing_row[4] != 0.0:
+        S[0, 1] += R[0, 1]
+        S[1, 0] += R[0, 1]

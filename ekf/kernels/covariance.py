@@ -1,0 +1,101 @@
+"""Blocks and projections of the covariance, of which only the upper triangle is kept, compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from slamgauge.ekf.kernels.compiled import kernel
+
+from slamgauge.arrays import Float, Int
+
+TILE = 64  # rows of `cov` that a strided pass keeps in cache
+
+
+@kernel
+def mirror_robot_block(cov: Float) -> None:
+    """Copy the upper triangle of the robot's block to its lower triangle."""
+    cov[1, 0] = cov[0, 1]
+    cov[2, 0] = cov[0, 2]
+    cov[2, 1] = cov[1, 2]
+
+
+@kernel
+def project_covariance(cov: Float, size: int, slots: Int, jacobian: Float, W: Float) -> None:
+    """W[:2m, :size] = H P from the upper triangle of P."""
+    for i in range(len(slots)):
+        for k in (2 * i, 2 * i + 1):
+            h0, h1, h2 = jacobian[k, 0], jacobian[k, 1], jacobian[k, 2]
+            for j in range(size):
+                W[k, j] = h0 * cov[0, j] + h1 * cov[1, j] + h2 * cov[2, j]
+    for first in range(0, size, TILE):
+        last = min(first + TILE, size)
+        for i in range(len(slots)):
+            _project_landmark(cov, first, last, 3 + 2 * slots[i], 2 * i, jacobian, W)
+
+
+@kernel
+def _project_landmark(cov: Float, first: int, last: int, landmark: int, k: int, jacobian: Float, W: Float) -> None:
+    """Add the landmark's share of H P to columns first..last of W's rows k and k + 1."""
+    a3, a4, b3, b4 = jacobian[k, 3], jacobian[k, 4], jacobian[k + 1, 3], jacobian[k + 1, 4]
+    above = min(last, landmark)
+    for j in range(first, above):
+        px, py = cov[j, landmark], cov[j, landmark + 1]
+        W[k, j] += a3 * px + a4 * py
+        W[k + 1, j] += b3 * px + b4 * py
+    for j in range(max(first, landmark), last):
+        px = cov[landmark, j]
+        py = cov[min(j, landmark + 1), max(j, landmark + 1)]
+        W[k, j] += a3 * px + a4 * py
+        W[k + 1, j] += b3 * px + b4 * py
+
+
+@kernel
+def innovation_covariance(W: Float, slots: Int, jacobian: Float, observation_cov: Float, S: Float) -> None:
+    """Upper triangle of S = H P H' + R from W = H P."""
+    rows = 2 * len(slots)
+    for a in range(rows):
+        for b in range(a, rows):
+            column = 3 + 2 * slots[b // 2]
+            S[a, b] = (
+                W[a, 0] * jacobian[b, 0]
+                + W[a, 1] * jacobian[b, 1]
+                + W[a, 2] * jacobian[b, 2]
+                + W[a, column] * jacobian[b, 3]
+                + W[a, column + 1] * jacobian[b, 4]
+            )
+    for i in range(len(slots)):
+        k = 2 * i
+        S[k, k] += observation_cov[i, 0, 0]
+        S[k + 1, k + 1] += observation_cov[i, 1, 1]
+        if jacobian[k + 1, 3] != 0.0 or jacobian[k + 1, 4] != 0.0:  # else row k + 1 was skipped
+            S[k, k + 1] += observation_cov[i, 0, 1]
+
+
+@kernel
+def projected(cov: Float, h: Float, landmark: int) -> tuple[float, float, float]:
+    """H P H' of one observation, from the upper triangle of P."""
+    block = np.empty((5, 5))
+    for a in range(3):
+        for b in range(3):
+            block[a, b] = cov[a, b]
+        for b in range(2):
+            block[a, 3 + b] = block[3 + b, a] = cov[a, landmark + b]
+    block[3, 3], block[4, 4] = cov[landmark, landmark], cov[landmark + 1, landmark + 1]
+    block[3, 4] = block[4, 3] = cov[landmark, landmark + 1]
+    s00, s01, s11 = 0.0, 0.0, 0.0
+    for a in range(5):
+        for b in range(5):
+            s00 += h[0, a] * block[a, b] * h[0, b]
+            s01 += h[0, a] * block[a, b] * h[1, b]
+            s11 += h[1, a] * block[a, b] * h[1, b]
+    return s00, s01, s11
+
+
+@kernel
+def squared_distance(v0: float, v1: float, s00: float, s01: float, s11: float) -> float:
+    """Squared Mahalanobis distance v' S^-1 v; infinite where S is not positive definite."""
+    determinant = s00 * s11 - s01 * s01
+    if not determinant > 0.0:
+        return math.inf
+    return (v0 * v0 * s11 - 2.0 * v0 * v1 * s01 + v1 * v1 * s00) / determinant

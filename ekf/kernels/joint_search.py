@@ -1,0 +1,198 @@
+"""The joint compatibility test by branch and bound, and which of its associations are ambiguous."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from slamgauge.ekf.kernels.compatibility import NONE, Pairs, add_noise, pair_covariance
+from slamgauge.ekf.kernels.compiled import kernel
+
+from slamgauge.arrays import Float, Int, Marks
+
+
+@kernel
+def search_jointly(
+    cov: Float,
+    covs: Float,
+    pairs: Pairs,
+    count: int,
+    gate: float,
+    quantiles: Float,
+    node_limit: int,
+    best: Int,
+) -> int:
+    """Joint compatibility by depth-first branch and bound; fills `best` (m,) with slots, or NONE.
+
+    Args:
+        cov: the covariance P.
+        covs: (m, 2, 2) of the observations.
+        pairs: what `find_compatible` has left there.
+        count: how many of them.
+        gate: pairs with a larger d^2 of their own are left out.
+        quantiles: (m + 1,) largest joint d^2 for 0, 1, ... pairs.
+        node_limit: pairs to try at most; the best set so far is then the result. The first one found is
+            that of the nearest neighbours that are jointly compatible, so there always is one.
+        best: the result.
+
+    Returns:
+        How many pairs were tried.
+    """
+    best[:] = NONE
+    rows, first, last = _rows_to_place(pairs, count, gate, len(best))
+    depth_of = len(rows)
+    chosen = np.full(depth_of + 1, NONE)  # place in `by_distance` at each depth; `last` means no landmark
+    cursor = np.zeros(depth_of + 1, dtype=np.int64)
+    placed = np.zeros(depth_of + 1, dtype=np.int64)  # pairs before each depth
+    total = np.zeros(depth_of + 1)  # joint d^2 before each depth
+    taken = np.full(depth_of + 1, NONE)  # the pairs, in the order of U's columns
+    U, y = np.zeros((2 * depth_of, 2 * depth_of)), np.zeros(2 * depth_of)
+    most, least, nodes = 0, 0.0, 0
+    depth = 0
+    if depth_of:
+        cursor[0] = first[0]
+    while depth >= 0 and depth_of:
+        n = placed[depth]
+        promising = n + depth_of - depth > most or (n + depth_of - depth == most and total[depth] < least)
+        if depth == depth_of or not promising or cursor[depth] > last[depth]:
+            depth -= 1
+            continue
+        place = cursor[depth]
+        cursor[depth] += 1
+        if place == last[depth]:  # every landmark has been tried: none
+            chosen[depth] = NONE
+            placed[depth + 1], total[depth + 1] = n, total[depth]
+        else:
+            c = int(pairs.by_distance[place])
+            if _is_taken(pairs, taken, n, c):
+                continue
+            if nodes >= node_limit:
+                break
+            nodes += 1
+            distance = _extend(cov, covs, pairs, taken, n, c, U, y) + total[depth]
+            if not distance <= quantiles[n + 1]:
+                continue
+            taken[n] = c
+            chosen[depth] = c
+            placed[depth + 1], total[depth + 1] = n + 1, distance
+            if n + 1 > most or (n + 1 == most and distance < least):
+                most, least = n + 1, distance
+                best[:] = NONE
+                for d in range(depth + 1):
+                    if chosen[d] != NONE:
+                        best[rows[d]] = pairs.slot[chosen[d]]
+        depth += 1
+        if depth < depth_of:
+            cursor[depth] = first[depth]
+    return nodes
+
+
+@kernel
+def _rows_to_place(pairs: Pairs, count: int, gate: float, observations: int) -> tuple[Int, Int, Int]:
+    """Observations with pairs inside the gate, fewest first, and the stretch of `by_distance` of each."""
+    first, last = np.zeros(observations, dtype=np.int64), np.zeros(observations, dtype=np.int64)
+    for place in range(count):
+        i = pairs.observation[place]
+        if place == 0 or pairs.observation[place - 1] != i:
+            first[i] = last[i] = place
+        if pairs.distance[pairs.by_distance[place]] <= gate:
+            last[i] += 1  # the nearest come first
+    rows = np.flatnonzero(last - first > 0)
+    rows = rows[np.argsort((last - first)[rows], kind="mergesort")]
+    return rows, first[rows], last[rows]
+
+
+@kernel
+def _is_taken(pairs: Pairs, taken: Int, n: int, c: int) -> bool:
+    """Whether one of the first n pairs has the landmark of pair c."""
+    for k in range(n):  # noqa: SIM110 numba compiles no generator expressions
+        if pairs.owner[taken[k]] == pairs.owner[c]:
+            return True
+    return False
+
+
+@kernel
+def _extend(cov: Float, covs: Float, pairs: Pairs, taken: Int, n: int, c: int, U: Float, y: Float) -> float:
+    """What pair c adds to the joint d^2 of the first n pairs: two more columns of S = U'U, two more rows of y."""
+    S = np.empty((2, 2))
+    k = 2 * n
+    for b in range(n):
+        pair_covariance(cov, pairs, taken[b], c, S)
+        U[2 * b : 2 * b + 2, k : k + 2] = S
+    pair_covariance(cov, pairs, c, c, S)
+    add_noise(covs[pairs.observation[c]], pairs.jacobian[2 * c + 1], S)
+    U[k : k + 2, k : k + 2] = S
+    added = 0.0
+    for column in range(k, k + 2):
+        value = pairs.innovation[2 * c + column - k]
+        for row in range(column):
+            for above in range(row):
+                U[row, column] -= U[above, row] * U[above, column]
+            U[row, column] /= U[row, row]
+            value -= U[row, column] * y[row]
+        for above in range(column):
+            U[column, column] -= U[above, column] ** 2
+        if not U[column, column] > 0.0:
+            return math.inf
+        U[column, column] = math.sqrt(U[column, column])
+        y[column] = value / U[column, column]
+        added += y[column] ** 2
+    return added
+
+
+@kernel
+def mark_ambiguous(
+    cov: Float, covs: Float, pairs: Pairs, count: int, gate: float, margin: float, best: Int, ambiguous: Marks
+) -> None:
+    """Mark the observations whose landmarks in `best` another association explains nearly as well.
+
+    Tried are those that give one observation a landmark that is free, or let two of them change places; nearly
+    is a joint d^2 within `margin`: such an alternative is at least exp(-margin / 2) times as likely.
+    """
+    observations = len(best)
+    chosen = np.full(observations, NONE)  # pair of each observation
+    holder = np.full(count, NONE)  # of each pair's landmark: the pair that has it in `best`
+    for c in range(count):
+        if best[pairs.observation[c]] == pairs.slot[c]:
+            chosen[pairs.observation[c]] = c
+    for c in range(count):
+        for i in range(observations):
+            if chosen[i] != NONE and pairs.owner[chosen[i]] == pairs.owner[c]:
+                holder[c] = chosen[i]
+    taken = chosen[chosen != NONE]
+    least = -1.0
+    for c in range(count):
+        i = pairs.observation[c]
+        if chosen[i] == NONE or chosen[i] == c or pairs.distance[c] > gate:
+            continue
+        alternative = np.where(taken == chosen[i], c, taken)
+        other = holder[c]
+        if other != NONE:
+            swapped = _crossed(pairs, count, int(other), int(chosen[i]))
+            if swapped == NONE or pairs.distance[swapped] > gate:
+                continue
+            alternative = np.where(taken == other, swapped, alternative)
+        if least < 0.0:
+            least = _joint_distance(cov, covs, pairs, taken)
+        if _joint_distance(cov, covs, pairs, alternative) <= least + margin:
+            ambiguous[i] = True
+
+
+@kernel
+def _crossed(pairs: Pairs, count: int, a: int, b: int) -> int:
+    """The pair of a's observation and b's landmark, NONE if they are not compatible."""
+    for c in range(count):
+        if pairs.observation[c] == pairs.observation[a] and pairs.owner[c] == pairs.owner[b]:
+            return c
+    return NONE
+
+
+@kernel
+def _joint_distance(cov: Float, covs: Float, pairs: Pairs, taken: Int) -> float:
+    """Joint d^2 of the pairs `taken`."""
+    rows = 2 * len(taken)
+    U, y = np.zeros((rows, rows)), np.zeros(rows)
+    total = 0.0
+    for n in range(len(taken)):
+        total += _extend(cov, covs, pairs, taken, n, taken[n], U, y)
+    return total

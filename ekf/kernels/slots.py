@@ -1,0 +1,27 @@
+"""Where landmarks are in the state."""
+
+from __future__ import annotations
+
+from slamgauge.ekf.kernels.compiled import kernel
+
+from slamgauge.arrays import Int
+
+
+@kernel
+def find_slots(sorted_ids: Int, sorted_slots: Int, ids: Int, slots: Int) -> int:
+    """Slot of each id by bisection, -1 for ids that are not mapped; returns how many are not."""
+    unmapped = 0
+    for i in range(len(ids)):
+        low, high = 0, len(sorted_ids)
+        while low < high:
+            middle = (low + high) // 2
+            if sorted_ids[middle] < ids[i]:
+                low = middle + 1
+            else:
+                high = middle
+        if low < len(sorted_ids) and sorted_ids[low] == ids[i]:
+            slots[i] = sorted_slots[low]
+        else:
+            slots[i] = -1
+            unmapped += 1
+    return unmapped

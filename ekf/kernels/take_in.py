@@ -1,0 +1,87 @@
+"""What all corrections have in common: the gain of a scan and the covariance after it, compiled."""
+
+from __future__ import annotations
+
+import math
+
+from slamgauge.ekf.kernels.compiled import cholesky, combine_rows, kernel, solve_factor, subtract_gram
+from slamgauge.ekf.kernels.covariance import innovation_covariance, mirror_robot_block, project_covariance
+from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
+from slamgauge.ekf.kernels.workspace import Workspace
+
+from slamgauge.arrays import Float
+
+
+@kernel
+def whiten(cov: Float, size: int, first: int, last: int, work: Workspace) -> float:
+    """Prepare to take in observations first..last, which `linearise` has described in `work`.
+
+    Leaves W = U'^-1 H P and the whitened innovation y = U'^-1 v in `work` (y in its own rows), where S = U'U,
+    so that the correction is W'y and the covariance decreases by W'W. Returns the NIS, which is not finite
+    when S is not positive definite or an observation is not finite.
+    """
+    rows = 2 * (last - first)
+    slots, jacobian = work.slots[first:last], work.jacobian[2 * first : 2 * last]
+    W, S, y = work.W, work.S, work.innovation[2 * first : 2 * last]
+    project_covariance(cov, size, slots, jacobian, W)
+    innovation_covariance(W, slots, jacobian, work.observation_cov[first:last], S)
+    return divide_by_factor(S, W, y, rows, size)
+
+
+@kernel
+def divide_by_factor(S: Float, W: Float, y: Float, rows: int, size: int) -> float:
+    """W <- U'^-1 W and y <- U'^-1 y, where S = U'U; returns y'y, NaN when S is not positive definite."""
+    if not cholesky(S, rows):
+        return math.nan
+    solve_factor(S, W, rows, size)
+    squared = 0.0
+    for a in range(rows):
+        for b in range(a):
+            y[a] -= S[b, a] * y[b]
+        y[a] /= S[a, a]
+        squared += y[a] * y[a]
+    return squared
+
+
+@kernel
+def take_in(
+    sensor: int, state: Float, point: Float, cov: Float, size: int, count: int, work: Workspace
+) -> tuple[float, int]:
+    """P <- P - W'W for the first `count` observations, and their correction dx in `work.scratch[0]`.
+
+    Block by block of the workspace, all with the Jacobians at `point`: for independent observations that is
+    the same as all at once, and saves the triangular solve that grows with the square of a block. Returns the
+    NIS and its degrees of freedom; when the NIS is not finite, nothing has changed, unless P itself was not
+    positive definite.
+    """
+    informative = linearise(sensor, state, point, work.slots[:count], work.observation, work.innovation, work.jacobian)
+    if not are_sound(work.observation[:count], work.observation_cov[:count]):
+        return math.nan, informative
+    dx, block_dx = work.scratch[0], work.scratch[1]
+    dx[:size] = 0.0
+    nis, block = 0.0, len(work.W) // 2
+    for first in range(0, count, block):
+        last = min(first + block, count)
+        subtract_projection(dx, first, last, work)
+        nis += whiten(cov, size, first, last, work)
+        if not math.isfinite(nis):
+            return math.nan, informative
+        rows = 2 * (last - first)
+        combine_rows(work.W, work.innovation[2 * first :], block_dx, rows, size)
+        for j in range(size):
+            dx[j] += block_dx[j]
+        subtract_gram(cov, work.W, rows, size)
+        mirror_robot_block(cov)
+    return nis, informative
+
+
+@kernel
+def are_sound(values: Float, covs: Float) -> bool:
+    """Whether observations (m, 2) are finite and their covariances (m, 2, 2) positive definite."""
+    for i in range(len(values)):
+        R = covs[i]
+        if not math.isfinite(values[i, 0] + values[i, 1]):
+            return False
+        if not (R[0, 0] > 0.0 and R[0, 0] * R[1, 1] - R[0, 1] * R[1, 0] > 0.0 and math.isfinite(R[0, 0] + R[1, 1])):
+            return False
+    return True

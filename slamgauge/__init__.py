@@ -1,0 +1,165 @@
+"""How far is your SLAM filter from the best that its measurements allow?
+
+The public names of all floors, imported when they are first used, so that `import slamgauge` costs nothing. The
+floors themselves are `slamgauge.ekf` (the textbook filter is `slamgauge.ekf.ekf`), `slamgauge.graph_baseline` and
+`slamgauge.compare`.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from slamgauge.arrays import Float, Int, Marks
+    from slamgauge.compare.estimators.estimators import load_estimators
+    from slamgauge.compare.figures.error_panels import plot_errors
+    from slamgauge.compare.figures.plots import plot_run, save_figure
+    from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, shipped_scenarios
+    from slamgauge.compare.scenarios.simulation import informed, simulate
+    from slamgauge.compare.scoring.assertions import assert_error_bounds
+    from slamgauge.compare.scoring.comparison import Comparison, compare_estimators
+    from slamgauge.compare.scoring.scores import Score, evaluate
+    from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, save
+    from slamgauge.compare.studies.budget import ErrorBudget, error_budget
+    from slamgauge.compare.studies.claims import judge_claims
+    from slamgauge.compare.studies.executors import dask_cluster, local_processes
+    from slamgauge.compare.studies.study import load_runs, run_study, write_study
+    from slamgauge.compare.studies.summary import Summary
+    from slamgauge.compare.studies.sweep import run_sweep
+    from slamgauge.ekf import (
+        AssociatingFilter,
+        Association,
+        BearingFilter,
+        CompressedFilter,
+        Delayed,
+        InverseDepth,
+        MapManagement,
+        Rays,
+        SlamFilter,
+        dead_reckoning,
+        fej_ekf,
+        iekf,
+        riekf,
+    )
+    from slamgauge.estimate import Estimate, Estimator, Kind, MapHistory, RayLog
+    from slamgauge.graph_baseline import UndeterminedError, batch, cost, isam2, robust_batch
+    from slamgauge.recording import OBSERVATION_DIM, Observations, Recording, Sensor
+    from slamgauge.se2 import between, chain, compose, rotation, wrap
+    from slamgauge.triangulation import Triangulation, triangulate
+    from slamgauge.truth import Truth
+
+__version__ = "0.3.0"
+
+_NAMES = {  # of each module, as above; a test holds the two lists together
+    "arrays": "Float Int Marks",
+    "se2": "between chain compose rotation wrap",
+    "recording": "OBSERVATION_DIM Observations Recording Sensor",
+    "truth": "Truth",
+    "estimate": "Estimate Estimator Kind MapHistory RayLog",
+    "triangulation": "Triangulation triangulate",
+    "ekf": (
+        "AssociatingFilter Association BearingFilter CompressedFilter Delayed InverseDepth MapManagement Rays "
+        "SlamFilter dead_reckoning fej_ekf iekf riekf "
+    ),
+    "graph_baseline": "UndeterminedError batch cost isam2 robust_batch",
+    "compare.scoring.comparison": "Comparison compare_estimators",
+    "compare.studies.budget": "ErrorBudget error_budget",
+    "compare.scenarios.scenario": "Scenario load_scenario shipped_scenarios",
+    "compare.scoring.scores": "Score evaluate",
+    "compare.studies.summary": "Summary",
+    "compare.scoring.assertions": "assert_error_bounds",
+    "compare.studies.executors": "dask_cluster local_processes",
+    "compare.scenarios.simulation": "informed simulate",
+    "compare.studies.claims": "judge_claims",
+    "compare.storage.files": "load_estimate load_recording load_truth save",
+    "compare.estimators.estimators": "load_estimators",
+    "compare.studies.study": "load_runs run_study write_study",
+    "compare.figures.error_panels": "plot_errors",
+    "compare.figures.plots": "plot_run save_figure",
+    "compare.studies.sweep": "run_sweep",
+}
+_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
+_FLOORS = ("compare", "ekf", "graph_baseline")
+
+__all__ = [  # noqa: RUF022
+    "AssociatingFilter",
+    "Association",
+    "BearingFilter",
+    "Comparison",
+    "CompressedFilter",
+    "Delayed",
+    "ErrorBudget",
+    "Estimate",
+    "Estimator",
+    "Float",
+    "Int",
+    "InverseDepth",
+    "Kind",
+    "MapHistory",
+    "MapManagement",
+    "Marks",
+    "OBSERVATION_DIM",
+    "Observations",
+    "RayLog",
+    "Rays",
+    "Recording",
+    "Scenario",
+    "Score",
+    "Sensor",
+    "SlamFilter",
+    "Summary",
+    "Triangulation",
+    "Truth",
+    "UndeterminedError",
+    "assert_error_bounds",
+    "batch",
+    "between",
+    "chain",
+    "compare_estimators",
+    "compose",
+    "cost",
+    "dask_cluster",
+    "dead_reckoning",
+    "error_budget",
+    "evaluate",
+    "fej_ekf",
+    "iekf",
+    "informed",
+    "isam2",
+    "judge_claims",
+    "load_estimate",
+    "load_estimators",
+    "load_recording",
+    "load_runs",
+    "load_scenario",
+    "load_truth",
+    "local_processes",
+    "plot_errors",
+    "plot_run",
+    "riekf",
+    "robust_batch",
+    "rotation",
+    "run_study",
+    "run_sweep",
+    "save",
+    "save_figure",
+    "shipped_scenarios",
+    "simulate",
+    "triangulate",
+    "wrap",
+    "write_study",
+    "__version__",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name in _FLOORS:
+        return importlib.import_module(f"slamgauge.{name}")
+    if name not in _HOME:
+        raise AttributeError(f"module 'slamgauge' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"slamgauge.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*__all__, *_FLOORS})

@@ -1,0 +1,160 @@
+"""What an estimator returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Recording
+from slamgauge.validation import (
+    as_array,
+    as_covariances,
+    as_distinct_ids,
+    as_floats,
+    as_ints,
+    require_rows,
+    store,
+    wrap_headings,
+)
+
+Kind = Literal["filtered", "smoothed"]
+
+
+@dataclass(frozen=True, slots=True)
+class MapHistory:
+    """The map as it stood at some steps: a row for every landmark, or for every member of one that is a ray still.
+
+    Attributes:
+        step: (K,) in increasing order.
+        landmark: (K,) id.
+        member: (K,) number of the member along its ray, from 0; -1 for a landmark that is a point.
+        weight: (K,) probability of the member; 1 for a point.
+        position: (K, 2) [m].
+        cov: (K, 2, 2) [m^2].
+    """
+
+    step: Int
+    landmark: Int
+    member: Int
+    weight: Float
+    position: Float
+    cov: Float
+
+    def __post_init__(self) -> None:
+        step = as_ints("history.step", self.step, (None,))
+        require_rows(
+            "history.step", np.diff(step, prepend=0) >= 0, step, "steps must not decrease; sort the rows by step"
+        )
+        weight = as_floats("history.weight", self.weight, (len(step),))
+        require_rows("history.weight", (weight >= 0) & (weight <= 1), weight, "a weight is a probability")
+        store(
+            self,
+            step=step,
+            landmark=as_ints("history.landmark", self.landmark, (len(step),)),
+            member=as_ints("history.member", self.member, (len(step),)),
+            weight=weight,
+            position=as_floats("history.position", self.position, (len(step), 2)),
+            cov=as_covariances("history.cov", self.cov, (len(step), 2, 2)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class RayLog:
+    """What became of every ray of a bearing-only estimate.
+
+    Attributes:
+        landmark: (B,) id of each ray's landmark.
+        birth: (B,) step at which it began.
+        end: (B,) step at which it became a point or was lost; -1 if it is a ray still.
+        survivor: (B,) number of the member that became the point; -1 if there is none.
+        distances: (B, G) distances of the members at birth [m], NaN where a ray had fewer.
+        members: (N+1,) members of all rays after each step.
+    """
+
+    landmark: Int
+    birth: Int
+    end: Int
+    survivor: Int
+    distances: Float
+    members: Int
+
+    def __post_init__(self) -> None:
+        landmark = as_ints("rays.landmark", self.landmark, (None,))
+        steps = {name: as_ints(f"rays.{name}", getattr(self, name), (len(landmark),)) for name in ("birth", "end")}
+        distances = as_array("rays.distances", self.distances, (len(landmark), None))
+        survivor = as_ints("rays.survivor", self.survivor, (len(landmark),))
+        known = (survivor >= -1) & (survivor < distances.shape[1])
+        require_rows("rays.survivor", known, survivor, "give the number of a member, or -1")
+        members = as_ints("rays.members", self.members, (None,))
+        store(self, landmark=landmark, survivor=survivor, distances=distances, members=members, **steps)
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What an estimator returns; only `kind` and `poses` are required.
+
+    Attributes:
+        kind: `filtered` (pose k uses the measurements up to step k) or `smoothed` (uses all).
+        poses: (N+1, 3).
+        pose_covs: (N+1, 3, 3) world frame, additive error (x, y, heading); None if not estimated.
+        landmark_ids: (L,) distinct ids of the mapped landmarks.
+        landmarks: (L, 2) [m] at the end of the recording.
+        landmark_covs: (L, 2, 2) [m^2]; None if not estimated.
+        association: (M,) id of the landmark that each observation was given, -1 if rejected.
+        nis: (N+1,) normalised innovation squared of each step's update; None if there is none.
+        nis_dof: (N+1,) its degrees of freedom, 0 where there was no update.
+        seconds: (N+1,) computing time of each step; None if not measured.
+        rays: what became of the rays of a bearing-only estimate; None without rays.
+        history: the map at some of the steps; None if it was not kept.
+    """
+
+    kind: Kind
+    poses: Float
+    pose_covs: Float | None = None
+    landmark_ids: Int | None = None
+    landmarks: Float | None = None
+    landmark_covs: Float | None = None
+    association: Int | None = None
+    nis: Float | None = None
+    nis_dof: Int | None = None
+    seconds: Float | None = None
+    rays: RayLog | None = None
+    history: MapHistory | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("filtered", "smoothed"):
+            raise ValueError(f"kind: {self.kind!r} is not known; use 'filtered' or 'smoothed'")
+        poses = wrap_headings(as_floats("poses", self.poses, (None, 3)))
+        count = len(poses)
+        empty = self.landmark_ids is None and self.landmarks is None
+        ids = as_distinct_ids("landmark_ids", np.zeros(0, np.int64) if empty else self.landmark_ids)
+        landmarks = as_floats("landmarks", np.zeros((0, 2)) if empty else self.landmarks, (len(ids), 2))
+        store(self, poses=poses, landmark_ids=ids, landmarks=landmarks)
+        if self.pose_covs is not None:
+            store(self, pose_covs=as_covariances("pose_covs", self.pose_covs, (count, 3, 3)))
+        if self.landmark_covs is not None:
+            store(self, landmark_covs=as_covariances("landmark_covs", self.landmark_covs, (len(ids), 2, 2)))
+        if self.association is not None:
+            association = as_ints("association", self.association, (None,))
+            known = np.isin(association, ids) | (association == -1)
+            require_rows(
+                "association", known, association, "give an id of landmark_ids, or -1 for a rejected observation"
+            )
+            store(self, association=association)
+        if (self.nis is None) != (self.nis_dof is None):
+            raise ValueError("nis: give nis and nis_dof together, or neither")
+        if self.nis is not None and self.nis_dof is not None:
+            store(self, nis=as_floats("nis", self.nis, (count,)), nis_dof=as_ints("nis_dof", self.nis_dof, (count,)))
+        if self.seconds is not None:
+            store(self, seconds=as_floats("seconds", self.seconds, (count,)))
+
+
+class Estimator(Protocol):
+    """Anything that turns a recording into an estimate."""
+
+    def __call__(self, recording: Recording, /) -> Estimate:
+        """Estimate from the recording alone."""
+        ...

@@ -1,0 +1,138 @@
+"""All that an estimator may see of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamgauge.arrays import Float, Int
+from slamgauge.validation import as_covariances, as_floats, as_ints, require_rows, store
+
+Sensor = Literal["range-bearing", "bearing", "position"]
+
+
+OBSERVATION_DIM: dict[str, int] = {"range-bearing": 2, "bearing": 1, "position": 2}
+
+
+class Observations(NamedTuple):
+    """What the sensor saw at one step: ids (m,), values (m, d) and covariances (m, d, d)."""
+
+    landmark: Int | None
+    value: Float
+    cov: Float
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """All that an estimator may see: N odometry increments and M landmark observations.
+
+    Attributes:
+        stamps: (N+1,) [s], strictly increasing; step k leads from stamp k-1 to stamp k.
+        prior_mean: (3,) mean of the start pose.
+        prior_cov: (3, 3) its covariance; may be zero (a fixed start).
+        odometry: (N, 3) body-frame increments (dx, dy, dtheta).
+        odometry_cov: (N, 3, 3) as estimators shall assume it; may be singular.
+        sensor: `range-bearing` (range [m], bearing [rad]), `bearing` ([rad]) or `position`
+            (landmark in the body frame, [m]).
+        observation_step: (M,) in 0..N, in increasing order; the pose that observed.
+        observation: (M, d) values.
+        observation_cov: (M, d, d) as estimators shall assume it, positive definite.
+        landmark: (M,) ids >= 0, or None when the association is unknown.
+    """
+
+    stamps: Float
+    prior_mean: Float
+    prior_cov: Float
+    odometry: Float
+    odometry_cov: Float
+    sensor: Sensor
+    observation_step: Int
+    observation: Float
+    observation_cov: Float
+    landmark: Int | None
+
+    def __post_init__(self) -> None:
+        odometry = as_floats("odometry", self.odometry, (None, 3))
+        steps = len(odometry)
+        stamps = as_floats("stamps", self.stamps, (steps + 1,))
+        require_rows(
+            "stamps", np.diff(stamps, prepend=-np.inf) > 0, stamps, "stamps must increase strictly; sort the steps"
+        )
+        if self.sensor not in OBSERVATION_DIM:
+            raise ValueError(f"sensor: {self.sensor!r} is not known; use one of {', '.join(OBSERVATION_DIM)}")
+        dim = OBSERVATION_DIM[self.sensor]
+        observation = as_floats("observation", self.observation, (None, dim))
+        count = len(observation)
+        if self.sensor == "range-bearing":
+            require_rows("observation", observation[:, 0] >= 0, observation, "a range cannot be negative; drop the row")
+        observation_step = as_ints("observation_step", self.observation_step, (count,))
+        in_range = (observation_step >= 0) & (observation_step <= steps)
+        require_rows("observation_step", in_range, observation_step, f"a step must lie in 0..{steps}")
+        ordered = np.diff(observation_step, prepend=0) >= 0
+        require_rows(
+            "observation_step", ordered, observation_step, "steps must not decrease; sort the observations by step"
+        )
+        landmark = None
+        if self.landmark is not None:
+            landmark = as_ints("landmark", self.landmark, (count,))
+            require_rows(
+                "landmark", landmark >= 0, landmark, "an id must be >= 0; use landmark=None for unknown association"
+            )
+        store(
+            self,
+            stamps=stamps,
+            prior_mean=as_floats("prior_mean", self.prior_mean, (3,)),
+            prior_cov=as_covariances("prior_cov", self.prior_cov, (3, 3)),
+            odometry=odometry,
+            odometry_cov=as_covariances("odometry_cov", self.odometry_cov, (steps, 3, 3)),
+            observation=observation,
+            observation_step=observation_step,
+            observation_cov=as_covariances("observation_cov", self.observation_cov, (count, dim, dim), definite=True),
+            landmark=landmark,
+        )
+
+    @property
+    def steps(self) -> int:
+        """Number N of odometry increments."""
+        return len(self.odometry)
+
+    def first(self, steps: int) -> Recording:
+        """The recording up to pose `steps` and with its observations."""
+        last = int(np.searchsorted(self.observation_step, steps, side="right"))
+        return replace(
+            self,
+            stamps=self.stamps[: steps + 1],
+            odometry=self.odometry[:steps],
+            odometry_cov=self.odometry_cov[:steps],
+            observation_step=self.observation_step[:last],
+            observation=self.observation[:last],
+            observation_cov=self.observation_cov[:last],
+            landmark=None if self.landmark is None else self.landmark[:last],
+        )
+
+    def only(self, kept: NDArray[np.bool_]) -> Recording:
+        """The recording with the `kept` (M,) observations alone."""
+        return replace(
+            self,
+            observation_step=self.observation_step[kept],
+            observation=self.observation[kept],
+            observation_cov=self.observation_cov[kept],
+            landmark=None if self.landmark is None else self.landmark[kept],
+        )
+
+    def associated(self, association: Int) -> Recording:
+        """The recording with the ids of an `Estimate.association` (M,), without the observations it rejects (-1)."""
+        kept = np.asarray(association) >= 0
+        return replace(self, landmark=np.where(kept, association, 0)).only(kept)
+
+    def scans(self) -> Iterator[Observations]:
+        """The observations of step 0, 1, ..., N in turn (views, not copies)."""
+        bounds = np.searchsorted(self.observation_step, np.arange(self.steps + 2)).tolist()
+        for first, last in pairwise(bounds):
+            ids = None if self.landmark is None else self.landmark[first:last]
+            yield Observations(ids, self.observation[first:last], self.observation_cov[first:last])

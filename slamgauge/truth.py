@@ -1,0 +1,63 @@
+"""What only the scores may see of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Recording
+from slamgauge.validation import as_array, as_distinct_ids, as_floats, as_ints, require_rows, store, wrap_headings
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What only the scores may see; a field is None where a real recording has no ground truth.
+
+    Attributes:
+        poses: (N+1, 3); a row of NaN where the ground truth has a gap.
+        landmark_ids: (L,) distinct ids >= 0.
+        landmarks: (L, 2) [m].
+        association: (M,) true landmark id of each observation.
+    """
+
+    poses: Float | None = None
+    landmark_ids: Int | None = None
+    landmarks: Float | None = None
+    association: Int | None = None
+
+    def __post_init__(self) -> None:
+        if self.poses is not None:
+            poses = as_array("poses", self.poses, (None, 3))
+            gap = np.isnan(poses).all(axis=1)
+            require_rows(
+                "poses", np.isfinite(poses).all(axis=1) | gap, poses, "use finite numbers, or NaN in the whole row"
+            )
+            store(self, poses=wrap_headings(poses))
+        if (self.landmark_ids is None) != (self.landmarks is None):
+            raise ValueError("landmarks: give landmark_ids and landmarks together, or neither")
+        if self.landmark_ids is not None and self.landmarks is not None:
+            landmark_ids = as_distinct_ids("landmark_ids", self.landmark_ids)
+            store(
+                self,
+                landmark_ids=landmark_ids,
+                landmarks=as_floats("landmarks", self.landmarks, (len(landmark_ids), 2)),
+            )
+        if self.association is not None:
+            association = as_ints("association", self.association, (None,))
+            known = association >= 0
+            if self.landmark_ids is not None:
+                known &= np.isin(association, self.landmark_ids)
+            require_rows("association", known, association, "every true id must be among landmark_ids")
+            store(self, association=association)
+
+
+def require_same_run(truth: Truth | None, recording: Recording) -> None:
+    """Refuse a truth of another length before any estimator spends its time."""
+    for name, given, expected in (
+        ("poses", truth and truth.poses, recording.steps + 1),
+        ("association", truth and truth.association, len(recording.observation)),
+    ):
+        if given is not None and len(given) != expected:
+            raise ValueError(f"truth.{name}: {len(given)} rows, but the recording needs {expected}; give its own truth")

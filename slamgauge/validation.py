@@ -1,0 +1,97 @@
+"""Checks that the vocabulary's constructors make: shape, finite numbers, covariances, indices.
+
+A value that does not fit raises ``ValueError`` with the field, the row, the value and the remedy in one line.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from slamgauge.arrays import Float, Int
+from slamgauge.se2 import wrap
+
+
+def store(instance: object, **fields: object) -> None:
+    """Store checked fields in a frozen dataclass; arrays become read-only."""
+    for name, value in fields.items():
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+        object.__setattr__(instance, name, value)
+
+
+def as_array(name: str, value: object, shape: tuple[int | None, ...]) -> Float:
+    """A float64 copy of `value` with the given shape (None: any length)."""
+    try:
+        array = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: not an array of numbers; give shape {_spell(shape)}") from None
+    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+        raise ValueError(f"{name}: shape {array.shape} does not fit; give shape {_spell(shape)}")
+    return array
+
+
+def _spell(shape: tuple[int | None, ...]) -> str:
+    sizes = ["any" if n is None else str(n) for n in shape]
+    return f"({', '.join(sizes)}{',' if len(sizes) == 1 else ''})"
+
+
+def as_floats(name: str, value: object, shape: tuple[int | None, ...]) -> Float:
+    """`as_array` of finite numbers."""
+    array = as_array(name, value, shape)
+    finite = np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
+    require_rows(name, finite, array, "every number must be finite")
+    return array
+
+
+def as_ints(name: str, value: object, shape: tuple[int | None, ...]) -> Int:
+    """An int64 copy of whole numbers."""
+    array = as_floats(name, value, shape)
+    whole = (array == np.floor(array)) & (np.abs(array) < 2.0**53)
+    require_rows(name, whole, array, "every entry must be a whole number below 2**53")
+    return array.astype(np.int64)
+
+
+def as_distinct_ids(name: str, value: object) -> Int:
+    """An int64 copy (n,) of ids that are >= 0 and distinct."""
+    ids = as_ints(name, value, (None,))
+    first = np.zeros(len(ids), dtype=bool)
+    first[np.unique(ids, return_index=True)[1]] = True
+    require_rows(name, first & (ids >= 0), ids, "ids must be >= 0 and distinct")
+    return ids
+
+
+def as_covariances(name: str, value: object, shape: tuple[int | None, ...], *, definite: bool = False) -> Float:
+    """Symmetric positive semi-definite (or definite) matrices, exactly symmetric on return."""
+    array = as_floats(name, value, shape)
+    stack = array.reshape(-1, *array.shape[-2:])
+    transposed = stack.swapaxes(1, 2)
+    scale = np.abs(stack).max(axis=(1, 2), initial=0.0)
+    sigmas = np.sqrt(np.abs(np.diagonal(stack, axis1=1, axis2=2)))  # units differ: judge each pair by its own
+    allowed = 1e-9 * sigmas[:, :, None] * sigmas[:, None, :] + 1e-15 * scale[:, None, None]
+    symmetric = (np.abs(stack - transposed) <= allowed).all(axis=(1, 2))
+    require_rows(name, symmetric, stack, "a covariance must be symmetric; use (P + P.T) / 2")
+    stack = (stack + transposed) / 2
+    variances = np.diagonal(stack, axis1=1, axis2=2)
+    nonnegative = (variances >= -1e-12 * scale[:, None]).all(axis=1)
+    require_rows(name, nonnegative, stack, "a covariance must not have a negative variance")
+    sigmas = np.sqrt(np.where(variances > 0, variances, 1.0))
+    smallest = np.linalg.eigvalsh(stack / (sigmas[:, :, None] * sigmas[:, None, :]))[:, 0]
+    require_rows(name, smallest >= -1e-9, stack, "a covariance must not have a negative eigenvalue")
+    if definite:
+        require_rows(name, smallest > 1e-12, stack, "a covariance must be positive definite here; raise its variances")
+    return stack.reshape(array.shape)
+
+
+def wrap_headings(poses: Float) -> Float:
+    """The same poses (n, 3), their headings wrapped in place."""
+    poses[:, 2] = wrap(poses[:, 2])
+    return poses
+
+
+def require_rows(name: str, good: ArrayLike, rows: NDArray[np.generic], rule: str) -> None:
+    """Raise for the first row that breaks `rule`, naming field, row and value."""
+    bad = np.flatnonzero(np.logical_not(good))
+    if len(bad):
+        value = np.array2string(np.asarray(rows[bad[0]]), precision=6, separator=", ").replace("\n", "")
+        raise ValueError(f"{name}[{bad[0]}] = {value}: {rule}")

@@ -1,0 +1,87 @@
+"""The commands where landmarks have no ids: what is written, what the optima are told, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
+from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once
+
+DURATION = "trajectory.duration=6"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled_kernels() -> None:
+    compile_once()
+    compile_association_once()
+
+
+def run(*arguments: object) -> int:
+    return main([str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("run") / "out"
+    estimators = "ekf,riekf,isam2,batch,isam2@ekf,robust-batch@ekf"
+    assert run("run", "q2-long-dense", "--estimators", estimators, "--set", DURATION, "--out", out) == 0
+    return out
+
+
+def entries(folder: Path) -> dict[str, Any]:
+    return json.loads((folder / "metrics.json").read_text())["estimators"]
+
+
+def test_the_stored_recording_has_no_ids_and_the_truth_has_them(folder: Path):
+    recording, truth = load_recording(folder / "recording.npz"), load_truth(folder / "truth.npz")
+    assert recording.landmark is None
+    assert truth.association is not None
+    assert len(truth.association) == len(recording.observation)
+
+
+def test_the_figures_of_association(folder: Path):
+    found = entries(folder)
+    for name in ("isam2", "batch"):
+        assert (found[name]["wrong_associations"], found[name]["landmarks_spurious"]) == (0, 0)
+        assert (found[name]["landmarks_missed"], found[name]["track_purity_min"]) == (0, 1.0)
+    ekf = found["ekf"]
+    assert ekf["landmarks_mapped"] - ekf["landmarks_spurious"] == ekf["landmarks_true"] - ekf["landmarks_missed"]
+    assert ekf["landmarks_spurious"] > 0
+    assert 0 < ekf["track_purity_min"] <= ekf["track_purity"] <= 1
+    given = np.asarray(load_estimate(folder / "estimates/ekf.npz").association)
+    assert np.array_equal(np.asarray(load_estimate(folder / "estimates/isam2@ekf.npz").association), given)
+
+
+def test_evaluating_the_stored_recording_says_the_same(folder: Path, capsys: pytest.CaptureFixture[str]):
+    assert run("evaluate", folder / "recording.npz", "--estimators", "ekf,isam2", "--json") == 0
+    again = json.loads(capsys.readouterr().out)["estimators"]
+    for name, entry in again.items():
+        known = entries(folder)[name]
+        keys = set(entry) - {"seconds_total", "seconds_per_step_median", "final_distance_to_batch_m"}
+        keys -= {"landmark_distance_to_batch_m"}
+        assert {key: entry[key] for key in keys} == {key: known[key] for key in keys}
+
+
+def test_evaluate_associates_as_it_is_told(folder: Path, capsys: pytest.CaptureFixture[str]):
+    mapped: list[int] = []
+    for options in (("--gate", 1), ("--gate", 9), ("--association", "jcbb")):
+        assert run("evaluate", folder / "recording.npz", "--estimators", "riekf", "--json", *options) == 0
+        mapped.append(json.loads(capsys.readouterr().out)["estimators"]["riekf"]["landmarks_mapped"])
+    assert mapped[0] > mapped[1] > mapped[2]
+
+
+def test_what_is_refused(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert run("evaluate", folder / "recording.npz", "--gate", 0) == 2
+    assert "gate 0.0: gives no bound" in capsys.readouterr().err
+    alone = tmp_path / "recording.npz"
+    alone.write_bytes((folder / "recording.npz").read_bytes())
+    assert run("evaluate", alone, "--estimators", "ekf,batch") == 2
+    error = capsys.readouterr().err.splitlines()
+    assert len(error) == 1
+    assert "estimator batch: landmark: the graph needs known association" in error[0]
+    assert "batch@ekf" in error[0]

@@ -1,0 +1,229 @@
+"""Recordings of others: the counts that their description states, and one-line refusals of damaged files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pytest
+from scipy.io import loadmat, savemat
+from slamgauge.compare.datasets.lost_in_the_woods import read_lost_in_the_woods
+from slamgauge.compare.datasets.victoria_park import read_victoria_park
+
+from slamgauge.arrays import Float
+from slamgauge.recording import Recording
+from slamgauge.se2 import between, compose, rotation, wrap
+from slamgauge.truth import Truth
+
+DATA = Path(__file__).parents[3] / "../shared/data"
+VICTORIA_PARK = DATA / "victoria_park/victoria_park.txt"
+LOST_IN_THE_WOODS = DATA / "lost_in_the_woods/dataset2.mat"
+needs_victoria_park = pytest.mark.skipif(not VICTORIA_PARK.exists(), reason=f"{VICTORIA_PARK} is not there")
+needs_lost_in_the_woods = pytest.mark.skipif(not LOST_IN_THE_WOODS.exists(), reason=f"{LOST_IN_THE_WOODS} is not there")
+
+T = TypeVar("T")
+Write = Callable[[str], Path]
+
+PARK = """\
+ODOMETRY 0 1 1 0 0.5 1e-4 0 0 4e-6 0 4e-6
+ODOMETRY 1 3 2 0 0 1e-4 1e-6 2e-6 4e-6 3e-7 4e-6
+LANDMARK 3 2 3 4 0.4 0.1 0.5
+
+LANDMARK 0 2 6 8 0.4 0 0.4
+"""
+
+
+def given(field: T | None) -> T:
+    assert field is not None
+    return field
+
+
+# --- Victoria Park -----------------------------------------------------------------------------
+
+
+@needs_victoria_park
+def test_victoria_park_has_the_stated_counts():
+    recording = read_victoria_park(VICTORIA_PARK)
+    assert recording.steps == 6968
+    assert len(recording.observation) == 3640
+    assert len(np.unique(given(recording.landmark))) == 151
+    assert recording.sensor == "position"
+    np.testing.assert_array_equal(recording.prior_mean, 0.0)
+    np.testing.assert_array_equal(recording.prior_cov, 0.0)
+    np.testing.assert_array_equal(recording.stamps, np.arange(6969))
+    np.testing.assert_array_equal(recording.odometry_cov - np.diag([1e-4, 4e-6, 4e-6]), 0.0)
+    np.testing.assert_array_equal(recording.observation_cov - 0.4 * np.eye(2), 0.0)
+
+
+@needs_victoria_park
+def test_victoria_park_first_observation():
+    recording = read_victoria_park(VICTORIA_PARK)  # LANDMARK 4 5 11.5387 -3.2007
+    np.testing.assert_array_equal(recording.observation[0], [11.5387, -3.2007])
+    assert (recording.observation_step[0], given(recording.landmark)[0]) == (4, 5)
+
+
+@pytest.fixture
+def park(tmp_path: Path) -> Write:
+    def write(text: str) -> Path:
+        path = tmp_path / "park.txt"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_park_edges_are_chained_and_observations_sorted(park: Write):
+    recording = read_victoria_park(park(PARK))
+    np.testing.assert_array_equal(recording.odometry, [[1, 0, 0.5], [2, 0, 0]])
+    np.testing.assert_array_equal(
+        recording.odometry_cov[1], [[1e-4, 1e-6, 2e-6], [1e-6, 4e-6, 3e-7], [2e-6, 3e-7, 4e-6]]
+    )
+    np.testing.assert_array_equal(recording.observation_step, [0, 2])
+    np.testing.assert_array_equal(recording.observation, [[6, 8], [3, 4]])
+    np.testing.assert_array_equal(recording.observation_cov[1], [[0.4, 0.1], [0.1, 0.5]])
+    np.testing.assert_array_equal(recording.landmark, [2, 2])
+
+
+def test_park_observations_out_of_range_are_left_out(park: Write):
+    np.testing.assert_array_equal(read_victoria_park(park(PARK), max_range=9.0).observation, [[3, 4]])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("ODOMETRY 1 3", "ODOMETRY 2 3", "line 2: starts at pose 2, but the path is at 1; sort the edges"),
+        ("ODOMETRY 1 3", "ODOMETRY 1 0", "line 2: pose 0 was there before; give every pose an id of its own"),
+        ("LANDMARK 3 2", "LANDMARK 4 2", "line 3: pose 4 is on no ODOMETRY line; correct the id"),
+        ("LANDMARK 3 2 3", "LANDMARK 3 2", "line 3: LANDMARK needs two ids >= 0 and 5 finite numbers"),
+        ("LANDMARK 3 2", "LANDMARK 3 -2", "line 3: LANDMARK needs two ids >= 0 and 5 finite numbers"),
+        ("ODOMETRY 0 1 1", "ODOMETRY 0 1 one", "line 1: ODOMETRY needs two ids >= 0 and 9 finite numbers"),
+        ("ODOMETRY 0 1 1", "ODOMETRY 0 1 nan", "line 1: ODOMETRY needs two ids >= 0 and 9 finite numbers"),
+        ("LANDMARK 0", "BEACON 0", "line 5: 'BEACON' is neither ODOMETRY nor LANDMARK; remove the line"),
+        ("0.4 0.1 0.5", "0.4 0.1 -0.5", ": observation_cov[1]"),
+        (PARK, "", ": no ODOMETRY line in it"),
+        (PARK, "\x00\xff", ": line 1:"),
+    ],
+)
+def test_malformed_parks_are_refused_with_their_line(park: Write, old: str, new: str, message: str):
+    path = park(PARK.replace(old, new))
+    with pytest.raises(ValueError, match=r"^[^\n]+$") as caught:
+        read_victoria_park(path)
+    assert str(caught.value).startswith(str(path))
+    assert message.removeprefix(": ") in str(caught.value)
+
+
+def test_missing_parks(tmp_path: Path):
+    with pytest.raises(ValueError, match=r"none.txt: cannot be read \(No such file or directory\); check the path"):
+        read_victoria_park(tmp_path / "none.txt")
+
+
+# --- Lost in the Woods -------------------------------------------------------------------------
+
+
+def woods(**changes: Any) -> dict[str, Any]:
+    """Four steps of a robot that turns by 0.3 rad while it drives 0.2 m, with one landmark."""
+    column = np.ones((4, 1))
+    fields = {"t": 0.1 * np.arange(4.0)[:, None], "v": 2.0 * column, "om": 3.0 * column, "d": 0.5}
+    fields |= {"x_true": column, "y_true": 2 * column, "th_true": np.pi / 2 * column}
+    fields |= {"true_valid": np.array([[1], [1], [0], [1]], dtype=np.uint8)}
+    fields |= {"r": np.array([[1.0], [0.0], [9.0], [5.0]]), "b": 4.0 * column, "l": [[7.0, 8.0]]}
+    fields |= {"r_var": 0.1, "b_var": 0.2, "v_var": 0.01, "om_var": 0.04}
+    return {name: value for name, value in (fields | changes).items() if value is not None}
+
+
+def read(path: Path, **changes: Any) -> tuple[Recording, Truth]:
+    savemat(path / "woods.mat", woods(**changes))
+    return read_lost_in_the_woods(path / "woods.mat")
+
+
+def test_woods_move_the_body_frame_to_the_sensor(tmp_path: Path):
+    recording, truth = read(tmp_path)
+    to_sensor = np.array([0.5, 0.0, 0.0])
+    expected = between(to_sensor, compose([0.2, 0.0, 0.3], to_sensor))
+    np.testing.assert_allclose(recording.odometry, np.tile(expected, (3, 1)), atol=1e-15)
+    np.testing.assert_allclose(given(truth.poses)[[0, 1, 3]], np.tile([1, 2.5, np.pi / 2], (3, 1)), atol=1e-15)
+    np.testing.assert_array_equal(np.isnan(given(truth.poses)[:, 0]), [False, False, True, False])
+    np.testing.assert_array_equal(recording.prior_mean, given(truth.poses)[0])
+    np.testing.assert_array_equal(recording.prior_cov, 0.0)
+
+
+def test_woods_carry_the_odometry_noise_to_the_sensor(tmp_path: Path):
+    recording, _ = read(tmp_path)
+    to_sensor, small = np.array([0.5, 0.0, 0.0]), 1e-6
+
+    def sensor_increment(noise: Float) -> Float:
+        robot = 0.1 * (np.array([2.0, 0.0, 3.0]) + noise)  # dt (v, lateral slip, omega)
+        return between(to_sensor, compose(robot, to_sensor))
+
+    columns = [(sensor_increment(small * e) - sensor_increment(-small * e)) / (2 * small) for e in np.eye(3)]
+    jacobian = np.column_stack(columns)
+    expected = jacobian @ np.diag([0.01, 0.02**2, 0.04]) @ jacobian.T
+    np.testing.assert_allclose(recording.odometry_cov[0], expected, atol=1e-12)
+
+
+def test_woods_observations(tmp_path: Path):
+    recording, truth = read(tmp_path)
+    np.testing.assert_array_equal(recording.observation_step, [0, 3])
+    np.testing.assert_allclose(recording.observation, [[1, 4 - 2 * np.pi], [5, 4 - 2 * np.pi]])
+    np.testing.assert_array_equal(recording.observation_cov[1], np.diag([0.1, 0.2]))
+    np.testing.assert_array_equal(recording.landmark, [0, 0])
+    np.testing.assert_array_equal(truth.association, [0, 0])
+    np.testing.assert_array_equal(given(truth.landmarks), [[7, 8]])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"v": None}, "field v is missing; give dataset2.mat"),
+        ({"v": np.ones((3, 1))}, "field v has shape (3, 1), not (4, 1); correct it"),
+        ({"r": np.ones((4, 2))}, "field r has shape (4, 2), not (4, 1); correct it"),
+        ({"om": np.full((4, 1), np.nan)}, "field om does not hold finite numbers; correct it"),
+        ({"d": "half"}, "field d does not hold finite numbers; correct it"),
+        ({"true_valid": np.zeros((4, 1))}, "true_valid: no ground truth at the first step"),
+        ({"t": np.ones((4, 1))}, "stamps[1]"),
+    ],
+)
+def test_malformed_woods_are_refused_with_their_field(tmp_path: Path, changes: dict[str, Any], message: str):
+    with pytest.raises(ValueError, match=r"woods.mat: [^\n]+$") as caught:
+        read(tmp_path, **changes)
+    assert message in str(caught.value)
+
+
+def test_files_that_are_not_matlab(tmp_path: Path):
+    path = tmp_path / "woods.mat"
+    savemat(path, woods())
+    whole = path.read_bytes()
+    for content, message in ((b"", "not a MATLAB 5"), (b"t v om\n", "not a MATLAB 5"), (whole[:500], "cut short")):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=rf"woods.mat: [^\n]*{message}"):
+            read_lost_in_the_woods(path)
+
+
+@needs_lost_in_the_woods
+def test_lost_in_the_woods_has_the_stated_counts():
+    recording, truth = read_lost_in_the_woods(LOST_IN_THE_WOODS)
+    raw = loadmat(LOST_IN_THE_WOODS)
+    assert recording.steps == 12608
+    assert len(recording.observation) == np.sum((raw["r"] > 0) & (raw["r"] <= 5.0)) == 58135
+    assert given(truth.landmarks).shape == (17, 2)
+    assert np.isnan(given(truth.poses)).any(axis=1).sum() == np.sum(raw["true_valid"] == 0)
+    np.testing.assert_allclose(np.diff(recording.stamps), 0.1, rtol=1e-9)
+    everything, _ = read_lost_in_the_woods(LOST_IN_THE_WOODS, max_range=np.inf)
+    assert len(everything.observation) == np.sum(raw["r"] > 0)
+
+
+@needs_lost_in_the_woods
+def test_lost_in_the_woods_measurements_fit_the_truth():
+    recording, truth = read_lost_in_the_woods(LOST_IN_THE_WOODS)
+    poses = given(truth.poses)[recording.observation_step]
+    offsets = given(truth.landmarks)[given(recording.landmark)] - poses[:, :2]
+    body = np.einsum("nji,nj->ni", rotation(poses[:, 2]), offsets)
+    ranges = recording.observation[:, 0] - np.linalg.norm(body, axis=1)
+    bearings = wrap(recording.observation[:, 1] - np.arctan2(body[:, 1], body[:, 0]))
+    spread = np.nanstd([ranges, bearings], axis=1)
+    np.testing.assert_allclose(spread, np.sqrt(np.diag(recording.observation_cov[0])), rtol=0.02)
+    motion = recording.odometry - between(given(truth.poses)[:-1], given(truth.poses)[1:])
+    assumed = np.sqrt(np.diagonal(recording.odometry_cov, axis1=1, axis2=2).mean(axis=0))
+    np.testing.assert_allclose(np.nanstd(motion, axis=0), assumed, rtol=0.15)

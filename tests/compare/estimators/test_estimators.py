@@ -1,0 +1,104 @@
+"""Estimators by name: what filters and graphs are told, and which names there are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from slamgauge.compare.estimators.estimators import FILTERS, GRAPHS, load_estimators
+from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.schema import Association
+from slamgauge.compare.scenarios.simulation import informed, simulate
+from slamgauge.compare.scoring.comparison import compare_estimators
+from slamgauge.compare.studies.run import run_once
+from slamgauge.ekf import riekf
+from slamgauge.ekf.association import Association as FilterAssociation
+from slamgauge.ekf.map_management import MapManagement
+from slamgauge.graph_baseline import batch, isam2
+
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+
+SHORT = ["start=sampled", "trajectory.duration=4"]
+
+
+def same(one: Estimate, other: Estimate) -> bool:
+    associations = np.array_equal(np.asarray(one.association), np.asarray(other.association))
+    return associations and np.array_equal(one.poses, other.poses)
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        (None, FilterAssociation()),
+        (Association(), FilterAssociation()),
+        (Association(method="nearest-neighbour", gate=1.0), FilterAssociation(gate=1.0)),
+        (Association(method="jcbb"), FilterAssociation("jcbb", 9.0, MapManagement())),
+        (Association(method="jcbb", map_management=False), FilterAssociation("jcbb")),
+        (
+            Association(method="nearest-neighbour", map_management=True),
+            FilterAssociation(map_management=MapManagement()),
+        ),
+    ],
+)
+def test_filters_associate_as_the_scenario_says(given: Association | None, meant: FilterAssociation):
+    _, recording = simulate(load_scenario("q2-long-dense", SHORT), 0)
+    assert recording.landmark is None
+    assert same(load_estimators(["riekf"], association=given)["riekf"](recording), riekf(recording, meant))
+
+
+@pytest.mark.parametrize("graph", GRAPHS)
+@pytest.mark.parametrize("filter_name", FILTERS)
+def test_a_graph_under_a_filters_associations(graph: str, filter_name: str):
+    _, recording = simulate(load_scenario("q2-short-dense", SHORT), 1)
+    found = load_estimators([f"{graph}@{filter_name}", filter_name])
+    estimate, own = found[f"{graph}@{filter_name}"](recording), found[filter_name](recording)
+    assert estimate.association is not None
+    given = estimate.association >= 0
+    assert np.array_equal(estimate.association[given], np.asarray(own.association)[given])
+    assert given.all() or graph == "robust-batch"
+
+
+@pytest.mark.parametrize("name", ["isam2@", "isam2@batch", "ekf@isam2", "isam2@ekf@ekf", "dead-reckoning@ekf"])
+def test_names_that_pair_no_graph_with_a_filter(name: str):
+    with pytest.raises(ValueError, match="is not known; write GRAPH@FILTER"):
+        load_estimators([name])
+
+
+def test_the_optima_are_told_the_true_associations_and_nobody_else():
+    seen: dict[str, Recording] = {}
+
+    def spy(name: str, estimator):  # pyright: ignore[reportMissingParameterType]
+        def run(recording: Recording) -> Estimate:
+            seen[name] = recording
+            return estimator(recording)
+
+        return run
+
+    truth, recording = simulate(load_scenario("q2-long-dense", SHORT), 0)
+    spies = {name: spy(name, each) for name, each in load_estimators(["ekf", "isam2", "batch", "isam2@ekf"]).items()}
+    comparison = compare_estimators(truth, recording, spies)
+    assert seen["ekf"] is seen["isam2@ekf"] is recording
+    assert recording.landmark is None
+    assert truth.association is not None
+    for name, optimum in (("isam2", isam2), ("batch", batch)):
+        assert np.array_equal(np.asarray(seen[name].landmark), truth.association)
+        assert same(comparison.estimates[name], optimum(replace(recording, landmark=truth.association)))
+    assert comparison.scores["isam2"].wrong_associations == 0
+
+
+def test_without_true_associations_the_optima_ask_for_them():
+    truth, recording = simulate(load_scenario("q2-long-dense", SHORT), 0)
+    with pytest.raises(ValueError, match="estimator isam2: landmark: the graph needs known association"):
+        compare_estimators(replace(truth, association=None), recording, load_estimators(["isam2"]))
+
+
+def test_a_study_tells_the_optima_the_true_noise():
+    names = ["isam2", "ekf"]
+    wrong, right = (load_scenario(name, SHORT) for name in ("q3-scale-10", "q1-long-sparse"))
+    assert informed(wrong) == informed(right)
+    (told, misled), (honest, _) = run_once(wrong, 4, names), run_once(right, 4, names)
+    assert told.error is None
+    assert told.series == honest.series
+    assert misled.series != run_once(load_scenario("q3-scale-1", SHORT), 4, names)[1].series

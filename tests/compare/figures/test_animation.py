@@ -1,0 +1,371 @@
+"""The animation: who is in it, what moves, which files it writes, and what becomes of bad input."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.colors import to_rgba
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+from PIL import Image
+from rays_by_hand import BIRTHS, LANDMARKS, STEPS, estimate_with_rays, half_loop
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.figures.animation_scene import Scene
+from slamgauge.compare.figures.sightings import NEVER, first_seen, sight_lines
+from slamgauge.compare.storage.files import save
+from slamgauge.compare.storage.results_folder import Results, load_results
+
+from slamgauge.estimate import Estimate
+from slamgauge.truth import Truth
+
+WITH_RAYS = estimate_with_rays()
+GUEST = replace(WITH_RAYS, rays=None, history=None)
+SMOOTHED = replace(GUEST, kind="smoothed")
+SHORT = ("--seconds", "1", "--fps", "6")
+
+needs_ffmpeg = pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffmpeg on the PATH")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Results of `ekf` with rays, `isam2` without a history, and `batch`."""
+    out = tmp_path / "results"
+    write(out, {"ekf": WITH_RAYS, "isam2": GUEST, "batch": SMOOTHED})
+    return out
+
+
+def write(folder: Path, estimates: dict[str, Estimate]) -> None:
+    truth, recording = half_loop()
+    (folder / "estimates").mkdir(parents=True)
+    save(folder / "recording.npz", recording)
+    save(folder / "truth.npz", truth)
+    for name, estimate in estimates.items():
+        save(folder / "estimates" / f"{name}.npz", estimate)
+    metrics = {"scenario": "q4", "seed": 7, "estimators": dict.fromkeys(estimates)}
+    (folder / "metrics.json").write_text(json.dumps(metrics), encoding="utf-8")
+
+
+def animate(folder: Path, *arguments: str) -> int:
+    return main(["animate", str(folder), *arguments])
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+# --- who was seen when -------------------------------------------------------------------------
+
+
+def test_landmarks_are_first_seen_where_their_first_observation_is():
+    _, recording = half_loop()
+    assert first_seen(recording, GUEST).tolist() == [*BIRTHS]
+    nameless = replace(recording, landmark=None)
+    assert first_seen(nameless, GUEST).tolist() == [0, 0, 0]
+    given = np.full(len(recording.observation), -1)
+    given[recording.observation_step >= 100] = 1
+    assert first_seen(nameless, replace(GUEST, association=given)).tolist() == [NEVER, 100, NEVER]
+
+
+def test_lines_of_sight_lead_from_the_robot_to_what_it_sees():
+    truth, recording = half_loop()
+    assert truth.poses is not None
+    lines = sight_lines(truth, recording, GUEST, 80, 90)
+    np.testing.assert_array_equal(lines[:, 0], np.tile(truth.poses[90, :2], (3, 1)))
+    np.testing.assert_array_equal(lines[:, 1], LANDMARKS)
+    blind = sight_lines(Truth(), recording, GUEST, 80, 90)
+    np.testing.assert_array_equal(blind[:, 0], np.tile(GUEST.poses[90, :2], (3, 1)))
+    np.testing.assert_array_equal(blind[:, 1], LANDMARKS + 0.2)
+    assert len(sight_lines(Truth(), replace(recording, landmark=None), GUEST, 80, 90)) == 0
+
+
+def test_a_scan_between_two_frames_is_shown_once():
+    truth, recording = half_loop()
+    assert truth.poses is not None
+    kept = recording.observation_step == 85
+    assert truth.association is not None
+    sparse, told = recording.only(kept), replace(truth, association=truth.association[kept])
+    assert sight_lines(told, sparse, GUEST, 80, 90)[0, 0].tolist() == truth.poses[85, :2].tolist()
+    assert len(sight_lines(told, sparse, GUEST, 90, 100)) == 0
+
+
+# --- the scene ---------------------------------------------------------------------------------
+
+
+def scene_of(estimates: dict[str, Estimate], mapped: list[str]) -> Scene:
+    results = Results("a title", *half_loop(), estimates)
+    return Scene(results, estimates, {name: estimates[name] for name in mapped})
+
+
+def lines_of(scene: Scene, color: str) -> list[Line2D]:
+    return [
+        line for line in scene.figure.axes[0].lines if line.get_color() == color and len(np.asarray(line.get_xdata()))
+    ]
+
+
+def test_paths_end_where_the_robots_are():
+    scene = scene_of({"ekf": WITH_RAYS, "batch": SMOOTHED}, ["ekf"])
+    for step in (10, 200):
+        scene.show(step)
+        for color, poses in (("#CC3311", WITH_RAYS.poses), ("#882288", SMOOTHED.poses)):
+            path = lines_of(scene, color)[0]
+            np.testing.assert_array_equal(path.get_xydata(), poses[: step + 1, :2])
+        patches = [each for each in scene.figure.axes[0].patches if isinstance(each, Polygon)]
+        (robot,) = (each for each in patches if each.get_facecolor() == to_rgba("#CC3311"))
+        nose = np.asarray(robot.get_xy())[0] - WITH_RAYS.poses[step, :2]
+        assert np.arctan2(nose[1], nose[0]) == pytest.approx(WITH_RAYS.poses[step, 2])
+
+
+def test_the_map_is_the_history_or_what_was_seen_of_the_last_map():
+    scene = scene_of({"ekf": WITH_RAYS, "isam2": GUEST}, ["ekf", "isam2"])
+    scene.show(30)
+    shown = [
+        len(np.asarray(each.get_offsets()))
+        for each in scene.figure.axes[0].collections
+        if isinstance(each, EllipseCollection)
+    ]
+    assert sorted(shown) == [0, 0, 1, 1, 5]  # points; the truth's robot; two robots; members of two rays
+    np.testing.assert_array_equal(lines_of(scene, "#CC9900")[1].get_xydata(), LANDMARKS[:2] + 0.2)
+    scene.show(BIRTHS[2])
+    np.testing.assert_array_equal(lines_of(scene, "#CC9900")[1].get_xydata(), LANDMARKS + 0.2)
+
+
+def test_the_time_and_the_lines_of_sight_move():
+    scene = scene_of({"isam2": GUEST}, ["isam2"])
+    (sight,) = (each for each in scene.figure.axes[0].collections if isinstance(each, LineCollection))
+    for step, time, lines in ((0, "t = 0.0 s", 1), (90, "t = 9.0 s", 3)):
+        scene.show(step)
+        assert [text.get_text() for text in scene.figure.texts] == [time]
+        assert len(sight.get_segments()) == lines
+
+
+def test_a_scan_is_not_shown_again_in_later_frames():
+    truth, recording = half_loop()
+    assert truth.association is not None
+    kept = recording.observation_step == 85
+    told = replace(truth, association=truth.association[kept])
+    scene = Scene(Results("a title", told, recording.only(kept), {"a": GUEST}), {"a": GUEST}, {"a": GUEST})
+    (sight,) = (each for each in scene.figure.axes[0].collections if isinstance(each, LineCollection))
+    for step, lines in ((80, 0), (90, 3), (100, 0)):
+        scene.show(step)
+        assert len(sight.get_segments()) == lines
+
+
+def test_scales_are_equal_and_everything_is_inside():
+    ax = scene_of({"ekf": WITH_RAYS}, ["ekf"]).figure.axes[0]
+    box = ax.get_window_extent()
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    assert (right - left) / box.width == pytest.approx((top - bottom) / box.height)
+    places = np.concatenate([WITH_RAYS.poses[:, :2], LANDMARKS])
+    assert left < places[:, 0].min() < places[:, 0].max() < right
+    assert bottom < places[:, 1].min() < places[:, 1].max() < top
+
+
+# --- who is in it ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("names", "arguments", "shown", "mapped"),
+    [
+        (["dead-reckoning", "ekf", "isam2", "batch"], [], ["ekf", "isam2", "batch"], ["ekf", "isam2"]),
+        (["ekf", "riekf", "iekf", "isam2", "batch"], [], ["ekf", "batch"], ["ekf"]),
+        (["ekf", "isam2", "batch"], ["--estimator", "isam2"], ["isam2"], ["isam2"]),
+        (["ekf", "batch"], ["--estimator", "batch"], ["batch"], ["batch"]),
+        (["batch"], [], ["batch"], ["batch"]),
+        (["dead-reckoning"], [], ["dead-reckoning"], ["dead-reckoning"]),
+    ],
+)
+def test_who_is_shown(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    names: list[str],
+    arguments: list[str],
+    shown: list[str],
+    mapped: list[str],
+):
+    write(tmp_path / "out", {name: SMOOTHED if name == "batch" else GUEST for name in names})
+    asked: list[list[str]] = []
+
+    def look(_: Results, *given: dict[str, Estimate]) -> None:
+        asked.extend(list(each) for each in given)
+        raise ValueError("seen enough")
+
+    monkeypatch.setattr("slamgauge.compare.figures.animation.Scene", look)
+    assert animate(tmp_path / "out", *arguments) == 2
+    assert asked == [shown, mapped]
+
+
+# --- the files ---------------------------------------------------------------------------------
+
+
+def test_the_gif_has_the_frames_the_length_and_the_size(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("PATH", "")
+    assert animate(folder, "--seconds", "2", "--fps", "5") == 0
+    with Image.open(folder / "animation.gif") as gif:
+        frames = [(gif.seek(i), gif.convert("RGB"), gif.info["duration"])[1:] for i in range(gif.n_frames)]  # pyright: ignore[reportAttributeAccessIssue]
+        assert gif.size[0] == 600
+        assert gif.size[1] % 2 == 0
+    assert len(frames) == 10
+    assert sum(duration for _, duration in frames) == 2000
+    first, last = (np.asarray(frames[i][0]).astype(int) for i in (0, -1))
+    changed = np.abs(first - last).max(axis=2) > 100  # beyond what palettes of 256 colours change
+    assert not changed[-40:].any()  # the legend stands still
+    assert changed.sum() > 1000
+
+
+def test_a_short_run_has_fewer_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("PATH", "")
+    write(tmp_path / "out", {})
+    truth, recording = half_loop()
+    assert truth.poses is not None
+    assert truth.association is not None
+    few = recording.first(3)
+    save(tmp_path / "out/recording.npz", few)
+    save(tmp_path / "out/truth.npz", replace(truth, poses=truth.poses[:4], association=few.landmark))
+    save(tmp_path / "out/estimates/own.npz", Estimate("filtered", truth.poses[:4] + 0.1))
+    (tmp_path / "out/metrics.json").write_text('{"scenario": null, "seed": null, "estimators": {"own": {}}}')
+    assert load_results(tmp_path / "out").title == "out"
+    assert animate(tmp_path / "out", "--seconds", "2") == 0
+    with Image.open(tmp_path / "out/animation.gif") as gif:
+        assert gif.n_frames == 4  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_only_finished_files_appear(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    monkeypatch.setenv("PATH", "")
+    before = contents(folder)
+    assert animate(folder, *SHORT) == 0
+    assert contents(folder).keys() - before.keys() == {"animation.gif"}
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.splitlines() == [
+        f"written to {folder}/animation.gif",
+        "animation.mp4 is left out: there is no ffmpeg on the PATH",
+    ]
+
+
+@needs_ffmpeg
+def test_a_video_is_written_where_there_is_ffmpeg(folder: Path, capsys: pytest.CaptureFixture[str]):
+    assert animate(folder, *SHORT) == 0
+    assert capsys.readouterr().err == f"written to {folder}/animation.gif and .mp4\n"
+    assert (folder / "animation.mp4").read_bytes()[4:8] == b"ftyp"
+
+
+def test_a_video_of_an_earlier_animation_goes(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("PATH", "")
+    (folder / "animation.mp4").write_bytes(b"old")
+    assert animate(folder, *SHORT) == 0
+    assert not (folder / "animation.mp4").exists()
+
+
+def test_an_ffmpeg_that_fails_costs_the_video_alone(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "ffmpeg").write_text("#!/bin/sh\nexit 1\n")
+    (tmp_path / "ffmpeg").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    before = contents(folder)
+    assert animate(folder, *SHORT) == 0
+    assert contents(folder).keys() - before.keys() == {"animation.gif"}
+    assert capsys.readouterr().err.endswith("animation.mp4 is left out: ffmpeg failed\n")
+
+
+@pytest.mark.parametrize("frame", [3, pytest.param(9, marks=needs_ffmpeg)])
+def test_an_interrupted_animation_leaves_nothing(
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+    frame: int,
+):
+    """While the GIF is drawn, and while the video is."""
+    (folder / "animation.gif").write_bytes(b"old")
+    before = contents(folder)
+    shown: list[int] = []
+    show: Callable[[Scene, int], None] = Scene.show
+
+    def interrupted(scene: Scene, step: int) -> None:
+        shown.append(step)
+        if len(shown) == frame:
+            raise KeyboardInterrupt
+        show(scene, step)
+
+    monkeypatch.setattr(Scene, "show", interrupted)
+    assert animate(folder, *SHORT) == 130
+    assert not caplog.records
+    assert capsys.readouterr().err == "slamgauge: interrupted; nothing was written\n"
+    assert contents(folder) == before
+    assert len(shown) == frame
+
+
+# --- bad input ---------------------------------------------------------------------------------
+
+
+def refusal(capsys: pytest.CaptureFixture[str], folder: Path, *arguments: str) -> str:
+    before = contents(folder)
+    assert animate(folder, *arguments) == 2
+    assert contents(folder) == before
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1
+    return printed.err.removeprefix("slamgauge: ").rstrip("\n")
+
+
+def test_other_folders_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    for place in (tmp_path, tmp_path / "nowhere"):
+        expected = f"{place}: not a folder of results, it has no metrics.json; give one that `slamgauge run` or .*"
+        assert re.fullmatch(expected, refusal(capsys, place))
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"estimators": {}}', "\x00"])
+def test_metrics_of_another_form_are_refused(folder: Path, capsys: pytest.CaptureFixture[str], text: str):
+    (folder / "metrics.json").write_text(text)
+    assert refusal(capsys, folder) == f"{folder}/metrics.json: not what `slamgauge run` writes; run it again"
+
+
+def test_what_does_not_belong_together_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]):
+    save(folder / "estimates/isam2.npz", Estimate("filtered", np.zeros((5, 3))))
+    assert refusal(capsys, folder).startswith(
+        f"{folder}/estimates/isam2.npz: 5 poses, but the recording beside it needs"
+    )
+    (folder / "estimates/isam2.npz").unlink()
+    assert "isam2.npz: cannot be read (No such file" in refusal(capsys, folder)
+    save(folder / "truth.npz", Truth(np.zeros((5, 3))))
+    assert refusal(capsys, folder).startswith(f"truth.poses: 5 rows, but the recording needs {STEPS + 1}")
+
+
+def test_results_without_estimates_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    write(tmp_path / "out", {})
+    assert "no estimators" in refusal(capsys, tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--estimator", "fej"], "estimator 'fej': has no estimate in the folder; choose from ekf, isam2, batch"),
+        (["--seconds", "0"], "seconds 0.0: no length of an animation; give a number > 0, for example 10"),
+        (["--seconds", "nan"], "seconds nan: no length of an animation; give a number > 0, for example 10"),
+        (["--fps", "0"], "fps 0: not what viewers show; give 1 to 50 frames per second"),
+        (["--fps", "51"], "fps 51: not what viewers show; give 1 to 50 frames per second"),
+        (["--seconds", "70"], "seconds 70.0, fps 10: give 1 to 600 frames, these are 700"),
+        (["--seconds", "0.001"], "seconds 0.001, fps 10: give 1 to 600 frames, these are 0"),
+    ],
+)
+def test_settings_that_make_no_sense(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+):
+    assert refusal(capsys, folder, *arguments) == message
+
+
+def test_help_mentions_every_option(capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as caught:
+        main(["animate", "--help"])
+    assert caught.value.code == 0
+    text = capsys.readouterr().out
+    assert [each for each in ("--estimator", "--seconds", "--fps", "animation.gif", "ffmpeg") if each not in text] == []

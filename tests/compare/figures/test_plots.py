@@ -1,0 +1,238 @@
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.collections import Collection, EllipseCollection
+from matplotlib.figure import Figure
+from slamgauge.compare.figures.plot_style import GUESTS, KNOWN, styles
+from slamgauge.compare.figures.plots import plot_errors, plot_run, save_figure
+
+from slamgauge.arrays import Float
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import chain, rotation
+from slamgauge.truth import Truth
+
+STEPS = 200
+LANDMARKS = np.array([[0.0, -2.0], [4.0, 3.0], [0.0, 10.0]])
+
+
+def circle() -> tuple[Truth, Recording]:
+    """One lap and a bit in 40 s; landmark 0 is seen at the start and again from 32 s on."""
+    odometry = np.tile([0.2, 0.0, 0.04], (STEPS, 1))
+    poses = chain(np.zeros(3), odometry)
+    steps = np.array([0, 50, 80, 160, 161])
+    ids = np.array([0, 1, 2, 0, 0])
+    recording = Recording(
+        stamps=np.linspace(0, 40, STEPS + 1),
+        prior_mean=np.zeros(3),
+        prior_cov=np.zeros((3, 3)),
+        odometry=odometry + np.array([0.0, 0.0, 1e-3]),
+        odometry_cov=np.tile(1e-4 * np.eye(3), (STEPS, 1, 1)),
+        sensor="range-bearing",
+        observation_step=steps,
+        observation=np.tile([1.0, 0.0], (5, 1)),
+        observation_cov=np.tile(0.01 * np.eye(2), (5, 1, 1)),
+        landmark=ids,
+    )
+    return Truth(poses, np.arange(3), LANDMARKS, ids), recording
+
+
+def estimate(truth: Truth, offset: Sequence[float], **fields: Any) -> Estimate:
+    covs = np.tile(np.diag([0.04, 0.01, 0.0004]), (STEPS + 1, 1, 1))
+    assert truth.poses is not None
+    given: dict[str, Any] = {
+        "kind": "filtered",
+        "poses": truth.poses + np.asarray(offset),
+        "pose_covs": covs,
+        "landmark_ids": np.arange(3),
+        "landmarks": LANDMARKS + 0.1,
+        "landmark_covs": np.tile(0.01 * np.eye(2), (3, 1, 1)),
+    }
+    return Estimate(**(given | fields))
+
+
+def drifting(recording: Recording) -> Estimate:
+    return Estimate("filtered", chain(recording.prior_mean, recording.odometry))
+
+
+def labels(ax: Axes) -> list[str]:
+    return ax.get_legend_handles_labels()[1]
+
+
+def ellipses(ax: Axes) -> list[EllipseCollection]:
+    return [each for each in ax.collections if isinstance(each, EllipseCollection)]
+
+
+def curve(ax: Axes, label: str) -> Float:
+    return next(np.asarray(line.get_xydata()) for line in ax.lines if line.get_label() == label)
+
+
+def map_of(truth: Truth | None, recording: Recording, estimates: dict[str, Estimate]) -> Axes:
+    ax = Figure().subplots()
+    plot_run(ax, truth, recording, estimates)
+    return ax
+
+
+def panels_of(truth: Truth | None, recording: Recording, estimates: dict[str, Estimate]) -> list[Axes]:
+    axes: list[Axes] = list(Figure().subplots(3))
+    plot_errors(axes, truth, recording, estimates)
+    return axes
+
+
+# --- styles ------------------------------------------------------------------------------------
+
+
+def test_colours_and_dashes_are_all_distinct() -> None:
+    everyone = [*KNOWN.values(), *GUESTS]
+    assert len({style.color for style in everyone}) == len(everyone)
+    assert len({style.dashes for style in everyone}) == len(everyone)
+
+
+def test_guests_do_not_change_the_style_of_the_box() -> None:
+    chosen = styles(["a:b", "ekf", "c:d"])
+    assert chosen["ekf"] == KNOWN["ekf"]
+    assert (chosen["a:b"], chosen["c:d"]) == GUESTS[:2]
+
+
+# --- the map -----------------------------------------------------------------------------------
+
+
+def test_the_map_shows_paths_landmarks_and_marks() -> None:
+    truth, recording = circle()
+    ax = map_of(truth, recording, {"ekf": estimate(truth, [0.1, 0, 0])})
+    assert labels(ax) == [
+        "truth",
+        "dead-reckoning",
+        "ekf",
+        "true landmark",
+        "loop closure",
+        "start",
+        "mapped landmark",
+        r"3$\sigma$ ellipse",
+    ]
+    assert truth.poses is not None
+    assert np.array_equal(curve(ax, "truth"), truth.poses[:, :2])
+    assert np.array_equal(curve(ax, "loop closure"), truth.poses[160:161, :2])
+    assert curve(ax, "dead-reckoning") == pytest.approx(drifting(recording).poses[:, :2])
+    assert ax.get_aspect() == 1
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x [m]", "y [m]")
+    assert ax.get_legend() is not None
+
+
+def test_ellipses_have_three_sigma_axes_along_the_covariance() -> None:
+    truth, recording = circle()
+    turn = rotation(0.5)
+    covs = np.tile(turn @ np.diag([4.0, 1.0]) @ turn.T, (3, 1, 1))
+    ax = map_of(truth, recording, {"ekf": estimate(truth, [0, 0, 0], pose_covs=None, landmark_covs=covs)})
+    (collection,) = ellipses(ax)
+    assert collection.get_widths() == pytest.approx([12, 12, 12])
+    assert collection.get_heights() == pytest.approx([6, 6, 6])
+    assert np.asarray(collection.get_angles()) % 180 == pytest.approx(np.degrees([0.5, 0.5, 0.5]))
+    assert np.asarray(collection.get_offsets()) == pytest.approx(LANDMARKS + 0.1)
+
+
+def test_crowded_maps_outline_the_landmarks_of_the_first_estimate_alone() -> None:
+    truth, recording = circle()
+    many = {
+        "pose_covs": None,
+        "landmark_ids": np.arange(100),
+        "landmarks": np.zeros((100, 2)),
+        "landmark_covs": np.tile(np.eye(2), (100, 1, 1)),
+    }
+    estimates = {"ekf": estimate(truth, [0, 0, 0], **many), "riekf": estimate(truth, [0, 0, 0], **many)}
+    assert len(ellipses(map_of(truth, recording, estimates))) == 1
+    few = {name: estimate(truth, [0, 0, 0], pose_covs=None) for name in estimates}
+    assert len(ellipses(map_of(truth, recording, few))) == 2
+
+
+def test_dead_reckoning_that_goes_astray_is_cut_and_the_map_says_so() -> None:
+    truth, recording = circle()
+    astray = Estimate("filtered", 100 * drifting(recording).poses)
+    ax = map_of(truth, recording, {"dead-reckoning": astray, "ekf": estimate(truth, [0, 0, 0])})
+    assert ax.get_xlim()[1] - ax.get_xlim()[0] < 30
+    assert ax.get_title() == "dead reckoning leaves the map and is cut"
+
+
+def test_a_map_without_truth_or_estimates_shows_the_odometry() -> None:
+    _, recording = circle()
+    ax = map_of(None, recording, {})
+    assert labels(ax) == ["dead-reckoning", "loop closure", "start", "mapped landmark"]
+    assert ax.get_title() == ""
+
+
+# --- the errors --------------------------------------------------------------------------------
+
+
+def test_errors_are_drawn_in_metres_and_degrees() -> None:
+    truth, recording = circle()
+    panels = panels_of(truth, recording, {"ekf": estimate(truth, [0.1, -0.2, np.radians(2)])})
+    for panel, error, bound in zip(panels, [0.1, -0.2, 2.0], [0.6, 0.3, np.degrees(0.06)], strict=True):
+        assert curve(panel, "ekf")[:, 0] == pytest.approx(recording.stamps)
+        assert curve(panel, "ekf")[:, 1] == pytest.approx(np.full(STEPS + 1, error))
+        drawn = [np.asarray(line.get_ydata())[-1] for line in panel.lines]
+        assert bound == pytest.approx(max(drawn))
+        assert panel.get_ylim()[0] == -panel.get_ylim()[1]
+        assert panel.get_ylim()[1] >= bound
+    assert [panel.get_ylabel() for panel in panels] == ["x [m]", "y [m]", "heading [°]"]
+    assert panels[0].get_title() == r"error and ±3$\sigma$"
+    assert panels[2].get_xlabel() == "time [s]; ticks: loop closures"
+
+
+def test_only_the_first_band_is_filled() -> None:
+    truth, recording = circle()
+    panels = panels_of(truth, recording, {name: estimate(truth, [0, 0, 0]) for name in ("ekf", "riekf", "isam2")})
+    filled: list[Collection] = [each for each in panels[0].collections if each.get_alpha() == 0.15]
+    assert len(filled) == 1
+    assert len(panels[0].lines) == 3 * 3 + 1  # error and two bounds each, zero
+
+
+def test_dead_reckoning_is_left_out_of_the_errors_where_there_is_anything_else() -> None:
+    truth, recording = circle()
+    alone = panels_of(truth, recording, {"dead-reckoning": drifting(recording)})
+    assert labels(alone[0]) == ["dead-reckoning"]
+    both = panels_of(truth, recording, {"dead-reckoning": drifting(recording), "ekf": estimate(truth, [0, 0, 0])})
+    assert labels(both[0]) == ["ekf"]
+    assert both[0].get_title() == r"error and ±3$\sigma$ (dead reckoning left out)"
+
+
+@pytest.mark.parametrize(("best", "others"), [("batch", ["ekf", "isam2"]), ("isam2", ["ekf"])])
+def test_without_truth_differences_to_the_optimum_are_drawn(best: str, others: list[str]) -> None:
+    truth, recording = circle()
+    estimates = {name: estimate(truth, [0.3, 0, 0]) for name in others} | {best: estimate(truth, [0.1, 0, 0])}
+    panels = panels_of(None, recording, estimates)
+    assert labels(panels[0]) == others
+    assert curve(panels[0], "ekf")[:, 1] == pytest.approx(np.full(STEPS + 1, 0.2))
+    assert panels[0].get_title() == rf"difference to {best} and ±3$\sigma$"
+
+
+def test_without_truth_and_optimum_the_bounds_stand_alone() -> None:
+    truth, recording = circle()
+    panels = panels_of(None, recording, {"ekf": estimate(truth, [0, 0, 0])})
+    assert np.isnan(curve(panels[0], "ekf")[:, 1]).all()
+    assert panels[0].get_title() == r"±3$\sigma$ alone: no truth, no optimum"
+
+
+# --- the files ---------------------------------------------------------------------------------
+
+
+def test_the_figure_is_written_twice_alike(tmp_path: Path) -> None:
+    truth, recording = circle()
+    estimates = {"ekf": estimate(truth, [0.1, 0, 0]), "my.module:filter": estimate(truth, [0, 0.1, 0])}
+    contents: list[tuple[bytes, bytes]] = []
+    for name in ("first", "second"):
+        folder = tmp_path / name
+        folder.mkdir()
+        save_figure(folder, truth, recording, estimates, "a title")
+        contents.append(((folder / "figure.png").read_bytes(), (folder / "figure.svg").read_bytes()))
+    assert contents[0] == contents[1]
+    png, svg = contents[0]
+    assert (int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")) == (1440, 920)  # 7.2 x 4.6 in
+    root = ElementTree.fromstring(svg)
+    assert root.attrib["width"] == "518.4pt"
+    assert b"<dc:date>" not in svg
+    assert b"<image" not in svg  # nothing is rasterised

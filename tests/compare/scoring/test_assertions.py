@@ -1,0 +1,145 @@
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from slamgauge.compare.scoring.assertions import assert_error_bounds
+from slamgauge.compare.scoring.consistency import chi2_band
+from slamgauge.compare.scoring.scores import Score, evaluate
+
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
+
+
+def resting_run(seed: int, *, claimed: float = 1.0, nis_scale: float = 1.0) -> Score:
+    """One step of a robot at rest with unit pose errors and white innovations, 2 degrees of freedom a step.
+
+    Args:
+        seed: of the errors.
+        claimed: standard deviation that the estimator claims for its errors.
+        nis_scale: factor of the NIS it reports.
+    """
+    rng = np.random.default_rng(seed)
+    recording = Recording(
+        stamps=np.arange(2.0),
+        prior_mean=np.zeros(3),
+        prior_cov=np.eye(3),
+        odometry=np.zeros((1, 3)),
+        odometry_cov=np.zeros((1, 3, 3)),
+        sensor="bearing",
+        observation_step=np.zeros(0, np.int64),
+        observation=np.zeros((0, 1)),
+        observation_cov=np.zeros((0, 1, 1)),
+        landmark=None,
+    )
+    sigmas = np.array([1.0, 2.0, 0.1])  # heading errors far from pi
+    estimate = Estimate(
+        "filtered",
+        sigmas * rng.normal(size=(2, 3)),
+        np.tile(np.diag(claimed * sigmas) ** 2, (2, 1, 1)),
+        nis=nis_scale * rng.chisquare(2, size=2),
+        nis_dof=np.array([2, 2]),
+    )
+    return evaluate(Truth(np.zeros((2, 3))), recording, estimate)
+
+
+def failure(score: Score | list[Score], **bounds: float) -> str:
+    with pytest.raises(AssertionError) as caught:
+        assert_error_bounds(score, **bounds)
+    return str(caught.value)
+
+
+def with_figures(**figures: Any) -> Score:
+    return replace(resting_run(0), **figures)
+
+
+def test_bounds_that_hold_are_silent() -> None:
+    score = with_figures(ate_m=0.5, ratio_to_optimum=1.1, nees=np.array([9.0, 3.0]), nis_total=4.0)
+    assert_error_bounds(score, max_ate_m=0.5, max_ratio_to_optimum=1.2, nees_level=0.95, nis_level=0.95)
+
+
+def test_every_bound_that_fails_is_shown_with_its_figure() -> None:
+    score = with_figures(ate_m=0.75, ratio_to_optimum=2.5, nees=np.array([3.0, 30.0]), nis_total=0.01)
+    lines = failure(score, max_ate_m=0.5, max_ratio_to_optimum=2, nees_level=0.95, nis_level=0.99).splitlines()
+    assert lines == [
+        "4 error bound(s) failed:",
+        "  ate_m = 0.75 exceeds max_ate_m = 0.5",
+        "  ratio_to_optimum = 2.5 exceeds max_ratio_to_optimum = 2",
+        "  pose NEES at the last step = 30 is outside [0.2158, 9.348], the 95 % chi-square band: "
+        "the estimator is too sure",
+        "  NIS per degree of freedom = 0.0025 is outside [0.05175, 3.715], the 99 % chi-square band: "
+        "the estimator is too cautious",
+    ]
+
+
+def test_means_over_runs_are_compared() -> None:
+    scores = [with_figures(ate_m=1.0, ratio_to_optimum=1.0), with_figures(ate_m=2.0, ratio_to_optimum=4.0)]
+    assert_error_bounds(scores, max_ate_m=1.5, max_ratio_to_optimum=2.5)
+    message = failure(scores, max_ate_m=1.4, max_ratio_to_optimum=2.4)
+    assert "ate_m = 1.5 (mean of 2 runs) exceeds max_ate_m = 1.4" in message
+    assert "ratio_to_optimum = 2.5 (mean of 2 runs) exceeds max_ratio_to_optimum = 2.4" in message
+
+
+def test_the_edges_of_the_nees_band_are_those_of_its_sum() -> None:
+    low, high = chi2_band(0.9, 9)
+    for total, holds in [(low * 0.999, False), (low * 1.001, True), (high * 0.999, True), (high * 1.001, False)]:
+        scores = [with_figures(nees=np.array([np.nan, share * total])) for share in (0.2, 0.3, 0.5)]
+        if holds:
+            assert_error_bounds(scores, nees_level=0.9)
+        else:
+            assert "3 runs" in failure(scores, nees_level=0.9)
+
+
+def test_a_figure_that_is_missing_fails_and_says_what_to_give() -> None:
+    missing = with_figures(
+        ate_m=None, ratio_to_optimum=None, nees=np.array([3.0, np.nan]), nis_total=0.0, nis_dof_total=0
+    )
+    scores = [missing, resting_run(1)]
+    message = failure(scores, max_ate_m=9, max_ratio_to_optimum=9, nees_level=0.95, nis_level=0.95)
+    assert "ate_m is missing in 1 of 2 run(s): evaluate with a Truth that has poses" in message
+    assert "ratio_to_optimum is missing in 2 of 2 run(s): evaluate with a Truth and an optimum" in message
+    assert "pose NEES at the last step is missing in 1 of 2 run(s): it needs the true last pose and" in message
+    assert "NIS is missing in 1 of 2 run(s): return an Estimate with nis and nis_dof" in message
+
+
+@pytest.mark.parametrize(
+    ("bounds", "message"),
+    [
+        ({}, "no bound given; pass max_ate_m, "),
+        ({"max_ate_m": 0.0}, "max_ate_m = 0.0: no error can keep it; "),
+        ({"max_ratio_to_optimum": math.nan}, "max_ratio_to_optimum = nan: "),
+        ({"nees_level": 95.0}, "level = 95.0: not a probability"),
+        ({"nis_level": 0.0}, "level = 0.0: not a probability"),
+    ],
+)
+def test_impossible_bounds_are_the_callers_mistake(bounds: dict[str, float], message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{message}"):
+        assert_error_bounds(resting_run(0), **bounds)
+
+
+def test_no_score_is_the_callers_mistake() -> None:
+    with pytest.raises(ValueError, match=r"^score: no score given"):
+        assert_error_bounds([], max_ate_m=1)
+
+
+def test_right_runs_fail_as_often_as_the_levels_say() -> None:
+    """Failures of 300 groups of 5 runs at 90 %: binomial, two-sided false-alarm rate 0.1 % each (3.29 sigma)."""
+    groups = [[resting_run(5 * group + run) for run in range(5)] for group in range(300)]
+    for bound in ({"nees_level": 0.9}, {"nis_level": 0.9}):
+        failures = 0
+        for scores in groups:
+            try:
+                assert_error_bounds(scores, **bound)
+            except AssertionError:
+                failures += 1
+        assert abs(failures - 30) <= 3.29 * math.sqrt(300 * 0.1 * 0.9)
+
+
+@pytest.mark.parametrize(("factor", "side"), [(0.5, "sure"), (2.0, "cautious")])
+def test_wrong_confidence_is_caught_on_both_sides(factor: float, side: str) -> None:
+    """Thirty runs whose sigmas are wrong by a factor of two; a miss has a probability below 1e-4."""
+    scores = [resting_run(run, claimed=factor, nis_scale=factor**-2) for run in range(30)]
+    message = failure(scores, nees_level=0.99, nis_level=0.99)
+    assert message.count(f"the estimator is too {side}") == 2

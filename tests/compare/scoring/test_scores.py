@@ -1,0 +1,336 @@
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import ArrayLike
+from slamgauge.compare.scoring.defined import mean
+from slamgauge.compare.scoring.landmark_identity import association_figures
+from slamgauge.compare.scoring.loop_closures import closure_steps
+from slamgauge.compare.scoring.scores import evaluate
+
+from slamgauge.arrays import Float
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import chain, compose, rotation
+from slamgauge.truth import Truth
+
+METRICS_JSON = {
+    "kind",
+    "ate_m",
+    "heading_rmse_rad",
+    "final_position_error_m",
+    "final_heading_error_rad",
+    "rpe_m",
+    "nees_pose",
+    "nis_per_dof",
+    "landmark_rmse_m",
+    "landmarks_mapped",
+    "landmarks_true",
+    "wrong_associations",
+    "ratio_to_optimum",
+    "sigma_ratio_to_optimum",
+    "mahalanobis_to_optimum",
+    "loop_closure",
+    "seconds_total",
+    "seconds_per_step_median",
+    "ate_aligned_m",
+    "landmark_nees_per_dof",
+    "final_distance_to_batch_m",
+    "landmark_distance_to_batch_m",
+    "landmarks_missed",
+    "landmarks_spurious",
+    "observations_rejected",
+    "track_purity",
+    "track_purity_min",
+}
+angles = st.floats(-math.pi, math.pi)
+lengths = st.floats(-100, 100)
+
+
+def straight(steps: int = 4, seen: list[tuple[int, int]] | None = None, dt: float = 1.0) -> Recording:
+    """1 m along x per step; `seen` holds (step, landmark id) in order of time."""
+    at, ids = np.array(seen or [], dtype=int).reshape(-1, 2).T
+    count = len(at)
+    return Recording(
+        stamps=np.linspace(0, steps * dt, steps + 1),
+        prior_mean=np.zeros(3),
+        prior_cov=np.eye(3),
+        odometry=np.tile([1.0, 0.0, 0.0], (steps, 1)),
+        odometry_cov=np.tile(np.eye(3), (steps, 1, 1)),
+        sensor="range-bearing",
+        observation_step=at,
+        observation=np.tile([1.0, 0.0], (count, 1)),
+        observation_cov=np.tile(np.eye(2), (count, 1, 1)),
+        landmark=ids,
+    )
+
+
+def path(recording: Recording, offset: ArrayLike = 0) -> Float:
+    return chain(recording.prior_mean, recording.odometry) + np.asarray(offset)
+
+
+def true(*fields: Any, **named: Any) -> Truth:
+    return Truth(*fields, **named)
+
+
+def filtered(*fields: Any, **named: Any) -> Estimate:
+    return Estimate("filtered", *fields, **named)
+
+
+def smoothed(*fields: Any, **named: Any) -> Estimate:
+    return Estimate("smoothed", *fields, **named)
+
+
+def constant_covs(recording: Recording, *variances: float) -> Float:
+    return np.tile(np.diag(variances), (recording.steps + 1, 1, 1))
+
+
+# --- hand-computed cases -----------------------------------------------------------------------
+
+
+def test_path_errors_by_hand() -> None:
+    recording = straight(2)
+    truth = true(path(recording))
+    poses = path(recording, [[0, 0, 0], [3, 4, 0.1], [0, 0, -0.2]])
+    score = evaluate(truth, recording, filtered(poses))
+    assert score.ate_m == pytest.approx(5 / math.sqrt(3))
+    assert score.heading_rmse_rad == pytest.approx(math.sqrt(0.05 / 3))
+    assert score.final_position_error_m == 0
+    assert score.final_heading_error_rad == pytest.approx(0.2)
+    # steps in the body frame: (4, 4) for (1, 0), then R(0.1)' (-2, -4) for (1, 0)
+    second = rotation(0.1).T @ [-2, -4] - [1, 0]
+    assert score.rpe_m == pytest.approx(math.sqrt((25 + second @ second) / 2))
+
+
+def test_heading_errors_are_wrapped() -> None:
+    recording = straight(1)
+    truth = true(path(recording, [0, 0, math.pi - 0.1]))
+    estimate = filtered(path(recording, [0, 0, -math.pi + 0.1]), constant_covs(recording, 1, 1, 0.04))
+    score = evaluate(truth, recording, estimate)
+    assert score.heading_rmse_rad == pytest.approx(0.2)
+    assert score.nees == pytest.approx([1, 1])
+
+
+def test_a_gap_in_the_truth_is_left_out() -> None:
+    recording = straight(3)
+    poses = path(recording)
+    poses[1] = poses[3] = np.nan
+    estimate = filtered(path(recording, [1, 0, 0]), constant_covs(recording, 1, 1, 1))
+    score = evaluate(true(poses), recording, estimate)
+    assert score.ate_m == 1
+    assert score.nees == pytest.approx([1, np.nan, 1, np.nan], nan_ok=True)
+    assert score.nees_pose == 1
+    assert score.final_position_error_m is None
+    assert score.rpe_m is None  # no two consecutive true poses
+
+
+def test_figures_against_the_optimum_by_hand() -> None:
+    recording = straight(3)
+    truth = true(path(recording))
+    optimum = filtered(path(recording, [0, 0.1, 0]), constant_covs(recording, 1, 0.01, 0.04))
+    estimate = filtered(path(recording, [0, -0.3, 0.2]), constant_covs(recording, 0.25, 0.01, 0.16))
+    score = evaluate(truth, recording, estimate, optimum)
+    assert score.ratio_to_optimum == pytest.approx(3)
+    assert score.sigma_ratio_to_optimum == pytest.approx((0.5, 1, 2))
+    assert score.mahalanobis_to_optimum == pytest.approx(0.4**2 / 0.01 + 0.2**2 / 0.04)
+
+
+def test_a_fixed_start_is_skipped_where_covariances_are_compared() -> None:
+    recording = straight(2)
+    covs = constant_covs(recording, 1, 1, 1)
+    covs[0] = 0
+    truth = true(path(recording, [1, 1, 1]))
+    estimate = filtered(path(recording), covs)
+    optimum = filtered(path(recording, [0, 0, 1]), 4 * covs)
+    score = evaluate(truth, recording, estimate, optimum)
+    assert score.nees == pytest.approx([np.nan, 3, 3], nan_ok=True)
+    assert score.nees_pose == pytest.approx(3)
+    assert score.sigma_ratio_to_optimum == pytest.approx((0.5, 0.5, 0.5))
+    assert score.mahalanobis_to_optimum == pytest.approx(0.25)
+
+
+def test_nis_and_seconds_are_summed() -> None:
+    recording = straight(2)
+    estimate = filtered(path(recording), nis=[0, 3, 6], nis_dof=[0, 2, 4], seconds=[1, 2, 6])
+    score = evaluate(None, recording, estimate)
+    assert (score.nis_total, score.nis_dof_total, score.nis_per_dof) == (9, 6, 1.5)
+    assert (score.seconds_total, score.seconds_per_step_median) == (9, 2)
+
+
+def test_landmarks_are_compared_by_id() -> None:
+    recording = straight(2, [(0, 3), (1, 7)])
+    truth = true(path(recording), [7, 3, 9], [[7, 0], [3, 0], [9, 0]], [3, 7])
+    covs = np.tile(np.diag([0.25, 1.0]), (2, 1, 1))
+    estimate = filtered(path(recording), None, [3, 7], [[3, 1], [7.5, 0]], covs, [3, 7])
+    batch = smoothed(path(recording, [0, 2, 0]), None, [7], [[7.5, 2]])
+    score = evaluate(truth, recording, estimate, batch=batch)
+    assert score.landmark_rmse_m == pytest.approx(math.sqrt((1 + 0.25) / 2))
+    assert score.landmark_nees_per_dof == pytest.approx((1 + 1) / 2 / 2)
+    assert (score.landmarks_mapped, score.landmarks_true, score.wrong_associations) == (2, 2, 0)
+    assert score.final_distance_to_batch_m == pytest.approx(2)
+    assert score.landmark_distance_to_batch_m == pytest.approx(2)
+
+
+# --- association -------------------------------------------------------------------------------
+
+
+def test_wrong_associations_with_known_ids_are_those_that_differ() -> None:
+    recording = straight(3, [(0, 5), (1, 6), (2, 5), (3, 6)])
+    truth = true(landmark_ids=[5, 6], landmarks=np.zeros((2, 2)), association=[5, 6, 5, 6])
+    estimate = filtered(path(recording), None, [5, 6], np.zeros((2, 2)), association=[6, 6, -1, 5])
+    figures = association_figures(truth, recording, estimate)
+    assert (figures.wrong_associations, figures.observations_rejected) == (2, 1)
+    assert association_figures(true(), recording, estimate).wrong_associations is None
+
+
+def test_tracks_of_unknown_association_are_matched_one_to_one() -> None:
+    recording = replace(straight(4, [(0, 5), (1, 6), (2, 5), (3, 6), (4, 6)]), landmark=None)
+    truth = true(path(recording), [5, 6], [[5, 0], [6, 0]], [5, 6, 5, 6, 6])
+    # track 0 is landmark 6 (and swallows one sight of 5), tracks 1 and 2 are landmark 5 and a double of 6
+    estimate = filtered(path(recording), None, [0, 1, 2], [[6, 1], [5, 1], [6, 1]], association=[1, 0, 0, 2, -1])
+    batch = smoothed(path(recording), None, [5, 6], [[5, 0], [6, 0]], association=[5, 6, 5, 6, 6])
+    score = evaluate(truth, recording, estimate, batch=batch)
+    assert score.wrong_associations == 1
+    assert score.landmark_rmse_m == pytest.approx(1)
+    assert score.landmark_distance_to_batch_m == pytest.approx(1)
+    assert (score.landmarks_mapped, score.landmarks_true) == (3, 2)
+    assert (score.landmarks_missed, score.landmarks_spurious, score.observations_rejected) == (0, 1, 1)
+    assert (score.track_purity, score.track_purity_min) == (pytest.approx(2.5 / 3), 0.5)
+
+
+def test_a_track_stands_for_the_landmark_that_most_of_its_observations_come_from() -> None:
+    recording = replace(straight(4, [(0, 5), (1, 6), (2, 6), (3, 6), (4, 7)]), landmark=None)
+    truth = true(path(recording), [5, 6, 7], [[5, 0], [6, 0], [7, 0]], [5, 6, 6, 6, 7])
+    estimate = filtered(path(recording), None, [3], [[6, 0.5]], association=[3, 3, 3, 3, -1])
+    score = evaluate(truth, recording, estimate)
+    assert (score.wrong_associations, score.landmark_rmse_m) == (1, pytest.approx(0.5))
+    assert (score.landmarks_missed, score.landmarks_spurious, score.track_purity) == (2, 0, 0.75)
+
+
+def test_nameless_tracks_are_not_compared_with_the_truth() -> None:
+    recording = replace(straight(1, [(0, 5)]), landmark=None)
+    truth = true(path(recording), [5], [[5, 0]], [5])
+    score = evaluate(truth, recording, filtered(path(recording), None, [5], [[5, 0]]))
+    assert score.landmark_rmse_m is None
+    assert score.wrong_associations is None
+
+
+# --- loop closures -----------------------------------------------------------------------------
+
+
+def test_a_loop_closes_after_ten_seconds_unseen() -> None:
+    seen = [(0, 1), (0, 2), (50, 2), (99, 1), (149, 2), (150, 2), (199, 1), (199, 2)]
+    recording = straight(200, seen, dt=0.1)
+    # 1 is unseen for 9.9 s, then for 10 s (rounding included); 2 for 5, 9.9, 0.1 and 4.9 s
+    steps = closure_steps(None, recording)
+    assert steps is not None
+    assert steps.tolist() == [199]
+
+
+def test_loop_closure_entries_by_hand() -> None:
+    recording = straight(4, [(0, 1), (0, 2), (2, 1), (2, 2), (4, 2)], dt=10.0)
+    poses = path(recording, [[0, 0, 0], [3, 4, 0], [0, 1, 0], [0, 2, 0], [0, 0, 0]])
+    covs = constant_covs(recording, 9, 16, 1)
+    covs[4] = np.eye(3)
+    closures = evaluate(true(path(recording)), recording, filtered(poses, covs)).loop_closure
+    assert closures == ((2, 5, 1, 5, 5), (4, 2, 0, 5, pytest.approx(math.sqrt(2))))
+
+
+def test_loop_closures_need_ids_and_their_errors_the_truth() -> None:
+    recording = straight(2, [(0, 1), (2, 1)], dt=10.0)
+    nameless = replace(recording, landmark=None)
+    estimate = filtered(path(recording))
+    assert evaluate(None, recording, estimate).loop_closure == ((2, None, None, None, None),)
+    assert evaluate(None, nameless, estimate).loop_closure is None
+    closures = evaluate(true(association=[1, 1]), nameless, estimate).loop_closure
+    assert closures is not None
+    assert [closure.step for closure in closures] == [2]
+
+
+# --- laws --------------------------------------------------------------------------------------
+
+
+def test_the_truth_has_no_error() -> None:
+    recording = straight(30)
+    score = evaluate(true(path(recording)), recording, smoothed(path(recording)))
+    assert (score.ate_m, score.heading_rmse_rad, score.rpe_m) == (0, 0, 0)
+    assert score.ate_aligned_m == pytest.approx(0, abs=1e-12)
+
+
+@given(lengths, lengths, angles, st.integers(0, 2**32 - 1))
+def test_nees_does_not_change_with_a_rigid_motion_of_the_world(x: float, y: float, turn: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    recording = straight(5)
+    poses = rng.normal(size=(6, 3))
+    A = rng.normal(size=(6, 3, 3))
+    covs = A @ A.swapaxes(1, 2) + 0.1 * np.eye(3)
+    actual = poses + rng.normal(size=(6, 3)) * [1, 1, 0.3]
+    T = np.eye(3)
+    T[:2, :2] = rotation(turn)
+    before = evaluate(true(actual), recording, filtered(poses, covs)).nees
+    moved = filtered(compose([x, y, turn], poses), T @ covs @ T.T)
+    after = evaluate(true(compose([x, y, turn], actual)), recording, moved).nees
+    assert after == pytest.approx(before, rel=1e-6)
+
+
+def test_an_error_beyond_all_bounds_is_no_figure_rather_than_a_small_one() -> None:
+    assert mean(np.array([1.0, np.inf])) is None
+    assert mean(np.array([1.0, np.nan])) == 1
+
+
+# --- the JSON form and the errors --------------------------------------------------------------
+
+
+def test_json_has_exactly_the_keys_and_no_nan() -> None:
+    recording = straight(2, [(0, 1), (2, 1)], dt=10.0)
+    poses = path(recording)
+    covs = constant_covs(recording, 1, 1, 1)
+    full = filtered(poses, covs, [1], [[1, 0]], [np.eye(2)], [1, 1], [0, 0, 2], [0, 0, 2], [1, 1, 1])
+    truth = true(poses, [1], [[1, 0]], [1, 1])
+    hindsight = replace(full, kind="smoothed")
+    scores = [
+        evaluate(truth, recording, full, full, hindsight),
+        evaluate(None, recording, filtered(poses)),
+        evaluate(true(np.full((3, 3), np.nan)), recording, smoothed(poses, 0 * covs), hindsight, hindsight),
+    ]
+    for score in scores:
+        entry = score.to_json()
+        assert set(entry) == METRICS_JSON
+        assert json.loads(json.dumps(entry, allow_nan=False)) == entry
+    entry = scores[0].to_json()
+    assert entry["sigma_ratio_to_optimum"] == [1, 1, 1]
+    assert set(entry["loop_closure"][0]) == {
+        "step",
+        "error_before_m",
+        "error_after_m",
+        "sigma_before_m",
+        "sigma_after_m",
+    }
+    nothing = scores[1].to_json()
+    given_anyway = {"kind", "landmarks_mapped", "loop_closure"}
+    assert {key for key, value in nothing.items() if value is not None} == given_anyway
+
+
+def test_inputs_that_do_not_fit_are_named() -> None:
+    recording = straight(2, [(0, 1)])
+    poses = path(recording)
+    estimate = filtered(poses)
+    short = filtered(poses[:-1])
+    unfit = filtered(poses, None, [1], [[1, 0]], association=[1, 1])
+    with pytest.raises(ValueError, match=r"^estimate.poses: 2 rows for 3 stamps; give one pose per stamp$"):
+        evaluate(None, recording, short)
+    with pytest.raises(ValueError, match=r"^truth.poses: 2 rows"):
+        evaluate(true(poses[:-1]), recording, estimate)
+    with pytest.raises(ValueError, match=r"^optimum.poses: 2 rows"):
+        evaluate(None, recording, estimate, short)
+    with pytest.raises(ValueError, match=r"^estimate.association: 2 entries for 1 observations; give one"):
+        evaluate(None, recording, unfit)
+    with pytest.raises(ValueError, match=r"^optimum.kind: 'smoothed' is not comparable with 'filtered'; compare"):
+        evaluate(None, recording, estimate, smoothed(poses))
+    with pytest.raises(ValueError, match=r"^batch.kind: 'filtered' is not the hindsight optimum; give"):
+        evaluate(None, recording, estimate, batch=estimate)

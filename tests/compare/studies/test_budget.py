@@ -1,0 +1,121 @@
+"""The error budget: rungs that coincide are zero, increments add up, associations are told from linearisation."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.estimators.estimators import load_estimators
+from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.compare.studies.budget import RUNGS, budget_table, error_budget, rung_errors, summarise_budget
+from slamgauge.compare.studies.run import run_seed
+
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+
+SHORT = ["start=sampled", "trajectory.duration=10"]
+
+
+def test_rungs_that_coincide_are_zero_and_increments_add_up() -> None:
+    with ThreadPoolExecutor(1) as executor:
+        budget = error_budget(load_scenario("q1-long-dense", SHORT), "ekf", 4, 0, executor)
+    assert [rung.name for rung in budget.rungs] == list(RUNGS)
+    assert budget.rungs[2].increment_m2 == (0.0, 0.0, 0.0)
+    assert budget.rungs[3].increment_m2 == (0.0, 0.0, 0.0)
+    total = sum(rung.increment_m2.mean for rung in budget.rungs[1:])
+    assert total == pytest.approx(budget.rungs[-1].mse_m2 - budget.rungs[0].mse_m2, rel=1e-12)
+    scenario = load_scenario("q1-long-dense", SHORT)
+    errors = []
+    for run in range(4):
+        truth, recording = simulate(scenario, run_seed(0, run))
+        assert truth.poses is not None
+        difference = load_estimators(["ekf"])["ekf"](recording).poses[:, :2] - truth.poses[:, :2]
+        errors.append(np.square(difference).sum(axis=1).mean())
+    assert budget.rungs[-1].mse_m2 == pytest.approx(np.mean(errors), rel=1e-12)
+
+
+def test_wrong_noise_is_charged_to_the_noise() -> None:
+    wrong = load_scenario("q1-long-dense", [*SHORT, "assumed.sensor_scale=0.01"])
+    right = load_scenario("q1-long-dense", SHORT)
+    for seed in range(2):
+        errors, honest = rung_errors(wrong, seed, "riekf")[0], rung_errors(right, seed, "riekf")[0]
+        np.testing.assert_array_equal(errors[:2], honest[:2])
+        assert errors[2] != errors[1]
+        assert errors[3] == errors[2]
+
+
+def test_wrong_associations_are_charged_to_the_associations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A filter that takes two landmarks for one, and rejects a third, but solves that problem perfectly."""
+    isam2 = load_estimators(["isam2"])["isam2"]
+
+    def confused(recording: Recording) -> Estimate:
+        assert recording.landmark is not None
+        given = np.where(recording.landmark == 1, 0, recording.landmark)
+        kept = given != 2
+        seen = replace(recording.only(kept), landmark=given[kept])
+        return replace(isam2(seen), association=np.where(kept, given, -1))
+
+    monkeypatch.setattr("slamgauge.ekf.ekf", confused)
+    errors = rung_errors(load_scenario("q1-long-dense", SHORT), 0, "ekf")[0]
+    assert errors[3] != errors[2]
+    assert errors[2] == errors[1]
+    assert errors[4] == errors[3]
+
+
+def test_a_filter_without_ids_pays_for_its_associations_alone() -> None:
+    """At gate 100 on measurements that the optimum sees with their true noise and associations."""
+    errors = rung_errors(load_scenario("q2-gate-100", ["start=sampled", "trajectory.duration=30"]), 2, "ekf")[0]
+    honest = rung_errors(load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=30"]), 2, "ekf")[0]
+    np.testing.assert_array_equal(errors[:3], honest[:3])
+    assert errors[2] == errors[1]
+    assert errors[3] > errors[2]
+    assert errors[4] != errors[3]
+
+
+def test_the_costliest_rung_is_named_with_its_share() -> None:
+    table = np.array([[1.0, 1.5, 1.5, 1.5, 4.0], [1.0, 2.0, 2.0, 2.0, 4.0]])
+    budget = summarise_budget("somewhere", "ekf", table)
+    assert budget.costliest == "linearisation"
+    assert budget.rungs[1].increment_m2.mean == 0.75
+    assert budget_table(budget).splitlines()[-1] == (
+        "ekf on somewhere, 2 runs: of 4.0000 m^2 (RMS 2.000 m) 1.0000 m^2 no estimator avoids; "
+        "most of the rest goes to linearisation: 2.2500 m^2, 56% of the whole."
+    )
+    assert budget_table(summarise_budget("here", "riekf", np.ones((1, 5)))).endswith(
+        "no rung above that costs anything."
+    )
+
+
+def test_an_estimator_that_fails_is_named_with_the_seed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(_: Recording) -> Estimate:
+        raise ValueError("no luck")
+
+    monkeypatch.setattr("slamgauge.ekf.ekf", broken)
+    with (
+        ThreadPoolExecutor(1) as executor,
+        pytest.raises(ValueError, match=rf"^run with seed {run_seed(0, 0)}: estimator ekf: no luck$"),
+    ):
+        error_budget(load_scenario("q1-long-dense", SHORT), "ekf", 2, 0, executor)
+
+
+def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["budget", "q1-long-dense", "--set", "trajectory.duration=3", "--runs", "2", "--jobs", "1"]
+    assert main([*words, "--out", str(tmp_path / "budget")]) == 0
+    assert "no estimator avoids" in capsys.readouterr().out
+    content = json.loads((tmp_path / "budget" / "budget.json").read_text())
+    assert set(content) == {"scenario", "filter", "runs", "rungs", "costliest"}
+    assert set(content["rungs"][0]) == {"name", "mse_m2", "increment_m2"}
+    assert (tmp_path / "budget" / "budget.png").stat().st_size > 0
+
+
+@pytest.mark.parametrize("words", [["--filter", "batch"], ["--filter", "efk"], ["--seed", "-1"], ["--runs", "0"]])
+def test_bad_input_is_one_line_and_exit_2(words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["budget", "q1-long-dense", "--out", str(tmp_path / "budget"), *words]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "budget").exists()

@@ -1,0 +1,308 @@
+"""Delayed initialisation: the placement is exact conditioning, and the window stays short."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from jacobians import assert_jacobian
+from slamgauge.ekf.bearings.bearing_filter import BearingFilter
+from slamgauge.ekf.bearings.delayed import FEWEST, IMPROBABLE, Delayed, Waiting, whitened_bearings
+from slamgauge.ekf.filter import Correction, SlamFilter
+
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Observations
+from slamgauge.se2 import rotation, wrap
+from slamgauge.triangulation import triangulate
+
+CORRECTIONS = pytest.mark.parametrize("correction", ["standard", "first-estimates", "iterated", "right-invariant"])
+J = np.array([[0.0, -1.0], [1.0, 0.0]])
+SIGMA = np.deg2rad(1.0)
+Q = np.diag([1e-2, 1e-3, 2e-3]) ** 2
+
+
+def sights(
+    pose: Float, landmarks: Float, names: list[int], rng: np.random.Generator, sigma: float = SIGMA
+) -> Observations:
+    offset = landmarks[names] - pose[:2]
+    exact = np.arctan2(offset[:, 1], offset[:, 0]) - pose[2]
+    values = wrap(exact + sigma * rng.normal(size=len(names)))[:, None]
+    return Observations(np.array(names, dtype=np.int64), values, np.full((len(names), 1, 1), sigma**2))
+
+
+def moved(pose: Float, increment: Float) -> Float:
+    return np.array([*(pose[:2] + rotation(pose[2]) @ increment[:2]), pose[2] + increment[2]])
+
+
+# --- Jacobians -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("heading", [0.3, math.pi, -math.pi])
+def test_the_jacobians_of_whitened_bearings(heading: float) -> None:
+    """Residuals are measured less expected, hence of the poses and of the landmark with the minus of a prediction."""
+    poses = np.array([[0.0, 0.0, heading], [1.0, -0.5, 1.0], [6.0, 4.5, -2.0]])
+    landmark, variances = np.array([3.0, 4.0]), np.array([1e-2, 4e-2, 1.0])
+    offset = landmark - poses[:, :2]
+    bearings = np.arctan2(offset[:, 1], offset[:, 0]) - poses[:, 2] + np.array([0.1, -0.2, 0.05])
+    residual, of_poses, of_landmark = whitened_bearings(poses, bearings, variances, landmark)
+    np.testing.assert_allclose(residual, np.array([0.1, -0.2, 0.05]) / np.sqrt(variances), rtol=0, atol=1e-12)
+
+    def expected(unknowns: Float) -> Float:
+        return -whitened_bearings(unknowns[:9].reshape(3, 3), bearings, variances, unknowns[9:])[0]
+
+    at = np.concatenate([poses.ravel(), landmark])
+    assert_jacobian(expected, np.column_stack([of_poses, of_landmark]), at)
+
+
+# --- placement -----------------------------------------------------------------------------------
+
+
+class Twin:
+    """Robot, its clones and placed landmarks on full matrices; a placement by the information form."""
+
+    def __init__(self, mean: Float, cov: Float, sure: float) -> None:
+        self.x, self.P, self.sure = mean.copy(), cov.copy(), sure
+        self.clones: list[int] = []  # first entry of each, in the order of time
+        self.sights: list[float] = []
+
+    def predict(self, increment: Float) -> None:
+        move = rotation(self.x[2]) @ increment[:2]
+        F, G = np.eye(len(self.x)), np.zeros((len(self.x), 3))
+        F[:2, 2], G[:2, :2], G[2, 2] = J @ move, rotation(self.x[2]), 1.0
+        self.x[:2] += move
+        self.x[2] = wrap(self.x[2] + increment[2])
+        self.P = F @ self.P @ F.T + G @ Q @ G.T
+
+    def see(self, z: float) -> bool:
+        """Clone the robot; place the landmark when its bearings allow."""
+        self.clones.append(len(self.x))
+        self.sights.append(z)
+        T = np.vstack([np.eye(len(self.x)), np.eye(3, len(self.x))])
+        self.x, self.P = T @ self.x, T @ self.P @ T.T
+        if len(self.sights) < FEWEST:
+            return False
+        columns = np.concatenate([np.arange(first, first + 3) for first in self.clones])
+        poses = self.x[columns].reshape(-1, 3)
+        found = triangulate(poses, np.array(self.sights), np.full(len(poses), SIGMA**2), self.sure)
+        if found.placed:
+            self.condition(columns, poses, found.landmark)
+        return found.placed
+
+    def condition(self, columns: Int, poses: Float, landmark: Float) -> None:
+        """The posterior of (the rest, landmark), with nothing known of the landmark before.
+
+        P has the clone of the moment twice over, as robot and clone, and no inverse: the information form is of all
+        else, the robot being put back afterwards.
+        """
+        size = len(self.x)
+        kept = np.arange(3, size)  # without the robot, a copy of the newest clone
+        columns = columns - 3
+        H, r = np.zeros((len(poses), size - 3 + 2)), np.zeros(len(poses))
+        for row, pose in enumerate(poses):
+            offset = landmark - pose[:2]
+            across = J @ offset / (offset @ offset)
+            H[row, columns[3 * row : 3 * row + 3]] = [*-across, -1.0]
+            H[row, -2:] = across
+            r[row] = wrap(self.sights[row] - (np.arctan2(offset[1], offset[0]) - pose[2]))
+        information = np.zeros((size - 1, size - 1))
+        information[:-2, :-2] = np.linalg.inv(self.P[np.ix_(kept, kept)])
+        information += H.T @ H / SIGMA**2
+        P = np.linalg.inv(information)
+        x = np.concatenate([self.x[kept], landmark]) + P @ H.T @ r / SIGMA**2
+        newest = self.clones[-1] - 3
+        T = np.zeros((5, size - 1))  # robot and landmark: what is left when nothing waits
+        T[:3, newest : newest + 3] = np.eye(3)
+        T[3:, -2:] = np.eye(2)
+        self.x, self.P = T @ x, T @ P @ T.T
+        self.x[2] = wrap(self.x[2])
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("correction", ["standard", "first-estimates", "iterated"])
+def test_a_placement_is_exact_conditioning(correction: Correction, seed: int) -> None:
+    """Robot, clones and a flat prior on the landmark, and all bearings at once; before and after, the whole covariance.
+
+    With one landmark, clones and points keep the same order in filter and twin.
+    """
+    rng = np.random.default_rng(seed)
+    mean, cov = np.array([0.3, -0.2, 3.0]), np.diag([0.02, 0.03, 0.02]) ** 2
+    slam, twin = BearingFilter(mean, cov, correction, Delayed(spacing=0.0, poses=60)), Twin(mean, cov, 0.1)
+    truth = mean + np.sqrt(np.diag(cov)) * rng.normal(size=3)
+    landmarks = (truth[:2] + rotation(truth[2]) @ np.array([3.0, 2.0]))[None]
+    steps = 0
+    while steps < 60 and not len(slam.landmark_ids):
+        if steps:
+            increment = np.array([0.15, 0.0, 0.03])
+            truth = moved(truth, increment)
+            measured = increment + np.sqrt(np.diag(Q)) * rng.normal(size=3)
+            slam.predict(measured, Q)
+            twin.predict(measured)
+        steps += 1
+        scan = sights(truth, landmarks, [0], rng)
+        slam.update(scan)
+        placed = twin.see(float(scan.value[0, 0]))
+        assert (0 in slam.landmark_ids) == placed
+        np.testing.assert_allclose(slam.pose, twin.x[:3], rtol=0, atol=1e-11)
+        P = slam.cov
+        if not placed:
+            entries = np.array([0, 1, 2, *(3 + 4 * c + i for c in range(steps) for i in range(3))])
+            assert len(P) == 3 + 4 * steps
+            np.testing.assert_array_equal(np.delete(P, entries, axis=0), 0.0)  # the entry that fills a clone's slot
+            P = P[np.ix_(entries, entries)]
+        np.testing.assert_allclose(P, twin.P, rtol=0, atol=1e-11)
+        if placed:
+            np.testing.assert_allclose(slam.landmarks[0], twin.x[3:], rtol=0, atol=1e-10)
+            np.testing.assert_allclose(slam.landmark_covs[0], twin.P[3:, 3:], rtol=0, atol=1e-11)
+    assert steps > 5
+    assert 0 in slam.landmark_ids
+
+
+def test_improbable_bearings_wait() -> None:
+    """Bearings of two landmarks under one name are never placed; those of one that enters beside them are."""
+    rng = np.random.default_rng(3)
+    slam, pose = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=Delayed(poses=12)), np.zeros(3)
+    landmarks = np.array([[3.0, 3.0], [2.0, 4.5], [4.0, -2.0]])
+    sound = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=Delayed(poses=12))
+    for k in range(30):
+        if k:
+            pose = moved(pose, np.array([0.25, 0.0, 0.0]))
+            for each in (slam, sound):
+                each.predict([0.25, 0.0, 0.0], Q)
+        seen = sights(pose, landmarks, [k % 2, 2], rng)
+        slam.update(Observations(np.array([0, 2]), seen.value, seen.cov))
+        sound.update(Observations(np.array([2]), seen.value[1:], seen.cov[1:]))
+    assert slam.landmark_ids.tolist() == [2]
+    offset = slam.landmarks[0] - landmarks[2]
+    assert offset @ np.linalg.solve(slam.landmark_covs[0], offset) < 13.8  # chi-square, 2 dof, 1 in 1000
+    np.testing.assert_allclose(slam.landmarks, sound.landmarks, rtol=0, atol=1e-9)
+    assert 0.0 < IMPROBABLE < 0.05
+
+
+# --- the window ----------------------------------------------------------------------------------
+
+
+def clones_in(slam: BearingFilter) -> int:
+    """Poses in the state beside robot and points."""
+    return (len(slam.cov) - 3 - 2 * len(slam.landmark_ids)) // 4
+
+
+@CORRECTIONS
+def test_covariances_stay_sound_and_the_window_short(correction: Correction) -> None:
+    """A loop among landmarks seen with probability 0.7, of which always some wait; then one in which nothing does."""
+    rng = np.random.default_rng(5)
+    angles = rng.uniform(-np.pi, np.pi, 25)
+    landmarks = rng.uniform(6.5, 9.0, (25, 1)) * np.column_stack([np.cos(angles), np.sin(angles)]) + [0.0, 5.0]
+    settings = Delayed(poses=10, spacing=0.3)
+    slam, pose = BearingFilter(np.zeros(3), np.zeros((3, 3)), correction, settings), np.zeros(3)
+    largest, steps = 0, 220
+    for k in range(steps):
+        if k:
+            increment = np.array([0.3, 0.0, 0.06])
+            pose = moved(pose, increment)
+            slam.predict(increment + np.sqrt(np.diag(Q)) * rng.normal(size=3), Q)
+        near = np.hypot(*(landmarks - pose[:2]).T) < 6.0
+        slam.update(sights(pose, landmarks, np.flatnonzero(near & (rng.random(25) < 0.7)).tolist(), rng))
+        largest = max(largest, clones_in(slam))
+        P = slam.cov
+        np.testing.assert_array_equal(P, P.T)
+        assert np.linalg.eigvalsh(P)[0] >= -1e-12 * np.trace(P)
+        assert len(P) == 3 + 2 * len(slam.landmark_ids) + 4 * clones_in(slam)
+    assert largest == 10
+    assert len(slam.landmark_ids) == 25
+    assert len(slam.cov) == 3 + 2 * 25
+    if correction in ("standard", "right-invariant"):
+        error = np.array([*(slam.pose - pose)[:2], wrap(slam.pose[2] - pose[2])])
+        assert error @ np.linalg.solve(slam.pose_cov, error) < 21.1  # chi-square, 3 dof, 1 in 10 000
+
+
+def test_a_long_way_is_mapped_to_its_end() -> None:
+    """Landmarks left behind unplaced do not keep the window: most of what comes into view is placed everywhere.
+
+    A window that always gave up the clone nearest to its neighbours ended with its clones spread over the whole way,
+    held by landmarks that are never seen again, and placed nothing more.
+    """
+    rng = np.random.default_rng(7)
+    landmarks = np.column_stack([rng.uniform(0.0, 200.0, 200), rng.uniform(1.0, 10.0, 200) * rng.choice([-1, 1], 200)])
+    settings = Delayed(poses=15, spacing=0.4)
+    slam, pose = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=settings), np.zeros(3)
+    seen: set[int] = set()
+    for k in range(900):
+        if k:
+            pose = moved(pose, np.array([0.2, 0.0, 0.0]))
+            slam.predict([0.2, 0.0, 0.0], np.diag([1e-4, 1e-4, 1e-5]) ** 2)
+        names = np.flatnonzero(np.hypot(*(landmarks - pose[:2]).T) < 10.0).tolist()
+        seen |= {*names}
+        slam.update(sights(pose, landmarks, names, rng, sigma=np.deg2rad(5.0)))
+        assert clones_in(slam) <= 15
+        assert len(slam.young) <= 80
+    bins = np.histogram(landmarks[slam.landmark_ids, 0], bins=9, range=(0.0, 180.0))[0]
+    there = np.histogram(landmarks[[*seen], 0], bins=9, range=(0.0, 180.0))[0]
+    assert (bins > 0.5 * there).all()
+
+
+def test_standing_still_adds_no_poses() -> None:
+    rng = np.random.default_rng(8)
+    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=Delayed(spacing=0.2))
+    landmarks = np.array([[3.0, 3.0], [2.0, 4.5]])
+    for k in range(20):
+        slam.update(sights(np.zeros(3), landmarks, [0, 1] if k else [0], rng))
+        assert clones_in(slam) == 1
+        slam.predict([0.0, 0.0, 0.1], Q)  # turning on the spot is no way either
+    assert slam.young == {0: 0}
+    slam.predict([0.21, 0.0, 0.0], Q)
+    slam.update(sights(np.array([0.2, 0.0, 0.0]), landmarks, [0, 1], rng))
+    assert clones_in(slam) == 2
+    assert slam.young == {0: 0, 1: 0}
+
+
+def test_numbers_are_given_once() -> None:
+    """Of clones and points alike, over a run in which both come and go."""
+    rng = np.random.default_rng(9)
+    inner = SlamFilter("bearing", np.zeros(3), np.zeros((3, 3)))
+    waiting, pose, points = Waiting(inner, Delayed(poses=5, spacing=0.2)), np.zeros(3), dict[int, int]()
+    landmarks = np.column_stack([0.5 * np.arange(40.0), rng.uniform(1.5, 3.0, 40)])
+    landmarks[::2, 1] *= -1.0
+    retired: set[int] = set()
+    before: set[int] = set()
+    for k in range(150):
+        if k:
+            pose = moved(pose, np.array([0.1, 0.0, 0.0]))
+            inner.predict([0.1, 0.0, 0.0], 1e-2 * Q)
+        near = np.flatnonzero(np.hypot(*(landmarks - pose[:2]).T) < 4.0).tolist()
+        names = [name for name in near if name not in points]
+        scan = sights(pose, landmarks, names, rng)
+        points |= waiting.observe(k, names, scan.value, scan.cov)
+        ids = inner.landmark_ids.tolist()
+        assert len({*ids}) == len(ids)
+        retired |= before - {*ids}
+        assert not retired & {*ids}
+        assert {*points.values()} <= {*ids}
+        before = {*ids}
+    assert len(points) > 20
+    assert len(retired) > 50
+    places = inner.landmarks[inner.slots_of(np.array([*points.values()]))]
+    assert np.hypot(*(places - landmarks[[*points]]).T).max() < 1.0
+
+
+def test_a_landmark_is_forgotten_with_its_poses() -> None:
+    inner = SlamFilter("bearing", np.zeros(3), np.zeros((3, 3)))
+    waiting = Waiting(inner, Delayed())
+    waiting.observe(0, [4, 5], np.zeros((2, 1)), np.ones((2, 1, 1)))
+    inner.predict([1.0, 0.0, 0.0], Q)
+    waiting.observe(1, [5], np.zeros((1, 1)), np.ones((1, 1, 1)))
+    assert len(inner.landmark_ids) == 4
+    waiting.forget(1, 5)
+    assert [*waiting.counts] == [4]
+    assert len(inner.landmark_ids) == 2
+    waiting.forget(1, 4)
+    assert len(inner.cov) == 3
+
+
+# --- settings ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("key", "value"), [("poses", 2), ("spacing", -0.1), ("spacing", math.nan), ("sure", 0.0)])
+def test_settings_that_cannot_be(key: str, value: float) -> None:
+    with pytest.raises(ValueError, match=rf"^{key}: {value} [^\n]*; choose [^\n]*$"):
+        Delayed(**{key: value})  # pyright: ignore[reportArgumentType]

@@ -1,0 +1,306 @@
+"""Association of bearings with rays and points: against brute force scan by scan, and what filters make of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+from slamgauge.ekf import Association, BearingFilter, MapManagement, Rays, SlamFilter, ekf
+from slamgauge.ekf.association import Method
+from slamgauge.ekf.bearings.ray_association import RayAssociation
+from slamgauge.ekf.estimators import CORRECTIONS, drive
+from slamgauge.ekf.filter import Correction
+from slamgauge.ekf.kernels.compatibility import NONE
+from textbook_association import Scan, brute_force_ambiguous, brute_force_joint
+
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Observations, Recording
+from slamgauge.se2 import chain, wrap
+
+METHODS = pytest.mark.parametrize("method", ["nearest-neighbour", "jcbb"])
+J = np.array([[0.0, -1.0], [1.0, 0.0]])
+
+
+# --- scan by scan --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A scan before landmarks that are points or rays of some members, slots in random order."""
+
+    slam: SlamFilter
+    owners: Int  # (L,) landmark of each slot
+    values: Float  # (m, 1)
+    covs: Float  # (m, 1, 1)
+    innovation: Float  # (m, L)
+    jacobian: Float  # (L, n)
+    P: Float
+
+    def distances(self) -> Float:
+        """d^2 (m, L) of bearings and slots."""
+        predicted = np.einsum("li,ij,lj->l", self.jacobian, self.P, self.jacobian)
+        return self.innovation**2 / (predicted + self.covs[:, 0])
+
+    def of_rays(self) -> Scan:
+        """The scan with one column per landmark, each standing for its member nearest to the bearing."""
+        landmarks, distances = int(self.owners.max()) + 1, self.distances()
+        m, n = len(self.values), len(self.P)
+        innovation, jacobian = np.zeros((m, landmarks, 2)), np.zeros((m, landmarks, 2, n))
+        for i in range(m):
+            for landmark in range(landmarks):
+                slots = np.flatnonzero(self.owners == landmark)
+                slot = slots[np.argmin(distances[i, slots])]
+                innovation[i, landmark, 1] = self.innovation[i, slot]
+                jacobian[i, landmark, 1] = self.jacobian[slot]
+        R = np.tile(np.eye(2), (m, 1, 1))
+        R[:, 1, 1] = self.covs[:, 0, 0]
+        return Scan(innovation, jacobian, self.P, R)
+
+
+def random_problem(seed: int) -> Problem:
+    """Landmarks near enough to each other that bearings have several candidates; some bearings are of nothing."""
+    rng = np.random.default_rng(seed)
+    owners = np.concatenate([[landmark] * int(rng.integers(1, 4)) for landmark in range(int(rng.integers(2, 5)))])
+    angles = rng.uniform(-0.6, 0.6, int(owners.max()) + 1)[owners] + 0.03 * rng.normal(size=len(owners))
+    ranges = rng.uniform(2.0, 8.0, len(owners))
+    order = rng.permutation(len(owners))
+    owners, angles, ranges = owners[order], angles[order], ranges[order]
+    n = 3 + 2 * len(owners)
+    root = 0.12 * rng.normal(size=(n, n)) / np.sqrt(n)
+    root[3:] *= 2.0
+    P, pose = root @ root.T, np.array([0.4, -0.3, 3.0])
+    landmarks = pose[:2] + ranges[:, None] * np.column_stack([np.cos(angles + pose[2]), np.sin(angles + pose[2])])
+    slam = SlamFilter("bearing", pose, P[:3, :3])
+    slam.set_map(np.arange(len(owners)) * 3, landmarks, P)
+    seen = rng.permutation(len(owners))[: int(rng.integers(1, 5))]
+    values = wrap(np.concatenate([angles[seen] + 0.06 * rng.normal(size=len(seen)), rng.uniform(-1, 1, 1)]))
+    covs = rng.uniform(0.03, 0.06, len(values)) ** 2
+    jacobian = np.zeros((len(owners), n))
+    for slot, landmark in enumerate(landmarks):
+        offset = landmark - pose[:2]
+        across = J @ offset / (offset @ offset)
+        jacobian[slot, :2], jacobian[slot, 2], jacobian[slot, 3 + 2 * slot : 5 + 2 * slot] = -across, -1.0, across
+    innovation = wrap(values[:, None] - angles)
+    return Problem(slam, owners, values[:, None], covs[:, None, None], innovation, jacobian, P)
+
+
+def named(problem: Problem, settings: Association) -> tuple[list[int], int]:
+    """Names of the bearings, and how many landmarks there were before; those are given their names by a first scan."""
+    association, landmarks = RayAssociation(settings), int(problem.owners.max()) + 1
+    nothing = SlamFilter("bearing", np.zeros(3), np.eye(3))
+    first = association.names(
+        nothing, np.zeros(0, np.int64), np.zeros((landmarks, 1)), np.full((landmarks, 1, 1), 1e-3)
+    )
+    assert first.tolist() == [*range(landmarks)]
+    names = association.names(problem.slam, problem.owners, problem.values, problem.covs).tolist()
+    claimed = [name for name in names if name != NONE]
+    assert len({*claimed}) == len(claimed)  # one bearing, one landmark
+    fresh = [name for name in claimed if name >= landmarks]
+    assert fresh == [*range(landmarks, landmarks + len(fresh))]
+    return names, landmarks
+
+
+def greedy(distances: Float, gate: float) -> dict[int, int]:
+    """Landmark of each bearing: the nearest pair of all, then the nearest of what is free, and so on."""
+    found: dict[int, int] = {}
+    while True:
+        free = distances.copy()
+        free[[*found]] = np.inf
+        free[:, [*found.values()]] = np.inf
+        i, landmark = np.unravel_index(np.argmin(free), free.shape)
+        if free[i, landmark] > gate:
+            return found
+        found[int(i)] = int(landmark)
+
+
+def quantiles_of(gate: float, most: int) -> Float:
+    return np.concatenate([[0.0], chi2.isf(chi2.sf(gate, 1), np.arange(1, most + 1))])
+
+
+@pytest.mark.parametrize("gate", [1.0, 9.0])
+def test_nearest_neighbours_are_those_of_brute_force(gate: float) -> None:
+    claimed, contested = 0, 0
+    for seed in range(200):
+        problem = random_problem(seed)
+        names, landmarks = named(problem, Association(gate=gate))
+        distances = problem.of_rays().distances()
+        expected = greedy(distances, gate)
+        assert {i: name for i, name in enumerate(names) if name < landmarks} == expected
+        assert NONE not in names
+        claimed += len(expected)
+        contested += any(np.argmin(distances[i]) != landmark for i, landmark in expected.items())
+    assert claimed > 150
+    assert contested > 5
+
+
+@pytest.mark.parametrize("gate", [2.0, 9.0])
+def test_joint_association_is_that_of_brute_force(gate: float) -> None:
+    """Over every assignment of bearings to landmarks: most pairs first, then the smallest joint distance."""
+    outcomes = {"several": 0, "not the nearest": 0, "member that is not the first": 0}
+    for seed in range(200):
+        problem = random_problem(seed)
+        names, landmarks = named(problem, Association("jcbb", gate))
+        scan = problem.of_rays()
+        expected = dict(brute_force_joint(scan, gate, quantiles_of(gate, len(names))))
+        assert {i: name for i, name in enumerate(names) if name < landmarks} == expected
+        outcomes["several"] += len(expected) > 1
+        outcomes["not the nearest"] += expected != greedy(scan.distances(), gate)
+        nearest = [np.argmin(problem.distances()[i]) for i in expected]
+        outcomes["member that is not the first"] += any(
+            (problem.owners[:s] == problem.owners[s]).any() for s in nearest
+        )
+    assert min(outcomes.values()) > 5, outcomes
+
+
+def test_what_is_ambiguous_is_left_out() -> None:
+    """With map management `jcbb` gives no bearing away that may be another's; what has no landmark begins one."""
+    gate, outcomes = 4.0, {"ambiguous": 0, "known": 0, "new": 0}
+    management = MapManagement(margin=4.0)
+    for seed in range(200):
+        problem = random_problem(seed)
+        names, landmarks = named(problem, Association("jcbb", gate, management))
+        scan = problem.of_rays()
+        best = brute_force_joint(scan, gate, quantiles_of(gate, len(names)))
+        ambiguous = brute_force_ambiguous(scan, gate, management.margin, best)
+        expected = {i: landmark for i, landmark in best if i not in ambiguous}
+        assert {i: name for i, name in enumerate(names) if NONE != name < landmarks} == expected
+        assert {i for i, name in enumerate(names) if name == NONE} == {*ambiguous}
+        outcomes["ambiguous"] += len(ambiguous)
+        outcomes["known"] += len(expected)
+        outcomes["new"] += len(names) - len(expected) - len(ambiguous)
+    assert min(outcomes.values()) > 5, outcomes
+
+
+def test_a_scan_of_nothing_has_no_names() -> None:
+    problem, association = random_problem(0), RayAssociation(Association("jcbb", map_management=MapManagement()))
+    assert len(association.names(problem.slam, problem.owners, problem.values[:0], problem.covs[:0])) == 0
+
+
+# --- whole runs ----------------------------------------------------------------------------------
+
+
+def sparse_world(seed: int, steps: int = 220) -> tuple[Recording, Int]:
+    """One loop inside ten landmarks 36 degrees apart, the five nearest in view, and their ids.
+
+    Bearings are twice as good as the recording says, so that none of the thousand fails a gate of three deviations.
+    """
+    sigma = np.deg2rad(0.5)
+    rng = np.random.default_rng(seed)
+    increments = np.tile([0.15, 0.0, 2 * np.pi / 200], (steps, 1))
+    poses = chain(np.zeros(3), increments)
+    angles = np.arange(10) * 2 * np.pi / 10
+    landmarks = np.array([0.0, 4.8]) + 8.0 * np.column_stack([np.cos(angles), np.sin(angles)])
+    offset = landmarks - poses[:, None, :2]
+    near = np.argsort(np.hypot(offset[..., 0], offset[..., 1]), axis=1)[:, :5]
+    step, landmark = np.repeat(np.arange(steps + 1), 5), near.ravel()
+    exact = np.arctan2(offset[step, landmark, 1], offset[step, landmark, 0]) - poses[step, 2]
+    motion_cov = np.diag([0.003, 0.001, 0.001]) ** 2
+    recording = Recording(
+        stamps=np.arange(steps + 1.0),
+        prior_mean=np.zeros(3),
+        prior_cov=np.diag([0.01, 0.01, 0.002]) ** 2,
+        odometry=increments + rng.multivariate_normal(np.zeros(3), motion_cov, steps),
+        odometry_cov=np.tile(motion_cov, (steps, 1, 1)),
+        sensor="bearing",
+        observation_step=step,
+        observation=wrap(exact + sigma / 2 * rng.normal(size=len(exact)))[:, None],
+        observation_cov=np.full((len(exact), 1, 1), sigma**2),
+        landmark=landmark,
+    )
+    return recording, landmark
+
+
+@METHODS
+@pytest.mark.parametrize("correction", ["ekf", "riekf"])
+@pytest.mark.parametrize("managed", [False, True])
+def test_landmarks_far_apart_are_told_apart(method: Method, correction: str, managed: bool) -> None:
+    """From ray to point and once around: the filter is then the one that was given the ids, number for number."""
+    recording, truth = sparse_world(0)
+    settings = Association(method, map_management=MapManagement(margin=0.0) if managed else None)
+    start = (recording.prior_mean, recording.prior_cov, CORRECTIONS[correction])
+    by_itself, told = BearingFilter(*start, association=settings), BearingFilter(*start)
+    given: list[Int] = []
+    for _, _ in zip(drive(by_itself, replace(recording, landmark=None)), drive(told, recording), strict=True):
+        given.append(by_itself.associated)
+        np.testing.assert_allclose(by_itself.pose, told.pose, rtol=0, atol=1e-12)
+    names = np.concatenate(given)
+    pairs = {*zip(names.tolist(), truth.tolist(), strict=True)}
+    assert sorted(name for name, _ in pairs) == sorted(name for _, name in pairs) == [*range(10)]
+    assert not by_itself.young
+    np.testing.assert_allclose(by_itself.cov, told.cov, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(by_itself.landmarks, told.landmarks, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(by_itself.standing(names), names)
+
+
+def see(slam: BearingFilter, *bearings: float) -> list[int]:
+    values = np.array(bearings)[:, None]
+    slam.update(Observations(None, values, np.full((len(values), 1, 1), 1e-4)))
+    return slam.associated.tolist()
+
+
+@METHODS
+@pytest.mark.parametrize("rays", [Rays(), Rays(s_min=9.0)], ids=["rays", "points at the second sight"])
+def test_false_starts_are_deleted(method: Method, rays: Rays) -> None:
+    """Seen twice and never again: gone after probation, members and all, whether it is a ray still or a point."""
+    management = MapManagement(sights=3, probation=5)
+    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), "standard", rays, Association(method, 9.0, management))
+    assert see(slam, 0.0, 1.0) == [0, 1]
+    assert see(slam, 0.0, 1.0) == [0, 1]
+    assert slam.landmark_ids.tolist() == []
+    for scan in (3, 4):
+        assert see(slam, 0.0) == [0]
+        assert slam.landmark_ids.tolist() == [0]
+        assert slam.standing(np.array([0, 1, NONE])).tolist() == [0, NONE, NONE]
+        assert len(slam.cov) == 3 + 2 * (8 if len(slam.young) else 2), scan
+    assert see(slam, 0.0) == [0]
+    assert len(slam.cov) == 3 + 2 * (4 if len(slam.young) else 1)
+    assert {*slam.young, *slam.landmark_ids.tolist()} == {0}
+    assert see(slam, 0.0, 1.0) == [0, 2]  # a name is not given again
+    assert slam.standing(np.array([0, 1, 2, NONE])).tolist() == [0, NONE, NONE, NONE]
+
+
+def test_without_management_everything_stands() -> None:
+    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), association=Association())
+    assert see(slam, 0.0, 1.0) == [0, 1]
+    for _ in range(20):
+        assert see(slam, 0.0) == [0]
+    assert slam.landmark_ids.tolist() == [0, 1]
+
+
+@METHODS
+@pytest.mark.parametrize("correction", ["standard", "first-estimates", "iterated", "right-invariant"])
+@pytest.mark.parametrize(("field", "bad"), [("value", np.nan), ("cov", np.inf), ("cov", 0.0), ("cov", -1.0)])
+def test_what_is_not_sound_is_refused_and_changes_nothing(
+    method: Method, correction: Correction, field: str, bad: float
+) -> None:
+    settings = Association(method, map_management=MapManagement())
+    slam, other = (BearingFilter(np.zeros(3), 1e-4 * np.eye(3), correction, association=settings) for _ in range(2))
+    for each in (slam, other):
+        see(each, 0.0, 1.0)
+    observations = Observations(None, np.array([[0.0], [2.0]]), np.full((2, 1, 1), 1e-4))
+    getattr(observations, field)[1] = bad
+    with pytest.raises(ValueError, match=r"^observation: no update exists for this scan; make[^\n]*$"):
+        slam.update(observations)
+    assert len(slam.associated) == 0
+    for each in (slam, other):
+        each.predict([0.1, 0.0, 0.0], 1e-6 * np.eye(3))
+        assert see(each, 0.0, 2.0) == [0, 2]
+    np.testing.assert_array_equal(slam.cov, other.cov)
+
+
+def test_an_estimate_says_what_stands_at_the_end() -> None:
+    recording, truth = sparse_world(1, steps=60)
+    clutter = np.arange(0, len(truth), 97)
+    values = recording.observation.copy()
+    values[clutter] = wrap(values[clutter] + 0.3)
+    nameless = replace(recording, landmark=None, observation=values)
+    settings = Association("jcbb", map_management=MapManagement(sights=4, probation=6, margin=0.0))
+    estimate = ekf(nameless, association=settings)
+    assert estimate.association is not None
+    assert (estimate.association[clutter] == NONE).all()
+    kept = np.delete(np.arange(len(truth)), clutter)
+    pairs = {*zip(estimate.association[kept].tolist(), truth[kept].tolist(), strict=True)} - {(NONE, t) for t in truth}
+    assert len({name for name, _ in pairs}) == len({true for _, true in pairs}) == len(pairs)
+    assert {name for name, _ in pairs} == {*np.asarray(estimate.landmark_ids).tolist()}

@@ -1,0 +1,193 @@
+"""Rays: their geometry, the federated update against a dense twin, and what becomes of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from slamgauge.ekf import ekf, riekf
+from slamgauge.ekf.bearings.bearing_filter import BearingFilter
+from slamgauge.ekf.bearings.rays import MIN_SHARE, Rays
+from slamgauge.ekf.estimators import drive
+from slamgauge.ekf.filter import Correction
+
+from slamgauge import load_scenario, simulate
+from slamgauge.arrays import Float
+from slamgauge.recording import Observations
+from slamgauge.se2 import rotation, wrap
+
+CORRECTIONS = pytest.mark.parametrize("correction", ["standard", "right-invariant"])
+J = np.array([[0.0, -1.0], [1.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("alpha", "beta", "s_min", "s_max", "distances"),
+    [
+        (0.3, 2.0, 1.0, 10.0, [1.43, 2.86, 5.71, 11.43]),
+        (0.3, 3.0, 1.0, 50.0, [1.43, 4.29, 12.86, 38.57]),
+        (0.2, 1.8, 1.0, 10.0, [1.25, 2.25, 4.05, 7.29, 13.12]),
+        (0.3, 2.0, 9.0, 10.0, [12.86]),
+    ],
+)
+def test_the_progression(alpha: float, beta: float, s_min: float, s_max: float, distances: list[float]):
+    np.testing.assert_allclose(Rays(alpha, beta, s_min, s_max).distances(), distances, atol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("alpha", 1.0), ("alpha", 0.0), ("beta", 1.0), ("s_min", 0.0), ("s_max", 0.5), ("threshold", 1.0), ("gate", 0.0)],
+)
+def test_settings_that_make_no_ray(key: str, value: float):
+    with pytest.raises(ValueError, match=r"choose it|lie beyond"):
+        Rays(**{key: value})  # pyright: ignore[reportArgumentType]
+
+
+class Twin:
+    """One ray on full matrices: formulas 4.1 to 4.4, weights as products, the federated update stacked."""
+
+    def __init__(self, mean: Float, cov: Float, rays: Rays) -> None:
+        self.x, self.P, self.rays = mean.copy(), cov.copy(), rays
+        self.weights = np.zeros(0)
+        self.born_with = 0
+
+    def begin(self, z: float, R: float) -> None:
+        angle = self.x[2] + z
+        e, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+        P0 = self.P.copy()
+        for s in self.rays.distances():
+            G = np.zeros((2, len(self.x)))
+            G[:, :2], G[:, 2] = np.eye(2), s * across
+            new = G @ self.P @ G.T + R * s**2 * np.outer(across, across)
+            new += (self.rays.alpha * s) ** 2 * np.outer(e, e)
+            self.P = np.block([[self.P, self.P @ G.T], [G @ self.P, new]])
+            self.x = np.concatenate([self.x, self.x[:2] + s * e])
+        assert np.array_equal(self.P[: len(P0), : len(P0)], P0)
+        self.born_with = len(self.rays.distances())
+        self.weights = np.full(self.born_with, 1.0 / self.born_with)
+
+    def predict(self, increment: Float, Q: Float) -> None:
+        before = self.x[:2].copy()
+        F, G = np.eye(len(self.x)), np.zeros((len(self.x), 3))
+        G[:2, :2], G[2, 2] = rotation(self.x[2]), 1.0
+        self.x[:2] += rotation(self.x[2]) @ increment[:2]
+        self.x[2] = wrap(self.x[2] + increment[2])
+        F[:2, 2] = J @ (self.x[:2] - before)
+        self.P = F @ self.P @ F.T + G @ Q @ G.T
+
+    def member(self, i: int, z: float) -> tuple[float, Float]:
+        offset = self.x[3 + 2 * i : 5 + 2 * i] - self.x[:2]
+        H = np.zeros(len(self.x))
+        H[:2] = -(J @ offset) / (offset @ offset)
+        H[2] = -1.0
+        H[3 + 2 * i : 5 + 2 * i] = (J @ offset) / (offset @ offset)
+        return float(wrap(z - (np.arctan2(offset[1], offset[0]) - self.x[2]))), H
+
+    def update(self, z: float, R: float) -> None:
+        innovations, rows = zip(*(self.member(i, z) for i in range(len(self.weights))), strict=True)
+        Z = np.array([H @ self.P @ H + R for H in rows])
+        self.weights = self.weights * np.exp(-np.square(innovations) / (2 * Z)) / np.sqrt(Z)
+        self.weights /= self.weights.sum()
+        kept = self.weights >= self.rays.threshold / self.born_with
+        entries = np.concatenate([np.ones(3, bool), np.repeat(kept, 2)])
+        self.x, self.P, self.weights = self.x[entries], self.P[np.ix_(entries, entries)], self.weights[kept]
+        self.weights /= self.weights.sum()
+        shared = [i for i, weight in enumerate(self.weights) if weight >= MIN_SHARE]
+        found = [self.member(i, z) for i in shared]
+        v, H = np.array([each[0] for each in found]), np.array([each[1] for each in found])
+        S = H @ self.P @ H.T + np.diag(R / self.weights[shared])
+        K = self.P @ H.T @ np.linalg.inv(S)
+        self.x = self.x + K @ v
+        self.P = self.P - K @ S @ K.T
+
+
+def test_a_ray_by_the_book():
+    """One landmark, seen from a bending path, until one member is left; every state and covariance of it."""
+    rng = np.random.default_rng(4)
+    mean, cov = np.array([0.3, -0.2, 0.5]), np.diag([0.01, 0.02, 0.001])
+    slam, twin = BearingFilter(mean, cov, initialisation=Rays(beta=2.0)), Twin(mean, cov, Rays(beta=2.0))
+    truth, landmark, R = mean.copy(), np.array([4.0, 3.5]), np.deg2rad(5.0) ** 2
+    Q = np.diag([0.03, 0.0, 0.005]) ** 2
+    members = [0]
+    for k in range(120):
+        if k > 0:
+            increment = np.array([0.1, 0.0, 0.01])
+            truth[:2] += rotation(truth[2]) @ increment[:2]
+            truth[2] += increment[2]
+            slam.predict(increment, Q)
+            twin.predict(increment, Q)
+        offset = landmark - truth[:2]
+        z = float(wrap(np.arctan2(offset[1], offset[0]) - truth[2] + np.sqrt(R) * rng.normal()))
+        slam.update(Observations(np.array([7]), np.array([[z]]), np.array([[[R]]])))
+        if k == 0:
+            twin.begin(z, R)
+        else:
+            twin.update(z, R)
+        members.append(len(twin.weights))
+        np.testing.assert_allclose(slam.pose, twin.x[:3], atol=1e-9)
+        np.testing.assert_allclose(slam.pose_cov, twin.P[:3, :3], atol=1e-11)
+        best = int(np.argmax(twin.weights))
+        np.testing.assert_allclose(slam.landmarks[0], twin.x[3 + 2 * best : 5 + 2 * best], atol=1e-8)
+        assert slam.young == ({7: len(twin.weights)} if len(twin.weights) > 1 else {})
+        if len(twin.weights) == 1:
+            break
+    assert members[1] == 4
+    assert members[-1] == 1
+    assert len(members) > 10
+
+
+@CORRECTIONS
+def test_every_ray_collapses_and_covariances_stay_sound(correction: Correction):
+    truth, recording = simulate(load_scenario("q4-ring", ["start=sampled"]), 0)
+    slam = BearingFilter(recording.prior_mean, recording.prior_cov, correction, Rays())
+    for _ in drive(slam, recording):
+        P = slam.cov
+        np.testing.assert_array_equal(P, P.T)
+        assert np.linalg.eigvalsh(P)[0] > -1e-12 * np.trace(P)
+    assert not slam.young
+    assert truth.landmark_ids is not None
+    assert set(slam.landmark_ids.tolist()) == set(truth.landmark_ids.tolist())
+
+
+def test_a_ray_that_fits_no_bearing_is_lost():
+    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=Rays(beta=2.0, lost_after=3))
+
+    def see(bearing: float) -> None:
+        slam.update(Observations(np.array([1]), np.array([[bearing]]), np.array([[[1e-4]]])))
+
+    see(0.0)
+    before = slam.landmarks
+    for _ in range(2):
+        see(1.0)
+        np.testing.assert_array_equal(slam.landmarks, before)
+    assert slam.young == {1: 4}
+    see(1.0)  # lost, and begun anew where it is seen
+    assert slam.young == {1: 4}
+    np.testing.assert_allclose(np.arctan2(*slam.landmarks[0][::-1]), 1.0, atol=1e-12)
+
+
+def test_a_member_at_the_robot_explains_any_bearing_alike():
+    """Its likelihood is that of the whole circle, not that of a bearing it had predicted exactly."""
+    rays, variance = Rays(beta=2.0, threshold=1e-9), 1e-2
+    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=rays)
+    for increment in (0.0, float(rays.distances()[0])):
+        slam.predict([increment, 0.0, 0.0], np.zeros((3, 3)))
+        slam.update(Observations(np.array([1]), np.zeros((1, 1)), np.full((1, 1, 1), variance)))
+    distances = rays.distances()
+    far = distances[1:] - distances[0]
+    Z = variance + variance * (distances[1:] / far) ** 2  # across the ray the members are as good as the first bearing
+    likelihood = np.append(1.0 / (2.0 * np.pi), 1.0 / np.sqrt(2.0 * np.pi * Z))
+    np.testing.assert_allclose(slam.whole_map().weight, likelihood / likelihood.sum(), rtol=1e-9)
+
+
+def test_without_ids_bearings_are_refused():
+    with pytest.raises(ValueError, match="known association"):
+        BearingFilter(np.zeros(3), np.eye(3)).update(Observations(None, np.zeros((1, 1)), np.ones((1, 1, 1))))
+
+
+def test_estimators_map_every_landmark_of_the_ring():
+    truth, recording = simulate(load_scenario("q4-ring", ["start=sampled"]), 1)
+    assert truth.poses is not None
+    for estimator in (ekf, riekf):
+        estimate = estimator(recording)
+        assert len(np.asarray(estimate.landmark_ids)) == 19
+        assert np.array_equal(np.asarray(estimate.association), np.asarray(recording.landmark))
+        assert np.sqrt(np.square(estimate.poses - truth.poses)[:, :2].sum(axis=1).mean()) < 2.0

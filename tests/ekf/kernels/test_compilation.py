@@ -1,0 +1,45 @@
+"""Compiled code: kept on disk, announced, and working where nothing can be kept."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from slamgauge.ekf.kernels.compiled import drop_outdated
+
+PROGRAM = (
+    "import numpy as np; from ekf import SlamFilter;"
+    "s = SlamFilter('position', np.zeros(3), np.eye(3)); s.predict([1, 0, 0], np.eye(3)); print(s.pose_cov[0, 0])"
+)
+
+
+def run(cache: Path | str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    return subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True)
+
+
+def test_first_use_is_announced_and_later_ones_load_from_disk(tmp_path: Path) -> None:
+    first, second = run(tmp_path), run(tmp_path)
+    assert "compiling" in first.stderr
+    assert second.stderr == ""
+    assert first.stdout == second.stdout == "2.0\n"
+
+
+def test_works_where_nothing_can_be_written() -> None:
+    """A folder below a device cannot exist, whoever runs the test."""
+    assert run("/dev/null/cache").stdout == "2.0\n"
+
+
+def test_machine_code_older_than_any_source_is_dropped(tmp_path: Path) -> None:
+    cache = tmp_path / "__pycache__"
+    cache.mkdir()
+    for name, time in (("models.py", 200.0), ("corrections.py", 100.0)):
+        (tmp_path / name).touch()
+        os.utime(tmp_path / name, (time, time))
+    for name, time in (("corrections.old.nbi", 150.0), ("corrections.new.nbi", 250.0)):
+        (cache / name).touch()
+        os.utime(cache / name, (time, time))
+    drop_outdated(tmp_path)
+    assert [path.name for path in cache.iterdir()] == ["corrections.new.nbi"]

@@ -1,0 +1,301 @@
+"""Every Jacobian of the filters against central differences, at the places where they tend to break.
+
+The references are written here with `slam2d` alone: the sensor models, the motion and the place where a
+sight puts a landmark. Tolerances are the accuracy of the differences, not of the kernels.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from jacobians import assert_jacobian, differentiate
+from slamgauge.ekf.kernels.augmentation import augment
+from slamgauge.ekf.kernels.linearisation import linearise
+from slamgauge.ekf.kernels.models import MIN_BEARING_DISTANCE, POSITION, RANGE_BEARING, locate, observe
+from slamgauge.ekf.kernels.prediction import predict
+from slamgauge.ekf.kernels.workspace import allocate
+
+from slamgauge.arrays import Float
+from slamgauge.se2 import compose, rotation
+
+PI = math.pi
+JUST_FAR_ENOUGH = 1.0001 * MIN_BEARING_DISTANCE
+# the differences step 2 * 1e-3 of the distance towards the sensor: they must not cross the guard
+CLOSE = 1.01 * MIN_BEARING_DISTANCE
+HEADINGS = [0.0, 0.7, PI / 2, PI, PI - 1e-12, -PI + 1e-12, -2.5]
+BEARINGS = [0.0, 1.1, PI / 2, PI, -PI + 1e-12, -2.0]
+DISTANCES = [CLOSE, 0.3, 8.0, 200.0]
+SENSORS = [pytest.param(RANGE_BEARING, id="range-bearing"), pytest.param(POSITION, id="position")]
+
+
+def direction(angle: float) -> Float:
+    return np.array([math.cos(angle), math.sin(angle)])
+
+
+def seen(sensor: int, delta: Float) -> Float:
+    """The sensor model of the vocabulary for a landmark at `delta` in the body frame."""
+    return delta if sensor == POSITION else np.array([np.hypot(*delta), np.arctan2(delta[1], delta[0])])
+
+
+def placed(sensor: int, pose: Float, z: Float) -> Float:
+    """World position of a landmark that `pose` sees at `z`."""
+    delta = z if sensor == POSITION else z[0] * direction(z[1])
+    return pose[:2] + rotation(pose[2]) @ delta
+
+
+def angle_rows(sensor: int) -> tuple[int, ...]:
+    return (1,) if sensor == RANGE_BEARING else ()
+
+
+# --- the check itself ----------------------------------------------------------------------------
+
+
+def test_differences_tell_a_jacobian_that_is_slightly_wrong() -> None:
+    def function(x: Float) -> Float:
+        return np.array([np.sin(x[0]) * x[1], np.arctan2(x[1], x[0])])
+
+    at = np.array([0.4, -1.3])
+    exact = np.array([[np.cos(0.4) * -1.3, np.sin(0.4)], [1.3 / (0.16 + 1.69), 0.4 / (0.16 + 1.69)]])
+    assert_jacobian(function, exact, at)
+    for wrong in (exact + 1e-8 * np.eye(2), exact.T, -exact, exact[:1]):
+        with pytest.raises(AssertionError):
+            assert_jacobian(function, wrong, at)
+
+
+def test_differences_across_the_cut_of_an_angle() -> None:
+    def function(x: Float) -> Float:
+        return np.array([np.arctan2(x[0], -1.0)])
+
+    assert_jacobian(function, [[-1.0]], [0.0], angles=[0])
+    with pytest.raises(AssertionError):
+        assert_jacobian(function, [[-1.0]], [0.0])
+
+
+# --- sensor models -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("distance", DISTANCES)
+@pytest.mark.parametrize("bearing", BEARINGS)
+def test_observe(sensor: int, distance: float, bearing: float) -> None:
+    delta = distance * direction(bearing)
+    z0, z1, a00, a01, a10, a11 = observe(sensor, *delta)
+    np.testing.assert_allclose([z0, z1], seen(sensor, delta), rtol=1e-15, atol=1e-15)
+    assert_jacobian(
+        lambda at: np.array(observe(sensor, *at)[:2]),
+        [[a00, a01], [a10, a11]],
+        delta,
+        step=1e-3 * distance,
+        angles=angle_rows(sensor),
+    )
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("distance", [0.0, *DISTANCES])
+@pytest.mark.parametrize("bearing", BEARINGS)
+def test_locate(sensor: int, distance: float, bearing: float) -> None:
+    z = distance * direction(bearing) if sensor == POSITION else np.array([distance, bearing])
+    dx, dy, b00, b01, b10, b11 = locate(sensor, *z)
+    np.testing.assert_allclose([dx, dy], placed(sensor, np.zeros(3), z), rtol=1e-15, atol=1e-15)
+    assert_jacobian(lambda at: np.array(locate(sensor, *at)[:2]), [[b00, b01], [b10, b11]], z)
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("bearing", BEARINGS)
+def test_locate_inverts_observe(sensor: int, bearing: float) -> None:
+    delta = JUST_FAR_ENOUGH * direction(bearing)
+    forward, back = observe(sensor, *delta), locate(sensor, *observe(sensor, *delta)[:2])
+    np.testing.assert_allclose(back[:2], delta, rtol=0, atol=1e-17)
+    product = np.reshape(forward[2:], (2, 2)) @ np.reshape(back[2:], (2, 2))
+    np.testing.assert_allclose(product, np.eye(2), atol=1e-13)
+
+
+@pytest.mark.parametrize("bearing", BEARINGS)
+def test_a_bearing_from_too_close_is_skipped_and_its_range_kept(bearing: float) -> None:
+    delta = 0.5 * MIN_BEARING_DISTANCE * direction(bearing)
+    distance, _, *A = observe(RANGE_BEARING, *delta)
+    assert distance == pytest.approx(0.5 * MIN_BEARING_DISTANCE, rel=1e-14)
+    np.testing.assert_allclose(
+        np.reshape(A, (2, 2)), np.vstack([direction(bearing), np.zeros(2)]), rtol=1e-14, atol=1e-14
+    )
+    assert observe(RANGE_BEARING, 0.0, 0.0) == (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+# --- the innovation's Jacobian -------------------------------------------------------------------
+
+
+def linearised(
+    sensor: int, state: Float, slots: list[int], z: Float, point: Float | None = None
+) -> tuple[Float, Float, int]:
+    """Innovations (2m,), the dense Jacobian (2m, size) and the number of rows that carry information."""
+    count = len(slots)
+    point = state if point is None else point
+    innovation, compact = np.empty(2 * count), np.empty((2 * count, 5))
+    informative = linearise(sensor, state, point, np.array(slots), z, innovation, compact)
+    dense = np.zeros((2 * count, len(state)))
+    for row in range(2 * count):
+        columns = [0, 1, 2, 3 + 2 * slots[row // 2], 4 + 2 * slots[row // 2]]
+        dense[row, columns] += compact[row]
+    return innovation, dense, informative
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("distance", DISTANCES)
+@pytest.mark.parametrize("bearing", BEARINGS)
+@pytest.mark.parametrize("heading", HEADINGS)
+def test_linearise(sensor: int, heading: float, bearing: float, distance: float) -> None:
+    """Three landmarks, the one at the awkward place in the middle slot; the first is seen twice."""
+    pose = np.array([3.0, -4.0, heading])
+    awkward = pose[:2] + rotation(heading) @ (distance * direction(bearing))
+    state = np.concatenate([pose, [5.0, 1.0], awkward, [-6.0, -9.0]])
+    slots = [1, 0, 2, 0]
+    offsets = state[3:].reshape(-1, 2)[slots] - pose[:2]
+    z = np.array([seen(sensor, rotation(heading).T @ offset) for offset in offsets])
+    innovation, H, informative = linearised(sensor, state, slots, z)
+    assert informative == 8
+    np.testing.assert_allclose(innovation, 0.0, atol=1e-12)
+    assert_jacobian(
+        lambda at: -linearised(sensor, at, slots, z)[0],
+        H,
+        state,
+        step=[1e-3 * min(distance, 1.0)] * 2 + [1e-3] + [1e-3] * 2 + [1e-3 * distance] * 2 + [1e-3] * 2,
+        tolerance=2e-9,  # rounding of l - p where the landmark is 1 cm away: 1e-15 / (1e-5 * 100)
+    )
+
+
+@pytest.mark.parametrize("bearing", BEARINGS)
+def test_linearise_skips_the_bearing_from_too_close(bearing: float) -> None:
+    state = np.concatenate([[0.0, 0.0, 0.6], 0.5 * MIN_BEARING_DISTANCE * direction(bearing + 0.6)])
+    innovation, H, informative = linearised(RANGE_BEARING, state, [0], np.array([[0.3, 1.0]]))
+    assert informative == 1
+    np.testing.assert_allclose(innovation, [0.3 - 0.5 * MIN_BEARING_DISTANCE, 0.0], atol=1e-15)
+    np.testing.assert_array_equal(H[1], 0.0)
+    np.testing.assert_allclose(H[0, 3:], direction(bearing + 0.6), atol=1e-13)
+
+
+def test_an_innovation_across_the_cut_is_the_short_way_round() -> None:
+    state = np.array([0.0, 0.0, PI - 0.1, -2.0, 0.0])
+    behind = np.array([0.0, 0.0, 0.1, -2.0, 0.0])
+    for at, z in ((state, 0.1 + 2 * PI - 0.02), (behind, PI), (behind, -PI + 1e-3)):
+        innovation, _, _ = linearised(RANGE_BEARING, at, [0], np.array([[2.0, z]]))
+        assert abs(innovation[1]) < 0.11
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_the_innovation_is_taken_at_the_state_and_the_jacobian_at_the_point(sensor: int) -> None:
+    state, point = np.array([3.0, -4.0, 0.4, 5.0, 1.0]), np.array([2.5, -4.2, 0.7, 4.6, 1.3])
+    z = np.array([[5.0, 0.3]])
+    innovation, H, _ = linearised(sensor, state, [0], z, point)
+    np.testing.assert_array_equal(innovation, linearised(sensor, state, [0], z)[0])
+    np.testing.assert_array_equal(H, linearised(sensor, point, [0], z)[1])
+
+
+# --- prediction ----------------------------------------------------------------------------------
+
+INCREMENTS = [[0.3, 0.0, 0.02], [0.0, 0.0, 0.0], [0.0, 0.0, PI], [-0.2, 0.7, -2.0], [40.0, 0.0, 1e-9]]
+
+
+def predicted(
+    pose: Float, cov: Float, increment: list[float], noise: Float, point: Float | None = None
+) -> tuple[Float, Float]:
+    """The state and the upper triangle of its covariance after `predict`."""
+    size = len(cov)
+    state, cov = np.concatenate([pose, np.zeros(size - 3)]), cov.copy()
+    assert predict(state, state if point is None else point, cov, size, np.array(increment), noise)
+    return state, np.triu(cov)
+
+
+@pytest.mark.parametrize("increment", INCREMENTS)
+@pytest.mark.parametrize("heading", HEADINGS)
+def test_prediction_carries_cross_covariances_by_the_motions_jacobian(heading: float, increment: list[float]) -> None:
+    """A unit cross-covariance with the map comes out as F itself."""
+    pose = np.array([3.0, -4.0, heading])
+    cov = np.zeros((7, 7))
+    cov[:3, 3:6] = np.eye(3)
+    state, after = predicted(pose, cov, increment, np.zeros((3, 3)))
+    np.testing.assert_allclose(state[:3], compose(pose, increment), rtol=1e-15, atol=1e-15)
+    assert_jacobian(lambda at: compose(at, increment), after[:3, 3:6], pose, angles=[2])
+    assert not after[:3, 6].any()
+    assert not after[3:].any()
+
+
+@pytest.mark.parametrize("increment", INCREMENTS)
+@pytest.mark.parametrize("heading", HEADINGS)
+def test_prediction_adds_noise_and_moves_the_robots_covariance_by_both_jacobians(
+    heading: float, increment: list[float]
+) -> None:
+    rng = np.random.default_rng(0)
+    pose = np.array([3.0, -4.0, heading])
+    F = differentiate(lambda at: compose(at, increment), pose, angles=[2])
+    G = differentiate(lambda at: compose(pose, at), increment, angles=[2])
+    for _ in range(6):  # six random symmetric matrices span them all
+        root_P, root_Q = rng.normal(size=(2, 3, 3))
+        P, Q = root_P @ root_P.T, root_Q @ root_Q.T
+        after = predicted(pose, P, increment, Q)[1]
+        expected = F @ P @ F.T + G @ Q @ G.T
+        np.testing.assert_allclose(after, np.triu(expected), rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
+def test_prediction_from_another_point_reaches_from_there_to_the_new_position() -> None:
+    pose, point, increment = np.array([3.0, -4.0, 0.6]), np.array([2.8, -4.1, 0.5, 0.0]), [0.3, 0.1, 0.02]
+    cov = np.zeros((6, 6))
+    cov[:3, 3:] = np.eye(3)
+    before = point.copy()
+    state, after = predicted(pose, cov, increment, np.zeros((3, 3)), point)
+    lever = state[:2] - before[:2]
+    np.testing.assert_allclose(after[:3, 3:], [[1, 0, -lever[1]], [0, 1, lever[0]], [0, 0, 1]], atol=1e-15)
+    np.testing.assert_array_equal(point, [*state[:3], 0.0])
+
+
+# --- augmentation --------------------------------------------------------------------------------
+
+
+def augmented(sensor: int, pose: Float, cov: Float, z: Float, R: Float) -> tuple[Float, Float]:
+    """The new landmark, and the columns of the upper triangle that belong to it."""
+    size = len(cov)
+    state, room = np.concatenate([pose, np.zeros(size - 1)]), np.zeros((size + 2, size + 2))
+    room[:size, :size] = cov
+    work = allocate(1, size + 2, 1)
+    work.observation[0], work.observation_cov[0] = z, R
+    augment(sensor, state, state, room, size, 1, work)
+    np.testing.assert_array_equal(room[:size, :size], cov)
+    return state[size:], room[:, size:]
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("distance", [0.0, *DISTANCES])
+@pytest.mark.parametrize("bearing", BEARINGS)
+@pytest.mark.parametrize("heading", HEADINGS)
+def test_augmentation(sensor: int, heading: float, bearing: float, distance: float) -> None:
+    """Unit cross-covariance with the map gives J_r; sensor noise alone gives J_z R J_z'."""
+    pose = np.array([3.0, -4.0, heading])
+    z = distance * direction(bearing) if sensor == POSITION else np.array([distance, bearing])
+    cov = np.zeros((7, 7))
+    cov[:3, 3:6] = np.eye(3)
+    landmark, columns = augmented(sensor, pose, cov, z, np.zeros((2, 2)))
+    np.testing.assert_allclose(landmark, placed(sensor, pose, z), rtol=1e-14, atol=1e-14)
+    assert_jacobian(lambda at: placed(sensor, at, z), columns[3:6].T, pose)
+    np.testing.assert_array_equal(columns[[0, 1, 2, 6]], 0.0)
+
+    R = np.array([[0.04, 0.01], [0.01, 0.09]])
+    J_z = differentiate(lambda at: placed(sensor, pose, at), z)
+    own = augmented(sensor, pose, np.zeros((3, 3)), z, R)[1][3:]
+    expected = np.triu(J_z @ R @ J_z.T)
+    np.testing.assert_allclose(np.triu(own), expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_augmentation_on_a_correlated_state(sensor: int) -> None:
+    """P_l. = J_r P_r. and P_ll = J_r P_rr J_r' + J_z R J_z' together."""
+    rng = np.random.default_rng(1)
+    pose, z = np.array([3.0, -4.0, 2.9]), np.array([5.0, 0.8])
+    root = rng.normal(size=(7, 7))
+    P, R = root @ root.T, np.array([[0.04, 0.01], [0.01, 0.09]])
+    J_r = differentiate(lambda at: placed(sensor, at, z), pose)
+    J_z = differentiate(lambda at: placed(sensor, pose, at), z)
+    columns = augmented(sensor, pose, np.triu(P) + np.tril(P[:7, :7], -1) * (np.arange(7)[:, None] < 3), z, R)[1]
+    np.testing.assert_allclose(columns[:7], P[:, :3] @ J_r.T, rtol=0, atol=1e-9)
+    expected = np.triu(J_r @ P[:3, :3] @ J_r.T + J_z @ R @ J_z.T)
+    np.testing.assert_allclose(np.triu(columns[7:]), expected, rtol=0, atol=1e-8)

@@ -1,0 +1,414 @@
+"""Removing and merging landmarks against dense algebra, and the bookkeeping of tracks."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from random_recordings import random_covariances, random_recording
+from slamgauge.ekf import SlamFilter
+from slamgauge.ekf.filter import Correction
+from slamgauge.ekf.kernels.map_edits import NOTHING, equate_landmarks, find_duplicate
+from slamgauge.ekf.kernels.workspace import allocate
+from slamgauge.ekf.map_management import GONE, MapManagement, Tracks
+from textbook import (
+    additive_from_invariant,
+    exp_action,
+    predict_standard,
+    update,
+    update_iterated,
+)
+
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Observations
+from slamgauge.se2 import wrap
+
+CORRECTIONS = pytest.mark.parametrize("correction", ["standard", "first-estimates", "iterated", "right-invariant"])
+SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+
+
+def state_of(slam: SlamFilter) -> Float:
+    return np.concatenate([slam.pose, slam.landmarks.ravel()])
+
+
+def random_filter(seed: int, correction: Correction, sensor: str = "position", landmarks: int = 5) -> SlamFilter:
+    """Landmarks around the robot, fully correlated with it and with each other."""
+    rng = np.random.default_rng(seed)
+    size = 3 + 2 * landmarks
+    root = 0.1 * rng.normal(size=(size, size))
+    P = root @ root.T
+    P[2] *= 0.3
+    P[:, 2] *= 0.3
+    slam = SlamFilter(sensor, [0.5, -0.4, 3.0], P[:3, :3], correction, landmarks=landmarks)
+    slam.set_map(np.arange(landmarks) * 10, rng.uniform(2, 4, (landmarks, 2)) * rng.choice([-1, 1], (landmarks, 2)), P)
+    return slam
+
+
+def entries(slots: list[int]) -> Int:
+    """Entries of the robot and of landmarks in the state."""
+    return np.array([0, 1, 2, *(3 + 2 * s + k for s in slots for k in range(2))])
+
+
+# --- removal -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("slot", [0, 2, 3, 4])
+def test_removal_leaves_the_mean_and_covariance_of_the_rest_as_they_were(slot: int) -> None:
+    slam = random_filter(0, "standard")
+    x, P = state_of(slam), slam.cov
+    slam.remove(slot)
+    kept = [s if s != slot else 4 for s in range(4)]  # the last one moves into the gap
+    np.testing.assert_array_equal(slam.landmark_ids, np.array(kept) * 10)
+    np.testing.assert_array_equal(state_of(slam), x[entries(kept)])
+    np.testing.assert_array_equal(slam.cov, P[np.ix_(entries(kept), entries(kept))])
+    np.testing.assert_array_equal(slam.landmark_covs[0], slam.cov[3:5, 3:5])
+
+
+@CORRECTIONS
+@SENSORS
+@pytest.mark.parametrize("slot", [0, 3, 6])
+def test_a_removed_landmark_is_one_that_was_never_seen_again(correction: Correction, sensor: str, slot: int) -> None:
+    """The rest goes on exactly as in a filter that keeps the landmark and does not look: a marginal is a marginal."""
+    _, recording = random_recording(slot, sensor=sensor, landmarks=7)
+    assert recording.landmark is not None
+    keeps = SlamFilter(sensor, recording.prior_mean, recording.prior_cov, correction)
+    removes, named = keeps, 0
+    for k, scan in enumerate(recording.scans()):
+        assert scan.landmark is not None
+        if k == 15:
+            named = int(keeps.landmark_ids[slot])
+            removes = deepcopy(keeps)
+            removes.remove(slot)
+        if k >= 15:
+            rest = scan.landmark != named
+            scan = Observations(scan.landmark[rest], scan.value[rest], scan.cov[rest])
+        for slam in (keeps, removes) if k >= 15 else (keeps,):
+            if k:
+                slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
+            slam.update(scan)
+    slots = [keeps.landmark_ids.tolist().index(name) for name in removes.landmark_ids]
+    assert sorted([*slots, slot]) == list(range(7))
+    np.testing.assert_allclose(state_of(removes), state_of(keeps)[entries(slots)], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(removes.cov, keeps.cov[np.ix_(entries(slots), entries(slots))], rtol=0, atol=1e-12)
+    removes.update(Observations(np.array([named]), recording.observation[:1], recording.observation_cov[:1]))
+    assert removes.landmark_ids[-1] == named  # seen again, it is new
+
+
+# --- merging -------------------------------------------------------------------------------------
+
+
+def dense_merge(correction: Correction, x: Float, P: Float, a: int, b: int) -> tuple[Float, Float]:
+    """The Kalman update with l_a - l_b = 0, both landmarks kept; right-invariant in that error's own coordinates."""
+    invariant = correction == "right-invariant"
+    H = np.zeros((2, len(x)))
+    H[:, 3 + 2 * a : 5 + 2 * a], H[:, 3 + 2 * b : 5 + 2 * b] = np.eye(2), -np.eye(2)
+    D = additive_from_invariant(x) if invariant else np.eye(len(x))
+    r, H = -H @ x, H @ D
+    P = np.linalg.inv(D) @ P @ np.linalg.inv(D).T
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T)
+    P = (np.eye(len(x)) - K @ H) @ P
+    x = exp_action(K @ r, x) if invariant else x + K @ r
+    x[2] = wrap(x[2])
+    D = additive_from_invariant(x) if invariant else np.eye(len(x))
+    return x, D @ P @ D.T
+
+
+@CORRECTIONS
+@pytest.mark.parametrize(("kept", "gone"), [(0, 1), (3, 1), (1, 4), (4, 2)])
+def test_merging_is_the_exact_observation_that_two_landmarks_are_one(
+    correction: Correction, kept: int, gone: int
+) -> None:
+    slam = random_filter(1, correction)
+    before = slam.pose
+    x, P = dense_merge(correction, state_of(slam), slam.cov, kept, gone)
+    slam.merge(kept, gone)
+    rest = [s if s != gone else 4 for s in range(4)]
+    np.testing.assert_array_equal(slam.landmark_ids, np.array(rest) * 10)
+    np.testing.assert_allclose(state_of(slam), x[entries(rest)], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(slam.cov, P[np.ix_(entries(rest), entries(rest))], rtol=0, atol=1e-11)
+    eigenvalues = np.linalg.eigvalsh(slam.cov)
+    assert eigenvalues[0] > -1e-15 * eigenvalues[-1]
+    assert np.abs(slam.pose - before).max() > 0.01
+    assert abs(slam.pose[2]) <= np.pi
+
+
+def test_merged_landmarks_are_in_one_place_with_one_covariance() -> None:
+    slam = random_filter(2, "standard")
+    x, P, work = state_of(slam), slam.cov, allocate(1, 13, 1)
+    before = x.copy()
+    assert equate_landmarks(x, P, 13, 3, 1, work)
+    np.testing.assert_array_equal(x, before)  # the caller moves the state
+    x += work.scratch[0]
+    P = np.triu(P) + np.triu(P, 1).T
+    np.testing.assert_allclose(x[9:11], x[5:7], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(P[9:11], P[5:7], rtol=0, atol=1e-12)
+    eigenvalues = np.linalg.eigvalsh(P)
+    assert eigenvalues[0] > -1e-14 * eigenvalues[-1]
+    assert (np.abs(eigenvalues[:2]) < 1e-12).all()
+    assert eigenvalues[2] > 1e-9
+
+
+@CORRECTIONS
+def test_which_of_two_landmarks_is_kept_does_not_matter_for_the_rest(correction: Correction) -> None:
+    one, other = random_filter(3, correction), random_filter(3, correction)
+    one.merge(1, 3)
+    other.merge(3, 1)
+    one_slots, other_slots = [0, 2, 3], [0, 2, 1]  # ids 0, 20, 40
+    np.testing.assert_array_equal(one.landmark_ids[one_slots], other.landmark_ids[other_slots])
+    a, b = entries(one_slots), entries(other_slots)
+    np.testing.assert_allclose(state_of(one)[a], state_of(other)[b], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(one.cov[np.ix_(a, a)], other.cov[np.ix_(b, b)], rtol=0, atol=1e-12)
+    if correction != "right-invariant":  # whose positions agree only to second order
+        np.testing.assert_allclose(one.landmarks[1], other.landmarks[3], rtol=0, atol=1e-12)
+
+
+@CORRECTIONS
+@pytest.mark.parametrize(("kept", "gone"), [(1, 4), (4, 1), (0, 2)])
+def test_merging_a_landmark_with_its_exact_copy_changes_nothing(correction: Correction, kept: int, gone: int) -> None:
+    original = random_filter(4, correction)
+    copied = entries([gone if s == kept else s for s in range(5)])
+    slam = SlamFilter("position", original.pose, original.pose_cov, correction)
+    landmarks = state_of(original)[copied][3:].reshape(-1, 2)
+    slam.set_map(original.landmark_ids, landmarks, original.cov[np.ix_(copied, copied)])
+    x, P = state_of(slam), slam.cov
+    slam.merge(kept, gone)
+    rest = entries([s if s != gone else 4 for s in range(4)])
+    np.testing.assert_array_equal(state_of(slam), x[rest])
+    np.testing.assert_array_equal(slam.cov, P[np.ix_(rest, rest)])
+
+
+@CORRECTIONS
+@SENSORS
+def test_a_filter_goes_on_after_a_merge_as_by_the_book(correction: Correction, sensor: str) -> None:
+    """For first estimates: at the kept landmark's own first place, not where it was moved to."""
+    slam, rng = random_filter(5, correction, sensor), np.random.default_rng(5)
+    x, P = state_of(slam), slam.cov
+    first = x.copy()
+    for slots in ([0, 1, 2], [3, 0], [1, 2]):
+        increment, Q = np.array([0.3, 0.1, 0.2]), random_covariances(rng, 1, np.array([0.1, 0.1, 0.05]))[0]
+        z = observation_near(slam, sensor, slots, rng)
+        R = random_covariances(rng, len(slots), np.array([0.1, 0.05]))
+        x, P = predict_standard(x, first if correction == "first-estimates" else x, P, increment, Q)
+        first[:3] = x[:3]
+        x, P = dense_update(correction, sensor, x, first, P, slots, z, R)
+        slam.predict(increment, Q)
+        slam.update(Observations(slam.landmark_ids[slots], z, R))
+        if slots == [3, 0]:
+            x, P = dense_merge(correction, x, P, 2, 1)
+            kept = entries([0, 4, 2, 3])
+            x, P, first = x[kept], P[np.ix_(kept, kept)], first[kept]
+            slam.merge(2, 1)
+    np.testing.assert_allclose(state_of(slam), x, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(slam.cov, P, rtol=0, atol=1e-10)
+
+
+def observation_near(slam: SlamFilter, sensor: str, slots: list[int], rng: np.random.Generator) -> Float:
+    offset = slam.landmarks[slots] - slam.pose[:2]
+    bearing = np.arctan2(offset[:, 1], offset[:, 0]) - slam.pose[2] + 0.1 * rng.normal(size=len(slots))
+    distance = np.hypot(*offset.T) + 0.1 * rng.normal(size=len(slots))
+    if sensor == "position":
+        return distance[:, None] * np.column_stack([np.cos(bearing), np.sin(bearing)])
+    return np.column_stack([distance, wrap(bearing)])
+
+
+def dense_update(
+    correction: Correction, sensor: str, x: Float, first: Float, P: Float, slots: list[int], z: Float, R: Float
+) -> tuple[Float, Float]:
+    """One textbook update, additive covariances in and out."""
+    if correction == "iterated":
+        return update_iterated(sensor, x, P, slots, z, R)[:2]
+    if correction != "right-invariant":
+        return update(sensor, x, first if correction == "first-estimates" else x, P, slots, z, R, invariant=False)[:2]
+    back = np.linalg.inv(additive_from_invariant(x))
+    x, P, _ = update(sensor, x, x, back @ P @ back.T, slots, z, R, invariant=True)
+    D = additive_from_invariant(x)
+    return x, D @ P @ D.T
+
+
+# --- duplicates ----------------------------------------------------------------------------------
+
+
+def test_duplicates_are_those_that_numpy_finds() -> None:
+    rng = np.random.default_rng(6)
+    outcomes = {"found": 0, "none": 0, "not by place alone": 0}
+    for _ in range(300):
+        n, gate, distance = 6, float(rng.choice([4.0, 9.0])), float(rng.choice([0.5, 1.0, 3.0]))
+        root = rng.normal(size=(15, 15)) * 10 ** rng.uniform(-2, -0.5, (15, 1))
+        P, x = root @ root.T, np.concatenate([np.zeros(3), rng.uniform(-1, 1, 2 * n)])
+        slots = np.sort(rng.permutation(n)[: int(rng.integers(0, 4))])
+        apart = rng.random((n, n)) < 0.3
+        apart |= apart.T
+        near: list[tuple[int, int]] = []
+        for a in slots.tolist():
+            for b in range(n):
+                M = np.zeros((2, 15))
+                M[:, 3 + 2 * a : 5 + 2 * a] += np.eye(2)
+                M[:, 3 + 2 * b : 5 + 2 * b] -= np.eye(2)
+                d, C = M @ x, M @ P @ M.T
+                if a == b or d @ np.linalg.inv(C) @ d > gate:
+                    continue
+                if apart[a, b] or 3.0 * np.sqrt(np.linalg.eigvalsh(C)[-1]) > distance:
+                    outcomes["not by place alone"] += 1
+                    continue
+                near.append((a, b))
+        found = find_duplicate(x, np.triu(P), 15, slots, apart, gate, distance)
+        assert found == (near[0] if near else NOTHING)
+        outcomes["found" if near else "none"] += 1
+    assert min(outcomes.values()) > 30, outcomes
+
+
+# --- tracks --------------------------------------------------------------------------------------
+
+
+class World:
+    """Tracks over a real filter; every sight is exact, so that a landmark is where it was put."""
+
+    def __init__(self, management: MapManagement | None) -> None:
+        self.slam = SlamFilter("position", np.zeros(3), np.zeros((3, 3)))
+        self.tracks = Tracks(management)
+        self.places: dict[int, tuple[float, float]] = {}
+
+    def scan(self, *seen: int, new: tuple[tuple[float, float], ...] = ()) -> list[int]:
+        """Close a scan in which the ids `seen` were seen and landmarks `new` mapped; returns the new ids."""
+        born = self.tracks.begin(len(new))
+        self.slam.add(born, np.array(new).reshape(-1, 2), np.tile(1e-4 * np.eye(2), (len(new), 1, 1)))
+        self.places.update(zip(born.tolist(), new, strict=True))
+        self.tracks.close_scan(self.slam, np.array([*seen, *born.tolist()], dtype=np.int64))
+        self.check()
+        return born.tolist()
+
+    def check(self) -> None:
+        """Names and slots belong together."""
+        ids = self.tracks.ids.tolist()
+        assert ids == self.slam.landmark_ids.tolist()
+        assert len(set(ids)) == len(ids) == len(self.tracks.confirmed)
+        places = np.array([self.places[i] for i in ids]).reshape(-1, 2)
+        np.testing.assert_allclose(self.slam.landmarks, places, rtol=0, atol=1e-9)
+        known = np.arange(len(self.places))
+        standing = self.tracks.standing(known)
+        np.testing.assert_array_equal(self.tracks.standing(standing), standing)
+        assert set(standing.tolist()) - {GONE} <= set(self.confirmed)
+        np.testing.assert_array_equal(standing[self.confirmed], self.confirmed)
+
+    @property
+    def confirmed(self) -> list[int]:
+        return self.tracks.ids[self.tracks.confirmed].tolist()
+
+    def standing(self, *ids: int) -> list[int]:
+        return self.tracks.standing(np.array(ids, dtype=np.int64)).tolist()
+
+
+def test_without_management_every_track_is_a_landmark_at_once_and_stays_one() -> None:
+    world = World(None)
+    assert world.scan(new=((1.0, 0.0), (1.0, 0.0))) == [0, 1]
+    for _ in range(20):
+        world.scan()
+    assert world.confirmed == [0, 1]
+    assert world.standing(1, GONE, 0) == [1, GONE, 0]
+
+
+def test_a_track_is_confirmed_by_its_last_sight_of_probation_and_deleted_without_it() -> None:
+    world = World(MapManagement(sights=3, probation=5))
+    early, late, never = world.scan(new=((1.0, 0.0), (2.0, 0.0), (3.0, 0.0)))
+    world.scan(early)
+    assert world.confirmed == []
+    assert world.standing(early, late, never) == [GONE, GONE, GONE]
+    world.scan(early, late, never)
+    assert world.confirmed == [early]
+    world.scan()
+    assert sorted(world.tracks.ids.tolist()) == [early, late, never]  # four scans: still on probation
+    world.scan(late)
+    assert sorted(world.confirmed) == [early, late]
+    assert sorted(world.tracks.ids.tolist()) == [early, late]
+    assert world.standing(never, late, GONE, early) == [GONE, late, GONE, early]
+    for _ in range(10):
+        world.scan()
+    assert sorted(world.confirmed) == [early, late]  # once confirmed, for good
+
+
+def test_ids_are_never_used_again_and_probation_counts_from_each_tracks_own_birth() -> None:
+    world = World(MapManagement(sights=2, probation=3))
+    assert world.scan(new=((1.0, 0.0), (2.0, 0.0))) == [0, 1]
+    assert world.scan(new=((3.0, 0.0),)) == [2]
+    world.scan()
+    assert world.tracks.ids.tolist() == [2]
+    world.scan()
+    assert world.tracks.ids.tolist() == []
+    assert world.scan(new=((1.0, 0.0),)) == [3]
+    assert world.standing(0, 1, 2, 3) == [GONE] * 4
+    world.scan(3)
+    assert world.standing(0, 1, 2, 3) == [GONE, GONE, GONE, 3]
+
+
+def test_tracks_that_fail_together_are_all_deleted_and_no_other() -> None:
+    world = World(MapManagement(sights=2, probation=2))
+    world.scan(new=((1.0, 0.0), (2.0, 0.0), (3.0, 0.0), (4.0, 0.0)))
+    world.scan(1)  # leaves slots 0, 2 and 3, the last among them
+    assert world.tracks.ids.tolist() == [1]
+    assert world.standing(0, 1, 2, 3) == [GONE, 1, GONE, GONE]
+
+
+def test_merged_ids_are_their_oldest_survivors_even_through_chains() -> None:
+    world = World(MapManagement(sights=2, probation=20))
+    world.scan(new=((1.0, 0.0), (5.0, 0.0)))  # 0 waits on probation, 1 is another
+    world.scan(1, new=((1.0, 0.0),))
+    world.scan(new=((1.0, 0.0),))
+    world.scan(2)
+    assert world.standing(0, 1, 2, 3) == [GONE, 1, 2, GONE]
+    world.scan(3)
+    assert world.standing(0, 1, 2, 3) == [GONE, 1, 2, 2]  # the younger went
+    world.scan(0)
+    assert world.standing(0, 1, 2, 3) == [0, 1, 0, 0]
+    assert sorted(world.tracks.ids.tolist()) == [0, 1]
+    assert world.scan(new=((9.0, 0.0),)) == [4]
+
+
+def test_what_one_scan_has_seen_as_two_is_never_merged_nor_is_what_was_merged_with_one_of_them() -> None:
+    world = World(MapManagement(sights=1, probation=20))
+    world.scan(new=((1.0, 0.0), (1.0, 0.0)))
+    for _ in range(3):
+        world.scan(0)
+        world.scan(1)
+    assert sorted(world.confirmed) == [0, 1]
+    # 3 is seen beside 2, which merges into 0; so 3 is not 0 either, and may only be 1
+    apart = World(MapManagement(sights=3, probation=20))
+    apart.scan(new=((1.0, 0.0),))
+    apart.scan(new=((1.0, 0.0), (1.0, 0.0)))
+    apart.scan(0)
+    apart.scan(0)
+    apart.scan(1)
+    apart.scan(1)
+    assert apart.standing(0, 1, 2) == [0, 0, GONE]
+    for _ in range(3):
+        apart.scan(2)
+        apart.scan(0)
+    assert apart.standing(0, 1, 2) == [0, 0, 2]
+
+
+def test_names_stay_with_their_landmarks_whatever_slots_do() -> None:
+    """Random lives of tracks; `World.check` looks at every scan, and what has gone never comes back."""
+    rng = np.random.default_rng(7)
+    merged = deleted = 0
+    for _ in range(10):
+        world = World(MapManagement(sights=3, probation=6))
+        gone: set[int] = set()
+        survivors: dict[int, int] = {}
+        for _ in range(40):
+            places = tuple((float(rng.integers(0, 6)), 0.0) for _ in range(int(rng.integers(0, 3))))
+            alive = world.tracks.ids
+            world.scan(*alive[rng.random(len(alive)) < 0.4].tolist(), new=places)
+            now = set(world.tracks.ids.tolist())
+            ended = set(world.places) - now
+            assert gone <= ended
+            for i in ended - gone:
+                survivors[i] = world.standing(i)[0]
+            for i, survivor in survivors.items():
+                standing = world.standing(i)[0]
+                assert standing in ({GONE} if survivor == GONE else {survivor, *world.standing(survivor)})
+                assert standing == GONE or (standing < i and world.places[standing] == world.places[i])
+            gone = ended
+        deleted += list(survivors.values()).count(GONE)
+        merged += len(survivors) - list(survivors.values()).count(GONE)
+    assert merged > 20
+    assert deleted > 20
