@@ -22,7 +22,7 @@ from scipy.special import chdtri
 from slamgauge.compare.bench.bench import workload
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.association import AssociatingFilter
-from slamgauge.ekf.map_management import MapManagement
+from slamgauge.ekf.settings.association import MapManagement
 
 from slamgauge import simulate
 from slamgauge.arrays import Float

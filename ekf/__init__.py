@@ -10,15 +10,13 @@ Bearings alone: `bearing_only` (the online form); landmarks begin as `rays`, in 
 what these have in common, `linear`: measurements with Jacobians of their own); `ray_association` without ids.
 """
 
-from slamgauge.ekf.association import AssociatingFilter, Association
+from slamgauge.ekf.association import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
-from slamgauge.ekf.bearings.delayed import Delayed
-from slamgauge.ekf.bearings.inverse_depth import InverseDepth
-from slamgauge.ekf.bearings.rays import Rays
 from slamgauge.ekf.compressed import CompressedFilter
 from slamgauge.ekf.estimators import dead_reckoning, ekf, fej_ekf, iekf, riekf
 from slamgauge.ekf.filter import SlamFilter
-from slamgauge.ekf.map_management import MapManagement
+from slamgauge.ekf.settings.association import Association, MapManagement
+from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
 
 __all__ = [
     "AssociatingFilter",

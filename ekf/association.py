@@ -10,9 +10,6 @@ Names: a landmark's id is the number of its track, 0, 1, 2, ... in the order of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
@@ -20,31 +17,11 @@ from slamgauge.ekf.filter import SOUND, Correction, SlamFilter
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.take_in import are_sound
 from slamgauge.ekf.kernels.warm_up import compile_association_once
-from slamgauge.ekf.map_management import MapManagement, Tracks
+from slamgauge.ekf.map_management import Tracks
+from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 
 from slamgauge.arrays import Float, Int
 from slamgauge.recording import Observations
-
-Method = Literal["nearest-neighbour", "jcbb"]
-
-
-@dataclass(frozen=True)
-class Association:
-    """How observations without ids find their landmarks.
-
-    Attributes:
-        method: `nearest-neighbour` or `jcbb`.
-        gate: largest squared Mahalanobis distance of a pair. `jcbb` holds k pairs together to the quantile of
-            the chi-square distribution with 2k degrees of freedom that has the probability of `gate` with 2.
-        map_management: probation, deletion and merging of landmarks; None is the practical's bare rule.
-        node_limit: pairs that `jcbb` tries in a scan at most; it then goes on with the best set so far, which
-            is at least the nearest neighbours that are jointly compatible. A try costs about a microsecond.
-    """
-
-    method: Method = "nearest-neighbour"
-    gate: float = 9.0
-    map_management: MapManagement | None = None
-    node_limit: int = 20_000
 
 
 class AssociatingFilter:
@@ -64,7 +41,7 @@ class AssociatingFilter:
         prior_mean: ArrayLike,
         prior_cov: ArrayLike,
         correction: Correction = "standard",
-        association: Association = Association(),
+        association: Association = NEAREST_NEIGHBOUR,
     ) -> None:
         compile_association_once()
         self._slam = SlamFilter(sensor, prior_mean, prior_cov, correction)

@@ -7,12 +7,13 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
-from slamgauge.ekf.association import AssociatingFilter, Association
-from slamgauge.ekf.bearings.bearing_filter import BearingFilter, Initialisation
-from slamgauge.ekf.bearings.rays import Rays
+from slamgauge.ekf.association import AssociatingFilter
+from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.compressed import CompressedFilter
 from slamgauge.ekf.filter import Correction, SlamFilter
 from slamgauge.ekf.history import History
+from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
+from slamgauge.ekf.settings.initialisation import Initialisation, Rays
 
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -23,7 +24,6 @@ CORRECTIONS: dict[str, Correction] = {
     "iekf": "iterated",
     "riekf": "right-invariant",
 }
-NEAREST_NEIGHBOUR = Association()  # the practical's rule and gate
 FIS = Rays()
 
 

@@ -2,41 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from slamgauge.ekf.filter import SlamFilter
 from slamgauge.ekf.kernels.map_edits import NOTHING
+from slamgauge.ekf.settings.association import MapManagement
 
 from slamgauge.arrays import Int
 
 GONE = -1
-
-
-@dataclass(frozen=True)
-class MapManagement:
-    """When a track becomes a landmark, and when two become one.
-
-    Attributes:
-        sights: a new track is confirmed by its so many-th sight, ...
-        probation: ... and deleted if that has not come after so many scans, the one of its birth included.
-        margin: `jcbb` leaves out observations whose landmarks another association, with a joint squared distance
-            larger by less than this, would change: it is at least exp(-margin / 2) times as likely.
-        new_gate: an observation within this squared Mahalanobis distance of a landmark that the scan has not
-            given to another observation may be that landmark's outlier, and starts no track. The default is
-            exceeded once in a million (chi-square, 2 degrees of freedom).
-        merge_gate: two landmarks never seen in one scan are merged when the squared Mahalanobis distance
-            of their difference from zero is below this (again, one in a million of true doubles fails that), ...
-        merge_distance: ... and three standard deviations of the difference do not exceed this [m]: what is
-            known worse may well be two.
-    """
-
-    sights: int = 5
-    probation: int = 10
-    margin: float = 6.0
-    new_gate: float = 27.6
-    merge_gate: float = 27.6
-    merge_distance: float = 1.0
 
 
 class Tracks:

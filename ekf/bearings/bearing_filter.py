@@ -9,21 +9,20 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from slamgauge.ekf.association import Association
-from slamgauge.ekf.bearings.delayed import Delayed, Waiting
-from slamgauge.ekf.bearings.inverse_depth import InverseDepth, YoungDepths
+from slamgauge.ekf.bearings.delayed import Waiting
+from slamgauge.ekf.bearings.inverse_depth import YoungDepths
 from slamgauge.ekf.bearings.ray_association import RayAssociation
-from slamgauge.ekf.bearings.rays import Rays, YoungRays
+from slamgauge.ekf.bearings.rays import YoungRays
 from slamgauge.ekf.bearings.young import POINT, Members, Young, joined
 from slamgauge.ekf.filter import SOUND, Correction, SlamFilter
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_bearings_once
+from slamgauge.ekf.settings.association import Association
+from slamgauge.ekf.settings.initialisation import Initialisation, InverseDepth, Rays
 
 from slamgauge.arrays import Float, Int
 from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
-
-Initialisation = Rays | InverseDepth | Delayed
 
 NOBODY = -2  # owner of a slot that no bearing is compared with
 

@@ -25,38 +25,13 @@ import numpy as np
 from scipy.special import chdtri
 from slamgauge.ekf.bearings.young import NO_MEMBERS, Members
 from slamgauge.ekf.filter import SlamFilter
+from slamgauge.ekf.settings.initialisation import FEWEST, Delayed
 
 from slamgauge.arrays import Float, Int
 from slamgauge.se2 import wrap
 from slamgauge.triangulation import triangulate
 
-FEWEST = 3  # bearings that place a landmark
 IMPROBABLE = 1e-3  # probability that right bearings are made to wait
-
-
-@dataclass(frozen=True)
-class Delayed:
-    """How long a landmark waits.
-
-    Attributes:
-        poses: how many the window holds at most.
-        spacing: way between them [m]; a fiftieth of the sensor's reach serves well.
-        sure: largest standard deviation of a landmark that is placed, as a share of its distance.
-    """
-
-    poses: int = 30
-    spacing: float = 0.2
-    sure: float = 0.1
-
-    def __post_init__(self) -> None:
-        rules = (
-            (self.poses >= FEWEST, f"poses: {self.poses} place no landmark; choose at least {FEWEST}"),
-            (self.spacing >= 0.0, f"spacing: {self.spacing} m is no way; choose it at least 0"),
-            (self.sure > 0.0, f"sure: {self.sure} is never reached; choose it above 0"),
-        )
-        for holds, mistake in rules:
-            if not holds:
-                raise ValueError(mistake)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ import numpy as np
 from slamgauge.ekf.bearings.young import NO_MEMBERS, Members, RayRecorder
 from slamgauge.ekf.filter import SlamFilter
 from slamgauge.ekf.kernels.models import MIN_BEARING_DISTANCE
+from slamgauge.ekf.settings.initialisation import InverseDepth
 
 from slamgauge.arrays import Float, Int
 from slamgauge.se2 import wrap
@@ -29,40 +30,6 @@ from slamgauge.se2 import wrap
 BEYOND_INFINITY = 3.0  # standard deviations of omega
 VAGUE = 0.5  # rad; what a bearing predicted no better than this says is not linear, and is left out
 FARTHEST = 10.0  # times the expected distance: where a landmark is said to be whose omega is about zero or below
-
-
-@dataclass(frozen=True)
-class InverseDepth:
-    """What is expected of a new landmark, and when it becomes a point.
-
-    The defaults suit a sensor that reaches 10 m: in general 1.5 / reach and 0.5 / reach, so that two standard
-    deviations hold 0.4 to 2 times the reach, at which most landmarks come into view.
-
-    Attributes:
-        mean: inverse distance of a new landmark [1/m].
-        sigma: its standard deviation [1/m].
-        linearity: index below which a landmark becomes a point.
-        gate: largest squared Mahalanobis distance of a bearing (1 degree of freedom).
-        lost_after: a landmark whose bearing fails the gate so many times in a row is deleted.
-    """
-
-    mean: float = 0.15
-    sigma: float = 0.05
-    linearity: float = 0.1
-    gate: float = 9.0
-    lost_after: int = 3
-
-    def __post_init__(self) -> None:
-        rules = (
-            (self.mean > 0.0, f"mean: {self.mean} 1/m is no inverse distance; choose it above 0"),
-            (self.sigma > 0.0, f"sigma: {self.sigma} 1/m leaves nothing to find out; choose it above 0"),
-            (self.linearity > 0.0, f"linearity: {self.linearity} is never reached; choose it above 0"),
-            (self.gate > 0.0, f"gate: {self.gate} lets nothing pass; choose it above 0"),
-            (self.lost_after >= 1, f"lost_after: {self.lost_after} loses a landmark by no failure; choose at least 1"),
-        )
-        for holds, mistake in rules:
-            if not holds:
-                raise ValueError(mistake)
 
 
 @dataclass

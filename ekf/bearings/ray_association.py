@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.special import chdtrc, chdtri
-from slamgauge.ekf.association import Association
 from slamgauge.ekf.filter import SlamFilter
 from slamgauge.ekf.kernels.compatibility import NONE, Pairs
+from slamgauge.ekf.settings.association import Association
 
 from slamgauge.arrays import Float, Int, Marks
 

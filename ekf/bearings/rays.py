@@ -16,63 +16,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from slamgauge.ekf.bearings.young import NO_MEMBERS, Members, RayRecorder
 from slamgauge.ekf.filter import SlamFilter
+from slamgauge.ekf.settings.initialisation import Rays
 
 from slamgauge.arrays import Float, Int
-
-Sharing = Literal["federated", "uniform", "none", "best", "weights"]
-
-
-@dataclass(frozen=True)
-class Rays:
-    """How rays are made, weighed and shared out.
-
-    Attributes:
-        alpha: a member's standard deviation over its distance, below 1.
-        beta: distance of a member over that of the one before, above 1.
-        s_min: nearest distance of a landmark [m].
-        s_max: farthest distance of a landmark [m]; no shorter than the sensor's range.
-        threshold: tau; members with a weight below tau / (number of members at first) go.
-        gate: largest squared Mahalanobis distance (1 degree of freedom) of the nearest member.
-        lost_after: a ray whose every member fails the gate so many times in a row is deleted.
-        sharing: `federated`; the others are there to see what it is worth: `uniform` shares, `none` (R to every
-            member), `best` (R to the heaviest alone), `weights` (no corrections before the ray is a point).
-    """
-
-    alpha: float = 0.3
-    beta: float = 2.0
-    s_min: float = 1.0
-    s_max: float = 10.0
-    threshold: float = 1e-3
-    gate: float = 9.0
-    lost_after: int = 3
-    sharing: Sharing = "federated"
-
-    def __post_init__(self) -> None:
-        rules = (
-            (0.0 < self.alpha < 1.0, f"alpha: {self.alpha} is no share of a distance; choose it above 0 and below 1"),
-            (self.beta > 1.0, f"beta: {self.beta} makes no progression; choose it above 1"),
-            (
-                0.0 < self.s_min < self.s_max < math.inf,
-                f"s_max: {self.s_max} m must be finite and lie beyond s_min, {self.s_min} m, above 0",
-            ),
-            (0.0 < self.threshold < 1.0, f"threshold: {self.threshold} prunes all or nothing; choose it in (0, 1)"),
-            (self.gate > 0.0, f"gate: {self.gate} lets nothing pass; choose it above 0"),
-            (self.lost_after >= 1, f"lost_after: {self.lost_after} loses a ray by no failure; choose at least 1"),
-        )
-        for holds, mistake in rules:
-            if not holds:
-                raise ValueError(mistake)
-
-    def distances(self) -> Float:
-        """Distances (N_g,) of the members [m]."""
-        ratio = (1.0 - self.alpha) / (1.0 + self.alpha) * self.s_max / self.s_min
-        count = max(1 + math.ceil(math.log(ratio) / math.log(self.beta)), 1)
-        return self.s_min / (1.0 - self.alpha) * np.float64(self.beta) ** np.arange(count)
 
 
 @dataclass

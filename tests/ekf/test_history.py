@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from random_recordings import random_recording
 from slamgauge.ekf import Association, BearingFilter, Delayed, InverseDepth, MapManagement, Rays, ekf, riekf
-from slamgauge.ekf.bearings.bearing_filter import Initialisation
 from slamgauge.ekf.bearings.young import POINT, RayRecorder
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.history import History
+from slamgauge.ekf.settings.initialisation import Initialisation
 
 from slamgauge import load_scenario, simulate
 from slamgauge.estimate import Estimate, MapHistory, RayLog

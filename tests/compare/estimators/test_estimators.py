@@ -13,8 +13,8 @@ from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.comparison import compare_estimators
 from slamgauge.compare.studies.run import run_once
 from slamgauge.ekf import riekf
-from slamgauge.ekf.association import Association as FilterAssociation
-from slamgauge.ekf.map_management import MapManagement
+from slamgauge.ekf.settings.association import Association as FilterAssociation
+from slamgauge.ekf.settings.association import MapManagement
 from slamgauge.graph_baseline import batch, isam2
 
 from slamgauge.estimate import Estimate

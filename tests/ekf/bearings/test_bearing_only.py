@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 from slamgauge.ekf import Association, BearingFilter, Delayed, InverseDepth, Rays
-from slamgauge.ekf.bearings.bearing_filter import Initialisation
 from slamgauge.ekf.filter import Correction
+from slamgauge.ekf.settings.initialisation import Initialisation
 
 from slamgauge.arrays import Float, Int
 from slamgauge.recording import Observations

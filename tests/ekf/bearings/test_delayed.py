@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from jacobians import assert_jacobian
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
-from slamgauge.ekf.bearings.delayed import FEWEST, IMPROBABLE, Delayed, Waiting, whitened_bearings
+from slamgauge.ekf.bearings.delayed import IMPROBABLE, Waiting, whitened_bearings
 from slamgauge.ekf.filter import Correction, SlamFilter
+from slamgauge.ekf.settings.initialisation import FEWEST, Delayed
 
 from slamgauge.arrays import Float, Int
 from slamgauge.recording import Observations

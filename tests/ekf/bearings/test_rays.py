@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from slamgauge.ekf import ekf, riekf
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
-from slamgauge.ekf.bearings.rays import MIN_SHARE, Rays
+from slamgauge.ekf.bearings.rays import MIN_SHARE
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.filter import Correction
+from slamgauge.ekf.settings.initialisation import Rays
 
 from slamgauge import load_scenario, simulate
 from slamgauge.arrays import Float

@@ -11,7 +11,8 @@ from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.filter import Correction
 from slamgauge.ekf.kernels.map_edits import NOTHING, equate_landmarks, find_duplicate
 from slamgauge.ekf.kernels.workspace import allocate
-from slamgauge.ekf.map_management import GONE, MapManagement, Tracks
+from slamgauge.ekf.map_management import GONE, Tracks
+from slamgauge.ekf.settings.association import MapManagement
 from textbook import (
     additive_from_invariant,
     exp_action,

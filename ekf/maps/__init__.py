@@ -1,0 +1,1 @@
+"""The map of a filter and its book-keeping: slots, ids, growth, tracks."""

@@ -1,0 +1,1 @@
+"""What people may choose: settings of the filters, with their defaults and rules."""

@@ -1,0 +1,56 @@
+"""How observations without ids find their landmarks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Method = Literal["nearest-neighbour", "jcbb"]
+
+
+@dataclass(frozen=True)
+class MapManagement:
+    """When a track becomes a landmark, and when two become one.
+
+    Attributes:
+        sights: a new track is confirmed by its so many-th sight, ...
+        probation: ... and deleted if that has not come after so many scans, the one of its birth included.
+        margin: `jcbb` leaves out observations whose landmarks another association, with a joint squared distance
+            larger by less than this, would change: it is at least exp(-margin / 2) times as likely.
+        new_gate: an observation within this squared Mahalanobis distance of a landmark that the scan has not
+            given to another observation may be that landmark's outlier, and starts no track. The default is
+            exceeded once in a million (chi-square, 2 degrees of freedom).
+        merge_gate: two landmarks never seen in one scan are merged when the squared Mahalanobis distance
+            of their difference from zero is below this (again, one in a million of true doubles fails that), ...
+        merge_distance: ... and three standard deviations of the difference do not exceed this [m]: what is
+            known worse may well be two.
+    """
+
+    sights: int = 5
+    probation: int = 10
+    margin: float = 6.0
+    new_gate: float = 27.6
+    merge_gate: float = 27.6
+    merge_distance: float = 1.0
+
+
+@dataclass(frozen=True)
+class Association:
+    """How observations without ids find their landmarks.
+
+    Attributes:
+        method: `nearest-neighbour` or `jcbb`.
+        gate: largest squared Mahalanobis distance of a pair. `jcbb` holds k pairs together to the quantile of
+            the chi-square distribution with 2k degrees of freedom that has the probability of `gate` with 2.
+        map_management: probation, deletion and merging of landmarks; None is the practical's bare rule.
+        node_limit: pairs that `jcbb` tries in a scan at most; it then goes on with the best set so far, which
+            is at least the nearest neighbours that are jointly compatible. A try costs about a microsecond.
+    """
+
+    method: Method = "nearest-neighbour"
+    gate: float = 9.0
+    map_management: MapManagement | None = None
+    node_limit: int = 20_000
+
+
+NEAREST_NEIGHBOUR = Association()  # the practical's rule and gate
