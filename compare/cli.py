@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 DEFAULT_ESTIMATORS = "ekf,riekf,isam2,batch"
 FRAMES = 240  # maps that filters keep for pictures
+IMPORTED = ("recording.npz", "truth.npz")
 
 
 @dataclass
@@ -76,13 +77,16 @@ class Run:
 
     def __call__(self) -> None:
         """Simulate, grade and write."""
+        from compare.comparison import comparison_files
+        from compare.manifest import require_free
         from compare.scenario import load_scenario
         from compare.simulation import informed, simulate
 
         scenario = load_scenario(self.scenario, _flat(self.set))
+        out = self.out or Path("results") / f"{scenario.name}-seed-{self.seed}"
+        require_free(out, comparison_files(_names(self.estimators)))
         truth, recording = simulate(scenario, self.seed)
         told = simulate(informed(scenario), self.seed)[1]
-        out = self.out or Path("results") / f"{scenario.name}-seed-{self.seed}"
         title = f"{scenario.name}, seed {self.seed}"
         grading = _Grading(
             self.estimators,
@@ -211,6 +215,9 @@ class Import:
 
     def __call__(self) -> None:
         """Read and store."""
+        from compare.manifest import require_free
+
+        require_free(self.format.out, IMPORTED)  # before long files are read
         self.format()
 
 
@@ -260,10 +267,12 @@ class Study:
         print(f"written to {self.out}", file=sys.stderr)
 
     def _study(self) -> tuple[object, str]:
-        from compare.study import load_runs, run_study, write_study
+        from compare.manifest import require_free
+        from compare.study import STUDY_FILES, load_runs, run_study, write_study
         from compare.study_summary import summary_table
 
         scenario, names = _sampled(self.scenario, self.set), _names(self.estimators)
+        require_free(self.out, STUDY_FILES)
         with _executor(self.jobs, self.scheduler) as executor:
             summary = run_study(scenario, self.runs, self.seed, names, self.out, executor)
         runs = load_runs(scenario, self.runs, self.seed, names, self.out)
@@ -314,7 +323,8 @@ class Budget:
         from compare.budget import budget_table, error_budget
 
         scenario = _sampled(self.scenario, self.set)
-        with _folder(self.out, last="budget.json") as folder, _executor(self.jobs) as executor:
+        staged = _folder(self.out, ("budget.json", "budget.png", "budget.svg"), last="budget.json")
+        with staged as folder, _executor(self.jobs) as executor:
             budget = error_budget(scenario, self.filter, self.runs, self.seed, executor)
             text = json.dumps(budget.to_json(), indent=2, allow_nan=False)
             if folder is not None:
@@ -347,16 +357,15 @@ class Claims:
 
     def __call__(self) -> None:
         """Run what is missing, judge, print and write."""
-        from compare.claims import claims_table, judge_claims
-        from compare.files import write_json
+        from compare.claims import claims_table, judge_claims, write_claims
 
         try:
             with _executor(self.jobs) as executor:
                 claims = judge_claims(self.runs, self.seed, self.out, executor)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
+        write_claims(self.out, claims)
         content = [each.to_json() for each in claims.judgements]
-        write_json(self.out / "claims.json", content)
         print(json.dumps(content, indent=2, allow_nan=False) if self.json else claims_table(claims))
         print(f"written to {self.out}", file=sys.stderr)
 
@@ -411,7 +420,7 @@ class Bench:
         words = [word.strip() for word in self.landmarks.split(",")]
         if not all(word.isdecimal() and int(word) > 0 for word in words):
             raise ValueError(f"landmarks {self.landmarks!r}: give map sizes > 0, for example 20,100")
-        with _folder(self.out, last="bench.json") as folder:
+        with _folder(self.out, ("bench.json", "bench.png"), last="bench.json") as folder:
             result = run_bench([int(word) for word in words], _names(self.estimators))
             text = json.dumps(result, indent=2, allow_nan=False)
             if folder is not None:
@@ -437,7 +446,15 @@ class _Grading:
     seed: int | None = None
 
     def grade(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> None:
-        from compare.comparison import compare_estimators, metrics, table, write_comparison
+        from compare.comparison import (
+            METRICS,
+            OUTDATED,
+            compare_estimators,
+            comparison_files,
+            metrics,
+            table,
+            write_comparison,
+        )
         from compare.estimators import load_estimators
         from compare.files import explained
 
@@ -445,7 +462,7 @@ class _Grading:
         estimators = load_estimators(names, self.own, self.association, self.beginning, FRAMES)
         if not estimators:
             raise ValueError("estimators: none given; name at least one, for example --estimators ekf,batch")
-        with _folder(self.out, last="metrics.json", outdated=("rays.*", "animation.*")) as folder:
+        with _folder(self.out, comparison_files(estimators), METRICS, OUTDATED) as folder:
             comparison = compare_estimators(truth, recording, estimators, informed)
             content = metrics(comparison, self.scenario, self.seed)
             if folder is not None and self.out is not None:
@@ -478,11 +495,13 @@ def _names(comma_separated: str) -> list[str]:
     return [name.strip() for name in comma_separated.split(",") if name.strip()]
 
 
-def _folder(out: Path | None, last: str, outdated: Sequence[str] = ()) -> AbstractContextManager[Path | None]:
+def _folder(
+    out: Path | None, writes: Sequence[str], last: str, outdated: Sequence[str] = ()
+) -> AbstractContextManager[Path | None]:
     """The staged folder for results, or nothing to write to."""
-    from compare.files import staged_folder
+    from compare.staged_folder import staged_folder
 
-    return nullcontext() if out is None else staged_folder(out, last, outdated)
+    return nullcontext() if out is None else staged_folder(out, writes, last, outdated)
 
 
 def _flat(groups: Sequence[Sequence[str]]) -> list[str]:
@@ -490,9 +509,10 @@ def _flat(groups: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _store(out: Path, recording: Recording, truth: Truth | None) -> None:
-    from compare.files import save, staged_folder
+    from compare.files import save
+    from compare.staged_folder import staged_folder
 
-    with staged_folder(out, last="recording.npz") as folder:
+    with staged_folder(out, IMPORTED, last=IMPORTED[0]) as folder:
         save(folder / "recording.npz", recording)
         if truth is not None:
             save(folder / "truth.npz", truth)

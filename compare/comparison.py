@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from compare.estimators import run_estimator
-from compare.files import save, write_tum
+from compare.files import save, write_json, write_tum
 from compare.ray_frames import has_rays
 from compare.scores import Score, evaluate
 from compare.text_table import aligned
@@ -21,6 +20,8 @@ from slam2d import Estimate, Estimator, Recording, Truth
 
 OPTIMUM = {"filtered": "isam2", "smoothed": "batch"}
 YARDSTICKS = tuple(OPTIMUM.values())
+METRICS = "metrics.json"
+OUTDATED = ("estimates/*.npz", "trajectories/*.tum", "animation.gif", "animation.mp4")  # of an earlier run
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,13 @@ def digest(recording: Recording) -> str:
     return total.hexdigest()
 
 
+def comparison_files(names: Iterable[str]) -> list[str]:
+    """Every file that `write_comparison` may write of estimators of these names."""
+    each = [file for name in names for file in (f"estimates/{name}.npz", f"trajectories/{name}.tum")]
+    figures = [f"{name}.{ending}" for name in ("figure", "rays") for ending in ("png", "svg")]
+    return ["recording.npz", "truth.npz", *each, "trajectories/truth.tum", *figures, METRICS]
+
+
 def write_comparison(folder: Path, comparison: Comparison, content: dict[str, Any], title: str) -> None:
     """Write recording, truth, estimates, TUM trajectories, figures and metrics into an existing folder."""
     from compare.plots import save_figure  # matplotlib only where pictures are made
@@ -131,8 +139,7 @@ def write_comparison(folder: Path, comparison: Comparison, content: dict[str, An
         save_ray_strip(
             folder, comparison.truth, recording, rays, comparison.estimates[rays], f"{title}: rays of {rays}"
         )
-    text = json.dumps(content, indent=2, allow_nan=False)
-    (folder / "metrics.json").write_text(text + "\n", encoding="utf-8")
+    write_json(folder / METRICS, content)
 
 
 _COLUMNS = (

@@ -31,10 +31,7 @@ def save_study_figures(out: Path, summary: Summary, runs: Mapping[str, Runs], st
             "ratios": _ratios(ran),
         }
         for name, figure in figures.items():
-            if figure is None:  # what an earlier study has drawn there would not be of this one
-                for ending in ("png", "svg"):
-                    (out / f"{name}.{ending}").unlink(missing_ok=True)
-            else:
+            if figure is not None:
                 figure.suptitle(title)
                 save_png_and_svg(figure, out / name)
 

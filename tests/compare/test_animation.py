@@ -21,6 +21,7 @@ from rays_by_hand import BIRTHS, LANDMARKS, STEPS, estimate_with_rays, half_loop
 from compare.animation_scene import Scene
 from compare.cli import main
 from compare.files import save
+from compare.manifest import MANIFEST, write_manifest
 from compare.results_folder import Results, load_results
 from compare.sightings import NEVER, first_seen, sight_lines
 from slam2d import Estimate, Truth
@@ -240,7 +241,7 @@ def test_only_finished_files_appear(folder: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("PATH", "")
     before = contents(folder)
     assert animate(folder, *SHORT) == 0
-    assert contents(folder).keys() - before.keys() == {"animation.gif"}
+    assert contents(folder).keys() - before.keys() == {"animation.gif", MANIFEST}
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.splitlines() == [
@@ -259,6 +260,7 @@ def test_a_video_is_written_where_there_is_ffmpeg(folder: Path, capsys: pytest.C
 def test_a_video_of_an_earlier_animation_goes(folder: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("PATH", "")
     (folder / "animation.mp4").write_bytes(b"old")
+    write_manifest(folder, ["animation.mp4"])
     assert animate(folder, *SHORT) == 0
     assert not (folder / "animation.mp4").exists()
 
@@ -271,7 +273,7 @@ def test_an_ffmpeg_that_fails_costs_the_video_alone(
     monkeypatch.setenv("PATH", str(tmp_path))
     before = contents(folder)
     assert animate(folder, *SHORT) == 0
-    assert contents(folder).keys() - before.keys() == {"animation.gif"}
+    assert contents(folder).keys() - before.keys() == {"animation.gif", MANIFEST}
     assert capsys.readouterr().err.endswith("animation.mp4 is left out: ffmpeg failed\n")
 
 
@@ -285,6 +287,7 @@ def test_an_interrupted_animation_leaves_nothing(
 ):
     """While the GIF is drawn, and while the video is."""
     (folder / "animation.gif").write_bytes(b"old")
+    write_manifest(folder, ["animation.gif"])
     before = contents(folder)
     shown: list[int] = []
     show: Callable[[Scene, int], None] = Scene.show
