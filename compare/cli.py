@@ -33,6 +33,28 @@ FRAMES = 240  # maps that filters keep for pictures
 IMPORTED = ("recording.npz", "truth.npz")
 
 
+class EmptyPathError(Exception):
+    """A path of no characters, which would mean the current folder; no `ValueError`, which tyro would reword."""
+
+
+def _path(words: list[str]) -> Path:
+    if not words[0]:
+        raise EmptyPathError("'' is an empty path; name a folder, . for the current one")
+    return Path(words[0])
+
+
+Folder = Annotated[
+    Path,
+    tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="PATH",
+        instance_from_str=_path,
+        is_instance=lambda value: isinstance(value, Path),
+        str_from_instance=lambda path: [str(path)],
+    ),
+]
+
+
 @dataclass
 class Scenarios:
     """List the shipped scenarios with a line each."""
@@ -69,7 +91,7 @@ class Run:
     set: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
 
-    out: Path | None = None
+    out: Folder | None = None
     """Folder of the results; results/SCENARIO-seed-SEED if not given."""
 
     json: bool = False
@@ -134,7 +156,7 @@ class Evaluate:
     reach: float = 10.0
     """How far the sensor of such a recording sees [m]; the initialisation is fitted to it."""
 
-    out: Path | None = None
+    out: Folder | None = None
     """Folder of the results; without it only the table is printed."""
 
     json: bool = False
@@ -167,7 +189,7 @@ class VictoriaPark:
     path: tyro.conf.Positional[Path]
     """victoria_park.txt"""
 
-    out: Path
+    out: Folder
     """Folder for recording.npz."""
 
     max_range: float = math.inf
@@ -187,7 +209,7 @@ class LostInTheWoods:
     path: tyro.conf.Positional[Path]
     """dataset2.mat"""
 
-    out: Path
+    out: Folder
     """Folder for recording.npz and truth.npz."""
 
     max_range: float = 5.0
@@ -229,7 +251,7 @@ class Study:
     """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file; the true start is drawn
     from the prior unless --set start=mean."""
 
-    out: Path
+    out: Folder
     """Folder of study.sqlite, summary.json and the figures."""
 
     runs: int = 100
@@ -297,7 +319,7 @@ class Budget:
     """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file; the true start is drawn
     from the prior unless --set start=mean."""
 
-    out: Path
+    out: Folder
     """Folder of budget.json, budget.png and budget.svg."""
 
     filter: str = "ekf"
@@ -340,7 +362,7 @@ class Budget:
 class Claims:
     """The practical's conclusions, each tested over many runs next to the optimum. Interrupted, it goes on."""
 
-    out: Path
+    out: Folder
     """Folder of claims.json and of the studies behind it."""
 
     runs: int = 50
@@ -374,7 +396,7 @@ class Claims:
 class Animate:
     """Show a run as a moving picture: animation.gif, and animation.mp4 where ffmpeg is installed."""
 
-    folder: tyro.conf.Positional[Path]
+    folder: tyro.conf.Positional[Folder]
     """What `slamgauge run` or `slamgauge evaluate --out` has written; the animation goes there too."""
 
     estimator: str | None = None
@@ -407,7 +429,7 @@ class Bench:
     estimators: str = "dead-reckoning,ekf,fej-ekf,iekf,riekf,isam2,batch"
     """Comma-separated; a plain numpy filter is always measured beside them."""
 
-    out: Path | None = None
+    out: Folder | None = None
     """Folder for bench.json and bench.png."""
 
     json: bool = False
@@ -538,19 +560,19 @@ Command = (
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; exit status 0 done, 2 bad input (one line on standard error), 130 interrupted."""
-    command = tyro.cli(
-        Command,  # pyright: ignore[reportArgumentType]
-        prog="slamgauge",
-        description="How far is your SLAM filter from the best that its measurements allow?",
-        args=arguments,
-        config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-    )
     try:
+        command = tyro.cli(
+            Command,  # pyright: ignore[reportArgumentType]
+            prog="slamgauge",
+            description="How far is your SLAM filter from the best that its measurements allow?",
+            args=arguments,
+            config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+        )
         command()
         sys.stdout.flush()
     except BrokenPipeError:  # whoever reads our output (`head`, a pager) has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except ValueError as error:
+    except (ValueError, EmptyPathError) as error:
         print(f"slamgauge: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as interrupt:
