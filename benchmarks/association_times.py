@@ -19,13 +19,13 @@ from time import perf_counter
 
 import numpy as np
 from scipy.special import chdtri
+
+from slamgauge import simulate
+from slamgauge.arrays import Float
 from slamgauge.compare.bench.bench import workload
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.association import AssociatingFilter
 from slamgauge.ekf.settings.association import MapManagement
-
-from slamgauge import simulate
-from slamgauge.arrays import Float
 from slamgauge.recording import Observations, Recording
 
 GATE, MANAGEMENT = 9.0, MapManagement()

@@ -17,14 +17,14 @@ import argparse
 from functools import partial
 
 import numpy as np
+
+from slamgauge import load_scenario, local_processes, simulate
+from slamgauge.arrays import Float
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.ekf import riekf
 from slamgauge.graph_baseline import batch, cost
 from slamgauge.graph_baseline.factors import LENT_SLIP, build_graph, landmarks_at_first_sight, make_values, read_values
 from slamgauge.graph_baseline.hindsight import finish, levenberg_marquardt
-
-from slamgauge import load_scenario, local_processes, simulate
-from slamgauge.arrays import Float
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 

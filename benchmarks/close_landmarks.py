@@ -13,10 +13,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from slamgauge.compare.studies.executors import local_processes
-from slamgauge.compare.studies.study import run_study
 
 from slamgauge import load_scenario
+from slamgauge.compare.studies.executors import local_processes
+from slamgauge.compare.studies.study import run_study
 
 NAMES = ("ekf", "fej-ekf", "iekf", "riekf")
 

@@ -16,11 +16,11 @@ import argparse
 from dataclasses import replace
 
 import numpy as np
+
+from slamgauge import simulate
 from slamgauge.compare.bench.bench import workload
 from slamgauge.graph_baseline import batch
 from slamgauge.graph_baseline.causal import SETTINGS, causal_optimum
-
-from slamgauge import simulate
 
 
 def main() -> None:

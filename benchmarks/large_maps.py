@@ -17,12 +17,12 @@ import argparse
 import tracemalloc
 
 import numpy as np
-from slamgauge.compare.bench.bench import workload
-from slamgauge.ekf import CompressedFilter, SlamFilter
-from slamgauge.ekf.estimators import drive
 
 from slamgauge import simulate
 from slamgauge.arrays import Float
+from slamgauge.compare.bench.bench import workload
+from slamgauge.ekf import CompressedFilter, SlamFilter
+from slamgauge.ekf.estimators import drive
 from slamgauge.recording import Recording
 
 

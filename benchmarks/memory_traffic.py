@@ -25,11 +25,11 @@ from importlib import import_module
 from time import perf_counter
 
 import numpy as np
+
+from slamgauge import simulate
 from slamgauge.compare.bench.bench import workload
 from slamgauge.ekf import ekf
 from slamgauge.ekf.filter import BLOCK
-
-from slamgauge import simulate
 
 
 def bandwidth() -> float:

@@ -19,12 +19,12 @@ from typing import ParamSpec, TypeVar
 
 import gtsam
 from gtsam.symbol_shorthand import L, X
+
+from slamgauge import simulate
 from slamgauge.compare.bench.bench import workload
 from slamgauge.graph_baseline.factors import LENT_SLIP, build_graph, first_sights, make_values
 from slamgauge.graph_baseline.hindsight import finish, minimise
 from slamgauge.graph_baseline.smoother import solve_at
-
-from slamgauge import simulate
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")

@@ -17,11 +17,10 @@ from slamgauge.compare.studies.executors import local_processes, pin_blas_thread
 
 pin_blas_threads()
 
+from slamgauge import load_estimators, load_scenario, simulate
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.studies.run import run_once, run_seed
 from slamgauge.compare.studies.study import run_study
-
-from slamgauge import load_estimators, load_scenario, simulate
 
 NAMES = ("ekf", "riekf")
 

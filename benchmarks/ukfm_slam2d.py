@@ -12,11 +12,10 @@ import argparse
 import math
 from pathlib import Path
 
+from slamgauge import load_scenario
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.studies.executors import local_processes
 from slamgauge.compare.studies.study import run_study
-
-from slamgauge import load_scenario
 
 # orientation RMSE [deg], position RMSE [m], NEES of orientation and of position
 PUBLISHED = {"EKF": (3.02, 0.67, 2.88, 2.56), "right-UKF": (2.51, 0.55, 1.01, 1.09), "IEKF": (2.51, 0.55, 1.01, 1.17)}

@@ -13,14 +13,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
+
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.filter import SOUND, Correction, SlamFilter
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.take_in import are_sound
 from slamgauge.ekf.kernels.warm_up import compile_association_once
 from slamgauge.ekf.map_management import Tracks
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
-
-from slamgauge.arrays import Float, Int
 from slamgauge.recording import Observations
 
 

@@ -17,12 +17,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.filter import WHOLE_SCAN, Rule, SlamFilter
 from slamgauge.ekf.kernels.compiled import kernel, solve_factor, subtract_gram, subtract_product
 from slamgauge.ekf.kernels.corrections import update_standard
 from slamgauge.ekf.kernels.workspace import Workspace
-
-from slamgauge.arrays import Float, Int
 from slamgauge.recording import Observations
 
 

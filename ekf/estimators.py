@@ -7,6 +7,7 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
+
 from slamgauge.ekf.association import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.compressed import CompressedFilter
@@ -14,7 +15,6 @@ from slamgauge.ekf.filter import Correction, SlamFilter
 from slamgauge.ekf.history import History
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.ekf.settings.initialisation import Initialisation, Rays
-
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 

@@ -8,6 +8,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels import linear, map_edits
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.compatibility import Pairs, allocate_pairs, find_compatible
@@ -27,8 +29,6 @@ from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.slots import find_slots
 from slamgauge.ekf.kernels.warm_up import compile_once
 from slamgauge.ekf.kernels.workspace import Workspace, allocate
-
-from slamgauge.arrays import Float, Int
 from slamgauge.recording import Observations
 
 Correction = Literal["standard", "first-estimates", "iterated", "right-invariant"]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+
 from slamgauge.ekf.association import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.young import POINT, Members, joined
 from slamgauge.ekf.filter import SlamFilter
-
 from slamgauge.estimate import MapHistory
 
 

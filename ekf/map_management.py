@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+
+from slamgauge.arrays import Int
 from slamgauge.ekf.filter import SlamFilter
 from slamgauge.ekf.kernels.map_edits import NOTHING
 from slamgauge.ekf.settings.association import MapManagement
-
-from slamgauge.arrays import Int
 
 GONE = -1
 

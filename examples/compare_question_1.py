@@ -12,9 +12,9 @@ import argparse
 from pathlib import Path
 
 from matplotlib.figure import Figure
-from slamgauge.compare.scoring.comparison import table
 
 from slamgauge import compare_estimators, load_estimators, load_scenario, plot_run, simulate
+from slamgauge.compare.scoring.comparison import table
 
 SCENARIOS = ("q1-short-dense", "q1-long-dense", "q1-long-sparse")
 ESTIMATORS = ("dead-reckoning", "ekf", "riekf", "isam2", "batch")

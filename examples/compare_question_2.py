@@ -13,9 +13,9 @@ import argparse
 from pathlib import Path
 
 from matplotlib.figure import Figure
-from slamgauge.compare.scoring.comparison import table
 
 from slamgauge import compare_estimators, load_estimators, load_scenario, plot_run, simulate
+from slamgauge.compare.scoring.comparison import table
 
 SCENARIOS = ("q2-gate-1", "q2-long-dense", "q2-gate-100")
 ESTIMATORS = ("ekf", "riekf", "isam2", "isam2@ekf")

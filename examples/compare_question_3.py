@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from slamgauge.compare.scoring.comparison import table
 
 from slamgauge import compare_estimators, informed, load_estimators, load_scenario, simulate
+from slamgauge.compare.scoring.comparison import table
 
 SCENARIOS = ("q3-scale-0.1", "q3-scale-1", "q3-scale-2", "q3-scale-10")
 ESTIMATORS = ("ekf", "riekf", "isam2")

@@ -12,9 +12,9 @@ import argparse
 from pathlib import Path
 
 from matplotlib.figure import Figure
-from slamgauge.compare.scoring.comparison import table
 
 from slamgauge import compare_estimators, load_estimators, load_scenario, plot_run, simulate
+from slamgauge.compare.scoring.comparison import table
 from slamgauge.estimate import Estimator
 
 SCENARIOS = ("q4-three-landmarks", "q4-ring")

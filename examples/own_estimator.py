@@ -15,10 +15,10 @@ or on a stored recording, beside the filters that come along:
 from __future__ import annotations
 
 import numpy as np
-from slamgauge.compare.scoring.comparison import table
 
 from slamgauge import compare_estimators, load_estimators, load_scenario, simulate
 from slamgauge.arrays import Float
+from slamgauge.compare.scoring.comparison import table
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, rotation, wrap

@@ -8,13 +8,13 @@ from time import perf_counter
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
+
+from slamgauge.arrays import Float, Int
+from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.factors import LENT_SLIP, GraphBuilder, read_values, require_known_landmarks
 from slamgauge.graph_baseline.hindsight import among_mapped
 from slamgauge.graph_baseline.smoother import solve_at
 from slamgauge.graph_baseline.undetermined import explained
-
-from slamgauge.arrays import Float, Int
-from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation
 from slamgauge.triangulation import triangulate

@@ -11,10 +11,10 @@ from collections.abc import Callable
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
-from slamgauge.graph_baseline.triangulation import triangulate_all
-from slamgauge.graph_baseline.undetermined import undetermined_variable
 
 from slamgauge.arrays import Float, Int
+from slamgauge.graph_baseline.triangulation import triangulate_all
+from slamgauge.graph_baseline.undetermined import undetermined_variable
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation
 

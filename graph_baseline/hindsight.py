@@ -17,6 +17,9 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 from scipy.special import chdtr
+
+from slamgauge.arrays import Float, Int
+from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.factors import (
     LENT_SLIP,
     build_graph,
@@ -29,9 +32,6 @@ from slamgauge.graph_baseline.factors import (
 )
 from slamgauge.graph_baseline.smoother import Solution, solve_at
 from slamgauge.graph_baseline.undetermined import UndeterminedError, explained
-
-from slamgauge.arrays import Float, Int
-from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, wrap
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from slamgauge.graph_baseline.factors import prior_cov_in_body, require_known_landmarks
 
 from slamgauge.arrays import Float, Int
+from slamgauge.graph_baseline.factors import prior_cov_in_body, require_known_landmarks
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, rotation, wrap
 

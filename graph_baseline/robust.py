@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import gtsam
 import numpy as np
+
+from slamgauge.arrays import Int
+from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.factors import (
     LENT_SLIP,
     build_graph,
@@ -19,9 +22,6 @@ from slamgauge.graph_baseline.factors import (
 )
 from slamgauge.graph_baseline.hindsight import batch, minimise
 from slamgauge.graph_baseline.undetermined import explained
-
-from slamgauge.arrays import Int
-from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
 TRUSTED = 0.999  # probability with which a true observation's cost stays below the truncation

@@ -19,11 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
+
+from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.factors import least_known_landmark, require_known_landmarks
 from slamgauge.graph_baseline.linearisation import LinearModel, linearise
 from slamgauge.graph_baseline.undetermined import undetermined_variable
-
-from slamgauge.arrays import Float, Int
 from slamgauge.recording import Recording
 
 CHUNK = 128  # steps whose rows, a few megabytes, are handled together

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.image import imread
+
 from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

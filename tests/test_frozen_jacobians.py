@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 from optimum import square_root
 from random_recordings import random_recording
-from slamgauge.ekf import SlamFilter, ekf
 from textbook import J, augment, innovation, locate, moved, observe, predict_standard, update
 
 from slamgauge.arrays import Float
+from slamgauge.ekf import SlamFilter, ekf
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation, wrap
 

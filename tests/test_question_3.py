@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from questions import Expected, graded_scores, scores
-from slamgauge.compare.scenarios.simulation import informed
 
 from slamgauge import assert_error_bounds, load_scenario, simulate
+from slamgauge.compare.scenarios.simulation import informed
 
 FILTERS = ("ekf", "riekf")
 RUNS = 50  # without the optimum; seeds 0 ..

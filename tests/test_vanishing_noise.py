@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from random_recordings import random_recording
-from slamgauge.ekf import ekf, riekf
-from slamgauge.graph_baseline import batch, isam2
 
 from slamgauge.arrays import Float
+from slamgauge.ekf import ekf, riekf
 from slamgauge.estimate import Estimate
+from slamgauge.graph_baseline import batch, isam2
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 

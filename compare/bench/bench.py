@@ -12,6 +12,9 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from tqdm import tqdm
+
+from slamgauge.arrays import Float
 from slamgauge.compare.bench.plain_numpy import plain_numpy_ekf
 from slamgauge.compare.estimators.estimators import load_estimators, run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
@@ -21,9 +24,6 @@ from slamgauge.ekf import SlamFilter
 from slamgauge.ekf import filter as online
 from slamgauge.ekf.estimators import CORRECTIONS, drive
 from slamgauge.ekf.filter import RULES, Rule
-from tqdm import tqdm
-
-from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 

@@ -26,12 +26,34 @@ if TYPE_CHECKING:
 
     from slamgauge.compare.scenarios.scenario import Scenario
     from slamgauge.compare.scenarios.schema import Association, Beginning
-
     from slamgauge.recording import Recording
     from slamgauge.truth import Truth
 
 DEFAULT_ESTIMATORS = "ekf,riekf,isam2,batch"
 FRAMES = 240  # maps that filters keep for pictures
+IMPORTED = ("recording.npz", "truth.npz")
+
+
+class EmptyPathError(Exception):
+    """A path of no characters, which would mean the current folder; no `ValueError`, which tyro would reword."""
+
+
+def _path(words: list[str]) -> Path:
+    if not words[0]:
+        raise EmptyPathError("'' is an empty path; name a folder, . for the current one")
+    return Path(words[0])
+
+
+Folder = Annotated[
+    Path,
+    tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="PATH",
+        instance_from_str=_path,
+        is_instance=lambda value: isinstance(value, Path),
+        str_from_instance=lambda path: [str(path)],
+    ),
+]
 
 
 @dataclass
@@ -70,7 +92,7 @@ class Run:
     set: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
 
-    out: Path | None = None
+    out: Folder | None = None
     """Folder of the results; results/SCENARIO-seed-SEED if not given."""
 
     json: bool = False
@@ -80,11 +102,14 @@ class Run:
         """Simulate, grade and write."""
         from slamgauge.compare.scenarios.scenario import load_scenario
         from slamgauge.compare.scenarios.simulation import informed, simulate
+        from slamgauge.compare.scoring.comparison import comparison_files
+        from slamgauge.compare.storage.manifest import require_free
 
         scenario = load_scenario(self.scenario, _flat(self.set))
+        out = self.out or Path("results") / f"{scenario.name}-seed-{self.seed}"
+        require_free(out, comparison_files(_names(self.estimators)))
         truth, recording = simulate(scenario, self.seed)
         told = simulate(informed(scenario), self.seed)[1]
-        out = self.out or Path("results") / f"{scenario.name}-seed-{self.seed}"
         title = f"{scenario.name}, seed {self.seed}"
         grading = _Grading(
             self.estimators,
@@ -132,7 +157,7 @@ class Evaluate:
     reach: float = 10.0
     """How far the sensor of such a recording sees [m]; the initialisation is fitted to it."""
 
-    out: Path | None = None
+    out: Folder | None = None
     """Folder of the results; without it only the table is printed."""
 
     json: bool = False
@@ -165,7 +190,7 @@ class VictoriaPark:
     path: tyro.conf.Positional[Path]
     """victoria_park.txt"""
 
-    out: Path
+    out: Folder
     """Folder for recording.npz."""
 
     max_range: float = math.inf
@@ -185,7 +210,7 @@ class LostInTheWoods:
     path: tyro.conf.Positional[Path]
     """dataset2.mat"""
 
-    out: Path
+    out: Folder
     """Folder for recording.npz and truth.npz."""
 
     max_range: float = 5.0
@@ -213,6 +238,9 @@ class Import:
 
     def __call__(self) -> None:
         """Read and store."""
+        from slamgauge.compare.storage.manifest import require_free
+
+        require_free(self.format.out, IMPORTED)  # before long files are read
         self.format()
 
 
@@ -224,7 +252,7 @@ class Study:
     """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file; the true start is drawn
     from the prior unless --set start=mean."""
 
-    out: Path
+    out: Folder
     """Folder of study.sqlite, summary.json and the figures."""
 
     runs: int = 100
@@ -262,10 +290,12 @@ class Study:
         print(f"written to {self.out}", file=sys.stderr)
 
     def _study(self) -> tuple[object, str]:
-        from slamgauge.compare.studies.study import load_runs, run_study, write_study
+        from slamgauge.compare.storage.manifest import require_free
+        from slamgauge.compare.studies.study import STUDY_FILES, load_runs, run_study, write_study
         from slamgauge.compare.studies.summary import summary_table
 
         scenario, names = _sampled(self.scenario, self.set), _names(self.estimators)
+        require_free(self.out, STUDY_FILES)
         with _executor(self.jobs, self.scheduler) as executor:
             summary = run_study(scenario, self.runs, self.seed, names, self.out, executor)
         runs = load_runs(scenario, self.runs, self.seed, names, self.out)
@@ -290,7 +320,7 @@ class Budget:
     """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file; the true start is drawn
     from the prior unless --set start=mean."""
 
-    out: Path
+    out: Folder
     """Folder of budget.json, budget.png and budget.svg."""
 
     filter: str = "ekf"
@@ -316,7 +346,8 @@ class Budget:
         from slamgauge.compare.studies.budget import budget_table, error_budget
 
         scenario = _sampled(self.scenario, self.set)
-        with _folder(self.out, last="budget.json") as folder, _executor(self.jobs) as executor:
+        staged = _folder(self.out, ("budget.json", "budget.png", "budget.svg"), last="budget.json")
+        with staged as folder, _executor(self.jobs) as executor:
             budget = error_budget(scenario, self.filter, self.runs, self.seed, executor)
             text = json.dumps(budget.to_json(), indent=2, allow_nan=False)
             if folder is not None:
@@ -332,7 +363,7 @@ class Budget:
 class Claims:
     """The practical's conclusions, each tested over many runs next to the optimum. Interrupted, it goes on."""
 
-    out: Path
+    out: Folder
     """Folder of claims.json and of the studies behind it."""
 
     runs: int = 50
@@ -349,16 +380,15 @@ class Claims:
 
     def __call__(self) -> None:
         """Run what is missing, judge, print and write."""
-        from slamgauge.compare.storage.files import write_json
-        from slamgauge.compare.studies.claims import claims_table, judge_claims
+        from slamgauge.compare.studies.claims import claims_table, judge_claims, write_claims
 
         try:
             with _executor(self.jobs) as executor:
                 claims = judge_claims(self.runs, self.seed, self.out, executor)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
+        write_claims(self.out, claims)
         content = [each.to_json() for each in claims.judgements]
-        write_json(self.out / "claims.json", content)
         print(json.dumps(content, indent=2, allow_nan=False) if self.json else claims_table(claims))
         print(f"written to {self.out}", file=sys.stderr)
 
@@ -367,7 +397,7 @@ class Claims:
 class Animate:
     """Show a run as a moving picture: animation.gif, and animation.mp4 where ffmpeg is installed."""
 
-    folder: tyro.conf.Positional[Path]
+    folder: tyro.conf.Positional[Folder]
     """What `slamgauge run` or `slamgauge evaluate --out` has written; the animation goes there too."""
 
     estimator: str | None = None
@@ -400,7 +430,7 @@ class Bench:
     estimators: str = "dead-reckoning,ekf,fej-ekf,iekf,riekf,isam2,batch"
     """Comma-separated; a plain numpy filter is always measured beside them."""
 
-    out: Path | None = None
+    out: Folder | None = None
     """Folder for bench.json and bench.png."""
 
     json: bool = False
@@ -413,7 +443,7 @@ class Bench:
         words = [word.strip() for word in self.landmarks.split(",")]
         if not all(word.isdecimal() and int(word) > 0 for word in words):
             raise ValueError(f"landmarks {self.landmarks!r}: give map sizes > 0, for example 20,100")
-        with _folder(self.out, last="bench.json") as folder:
+        with _folder(self.out, ("bench.json", "bench.png"), last="bench.json") as folder:
             result = run_bench([int(word) for word in words], _names(self.estimators))
             text = json.dumps(result, indent=2, allow_nan=False)
             if folder is not None:
@@ -440,14 +470,22 @@ class _Grading:
 
     def grade(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> None:
         from slamgauge.compare.estimators.estimators import load_estimators
-        from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table, write_comparison
+        from slamgauge.compare.scoring.comparison import (
+            METRICS,
+            OUTDATED,
+            compare_estimators,
+            comparison_files,
+            metrics,
+            table,
+            write_comparison,
+        )
         from slamgauge.compare.storage.files import explained
 
         names = _names(self.estimators)
         estimators = load_estimators(names, self.own, self.association, self.beginning, FRAMES)
         if not estimators:
             raise ValueError("estimators: none given; name at least one, for example --estimators ekf,batch")
-        with _folder(self.out, last="metrics.json", outdated=("rays.*", "animation.*")) as folder:
+        with _folder(self.out, comparison_files(estimators), METRICS, OUTDATED) as folder:
             comparison = compare_estimators(truth, recording, estimators, informed)
             content = metrics(comparison, self.scenario, self.seed)
             if folder is not None and self.out is not None:
@@ -480,11 +518,13 @@ def _names(comma_separated: str) -> list[str]:
     return [name.strip() for name in comma_separated.split(",") if name.strip()]
 
 
-def _folder(out: Path | None, last: str, outdated: Sequence[str] = ()) -> AbstractContextManager[Path | None]:
+def _folder(
+    out: Path | None, writes: Sequence[str], last: str, outdated: Sequence[str] = ()
+) -> AbstractContextManager[Path | None]:
     """The staged folder for results, or nothing to write to."""
-    from slamgauge.compare.storage.files import staged_folder
+    from slamgauge.compare.storage.staged_folder import staged_folder
 
-    return nullcontext() if out is None else staged_folder(out, last, outdated)
+    return nullcontext() if out is None else staged_folder(out, writes, last, outdated)
 
 
 def _flat(groups: Sequence[Sequence[str]]) -> list[str]:
@@ -492,9 +532,10 @@ def _flat(groups: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _store(out: Path, recording: Recording, truth: Truth | None) -> None:
-    from slamgauge.compare.storage.files import save, staged_folder
+    from slamgauge.compare.storage.files import save
+    from slamgauge.compare.storage.staged_folder import staged_folder
 
-    with staged_folder(out, last="recording.npz") as folder:
+    with staged_folder(out, IMPORTED, last=IMPORTED[0]) as folder:
         save(folder / "recording.npz", recording)
         if truth is not None:
             save(folder / "truth.npz", truth)
@@ -520,19 +561,19 @@ Command = (
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; exit status 0 done, 2 bad input (one line on standard error), 130 interrupted."""
-    command = tyro.cli(
-        Command,  # pyright: ignore[reportArgumentType]
-        prog="slamgauge",
-        description="How far is your SLAM filter from the best that its measurements allow?",
-        args=arguments,
-        config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-    )
     try:
+        command = tyro.cli(
+            Command,  # pyright: ignore[reportArgumentType]
+            prog="slamgauge",
+            description="How far is your SLAM filter from the best that its measurements allow?",
+            args=arguments,
+            config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+        )
         command()
         sys.stdout.flush()
     except BrokenPipeError:  # whoever reads our output (`head`, a pager) has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except ValueError as error:
+    except (ValueError, EmptyPathError) as error:
         print(f"slamgauge: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as interrupt:

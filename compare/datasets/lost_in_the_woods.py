@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from slamgauge.compare.storage.files import explained
 
 from slamgauge.arrays import Float
+from slamgauge.compare.storage.files import explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, wrap
 from slamgauge.truth import Truth

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from slamgauge.compare.storage.files import explained
 
 from slamgauge.arrays import Float
+from slamgauge.compare.storage.files import explained
 from slamgauge.recording import Recording
 
 _NUMBERS = {"ODOMETRY": 9, "LANDMARK": 5}

@@ -13,9 +13,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import cast
 
-from slamgauge.compare.scenarios.schema import Association, Beginning, Delayed, Fis, InverseDepth
-
 import slamgauge
+from slamgauge.compare.scenarios.schema import Association, Beginning, Delayed, Fis, InverseDepth
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
 

@@ -13,12 +13,13 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
-from slamgauge.compare.figures.animation_scene import DOTS, Scene
-from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT
-from slamgauge.compare.storage.files import explained, staged_folder
-from slamgauge.compare.storage.results_folder import load_results
 from tqdm import tqdm
 
+from slamgauge.compare.figures.animation_scene import DOTS, Scene
+from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT
+from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.results_folder import load_results
+from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.estimate import Estimate
 
 LOG = logging.getLogger("matplotlib.animation")
@@ -45,14 +46,16 @@ def animate(folder: Path, name: str | None, seconds: float, fps: int) -> str | N
         Why there is no animation.mp4, None if there is one.
 
     Raises:
-        ValueError: there are no results, no such estimate, or the length makes no sense.
+        ValueError: there are no results, no such estimate, the length makes no sense, or an animation that is not
+            ours is in the way.
     """
     results = load_results(folder)
     shown, mapped = _chosen(results.estimates, name)
     frames = min(_frames(seconds, fps), results.recording.steps + 1)
     steps = np.linspace(0, results.recording.steps, frames).round().astype(int).tolist()
     rate: Any = frames / seconds  # by the writers' types a whole number, which it need not be
-    with staged_folder(folder, last=GIF, outdated=(VIDEO,)) as stage, mpl.rc_context(SCREEN):
+    staged = staged_folder(folder, (GIF, VIDEO), last=GIF, remedy="move it away")
+    with staged as stage, mpl.rc_context(SCREEN):
         scene = Scene(results, shown, mapped)
         with explained(folder, "written"):
             _render(scene, PillowWriter(rate), stage / GIF, steps)

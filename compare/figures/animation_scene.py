@@ -12,6 +12,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
+
+from slamgauge.arrays import Float
 from slamgauge.compare.figures.map_at_step import map_at
 from slamgauge.compare.figures.map_layers import (
     HEAVIEST,
@@ -28,8 +30,6 @@ from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, Style, styl
 from slamgauge.compare.figures.ray_frames import has_rays
 from slamgauge.compare.figures.sightings import first_seen, sight_lines
 from slamgauge.compare.storage.results_folder import Results
-
-from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
 

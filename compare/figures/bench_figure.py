@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+
 from slamgauge.compare.bench.bench import step_time
 from slamgauge.compare.figures.plot_style import LEGEND, styles
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+
 from slamgauge.compare.figures.plot_style import PRINT, TRUTH_COLOR, save_png_and_svg
 from slamgauge.compare.studies.budget import ErrorBudget, verdict
 

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+
+from slamgauge.arrays import Float
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, MARK_COLOR, TRUTH_COLOR, styles
 from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.compare.scoring.trajectory_error import pose_errors
-
-from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth

@@ -9,11 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
+
+from slamgauge.arrays import Float
 from slamgauge.compare.figures.ellipses import draw_ellipses, move_ellipses
 from slamgauge.compare.figures.map_at_step import MapRows
 from slamgauge.compare.figures.plot_style import TRUTH_COLOR, Style
-
-from slamgauge.arrays import Float
 from slamgauge.se2 import rotation
 
 SHAPE = np.array([[1.0, 0.0], [-0.7, 0.65], [-0.35, 0.0], [-0.7, -0.65]])  # of the robot, nose ahead

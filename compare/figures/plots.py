@@ -11,6 +11,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+
+from slamgauge.arrays import Float
 from slamgauge.compare.figures.ellipses import draw_ellipses
 from slamgauge.compare.figures.error_panels import plot_errors
 from slamgauge.compare.figures.map_limits import map_limits
@@ -26,8 +28,6 @@ from slamgauge.compare.figures.plot_style import (
 )
 from slamgauge.compare.scoring.landmark_identity import true_landmarks
 from slamgauge.compare.scoring.loop_closures import closure_steps
-
-from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain

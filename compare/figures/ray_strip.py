@@ -10,6 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+
+from slamgauge.arrays import Float
 from slamgauge.compare.figures.map_at_step import map_at
 from slamgauge.compare.figures.map_layers import (
     HEAVIEST,
@@ -24,8 +26,6 @@ from slamgauge.compare.figures.map_layers import (
 from slamgauge.compare.figures.map_limits import map_limits
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, Style, save_png_and_svg, styles
 from slamgauge.compare.figures.ray_frames import RayFrame, ray_frames
-
-from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth

@@ -9,11 +9,11 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from slamgauge.arrays import Float
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, save_png_and_svg, styles
 from slamgauge.compare.studies.store import Runs
 from slamgauge.compare.studies.summary import BAND_LEVEL, PerStep, Summary, nees_per_step, nis_per_step, paired
-
-from slamgauge.arrays import Float
 
 RUNS_DRAWN = 50  # error curves; more are one grey mass
 COMPONENTS = (("x [m]", "x", 1.0), ("y [m]", "y", 1.0), ("heading [°]", "heading", 180.0 / np.pi))
@@ -31,10 +31,7 @@ def save_study_figures(out: Path, summary: Summary, runs: Mapping[str, Runs], st
             "ratios": _ratios(ran),
         }
         for name, figure in figures.items():
-            if figure is None:  # what an earlier study has drawn there would not be of this one
-                for ending in ("png", "svg"):
-                    (out / f"{name}.{ending}").unlink(missing_ok=True)
-            else:
+            if figure is not None:
                 figure.suptitle(title)
                 save_png_and_svg(figure, out / name)
 

@@ -18,6 +18,7 @@ from typing import Any
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
+
 from slamgauge.compare.scenarios.schema import (
     Association,
     Assumed,

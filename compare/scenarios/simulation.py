@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.scenarios.schema import Association, Assumed, Delayed, Fis, InverseDepth, Sensor, Trajectory
 
 from slamgauge.arrays import Float, Int
+from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scenarios.schema import Association, Assumed, Delayed, Fis, InverseDepth, Sensor, Trajectory
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation, wrap
 from slamgauge.truth import Truth

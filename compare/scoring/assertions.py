@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.scores import Score
 

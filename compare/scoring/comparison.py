@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
+
 from slamgauge.compare.estimators.estimators import run_estimator
 from slamgauge.compare.figures.ray_frames import has_rays
 from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.compare.scoring.text_table import aligned
-from slamgauge.compare.storage.files import save, write_tum
-from tqdm import tqdm
-
+from slamgauge.compare.storage.files import save, write_json, write_tum
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth, require_same_run
 
 OPTIMUM = {"filtered": "isam2", "smoothed": "batch"}
 YARDSTICKS = tuple(OPTIMUM.values())
+METRICS = "metrics.json"
+OUTDATED = ("estimates/*.npz", "trajectories/*.tum", "animation.gif", "animation.mp4")  # of an earlier run
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,13 @@ def digest(recording: Recording) -> str:
     return total.hexdigest()
 
 
+def comparison_files(names: Iterable[str]) -> list[str]:
+    """Every file that `write_comparison` may write of estimators of these names."""
+    each = [file for name in names for file in (f"estimates/{name}.npz", f"trajectories/{name}.tum")]
+    figures = [f"{name}.{ending}" for name in ("figure", "rays") for ending in ("png", "svg")]
+    return ["recording.npz", "truth.npz", *each, "trajectories/truth.tum", *figures, METRICS]
+
+
 def write_comparison(folder: Path, comparison: Comparison, content: dict[str, Any], title: str) -> None:
     """Write recording, truth, estimates, TUM trajectories, figures and metrics into an existing folder."""
     from slamgauge.compare.figures.plots import save_figure  # matplotlib only where pictures are made
@@ -123,8 +131,7 @@ def write_comparison(folder: Path, comparison: Comparison, content: dict[str, An
         save_ray_strip(
             folder, comparison.truth, recording, rays, comparison.estimates[rays], f"{title}: rays of {rays}"
         )
-    text = json.dumps(content, indent=2, allow_nan=False)
-    (folder / "metrics.json").write_text(text + "\n", encoding="utf-8")
+    write_json(folder / METRICS, content)
 
 
 _COLUMNS = (

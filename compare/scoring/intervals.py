@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from slamgauge.compare.scoring.defined import number
 
 from slamgauge.arrays import Float
+from slamgauge.compare.scoring.defined import number
 
 LEVEL = 0.95
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from slamgauge.compare.scoring.defined import number
 
 from slamgauge.arrays import Float, Int
+from slamgauge.compare.scoring.defined import number
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
+
+from slamgauge.arrays import Float
 from slamgauge.compare.scoring.consistency import sigma_ratios, squared_mahalanobis
 from slamgauge.compare.scoring.defined import mean, number, rms
 from slamgauge.compare.scoring.landmark_identity import association_figures, landmark_errors, true_landmarks
 from slamgauge.compare.scoring.loop_closures import LoopClosure, closure_steps, describe_closures
 from slamgauge.compare.scoring.ray_figures import RayFigures, ray_figures
 from slamgauge.compare.scoring.trajectory_error import align, pose_errors, step_errors
-
-from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate, Kind
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth

@@ -1,18 +1,16 @@
-"""Results on disk: npz files of the vocabulary, TUM trajectories, folders that appear whole or not at all."""
+"""Results on disk: npz files of the vocabulary, TUM trajectories, JSON."""
 
 from __future__ import annotations
 
 import json
-import shutil
 import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from secrets import token_hex
 from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
@@ -112,51 +110,9 @@ def write_tum(path: str | Path, stamps: Float, poses: Float) -> None:
 
 
 def write_json(path: Path, content: object) -> None:
-    """Write JSON so that `path` holds the old content or the new, whatever happens."""
-    partial = path.with_name(f".{path.name}.{token_hex(4)}.partial")
+    """Write JSON as all our results are written; `ValueError` if the file cannot be written."""
     with explained(path, "written"):
-        partial.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        partial.replace(path)
-
-
-@contextmanager
-def staged_folder(out: str | Path, last: str = "metrics.json", outdated: Sequence[str] = ()) -> Generator[Path]:
-    """A temporary folder whose files are published in `out` when the block ends, and dropped when it fails.
-
-    Old files that match a pattern in `outdated` go even if the block wrote none of that name.
-
-    A new `out` appears in one atomic rename. In an existing `out` files and folders are replaced one by one:
-    if the block wrote the file `last`, the old one is removed before and the new one put in place after all
-    others, so that a folder which holds it is whole.
-
-    Raises:
-        ValueError: On entry if nothing can be written there, at the end if publishing fails.
-    """
-    out = Path(out)
-    # inside an existing folder: its parent may be another file system, or not ours to write to
-    with explained(out, "written"):
-        stage = (out if out.exists() else out.parent) / f".{out.name}.{token_hex(4)}.partial"
-        stage.mkdir(parents=True)
-    try:
-        yield stage
-        with explained(out, "written"):
-            _publish(stage, out, last, outdated)
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
-
-
-def _publish(stage: Path, out: Path, last: str, outdated: Sequence[str]) -> None:
-    if not out.exists():
-        stage.rename(out)
-        return
-    if (stage / last).exists():
-        (out / last).unlink(missing_ok=True)
-    for old in [old for pattern in outdated for old in out.glob(pattern)]:
-        old.unlink()
-    for entry in sorted(stage.iterdir(), key=lambda entry: entry.name == last):
-        if (out / entry.name).is_dir():  # its old files may be of estimators that did not run this time
-            shutil.rmtree(out / entry.name)
-        entry.replace(out / entry.name)
+        path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _load(path: str | Path, kind: type[Record]) -> Record:

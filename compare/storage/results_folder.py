@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from slamgauge.compare.storage.files import explained, load_estimate, load_recording, load_truth
-
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth, require_same_run

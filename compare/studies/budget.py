@@ -12,6 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
+
+from slamgauge.arrays import Float
 from slamgauge.compare.estimators.estimators import load_estimators, run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.schema import Assumed
@@ -21,9 +24,6 @@ from slamgauge.compare.scoring.ray_figures import RayFigures, describe, mean_fig
 from slamgauge.compare.scoring.text_table import aligned
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.ekf.estimators import CORRECTIONS
-from tqdm import tqdm
-
-from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth

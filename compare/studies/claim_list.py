@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from slamgauge.compare.studies.store import Runs
-from slamgauge.compare.studies.summary import reported_sigma
 
 from slamgauge.arrays import Float
+from slamgauge.compare.studies.store import Runs
+from slamgauge.compare.studies.summary import reported_sigma
 
 FILTER, OPTIMUM = "ekf", "isam2"  # the practical's filter, and the causal optimum
 SETTINGS = (

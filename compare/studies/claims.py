@@ -18,18 +18,22 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.defined import mean, number
 from slamgauge.compare.scoring.text_table import aligned
+from slamgauge.compare.storage.files import write_json
+from slamgauge.compare.storage.manifest import require_folder, require_free
+from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.studies.claim_list import CLAIMS, FILTER, OPTIMUM, SETTINGS, Claim, Figure, ate
 from slamgauge.compare.studies.store import Runs
-from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.study import STORE_FILES, load_runs, run_study
 from slamgauge.compare.studies.summary import failure_lines, paired
 
-from slamgauge.arrays import Float
-
 ALPHA = 0.05
+CONTENT = "claims.json"
 Studies = Mapping[tuple[str, str], Runs]  # by setting and estimator
 
 
@@ -101,10 +105,15 @@ def judge_claims(runs: int, seed: int, out: Path, executor: Executor) -> Claims:
     """Carry out the studies that the claims need and `out` lacks, then judge every claim.
 
     Raises:
-        ValueError: bad numbers, or a store in `out` that holds another study.
+        ValueError: bad numbers, a store in `out` that holds another study, or what is not ours in the way of a file.
     """
     if runs < 2:
         raise ValueError(f"runs: {runs} show no spread; give at least 2")
+    require_free(out, [CONTENT])
+    inside = require_folder(out, "studies")
+    for name in SETTINGS:
+        for folder in (name, f"optimum-of-{name}"):
+            require_free(require_folder(inside, folder), STORE_FILES)
     studies: dict[tuple[str, str], Runs] = {}
     failures: list[str] = []
 
@@ -124,6 +133,12 @@ def judge_claims(runs: int, seed: int, out: Path, executor: Executor) -> Claims:
         studies[name, OPTIMUM] = optima[same]
     tests = sum(len(claim.others) for claim in CLAIMS)
     return Claims([judge(claim, studies, tests) for claim in CLAIMS], failures)
+
+
+def write_claims(out: Path, claims: Claims) -> None:
+    """Write claims.json into `out`."""
+    with staged_folder(out, [CONTENT], last=CONTENT) as stage:
+        write_json(stage / CONTENT, [each.to_json() for each in claims.judgements])
 
 
 def judge(claim: Claim, studies: Studies, tests: int) -> Judgement:

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+
+from slamgauge.arrays import Float
 from slamgauge.compare.estimators.estimators import load_estimators, run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
@@ -16,8 +18,6 @@ from slamgauge.compare.scoring.landmark_identity import landmark_errors, true_la
 from slamgauge.compare.scoring.ray_figures import RayFigures
 from slamgauge.compare.scoring.scores import filter_figures, map_figures, pose_covs_of
 from slamgauge.compare.scoring.trajectory_error import pose_errors
-
-from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth

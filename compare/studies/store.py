@@ -16,13 +16,13 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.storage.files import explained
-from slamgauge.compare.studies.run import FIGURES, SERIES, Outcome
 
 from slamgauge.arrays import Float, Int
+from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.studies.run import FIGURES, SERIES, Outcome
 
 _TABLES = """
+BEGIN;
 CREATE TABLE IF NOT EXISTS study (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS outcome (
     run INTEGER NOT NULL,
@@ -34,6 +34,7 @@ CREATE TABLE IF NOT EXISTS outcome (
     series BLOB NOT NULL,
     PRIMARY KEY (run, estimator)
 );
+COMMIT;
 """
 
 
@@ -103,45 +104,61 @@ class StudyStore:
         )
 
 
-@contextmanager
-def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStore]:
-    """The store at `path`, made if there is none.
+def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
+    """Make the file at `path`, which is empty or a store, the store of this study.
 
     Raises:
-        ValueError: the file holds another study, was made by another version, or cannot be used.
+        ValueError: the file cannot be used.
     """
-    with explained(path.parent, "written"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        connection = sqlite3.connect(path, timeout=60.0)
-        try:
-            connection.execute("PRAGMA journal_mode = WAL")
-            connection.execute("PRAGMA synchronous = NORMAL")
-            with connection:
-                connection.executescript(_TABLES)
-                _claim(connection, path, scenario, seed)
-            yield StudyStore(connection)
-        finally:
-            connection.close()
-    except sqlite3.Error as error:
-        raise ValueError(f"{path}: cannot be used as a study's store ({error}); give another --out") from None
-
-
-def _claim(connection: sqlite3.Connection, path: Path, scenario: Scenario, seed: int) -> None:
-    """Note what the store is for, or refuse one that is for something else."""
     ours = {
         "version": version("slamgauge"),
         "digest": digest(scenario, seed),
         "scenario": scenario.model_dump_json(),
         "seed": str(seed),
     }
-    connection.executemany("INSERT OR IGNORE INTO study VALUES (?, ?)", ours.items())
+    with _connected(path) as connection:
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.executescript(_TABLES)
+        with connection:
+            connection.executemany("INSERT OR IGNORE INTO study VALUES (?, ?)", ours.items())
+
+
+@contextmanager
+def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStore]:
+    """The store at `path`.
+
+    Raises:
+        ValueError: the file holds another study, was made by another version, or cannot be used.
+    """
+    with _connected(path) as connection:
+        connection.execute("PRAGMA synchronous = NORMAL")
+        _require_same(connection, path, scenario, seed)
+        yield StudyStore(connection)
+
+
+@contextmanager
+def _connected(path: Path) -> Generator[sqlite3.Connection]:
+    """The database at `path`, which must be there."""
+    try:
+        connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", uri=True, timeout=60.0)
+        try:
+            yield connection
+        finally:
+            connection.close()
+    except sqlite3.Error as error:
+        raise ValueError(f"{path}: cannot be used as a study's store ({error}); give another --out") from None
+
+
+def _require_same(connection: sqlite3.Connection, path: Path, scenario: Scenario, seed: int) -> None:
+    """Refuse a store that is for something else."""
     found = dict(connection.execute("SELECT key, value FROM study"))
-    if found["version"] != ours["version"]:
+    if not {"version", "digest", "scenario"} <= found.keys():
+        raise ValueError(f"{path}: holds no study; give another --out")
+    if found["version"] != version("slamgauge"):
         raise ValueError(
-            f"{path}: was begun by slamgauge {found['version']}, this is {ours['version']}; "
+            f"{path}: was begun by slamgauge {found['version']}, this is {version('slamgauge')}; "
             "finish it with that version, or give another --out"
         )
-    if found["digest"] != ours["digest"]:
-        what = "another seed" if found["scenario"] == ours["scenario"] else "another scenario"
+    if found["digest"] != digest(scenario, seed):
+        what = "another seed" if found["scenario"] == scenario.model_dump_json() else "another scenario"
         raise ValueError(f"{path}: holds a study of {what} (digest {found['digest'][:12]}); give another --out")

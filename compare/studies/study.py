@@ -6,16 +6,23 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from pathlib import Path
 
+from tqdm import tqdm
+
 from slamgauge.compare.estimators.estimators import load_estimators
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.storage.files import explained, write_json
+from slamgauge.compare.storage.manifest import SQLITE_SIDE_FILES, begin_file, require_free
+from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.studies.run import Outcome, run_once, run_seed
-from slamgauge.compare.studies.store import Runs, StudyStore, digest, open_store
+from slamgauge.compare.studies.store import Runs, StudyStore, begin_store, digest, open_store
 from slamgauge.compare.studies.summary import Failure, Summary, summarise
-from tqdm import tqdm
 
 IN_FLIGHT = 256  # runs handed to the executor at a time, so that results do not pile up
 STORE = "study.sqlite"
+STORE_FILES = (STORE, *(f"{STORE}{ending}" for ending in SQLITE_SIDE_FILES))
+SUMMARY = "summary.json"
+FIGURES = tuple(f"{name}.{ending}" for name in ("nees", "nis", "errors", "ratios") for ending in ("png", "svg"))
+STUDY_FILES = (*STORE_FILES, SUMMARY, *FIGURES)
 
 
 def run_study(
@@ -34,7 +41,7 @@ def run_study(
         executor: carries the runs, for example `executors.local_processes(2)`.
 
     Raises:
-        ValueError: bad names or numbers, or a store that holds another study.
+        ValueError: bad names or numbers, a store that holds another study, or a file in its place that is not ours.
     """
     load_estimators(estimators)  # misspelt names are refused before anything is written
     if not estimators:
@@ -43,6 +50,9 @@ def run_study(
         raise ValueError(f"runs: {runs} is no study; give at least 1")
     if seed < 0:
         raise ValueError(f"seed: {seed} is negative; use a whole number >= 0")
+    require_free(out, STORE_FILES)
+    begin_file(out, STORE)
+    begin_store(out / STORE, scenario, seed)
     with open_store(out / STORE, scenario, seed) as store:
         _carry_out(store, scenario, runs, seed, estimators, executor)
         loaded = {name: store.load(name, runs) for name in estimators}
@@ -69,9 +79,9 @@ def write_study(out: Path, summary: Summary, runs: dict[str, Runs], step: float)
     """Write summary.json and the figures into `out`; `step` is the time step [s]."""
     from slamgauge.compare.figures.study_figures import save_study_figures  # matplotlib only where pictures are made
 
-    with explained(out, "written"):
-        save_study_figures(out, summary, runs, step)
-    write_json(out / "summary.json", summary.to_json())
+    with staged_folder(out, (SUMMARY, *FIGURES), last=SUMMARY) as stage, explained(out, "written"):
+        save_study_figures(stage, summary, runs, step)
+        write_json(stage / SUMMARY, summary.to_json())
 
 
 def _carry_out(

@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from slamgauge.arrays import Float, Int
 from slamgauge.compare.scoring.comparison import OPTIMUM
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.defined import mean
@@ -14,8 +16,6 @@ from slamgauge.compare.scoring.intervals import Interval, jackknife_interval, me
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe, mean_figures
 from slamgauge.compare.scoring.text_table import aligned, interval_cell
 from slamgauge.compare.studies.store import Runs
-
-from slamgauge.arrays import Float, Int
 
 BAND_LEVEL = 0.999  # of the chi-square band whose share of steps is given
 FIRST_STEP = 11  # NEES means leave the first steps out, where the start still shows

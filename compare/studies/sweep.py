@@ -13,9 +13,14 @@ from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.comparison import YARDSTICKS
 from slamgauge.compare.scoring.text_table import aligned, interval_cell
 from slamgauge.compare.storage.files import explained, write_json
+from slamgauge.compare.storage.manifest import require_folder, require_free
+from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.studies.store import Runs, digest
-from slamgauge.compare.studies.study import load_runs, run_study, write_study
+from slamgauge.compare.studies.study import STORE_FILES, STUDY_FILES, load_runs, run_study, write_study
 from slamgauge.compare.studies.summary import Failure, Summary, failure_lines, summarise
+
+CONTENT = "sweep.json"
+SWEEP_FILES = (CONTENT, "sweep.png", "sweep.svg")
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,7 @@ def run_sweep(
     values at which they see the same.
 
     Raises:
-        ValueError: as `load_scenario` and `run_study`.
+        ValueError: as `load_scenario` and `run_study`; before anything is run if what is not ours is in the way.
     """
     key, values = split_sweep(sweep)
     scenarios = [load_scenario(name_or_path, [*overrides, f"{key}={value}"]) for value in values]
@@ -86,11 +91,13 @@ def run_sweep(
             raise ValueError(f"sweep {sweep!r}: {values[first]} and {value} are the same value; name each once")
     if not others:
         raise ValueError("estimators: a sweep needs one beside the optima; add a filter, for example ekf")
+    folders = [f"{key}={value}" for value in values]
+    besides = [f"optimum/{digest(informed(scenario), seed)[:12]}" for scenario in scenarios]
+    _require_free(out, folders, besides if optima else [])
     summaries: list[Summary] = []
-    for value, scenario in zip(values, scenarios, strict=True):
-        folder, failures, loaded = out / f"{key}={value}", tuple[Failure, ...](), dict[str, Runs]()
+    for scenario, folder, beside in zip(scenarios, map(out.joinpath, folders), map(out.joinpath, besides), strict=True):
+        failures, loaded = tuple[Failure, ...](), dict[str, Runs]()
         told = informed(scenario)
-        beside = out / "optimum" / digest(told, seed)[:12]
         for part, names, where in ((scenario, others, folder), (told, optima, beside)):
             if names:
                 failures += run_study(part, runs, seed, names, where, executor).failures
@@ -101,13 +108,23 @@ def run_sweep(
     return Sweep(scenarios[0].name, key, runs, seed, values, tuple(summaries))
 
 
+def _require_free(out: Path, studies: Sequence[str], optima: Sequence[str]) -> None:
+    """Refuse what is not ours in the way of any file of a sweep with studies and optima in these folders."""
+    require_free(out, SWEEP_FILES)
+    for folder in studies:
+        require_free(require_folder(out, folder), STUDY_FILES)
+    for folder in optima:
+        require_folder(out, "optimum")
+        require_free(require_folder(out, folder), STORE_FILES)
+
+
 def write_sweep(out: Path, sweep: Sweep) -> None:
     """Write sweep.json and the figure into `out`."""
     from slamgauge.compare.figures.sweep_figure import save_sweep_figure  # matplotlib only where pictures are made
 
-    with explained(out, "written"):
-        save_sweep_figure(out, sweep)
-    write_json(out / "sweep.json", sweep.to_json())
+    with staged_folder(out, SWEEP_FILES, last=CONTENT) as stage, explained(out, "written"):
+        save_sweep_figure(stage, sweep)
+        write_json(stage / CONTENT, sweep.to_json())
 
 
 _COLUMNS = (

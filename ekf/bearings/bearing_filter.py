@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.bearings.delayed import Waiting
 from slamgauge.ekf.bearings.inverse_depth import YoungDepths
 from slamgauge.ekf.bearings.ray_association import RayAssociation
@@ -19,8 +21,6 @@ from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_bearings_once
 from slamgauge.ekf.settings.association import Association
 from slamgauge.ekf.settings.initialisation import Initialisation, InverseDepth, Rays
-
-from slamgauge.arrays import Float, Int
 from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
 

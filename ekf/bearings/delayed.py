@@ -23,11 +23,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtri
+
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.bearings.young import NO_MEMBERS, Members
 from slamgauge.ekf.filter import SlamFilter
 from slamgauge.ekf.settings.initialisation import FEWEST, Delayed
-
-from slamgauge.arrays import Float, Int
 from slamgauge.se2 import wrap
 from slamgauge.triangulation import triangulate
 

@@ -19,12 +19,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.bearings.young import NO_MEMBERS, Members, RayRecorder
 from slamgauge.ekf.filter import SlamFilter
 from slamgauge.ekf.kernels.models import MIN_BEARING_DISTANCE
 from slamgauge.ekf.settings.initialisation import InverseDepth
-
-from slamgauge.arrays import Float, Int
 from slamgauge.se2 import wrap
 
 BEYOND_INFINITY = 3.0  # standard deviations of omega

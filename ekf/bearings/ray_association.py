@@ -14,11 +14,11 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.special import chdtrc, chdtri
+
+from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.filter import SlamFilter
 from slamgauge.ekf.kernels.compatibility import NONE, Pairs
 from slamgauge.ekf.settings.association import Association
-
-from slamgauge.arrays import Float, Int, Marks
 
 
 class RayAssociation:

@@ -18,11 +18,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.bearings.young import NO_MEMBERS, Members, RayRecorder
 from slamgauge.ekf.filter import SlamFilter
 from slamgauge.ekf.settings.initialisation import Rays
-
-from slamgauge.arrays import Float, Int
 
 
 @dataclass

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 
+from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.compiled import kernel
 from slamgauge.ekf.kernels.models import locate
 from slamgauge.ekf.kernels.workspace import Workspace
-
-from slamgauge.arrays import Float
 
 
 @kernel

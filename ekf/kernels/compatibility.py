@@ -19,12 +19,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.compiled import kernel
 from slamgauge.ekf.kernels.covariance import squared_distance
 from slamgauge.ekf.kernels.linearisation import linearise
 from slamgauge.ekf.kernels.models import BEARING, POSITION
-
-from slamgauge.arrays import Float, Int
 
 NONE = -1  # no landmark
 

@@ -31,14 +31,13 @@ from __future__ import annotations
 
 import math
 
+from slamgauge.arrays import Float, Marks
 from slamgauge.ekf.kernels.compiled import add_outer_pair, combine_rows, kernel, subtract_gram
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
 from slamgauge.ekf.kernels.models import wrap
 from slamgauge.ekf.kernels.take_in import are_sound, take_in, whiten
 from slamgauge.ekf.kernels.workspace import Workspace
-
-from slamgauge.arrays import Float, Marks
 
 MAX_ITERATIONS = 20
 SETTLED = 1e-12  # m or rad: an iterate that moves less has arrived

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from slamgauge.ekf.kernels.compiled import kernel
 
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf.kernels.compiled import kernel
 
 TILE = 64  # rows of `cov` that a strided pass keeps in cache
 

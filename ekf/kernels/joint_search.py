@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from slamgauge.ekf.kernels.compatibility import NONE, Pairs, add_noise, pair_covariance
-from slamgauge.ekf.kernels.compiled import kernel
 
 from slamgauge.arrays import Float, Int, Marks
+from slamgauge.ekf.kernels.compatibility import NONE, Pairs, add_noise, pair_covariance
+from slamgauge.ekf.kernels.compiled import kernel
 
 
 @kernel

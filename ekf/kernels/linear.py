@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import math
 
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.compiled import combine_rows, kernel, subtract_gram
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.take_in import divide_by_factor
-
-from slamgauge.arrays import Float, Int
 
 
 @kernel

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.compiled import kernel
 from slamgauge.ekf.kernels.covariance import projected
 from slamgauge.ekf.kernels.models import observe, wrap_innovation
 from slamgauge.ekf.kernels.workspace import Workspace
-
-from slamgauge.arrays import Float, Int
 
 
 @kernel

@@ -7,11 +7,10 @@ then one of the two goes.
 
 from __future__ import annotations
 
+from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.compiled import cholesky, combine_rows, kernel, solve_factor, subtract_gram
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.workspace import Workspace
-
-from slamgauge.arrays import Float, Int, Marks
 
 NOTHING = (-1, -1)
 

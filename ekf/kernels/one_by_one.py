@@ -14,6 +14,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.augmentation import append_landmark
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.compiled import kernel, subtract_gram
@@ -23,8 +25,6 @@ from slamgauge.ekf.kernels.linearisation import linearise
 from slamgauge.ekf.kernels.models import POSITION, wrap
 from slamgauge.ekf.kernels.take_in import are_sound
 from slamgauge.ekf.kernels.workspace import Workspace
-
-from slamgauge.arrays import Float, Int
 
 NEW = -2  # the landmark of an observation that is to be mapped
 

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import math
 
+from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.compiled import kernel
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.models import wrap
-
-from slamgauge.arrays import Float
 
 
 @kernel

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from slamgauge.ekf.kernels.compiled import kernel
-
 from slamgauge.arrays import Int
+from slamgauge.ekf.kernels.compiled import kernel
 
 
 @kernel

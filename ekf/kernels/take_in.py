@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 
+from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.compiled import cholesky, combine_rows, kernel, solve_factor, subtract_gram
 from slamgauge.ekf.kernels.covariance import innovation_covariance, mirror_robot_block, project_covariance
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
 from slamgauge.ekf.kernels.workspace import Workspace
-
-from slamgauge.arrays import Float
 
 
 @kernel

@@ -9,6 +9,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 
 import numpy as np
+
 from slamgauge.ekf.kernels import compatibility, corrections, linear, map_edits, one_by_one
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly

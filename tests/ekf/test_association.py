@@ -12,16 +12,6 @@ import numpy as np
 import pytest
 from random_recordings import random_covariances, random_recording
 from scipy.stats import chi2
-from slamgauge.compare.scenarios.scenario import load_scenario
-from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.ekf import ekf, fej_ekf, iekf, riekf
-from slamgauge.ekf.association import AssociatingFilter
-from slamgauge.ekf.estimators import drive
-from slamgauge.ekf.filter import BLOCK, Correction, SlamFilter
-from slamgauge.ekf.kernels.compatibility import NONE, Pairs, allocate_pairs, find_compatible
-from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
-from slamgauge.ekf.kernels.models import SENSOR_CODES
-from slamgauge.ekf.settings.association import Association, MapManagement
 from textbook import additive_from_invariant, observe
 from textbook_association import (
     Kind,
@@ -36,6 +26,16 @@ from textbook_association import (
 )
 
 from slamgauge.arrays import Float, Int
+from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.ekf import ekf, fej_ekf, iekf, riekf
+from slamgauge.ekf.association import AssociatingFilter
+from slamgauge.ekf.estimators import drive
+from slamgauge.ekf.filter import BLOCK, Correction, SlamFilter
+from slamgauge.ekf.kernels.compatibility import NONE, Pairs, allocate_pairs, find_compatible
+from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
+from slamgauge.ekf.kernels.models import SENSOR_CODES
+from slamgauge.ekf.settings.association import Association, MapManagement
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import rotation

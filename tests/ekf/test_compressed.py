@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from random_recordings import random_recording
+
 from slamgauge.compare.bench.bench import workload
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.ekf import CompressedFilter, SlamFilter
-
 from slamgauge.recording import Observations, Recording
 
 

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from random_recordings import random_recording
-from slamgauge.ekf import SlamFilter, ekf, fej_ekf, iekf, riekf
-from slamgauge.ekf.filter import Correction
 from textbook import textbook_ekf, textbook_fej_ekf, textbook_iekf, textbook_riekf
 
+from slamgauge.ekf import SlamFilter, ekf, fej_ekf, iekf, riekf
+from slamgauge.ekf.filter import Correction
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from random_recordings import random_recording
+
+from slamgauge import load_scenario, simulate
 from slamgauge.ekf import Association, BearingFilter, Delayed, InverseDepth, MapManagement, Rays, ekf, riekf
 from slamgauge.ekf.bearings.young import POINT, RayRecorder
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.history import History
 from slamgauge.ekf.settings.initialisation import Initialisation
-
-from slamgauge import load_scenario, simulate
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording
 

@@ -15,12 +15,12 @@ import pytest
 from jacobians import differentiate
 from random_recordings import random_recording
 from scipy.stats import chi2
+
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter, dead_reckoning, ekf, fej_ekf, iekf, riekf
 from slamgauge.ekf.filter import WHOLE_SCAN, Correction, Rule
 from slamgauge.ekf.kernels.corrections import iterate
 from slamgauge.ekf.kernels.workspace import Workspace
-
-from slamgauge.arrays import Float, Int
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording, Sensor
 from slamgauge.se2 import between, chain, compose, rotation, wrap

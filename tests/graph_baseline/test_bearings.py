@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from random_recordings import random_recording
 from scipy.optimize import least_squares
+
+from slamgauge import load_scenario, simulate
+from slamgauge.arrays import Float, Int
 from slamgauge.compare.studies.run import run_seed
+from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, cost, isam2, robust_batch
 from slamgauge.graph_baseline.factors import first_sights
 from slamgauge.graph_baseline.hindsight import finish
 from slamgauge.graph_baseline.linearisation import log_se2
 from slamgauge.graph_baseline.triangulation import SURE
-
-from slamgauge import load_scenario, simulate
-from slamgauge.arrays import Float, Int
-from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, wrap
 from slamgauge.triangulation import triangulate

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from random_recordings import random_recording
-from slamgauge.graph_baseline import batch, isam2, robust_batch
 
 from slamgauge.arrays import Int
 from slamgauge.estimate import Estimate
+from slamgauge.graph_baseline import batch, isam2, robust_batch
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 

@@ -10,9 +10,9 @@ import pytest
 from jacobians import assert_jacobian, differentiate
 from optimum import exp_se2
 from random_recordings import random_recording
-from slamgauge.graph_baseline.linearisation import LinearModel, linearise, log_se2, right_jacobian
 
 from slamgauge.arrays import Float, Int
+from slamgauge.graph_baseline.linearisation import LinearModel, linearise, log_se2, right_jacobian
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, compose, rotation, wrap
 

@@ -21,13 +21,13 @@ from gtsam.symbol_shorthand import L, X
 from numpy.typing import ArrayLike
 from optimum import ExactProblem
 from random_recordings import random_recording
+
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf import dead_reckoning, ekf, riekf
+from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, batch, cost, hindsight, isam2
 from slamgauge.graph_baseline.factors import LENT_SLIP, build_graph, require_known_landmarks
 from slamgauge.graph_baseline.undetermined import explained
-
-from slamgauge.arrays import Float, Int
-from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose, rotation, wrap
 from slamgauge.truth import Truth

@@ -5,9 +5,8 @@ from __future__ import annotations
 from functools import cache
 from typing import NamedTuple
 
-from slamgauge.compare.scenarios.simulation import informed
-
 from slamgauge import Score, evaluate, load_estimators, load_scenario, simulate
+from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.estimate import Estimate
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from slamgauge.compare.bench.bench import growth_exponent, workload
 from slamgauge.compare.bench.plain_numpy import plain_numpy_ekf
 from slamgauge.compare.cli.main import main

@@ -18,8 +18,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
+from slamgauge.compare.storage.manifest import MANIFEST
 from slamgauge.ekf.kernels.warm_up import compile_once
 
 ROOT = Path(__file__).parents[3]
@@ -166,6 +168,7 @@ def test_a_reader_that_stops_early_is_no_error(tmp_path: Path):
 def test_run_writes_every_file(stored: Path):
     names = {str(path.relative_to(stored)) for path in stored.rglob("*") if path.is_file()}
     assert names == {
+        MANIFEST,
         "recording.npz",
         "truth.npz",
         "metrics.json",
@@ -319,7 +322,7 @@ def test_victoria_park(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.startswith("6968 steps, 3640 observations, no ground truth: written to ")
-    assert [path.name for path in (tmp_path / "park").iterdir()] == ["recording.npz"]
+    assert {path.name for path in (tmp_path / "park").iterdir()} == {"recording.npz", MANIFEST}
     assert run("evaluate", tmp_path / "park/recording.npz", "--estimators", "ekf,riekf,batch", "--json") == 0
     metrics = json.loads(capsys.readouterr().out)
     assert metrics["truth"] is False
@@ -333,7 +336,7 @@ def test_lost_in_the_woods(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     out = tmp_path / "woods"
     assert run("import", "lost-in-the-woods", LOST_IN_THE_WOODS, "--out", out, "--max-range", 5) == 0
     assert "12608 steps, 58135 observations, with ground truth" in capsys.readouterr().err
-    assert {path.name for path in out.iterdir()} == {"recording.npz", "truth.npz"}
+    assert {path.name for path in out.iterdir()} == {"recording.npz", "truth.npz", MANIFEST}
     assert run("evaluate", out / "recording.npz", "--estimators", "ekf,riekf,batch", "--json") == 0
     metrics = json.loads(capsys.readouterr().out)
     ate = {name: entry["ate_m"] for name, entry in metrics["estimators"].items()}

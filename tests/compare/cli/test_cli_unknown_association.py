@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
 from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once

@@ -9,10 +9,10 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
-from slamgauge.compare.datasets.lost_in_the_woods import read_lost_in_the_woods
-from slamgauge.compare.datasets.victoria_park import read_victoria_park
 
 from slamgauge.arrays import Float
+from slamgauge.compare.datasets.lost_in_the_woods import read_lost_in_the_woods
+from slamgauge.compare.datasets.victoria_park import read_victoria_park
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose, rotation, wrap
 from slamgauge.truth import Truth

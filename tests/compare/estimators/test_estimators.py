@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from slamgauge.compare.estimators.estimators import FILTERS, GRAPHS, load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.schema import Association
@@ -15,9 +16,8 @@ from slamgauge.compare.studies.run import run_once
 from slamgauge.ekf import riekf
 from slamgauge.ekf.settings.association import Association as FilterAssociation
 from slamgauge.ekf.settings.association import MapManagement
-from slamgauge.graph_baseline import batch, isam2
-
 from slamgauge.estimate import Estimate
+from slamgauge.graph_baseline import batch, isam2
 from slamgauge.recording import Recording
 
 SHORT = ["start=sampled", "trajectory.duration=4"]

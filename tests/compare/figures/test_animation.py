@@ -17,12 +17,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from PIL import Image
 from rays_by_hand import BIRTHS, LANDMARKS, STEPS, estimate_with_rays, half_loop
+
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.animation_scene import Scene
 from slamgauge.compare.figures.sightings import NEVER, first_seen, sight_lines
 from slamgauge.compare.storage.files import save
+from slamgauge.compare.storage.manifest import MANIFEST, write_manifest
 from slamgauge.compare.storage.results_folder import Results, load_results
-
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
 
@@ -241,7 +242,7 @@ def test_only_finished_files_appear(folder: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("PATH", "")
     before = contents(folder)
     assert animate(folder, *SHORT) == 0
-    assert contents(folder).keys() - before.keys() == {"animation.gif"}
+    assert contents(folder).keys() - before.keys() == {"animation.gif", MANIFEST}
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.splitlines() == [
@@ -260,6 +261,7 @@ def test_a_video_is_written_where_there_is_ffmpeg(folder: Path, capsys: pytest.C
 def test_a_video_of_an_earlier_animation_goes(folder: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("PATH", "")
     (folder / "animation.mp4").write_bytes(b"old")
+    write_manifest(folder, ["animation.mp4"])
     assert animate(folder, *SHORT) == 0
     assert not (folder / "animation.mp4").exists()
 
@@ -272,7 +274,7 @@ def test_an_ffmpeg_that_fails_costs_the_video_alone(
     monkeypatch.setenv("PATH", str(tmp_path))
     before = contents(folder)
     assert animate(folder, *SHORT) == 0
-    assert contents(folder).keys() - before.keys() == {"animation.gif"}
+    assert contents(folder).keys() - before.keys() == {"animation.gif", MANIFEST}
     assert capsys.readouterr().err.endswith("animation.mp4 is left out: ffmpeg failed\n")
 
 
@@ -286,6 +288,7 @@ def test_an_interrupted_animation_leaves_nothing(
 ):
     """While the GIF is drawn, and while the video is."""
     (folder / "animation.gif").write_bytes(b"old")
+    write_manifest(folder, ["animation.gif"])
     before = contents(folder)
     shown: list[int] = []
     show: Callable[[Scene, int], None] = Scene.show

@@ -8,10 +8,10 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.collections import Collection, EllipseCollection
 from matplotlib.figure import Figure
-from slamgauge.compare.figures.plot_style import GUESTS, KNOWN, styles
-from slamgauge.compare.figures.plots import plot_errors, plot_run, save_figure
 
 from slamgauge.arrays import Float
+from slamgauge.compare.figures.plot_style import GUESTS, KNOWN, styles
+from slamgauge.compare.figures.plots import plot_errors, plot_run, save_figure
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from rays_by_hand import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_with_rays, half_loop
+
 from slamgauge.compare.figures.map_at_step import map_at
 from slamgauge.compare.figures.map_layers import FAINTEST, MapLayer
 from slamgauge.compare.figures.ray_frames import has_rays, ray_frames
 from slamgauge.compare.figures.ray_strip import save_ray_strip
 from slamgauge.compare.scoring.comparison import Comparison, write_comparison
-
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 
 LOST: tuple[Fate, ...] = ("lost",)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario, shipped_scenarios
-from slamgauge.compare.scenarios.schema import Delayed, Fis, InverseDepth
 
 from slamgauge.arrays import Float
+from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario, shipped_scenarios
+from slamgauge.compare.scenarios.schema import Delayed, Fis, InverseDepth
 from slamgauge.se2 import chain
 
 Write = Callable[[str], str]

@@ -10,10 +10,10 @@ from typing import TypeVar
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
-from slamgauge.compare.scenarios.simulation import simulate
 
 from slamgauge.arrays import Float
+from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
+from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation, wrap
 from slamgauge.truth import Truth

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+
 from slamgauge.compare.scoring.consistency import SINGULAR, chi2_band, sigma_ratios, squared_mahalanobis
 
 

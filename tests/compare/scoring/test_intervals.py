@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import stats
-from slamgauge.compare.scoring.intervals import bootstrap_interval, jackknife_interval, mean_interval, ratio_interval
 
 from slamgauge.arrays import Float
+from slamgauge.compare.scoring.intervals import bootstrap_interval, jackknife_interval, mean_interval, ratio_interval
 
 
 def test_the_mean_has_students_interval_and_leaves_gaps_out() -> None:

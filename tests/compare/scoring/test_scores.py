@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
+
+from slamgauge.arrays import Float
 from slamgauge.compare.scoring.defined import mean
 from slamgauge.compare.scoring.landmark_identity import association_figures
 from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.compare.scoring.scores import evaluate
-
-from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, compose, rotation

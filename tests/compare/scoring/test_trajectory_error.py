@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from slamgauge.compare.scoring.defined import rms
 from slamgauge.compare.scoring.trajectory_error import align
-
 from slamgauge.se2 import compose, rotation
 
 angles = st.floats(-math.pi, math.pi)

@@ -1,4 +1,4 @@
-"""Files: round trips, refusals in one line, and folders that are whole or not there."""
+"""Files: round trips, and refusals in one line."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, save, staged_folder, write_tum
 
+from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, save, write_tum
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
@@ -134,107 +134,3 @@ def test_tum_lines_hold_full_precision_and_skip_gaps(tmp_path: Path):
     np.testing.assert_array_equal(rows[:, 1:3], poses[[0, 2], :2])
     np.testing.assert_array_equal(rows[:, 3:6], 0.0)
     np.testing.assert_allclose(2 * np.arctan2(rows[:, 6], rows[:, 7]), [np.pi / 3, np.pi], rtol=1e-15)
-
-
-# --- folders -----------------------------------------------------------------------------------
-
-
-def fill(stage: Path, text: str) -> None:
-    (stage / "estimates").mkdir()
-    for name in ("estimates/ekf.npz", "a.txt", "metrics.json", "z.txt"):
-        (stage / name).write_text(text)
-
-
-def test_a_new_folder_appears_at_the_end(tmp_path: Path):
-    out = tmp_path / "deep" / "run"
-    with staged_folder(out) as stage:
-        fill(stage, "new")
-        assert not out.exists()
-    assert (out / "estimates" / "ekf.npz").read_text() == "new"
-    assert [path.name for path in out.parent.iterdir()] == ["run"]
-
-
-def test_an_existing_folder_is_updated(tmp_path: Path):
-    out = tmp_path / "run"
-    with staged_folder(out) as stage:
-        fill(stage, "old")
-    (out / "notes.txt").write_text("mine")
-    with staged_folder(out) as stage:
-        fill(stage, "new")
-        assert (out / "metrics.json").read_text() == "old"
-    assert {path.name for path in out.iterdir()} == {"estimates", "a.txt", "metrics.json", "z.txt", "notes.txt"}
-    assert (out / "metrics.json").read_text() == (out / "estimates" / "ekf.npz").read_text() == "new"
-
-
-@pytest.mark.parametrize("existing", [False, True])
-@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
-def test_a_failure_leaves_everything_as_it_was(tmp_path: Path, existing: bool, error: type[BaseException]):
-    out = tmp_path / "run"
-    if existing:
-        out.mkdir()
-        (out / "metrics.json").write_text("old")
-    before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(error), staged_folder(out) as stage:
-        fill(stage, "new")
-        raise error
-    assert sorted(tmp_path.rglob("*")) == before
-
-
-@pytest.mark.parametrize("moves", [0, 1, 2, 3])
-def test_a_crash_while_publishing_never_leaves_a_folder_that_looks_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moves: int
-):
-    out = tmp_path / "run"
-    with staged_folder(out) as stage:
-        fill(stage, "old")
-    move, moved = Path.replace, list[Path]()
-
-    def crashing_move(self: Path, target: Path) -> Path:
-        if len(moved) == moves:
-            raise KeyboardInterrupt
-        moved.append(target)
-        return move(self, target)
-
-    monkeypatch.setattr(Path, "replace", crashing_move)
-    with pytest.raises(KeyboardInterrupt), staged_folder(out) as stage:
-        fill(stage, "new")
-    assert not (out / "metrics.json").exists()
-
-
-def test_a_block_without_the_last_file_leaves_the_old_one(tmp_path: Path):
-    (tmp_path / "metrics.json").write_text("old")
-    with staged_folder(tmp_path) as stage:
-        (stage / "report.html").write_text("new")
-    assert (tmp_path / "metrics.json").read_text() == "old"
-
-
-def test_an_unusable_place_is_refused_on_entry(tmp_path: Path):
-    (tmp_path / "file").write_text("")
-    for out in (tmp_path / "file", tmp_path / "file" / "run"):
-        with pytest.raises(ValueError, match=r"run|file: cannot be written \(.+\); check the path"), staged_folder(out):
-            pytest.fail("the block must not run")
-
-
-def test_a_folder_inside_is_replaced_as_a_whole(tmp_path: Path) -> None:
-    """What an earlier run left there would be taken for a result of the later one."""
-    out = tmp_path / "run"
-    for name in ("ekf", "riekf"):
-        with staged_folder(out) as stage:
-            (stage / "estimates").mkdir()
-            (stage / "estimates" / f"{name}.npz").touch()
-            (stage / "metrics.json").write_text(name)
-    assert [file.name for file in (out / "estimates").iterdir()] == ["riekf.npz"]
-    assert (out / "metrics.json").read_text() == "riekf"
-
-
-def test_files_that_the_block_outdates_go_with_it(tmp_path: Path):
-    out = tmp_path / "out"
-    out.mkdir()
-    for name in ("rays.png", "rays.svg", "notes.txt"):
-        (out / name).write_text("old")
-    with pytest.raises(KeyError), staged_folder(out, outdated=("rays.*",)):
-        raise KeyError
-    assert (out / "rays.png").read_text() == "old"
-    with staged_folder(out, outdated=("rays.*",)) as folder:
-        (folder / "rays.svg").write_text("new")
-    assert {path.name: path.read_text() for path in out.iterdir()} == {"rays.svg": "new", "notes.txt": "old"}

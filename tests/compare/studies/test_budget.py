@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.estimators import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.studies.budget import RUNGS, budget_table, error_budget, rung_errors, summarise_budget
 from slamgauge.compare.studies.run import run_seed
-
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 

@@ -14,19 +14,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.estimators import load_estimators
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.scores import evaluate
+from slamgauge.compare.storage.manifest import MANIFEST, begin_file, write_manifest
 from slamgauge.compare.studies import run as study_run
 from slamgauge.compare.studies import store as study_store
 from slamgauge.compare.studies.executors import dask_cluster, local_processes
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.compare.studies.study import load_runs, run_study, write_study
 from slamgauge.compare.studies.summary import FIRST_STEP, Summary
-
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
@@ -164,9 +165,61 @@ def test_another_version_is_refused_with_the_remedy(
 
 
 def test_a_file_that_is_no_store_is_refused(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path) -> None:
+    begin_file(tmp_path, "study.sqlite")
     (tmp_path / "study.sqlite").write_text("not a database, but long enough to be read as one " * 50)
     with pytest.raises(ValueError, match="cannot be used as a study's store"):
         run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+
+
+def test_databases_of_others_are_refused_and_stay_as_they_are(
+    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path
+) -> None:
+    path = tmp_path / "study.sqlite"
+    for table in ("patients (name TEXT)", "study (key TEXT, value TEXT)"):
+        path.unlink(missing_ok=True)
+        with sqlite3.connect(path) as connection:
+            connection.execute(f"CREATE TABLE {table}")
+        connection.close()
+        before = path.read_bytes()
+        with pytest.raises(ValueError, match=r"study.sqlite: is in the way and was not written by slamgauge; move it"):
+            run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+        with pytest.raises(ValueError, match=r"no such table|holds no study"):
+            load_runs(scenario, 1, 0, ("ekf",), tmp_path)
+        assert path.read_bytes() == before
+        assert [each.name for each in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_store_without_a_manifest_is_read_but_not_written(
+    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path
+) -> None:
+    """As version 0.3 has left it."""
+    run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+    (tmp_path / MANIFEST).unlink()
+    assert len(load_runs(scenario, 1, 0, ("ekf",), tmp_path)["ekf"].run) == 1
+    with pytest.raises(ValueError, match=r"study.sqlite: is in the way .* give another --out"):
+        run_study(scenario, 2, 0, ("ekf",), tmp_path, thread)
+
+
+@pytest.mark.parametrize("step", ["begin_file", "begin_store", "write_manifest"])
+def test_a_study_killed_while_it_makes_its_store_goes_on(
+    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    """Before anything is there, where the file is there and empty, and before it is settled whose that is."""
+    place = f"compare.manifest.{step}" if step == "write_manifest" else f"compare.study.{step}"
+    original, calls = write_manifest, list[object]()
+
+    def killed(*arguments: Any) -> None:
+        calls.append(arguments)
+        if step != "write_manifest" or len(calls) == 2:
+            raise KeyboardInterrupt
+        original(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(place, killed)
+        with pytest.raises(KeyboardInterrupt):
+            run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+    for runs in (1, 2):
+        assert run_study(scenario, runs, 0, ("ekf",), tmp_path, thread).estimators["ekf"].runs == runs
 
 
 @pytest.mark.parametrize(("runs", "seed", "names"), [(0, 0, ["ekf"]), (1, -1, ["ekf"]), (1, 0, ["efk"]), (1, 0, [])])

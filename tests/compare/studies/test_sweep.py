@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 from matplotlib.image import imread
+
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario
 from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.sweep import run_sweep, split_sweep, sweep_table
-
 from slamgauge.estimate import Estimate
 
 SHORT = ["start=sampled", "trajectory.duration=3"]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.stats import chi2
+
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf import Association, BearingFilter, Delayed, InverseDepth, Rays
 from slamgauge.ekf.filter import Correction
 from slamgauge.ekf.settings.initialisation import Initialisation
-
-from slamgauge.arrays import Float, Int
 from slamgauge.recording import Observations
 from slamgauge.se2 import wrap
 

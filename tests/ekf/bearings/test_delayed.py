@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 from jacobians import assert_jacobian
+
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.delayed import IMPROBABLE, Waiting, whitened_bearings
 from slamgauge.ekf.filter import Correction, SlamFilter
 from slamgauge.ekf.settings.initialisation import FEWEST, Delayed
-
-from slamgauge.arrays import Float, Int
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap
 from slamgauge.triangulation import triangulate

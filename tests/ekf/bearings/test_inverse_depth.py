@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from jacobians import assert_jacobian
 from scipy.stats import chi2
+from textbook import J, exp_action
+
+from slamgauge.arrays import Float
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.inverse_depth import linearise_depths, linearity_index, locate_depth
 from slamgauge.ekf.filter import Correction
 from slamgauge.ekf.settings.initialisation import InverseDepth
-from textbook import J, exp_action
-
-from slamgauge.arrays import Float
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from scipy.stats import chi2
+from textbook_association import Scan, brute_force_ambiguous, brute_force_joint
+
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf import Association, BearingFilter, MapManagement, Rays, SlamFilter, ekf
 from slamgauge.ekf.bearings.ray_association import RayAssociation
 from slamgauge.ekf.estimators import CORRECTIONS, drive
 from slamgauge.ekf.filter import Correction
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.settings.association import Method
-from textbook_association import Scan, brute_force_ambiguous, brute_force_joint
-
-from slamgauge.arrays import Float, Int
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import chain, wrap
 

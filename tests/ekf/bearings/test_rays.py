@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
+from slamgauge import load_scenario, simulate
+from slamgauge.arrays import Float
 from slamgauge.ekf import ekf, riekf
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.rays import MIN_SHARE
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.filter import Correction
 from slamgauge.ekf.settings.initialisation import Rays
-
-from slamgauge import load_scenario, simulate
-from slamgauge.arrays import Float
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap
 

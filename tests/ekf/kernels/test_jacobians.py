@@ -11,13 +11,13 @@ import math
 import numpy as np
 import pytest
 from jacobians import assert_jacobian, differentiate
+
+from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.linearisation import linearise
 from slamgauge.ekf.kernels.models import MIN_BEARING_DISTANCE, POSITION, RANGE_BEARING, locate, observe
 from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.workspace import allocate
-
-from slamgauge.arrays import Float
 from slamgauge.se2 import compose, rotation
 
 PI = math.pi

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from random_recordings import random_covariances
-from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.filter import Correction
-from slamgauge.ekf.kernels.linear import append_linear, project_columns, take_in_linear
 from textbook import J, exp_action
 
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf import SlamFilter
+from slamgauge.ekf.filter import Correction
+from slamgauge.ekf.kernels.linear import append_linear, project_columns, take_in_linear
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap
 

@@ -7,12 +7,6 @@ from copy import deepcopy
 import numpy as np
 import pytest
 from random_recordings import random_covariances, random_recording
-from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.filter import Correction
-from slamgauge.ekf.kernels.map_edits import NOTHING, equate_landmarks, find_duplicate
-from slamgauge.ekf.kernels.workspace import allocate
-from slamgauge.ekf.map_management import GONE, Tracks
-from slamgauge.ekf.settings.association import MapManagement
 from textbook import (
     additive_from_invariant,
     exp_action,
@@ -22,6 +16,12 @@ from textbook import (
 )
 
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf import SlamFilter
+from slamgauge.ekf.filter import Correction
+from slamgauge.ekf.kernels.map_edits import NOTHING, equate_landmarks, find_duplicate
+from slamgauge.ekf.kernels.workspace import allocate
+from slamgauge.ekf.map_management import GONE, Tracks
+from slamgauge.ekf.settings.association import MapManagement
 from slamgauge.recording import Observations
 from slamgauge.se2 import wrap
 

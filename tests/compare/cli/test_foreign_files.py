@@ -1,0 +1,191 @@
+"""No command deletes or overwrites what is not ours: other files survive, and files in the way are refused first."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.storage.manifest import MANIFEST, owned
+from slamgauge.compare.studies import claims
+from slamgauge.compare.studies.claim_list import CLAIMS
+
+PARK = "ODOMETRY 0 1 1 0 0.5 1e-4 0 0 4e-6 0 4e-6\nLANDMARK 0 2 6 8 0.4 0 0.4\n"
+SHORT = ("--set", "trajectory.duration=3")
+STUDY = ("study", "q2-long-dense", *SHORT, "--runs", "1", "--jobs", "1", "--estimators", "ekf,isam2")
+COMMANDS = {
+    "run": ("run", "q1-short-dense", *SHORT, "--estimators", "ekf"),
+    "evaluate": ("evaluate", "INPUT/recording.npz", "--estimators", "ekf"),
+    "import": ("import", "victoria-park", "INPUT/park.txt"),
+    "budget": ("budget", "q1-long-dense", *SHORT, "--runs", "1", "--jobs", "1"),
+    "bench": ("bench", "--landmarks", "5", "--estimators", "dead-reckoning"),
+    "study": STUDY,
+    "sweep": (*STUDY, "--sweep", "association.gate=4,9"),
+    "claims": ("claims", "--runs", "2", "--jobs", "1"),
+    "animate": ("animate", "--seconds", "1", "--fps", "2"),
+}
+# beside or within what some command writes
+UNLUCKY = (
+    *("rays.py", "rays.png.bak", "animation.blend", "figure.tex", "metrics.json~", ".metrics.json.partial"),
+    *("estimates/mine.npz", "estimates/ekf.py", "trajectories/gps.tum", "study.sqlite.bak", "summary.txt", "nees.pdf"),
+    *("sweep.toml", "optimum/notes", "association.gate=9/nees.tex", "claims.tex", "studies/notes", "budget.xlsx"),
+)
+IN_THE_WAY = [
+    *(("run", name) for name in ("metrics.json", "truth.npz", "figure.svg", "rays.png", "estimates/ekf.npz")),
+    *(("run", name) for name in ("trajectories/ekf.tum", "trajectories/truth.tum", "recording.npz/", "estimates")),
+    *(("evaluate", name) for name in ("metrics.json", "rays.svg", "estimates/ekf.npz", "trajectories", "figure.png/")),
+    *(("import", name) for name in ("recording.npz", "truth.npz")),
+    *(("budget", name) for name in ("budget.json", "budget.png", "budget.svg")),
+    *(("bench", name) for name in ("bench.json", "bench.png")),
+    *(("study", name) for name in ("study.sqlite", "study.sqlite-wal", "summary.json", "ratios.svg", "nees.png/")),
+    *(("sweep", name) for name in ("sweep.json", "sweep.png", "association.gate=9/study.sqlite", "association.gate=9")),
+    *(("sweep", name) for name in ("association.gate=9/summary.json", "association.gate=4/nis.svg", "optimum")),
+    *(("claims", name) for name in ("claims.json", "studies", "studies/q1-long-sparse/study.sqlite")),
+    *(("animate", name) for name in ("animation.gif", "animation.mp4", "animation.gif/")),
+]
+WORK = (
+    *("scenarios.simulation.simulate", "scoring.comparison.compare_estimators"),
+    *("datasets.victoria_park.read_victoria_park", "figures.animation.Scene"),
+    *("studies.budget.error_budget", "bench.bench.run_bench", "studies.study._carry_out"),
+)
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of what commands read."""
+    folder = tmp_path_factory.mktemp("given") / "input"
+    assert main([*COMMANDS["run"], "--out", str(folder)]) == 0
+    (folder / "park.txt").write_text(PARK)
+    return folder
+
+
+@pytest.fixture
+def command(given: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, Path], int]:
+    """Carries out one of COMMANDS in a folder; without ffmpeg, and with two claims on two settings."""
+    few = [claim for claim in CLAIMS if claim.id in ("q1-sparse-error", "q1-sigma-grows")]
+    monkeypatch.setattr(claims, "CLAIMS", few)
+    monkeypatch.setattr(claims, "SETTINGS", ("q1-long-dense", "q1-long-sparse"))
+    monkeypatch.setenv("PATH", "")
+
+    def call(name: str, out: Path) -> int:
+        first, *words = (word.replace("INPUT", str(given)) for word in COMMANDS[name])
+        return main([first, str(out), *words] if name == "animate" else [first, *words, "--out", str(out)])
+
+    return call
+
+
+def contents(folder: Path) -> dict[str, bytes | None]:
+    """Every path below a folder, with the bytes of files."""
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
+
+
+def put(folder: Path, name: str) -> Path:
+    """A file of somebody else, or a folder if its name ends with a slash."""
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if name.endswith("/"):
+        path.mkdir()
+    else:
+        path.write_bytes(f"{name}: mine".encode())
+    return path
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_files_with_unlucky_names_survive_byte_for_byte(
+    name: str, command: Callable[[str, Path], int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """In the current folder, which is what `--out .` names; and again where ours lie among them."""
+    for each in UNLUCKY:
+        put(tmp_path, each)
+    before = contents(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    if name == "animate":
+        assert command("run", Path()) == 0
+    for _ in range(2):
+        assert command(name, Path()) == 0
+    after = contents(tmp_path)
+    assert {each: after[each] for each in before} == before
+    assert after.keys() - before.keys() > {MANIFEST}
+    assert not owned(tmp_path) & {*UNLUCKY}
+
+
+@pytest.mark.parametrize(("name", "foreign"), IN_THE_WAY)
+def test_files_in_the_way_are_refused_before_any_work(
+    name: str,
+    foreign: str,
+    command: Callable[[str, Path], int],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    if name == "animate":
+        assert command("run", tmp_path) == 0
+    path = put(tmp_path, foreign)
+    before = contents(tmp_path)
+    capsys.readouterr()
+    for work in WORK:
+        monkeypatch.setattr(f"slamgauge.compare.{work}", lambda *_, **__: pytest.fail("work was begun"))  # pyright: ignore[reportUnknownLambdaType]
+    assert command(name, tmp_path) == 2
+    remedy = "move it away" if name == "animate" else "move it away or give another --out"
+    refusal = f"slamgauge: {path}: is in the way and was not written by slamgauge; {remedy}\n"
+    assert capsys.readouterr() == ("", refusal)
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "animate"])
+def test_an_empty_path_is_refused(
+    name: str,
+    given: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    monkeypatch.chdir(tmp_path)
+    words = [word.replace("INPUT", str(given)) for word in COMMANDS[name]]
+    for empty in (["--out", ""], ["--out="]):
+        assert main([*words, *empty]) == 2
+        refusal = "slamgauge: '' is an empty path; name a folder, . for the current one\n"
+        assert capsys.readouterr() == ("", refusal)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_empty_path_is_no_run_to_animate(capsys: pytest.CaptureFixture[str]):
+    assert main(["animate", ""]) == 2
+    assert re.fullmatch("slamgauge: '' is an empty path; [^\n]+\n", capsys.readouterr().err)
+
+
+def test_a_later_run_removes_what_earlier_commands_left(
+    given: Path, command: Callable[[str, Path], int], tmp_path: Path
+):
+    """Other estimates, the animation, a truth that there is no longer; not what belongs to another command."""
+    out, blind = tmp_path / "out", tmp_path / "blind"
+    assert main([*COMMANDS["run"][:-1], "ekf,riekf", "--out", str(out)]) == 0
+    for name in ("animate", "budget"):
+        assert command(name, out) == 0
+    assert {"animation.gif", "budget.json", "estimates/riekf.npz", "truth.npz"} < owned(out)
+    blind.mkdir()
+    (blind / "recording.npz").write_bytes((given / "recording.npz").read_bytes())
+    assert main(["evaluate", str(blind / "recording.npz"), "--estimators", "isam2", "--out", str(out)]) == 0
+    expected = {
+        *("recording.npz", "metrics.json", "figure.png", "figure.svg", "estimates/isam2.npz", "trajectories/isam2.tum"),
+        *("budget.json", "budget.png", "budget.svg"),
+    }
+    assert owned(out) == expected
+    assert {name for name, data in contents(out).items() if data is not None} == {*expected, MANIFEST}
+
+
+@pytest.mark.parametrize("name", ["study", "sweep", "claims"])
+def test_no_store_is_written_through_a_link(
+    name: str, command: Callable[[str, Path], int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    place = {"study": "study.sqlite", "sweep": "association.gate=9", "claims": "studies/q1-long-dense"}[name]
+    (out / place).parent.mkdir(parents=True)
+    (out / place).symlink_to(elsewhere / "study.sqlite" if name == "study" else elsewhere)
+    assert command(name, out) == 2
+    assert f"{out / place}: is in the way and was not written by slamgauge" in capsys.readouterr().err
+    assert list(elsewhere.iterdir()) == []
