@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from slamgauge.compare.estimators.estimators import load_estimators
     from slamgauge.compare.figures.error_panels import plot_errors
     from slamgauge.compare.figures.plots import plot_run, save_figure
+    from slamgauge.compare.figures.publishing import write_study
     from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, shipped_scenarios
     from slamgauge.compare.scenarios.simulation import informed, simulate
     from slamgauge.compare.scoring.assertions import assert_error_bounds
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from slamgauge.compare.studies.budget import ErrorBudget, error_budget
     from slamgauge.compare.studies.claims import judge_claims
     from slamgauge.compare.studies.executors import dask_cluster, local_processes
-    from slamgauge.compare.studies.study import load_runs, run_study, write_study
+    from slamgauge.compare.studies.study import load_runs, run_study
     from slamgauge.compare.studies.summary import Summary
     from slamgauge.compare.studies.sweep import run_sweep
     from slamgauge.ekf import (
@@ -74,7 +75,8 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
     "compare.studies.claims": "judge_claims",
     "compare.storage.files": "load_estimate load_recording load_truth save",
     "compare.estimators.estimators": "load_estimators",
-    "compare.studies.study": "load_runs run_study write_study",
+    "compare.studies.study": "load_runs run_study",
+    "compare.figures.publishing": "write_study",
     "compare.figures.error_panels": "plot_errors",
     "compare.figures.plots": "plot_run save_figure",
     "compare.studies.sweep": "run_sweep",

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from slamgauge.compare.estimators.estimators import run_estimator
-from slamgauge.compare.figures.ray_frames import has_rays
 from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.compare.scoring.text_table import aligned
-from slamgauge.compare.storage.files import save, write_json, write_tum
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth, require_same_run
 
 OPTIMUM = {"filtered": "isam2", "smoothed": "batch"}
 YARDSTICKS = tuple(OPTIMUM.values())
-METRICS = "metrics.json"
-OUTDATED = ("estimates/*.npz", "trajectories/*.tum", "animation.gif", "animation.mp4")  # of an earlier run
 
 
 @dataclass(frozen=True)
@@ -100,38 +95,6 @@ def digest(recording: Recording) -> str:
         total.update(field.name.encode())
         total.update(value.tobytes() if isinstance(value, np.ndarray) else str(value).encode())
     return total.hexdigest()
-
-
-def comparison_files(names: Iterable[str]) -> list[str]:
-    """Every file that `write_comparison` may write of estimators of these names."""
-    each = [file for name in names for file in (f"estimates/{name}.npz", f"trajectories/{name}.tum")]
-    figures = [f"{name}.{ending}" for name in ("figure", "rays") for ending in ("png", "svg")]
-    return ["recording.npz", "truth.npz", *each, "trajectories/truth.tum", *figures, METRICS]
-
-
-def write_comparison(folder: Path, comparison: Comparison, content: dict[str, Any], title: str) -> None:
-    """Write recording, truth, estimates, TUM trajectories, figures and metrics into an existing folder."""
-    from slamgauge.compare.figures.plots import save_figure  # matplotlib only where pictures are made
-    from slamgauge.compare.figures.ray_strip import save_ray_strip
-
-    recording = comparison.recording
-    save(folder / "recording.npz", recording)
-    if comparison.truth is not None:
-        save(folder / "truth.npz", comparison.truth)
-    (folder / "estimates").mkdir()
-    (folder / "trajectories").mkdir()
-    for name, estimate in comparison.estimates.items():
-        save(folder / "estimates" / f"{name}.npz", estimate)
-        write_tum(folder / "trajectories" / f"{name}.tum", recording.stamps, estimate.poses)
-    if comparison.truth is not None and comparison.truth.poses is not None:
-        write_tum(folder / "trajectories" / "truth.tum", recording.stamps, comparison.truth.poses)
-    save_figure(folder, comparison.truth, recording, comparison.estimates, title)
-    rays = next((name for name, estimate in comparison.estimates.items() if has_rays(estimate)), None)
-    if rays is not None:
-        save_ray_strip(
-            folder, comparison.truth, recording, rays, comparison.estimates[rays], f"{title}: rays of {rays}"
-        )
-    write_json(folder / METRICS, content)
 
 
 _COLUMNS = (

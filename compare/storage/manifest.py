@@ -19,12 +19,12 @@ from secrets import token_hex
 from typing import Any, cast
 
 from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.result_files import SQLITE_SIDE_FILES
 
 MANIFEST = ".slamgauge.json"
 REMEDY = "move it away or give another --out"
 DIGEST = re.compile("[0-9a-f]{64}")
 EMPTY = hashlib.sha256().hexdigest()
-SQLITE_SIDE_FILES = ("-journal", "-shm", "-wal")  # SQLite makes and removes them beside a store
 
 
 def owned(folder: Path) -> set[str]:

@@ -26,14 +26,15 @@ from slamgauge.compare.scoring.defined import mean, number
 from slamgauge.compare.scoring.text_table import aligned
 from slamgauge.compare.storage.files import write_json
 from slamgauge.compare.storage.manifest import require_folder, require_free
+from slamgauge.compare.storage.result_files import CLAIMS as CLAIMS_FILE
+from slamgauge.compare.storage.result_files import STORE_FILES
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.studies.claim_list import CLAIMS, FILTER, OPTIMUM, SETTINGS, Claim, Figure, ate
 from slamgauge.compare.studies.store import Runs
-from slamgauge.compare.studies.study import STORE_FILES, load_runs, run_study
+from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import failure_lines, paired
 
 ALPHA = 0.05
-CONTENT = "claims.json"
 Studies = Mapping[tuple[str, str], Runs]  # by setting and estimator
 
 
@@ -109,7 +110,7 @@ def judge_claims(runs: int, seed: int, out: Path, executor: Executor) -> Claims:
     """
     if runs < 2:
         raise ValueError(f"runs: {runs} show no spread; give at least 2")
-    require_free(out, [CONTENT])
+    require_free(out, [CLAIMS_FILE])
     inside = require_folder(out, "studies")
     for name in SETTINGS:
         for folder in (name, f"optimum-of-{name}"):
@@ -137,8 +138,8 @@ def judge_claims(runs: int, seed: int, out: Path, executor: Executor) -> Claims:
 
 def write_claims(out: Path, claims: Claims) -> None:
     """Write claims.json into `out`."""
-    with staged_folder(out, [CONTENT], last=CONTENT) as stage:
-        write_json(stage / CONTENT, [each.to_json() for each in claims.judgements])
+    with staged_folder(out, [CLAIMS_FILE], last=CLAIMS_FILE) as stage:
+        write_json(stage / CLAIMS_FILE, [each.to_json() for each in claims.judgements])
 
 
 def judge(claim: Claim, studies: Studies, tests: int) -> Judgement:

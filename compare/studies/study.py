@@ -10,19 +10,13 @@ from tqdm import tqdm
 
 from slamgauge.compare.estimators.estimators import load_estimators
 from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.storage.files import explained, write_json
-from slamgauge.compare.storage.manifest import SQLITE_SIDE_FILES, begin_file, require_free
-from slamgauge.compare.storage.staged_folder import staged_folder
+from slamgauge.compare.storage.manifest import begin_file, require_free
+from slamgauge.compare.storage.result_files import STORE, STORE_FILES
 from slamgauge.compare.studies.run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.store import Runs, StudyStore, begin_store, digest, open_store
 from slamgauge.compare.studies.summary import Failure, Summary, summarise
 
 IN_FLIGHT = 256  # runs handed to the executor at a time, so that results do not pile up
-STORE = "study.sqlite"
-STORE_FILES = (STORE, *(f"{STORE}{ending}" for ending in SQLITE_SIDE_FILES))
-SUMMARY = "summary.json"
-FIGURES = tuple(f"{name}.{ending}" for name in ("nees", "nis", "errors", "ratios") for ending in ("png", "svg"))
-STUDY_FILES = (*STORE_FILES, SUMMARY, *FIGURES)
 
 
 def run_study(
@@ -73,15 +67,6 @@ def load_runs(scenario: Scenario, runs: int, seed: int, estimators: Sequence[str
         raise ValueError(f"{out / STORE}: there is no study; carry one out with run_study")
     with open_store(out / STORE, scenario, seed) as store:
         return {name: store.load(name, runs) for name in estimators}
-
-
-def write_study(out: Path, summary: Summary, runs: dict[str, Runs], step: float) -> None:
-    """Write summary.json and the figures into `out`; `step` is the time step [s]."""
-    from slamgauge.compare.figures.study_figures import save_study_figures  # matplotlib only where pictures are made
-
-    with staged_folder(out, (SUMMARY, *FIGURES), last=SUMMARY) as stage, explained(out, "written"):
-        save_study_figures(stage, summary, runs, step)
-        write_json(stage / SUMMARY, summary.to_json())
 
 
 def _carry_out(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,15 +12,13 @@ from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.comparison import YARDSTICKS
 from slamgauge.compare.scoring.text_table import aligned, interval_cell
-from slamgauge.compare.storage.files import explained, write_json
 from slamgauge.compare.storage.manifest import require_folder, require_free
-from slamgauge.compare.storage.staged_folder import staged_folder
+from slamgauge.compare.storage.result_files import STORE_FILES, STUDY_FILES, SWEEP_FILES
 from slamgauge.compare.studies.store import Runs, digest
-from slamgauge.compare.studies.study import STORE_FILES, STUDY_FILES, load_runs, run_study, write_study
+from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import Failure, Summary, failure_lines, summarise
 
-CONTENT = "sweep.json"
-SWEEP_FILES = (CONTENT, "sweep.png", "sweep.svg")
+Finished = Callable[[Path, Summary, dict[str, Runs], float], None]
 
 
 @dataclass(frozen=True)
@@ -72,11 +70,23 @@ def run_sweep(
     estimators: Sequence[str],
     out: Path,
     executor: Executor,
+    finished: Finished | None = None,
 ) -> Sweep:
     """A study at every value, stored in folders `key=value` of `out`; what is stored already is not run again.
 
     The optima are told true noise and associations, which most keys do not touch. They are run once for all
     values at which they see the same.
+
+    Args:
+        name_or_path: see `load_scenario`.
+        overrides: see `load_scenario`.
+        sweep: key=v1,v2,...
+        runs: see `run_study`, for each value.
+        seed: see `run_study`.
+        estimators: see `run_study`.
+        out: folder of the studies.
+        executor: see `run_study`.
+        finished: called when the study of a value is done, with its folder, summary, runs and time step [s].
 
     Raises:
         ValueError: as `load_scenario` and `run_study`; before anything is run if what is not ours is in the way.
@@ -103,7 +113,8 @@ def run_sweep(
                 failures += run_study(part, runs, seed, names, where, executor).failures
                 loaded |= load_runs(part, runs, seed, names, where)
         summary = Summary(scenario.name, runs, seed, digest(scenario, seed), failures, summarise(loaded))
-        write_study(folder, summary, loaded, scenario.trajectory.step)
+        if finished is not None:
+            finished(folder, summary, loaded, scenario.trajectory.step)
         summaries.append(summary)
     return Sweep(scenarios[0].name, key, runs, seed, values, tuple(summaries))
 
@@ -116,15 +127,6 @@ def _require_free(out: Path, studies: Sequence[str], optima: Sequence[str]) -> N
     for folder in optima:
         require_folder(out, "optimum")
         require_free(require_folder(out, folder), STORE_FILES)
-
-
-def write_sweep(out: Path, sweep: Sweep) -> None:
-    """Write sweep.json and the figure into `out`."""
-    from slamgauge.compare.figures.sweep_figure import save_sweep_figure  # matplotlib only where pictures are made
-
-    with staged_folder(out, SWEEP_FILES, last=CONTENT) as stage, explained(out, "written"):
-        save_sweep_figure(stage, sweep)
-        write_json(stage / CONTENT, sweep.to_json())
 
 
 _COLUMNS = (

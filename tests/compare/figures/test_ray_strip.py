@@ -14,9 +14,10 @@ from rays_by_hand import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_w
 
 from slamgauge.compare.figures.map_at_step import map_at
 from slamgauge.compare.figures.map_layers import FAINTEST, MapLayer
+from slamgauge.compare.figures.publishing import write_comparison
 from slamgauge.compare.figures.ray_frames import has_rays, ray_frames
 from slamgauge.compare.figures.ray_strip import save_ray_strip
-from slamgauge.compare.scoring.comparison import Comparison, write_comparison
+from slamgauge.compare.scoring.comparison import Comparison
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 
 LOST: tuple[Fate, ...] = ("lost",)
@@ -221,7 +222,7 @@ def test_a_comparison_draws_the_first_estimate_with_rays(tmp_path: Path, monkeyp
     def keep(*arguments: Any) -> None:
         drawn.append(arguments[3])
 
-    monkeypatch.setattr("slamgauge.compare.figures.ray_strip.save_ray_strip", keep)
+    monkeypatch.setattr("slamgauge.compare.figures.publishing.save_ray_strip", keep)
     for i, estimates in enumerate(({"a": without, "b": no_ray}, {"a": without, "b": with_rays, "c": with_rays})):
         folder = tmp_path / str(i)
         folder.mkdir()

@@ -17,6 +17,7 @@ import pytest
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.estimators import load_estimators
+from slamgauge.compare.figures.publishing import write_study
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.consistency import chi2_band
@@ -26,7 +27,7 @@ from slamgauge.compare.studies import run as study_run
 from slamgauge.compare.studies import store as study_store
 from slamgauge.compare.studies.executors import dask_cluster, local_processes
 from slamgauge.compare.studies.run import run_seed
-from slamgauge.compare.studies.study import load_runs, run_study, write_study
+from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import FIRST_STEP, Summary
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -205,7 +206,8 @@ def test_a_study_killed_while_it_makes_its_store_goes_on(
     scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
     """Before anything is there, where the file is there and empty, and before it is settled whose that is."""
-    place = f"compare.manifest.{step}" if step == "write_manifest" else f"compare.study.{step}"
+    module = "storage.manifest" if step == "write_manifest" else "studies.study"
+    place = f"slamgauge.compare.{module}.{step}"
     original, calls = write_manifest, list[object]()
 
     def killed(*arguments: Any) -> None:

@@ -77,7 +77,7 @@ def test_more_values_later_run_no_optimum_again_and_failures_are_shown(tmp_path:
         def broken(*_: object, **__: object) -> Estimate:
             raise ValueError("no luck")
 
-        monkeypatch.setattr("graph_baseline.isam2", broken)
+        monkeypatch.setattr("slamgauge.graph_baseline.isam2", broken)
         monkeypatch.setattr("slamgauge.ekf.ekf", broken)
         again = run_sweep("q2-long-dense", SHORT, "association.gate=4,9", 2, 0, ["ekf", "isam2"], tmp_path, executor)
     assert again.summaries[0].estimators["isam2"].runs == 2

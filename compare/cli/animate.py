@@ -1,0 +1,43 @@
+"""`slamgauge animate`."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import tyro
+
+from slamgauge.compare.cli.options import (
+    Folder,
+)
+
+if TYPE_CHECKING:
+    pass
+
+
+@dataclass
+class Animate:
+    """Show a run as a moving picture: animation.gif, and animation.mp4 where ffmpeg is installed."""
+
+    folder: tyro.conf.Positional[Folder]
+    """What `slamgauge run` or `slamgauge evaluate --out` has written; the animation goes there too."""
+
+    estimator: str | None = None
+    """Whose path, robot and map to show; if not given those of all filtered estimates (of more than three, of the
+    first), and the paths of the smoothed ones."""
+
+    seconds: float = 10.0
+    """How long it lasts."""
+
+    fps: int = 10
+    """Frames per second; a GIF grows with them."""
+
+    def __call__(self) -> None:
+        """Draw and write."""
+        from slamgauge.compare.figures.animation import animate
+
+        missing = animate(self.folder, self.estimator, self.seconds, self.fps)
+        print(f"written to {self.folder / 'animation.gif'}{'' if missing else ' and .mp4'}", file=sys.stderr)
+        if missing:
+            print(f"animation.mp4 is left out: {missing}", file=sys.stderr)

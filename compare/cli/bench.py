@@ -1,0 +1,49 @@
+"""`slamgauge bench`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from slamgauge.compare.cli.options import (
+    Folder,
+    print_result,
+    results_folder,
+    split_names,
+)
+
+if TYPE_CHECKING:
+    pass
+
+
+@dataclass
+class Bench:
+    """Measure step times against map size, side by side in one run (everything at all four sizes: twenty minutes)."""
+
+    landmarks: str = "20,100,300,1000"
+    """Comma-separated map sizes."""
+
+    estimators: str = "dead-reckoning,ekf,fej-ekf,iekf,riekf,isam2,batch"
+    """Comma-separated; a plain numpy filter is always measured beside them."""
+
+    out: Folder | None = None
+    """Folder for bench.json and bench.png."""
+
+    json: bool = False
+    """Print JSON on standard output instead of the table."""
+
+    def __call__(self) -> None:
+        """Measure, print and, if asked to, write."""
+        from slamgauge.compare.bench.bench import bench_table, run_bench
+        from slamgauge.compare.storage.result_files import BENCH, BENCH_FILES
+
+        words = [word.strip() for word in self.landmarks.split(",")]
+        if not all(word.isdecimal() and int(word) > 0 for word in words):
+            raise ValueError(f"landmarks {self.landmarks!r}: give map sizes > 0, for example 20,100")
+        with results_folder(self.out, BENCH_FILES, last=BENCH) as folder:
+            result = run_bench([int(word) for word in words], split_names(self.estimators))
+            if folder is not None:
+                from slamgauge.compare.figures.publishing import write_bench
+
+                write_bench(folder, result)
+        print_result(result if self.json else bench_table(result))

@@ -1,0 +1,176 @@
+"""Monte Carlo: `slamgauge study`, `budget` and `claims`."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import tyro
+
+from slamgauge.compare.cli.options import (
+    ALL_CORES,
+    Folder,
+    Overrides,
+    carried_by,
+    flattened,
+    print_result,
+    results_folder,
+    sampled_scenario,
+    split_names,
+)
+
+if TYPE_CHECKING:
+    pass
+
+
+@dataclass
+class Study:
+    """Monte Carlo: many independent runs, their statistics and figures. Interrupted, it goes on where it was."""
+
+    scenario: tyro.conf.Positional[str]
+    """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file; the true start is drawn
+    from the prior unless --set start=mean."""
+
+    out: Folder
+    """Folder of study.sqlite, summary.json and the figures."""
+
+    runs: int = 100
+    """How many runs; give more later, and only those are carried out."""
+
+    seed: int = 0
+    """Root seed, from which the runs' own seeds are spawned."""
+
+    estimators: str = "ekf,riekf,isam2"
+    """Comma-separated: dead-reckoning, ekf, fej-ekf, iekf, riekf, isam2 (causal optimum), batch (hindsight),
+    robust-batch; isam2@ekf is isam2 under the associations that ekf makes."""
+
+    set: Overrides = field(default_factory=list)
+    """Override keys of the scenario: dotted.key=value ..."""
+
+    sweep: str | None = None
+    """A study at each value of a key, key=v1,v2,..., in a folder each; sweep.json and a figure beside them."""
+
+    jobs: int = ALL_CORES
+    """Worker processes, one BLAS thread each."""
+
+    scheduler: str | None = None
+    """Address of a Dask scheduler, tcp://host:port, whose workers carry the runs instead."""
+
+    json: bool = False
+    """Print summary.json (of a sweep sweep.json) on standard output instead of the table."""
+
+    def __call__(self) -> None:
+        """Run what is missing, sum up, print and write."""
+        try:
+            content, table = self._study() if self.sweep is None else self._sweep(self.sweep)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
+        print_result(content if self.json else table)
+        print(f"written to {self.out}", file=sys.stderr)
+
+    def _study(self) -> tuple[object, str]:
+        from slamgauge.compare.figures.publishing import write_study
+        from slamgauge.compare.storage.manifest import require_free
+        from slamgauge.compare.storage.result_files import STUDY_FILES
+        from slamgauge.compare.studies.study import load_runs, run_study
+        from slamgauge.compare.studies.summary import summary_table
+
+        scenario, names = sampled_scenario(self.scenario, self.set), split_names(self.estimators)
+        require_free(self.out, STUDY_FILES)
+        with carried_by(self.jobs, self.scheduler) as executor:
+            summary = run_study(scenario, self.runs, self.seed, names, self.out, executor)
+        runs = load_runs(scenario, self.runs, self.seed, names, self.out)
+        write_study(self.out, summary, runs, scenario.trajectory.step)
+        return summary.to_json(), summary_table(summary)
+
+    def _sweep(self, sweep: str) -> tuple[object, str]:
+        from slamgauge.compare.figures.publishing import write_study, write_sweep
+        from slamgauge.compare.studies.sweep import run_sweep, sweep_table
+
+        overrides, names = ["start=sampled", *flattened(self.set)], split_names(self.estimators)
+        with carried_by(self.jobs, self.scheduler) as executor:
+            arguments = (self.scenario, overrides, sweep, self.runs, self.seed, names, self.out, executor)
+            result = run_sweep(*arguments, finished=write_study)
+        write_sweep(self.out, result)
+        return result.to_json(), sweep_table(result)
+
+
+@dataclass
+class Budget:
+    """The error budget: where a filter's error comes from, rung by rung, on the same measurements."""
+
+    scenario: tyro.conf.Positional[str]
+    """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file; the true start is drawn
+    from the prior unless --set start=mean."""
+
+    out: Folder
+    """Folder of budget.json, budget.png and budget.svg."""
+
+    filter: str = "ekf"
+    """The filter whose error is split: ekf, fej-ekf, iekf, riekf."""
+
+    runs: int = 20
+    """How many runs."""
+
+    seed: int = 0
+    """Root seed, from which the runs' own seeds are spawned."""
+
+    set: Overrides = field(default_factory=list)
+    """Override keys of the scenario: dotted.key=value ..."""
+
+    jobs: int = ALL_CORES
+    """Worker processes, one BLAS thread each."""
+
+    json: bool = False
+    """Print budget.json on standard output instead of the table."""
+
+    def __call__(self) -> None:
+        """Run, print and write."""
+        from slamgauge.compare.storage.result_files import BUDGET, BUDGET_FILES
+        from slamgauge.compare.studies.budget import budget_table, error_budget
+
+        scenario = sampled_scenario(self.scenario, self.set)
+        staged = results_folder(self.out, BUDGET_FILES, last=BUDGET)
+        with staged as folder, carried_by(self.jobs) as executor:
+            budget = error_budget(scenario, self.filter, self.runs, self.seed, executor)
+            if folder is not None:
+                from slamgauge.compare.figures.publishing import write_budget
+
+                write_budget(folder, budget)
+        print_result(budget.to_json() if self.json else budget_table(budget))
+        print(f"written to {self.out}", file=sys.stderr)
+
+
+@dataclass
+class Claims:
+    """The practical's conclusions, each tested over many runs next to the optimum. Interrupted, it goes on."""
+
+    out: Folder
+    """Folder of claims.json and of the studies behind it."""
+
+    runs: int = 50
+    """How many runs of each setting."""
+
+    seed: int = 0
+    """Root seed, from which the runs' own seeds are spawned."""
+
+    jobs: int = ALL_CORES
+    """Worker processes, one BLAS thread each."""
+
+    json: bool = False
+    """Print claims.json on standard output instead of the table."""
+
+    def __call__(self) -> None:
+        """Run what is missing, judge, print and write."""
+        from slamgauge.compare.studies.claims import claims_table, judge_claims, write_claims
+
+        try:
+            with carried_by(self.jobs) as executor:
+                claims = judge_claims(self.runs, self.seed, self.out, executor)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
+        write_claims(self.out, claims)
+        content = [each.to_json() for each in claims.judgements]
+        print_result(content if self.json else claims_table(claims))
+        print(f"written to {self.out}", file=sys.stderr)

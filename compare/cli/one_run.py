@@ -1,0 +1,182 @@
+"""Estimators on one recording: `slamgauge run` and `evaluate`."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from slamgauge.compare.cli.options import (
+    Folder,
+    Overrides,
+    flattened,
+    print_result,
+    results_folder,
+    split_names,
+)
+
+if TYPE_CHECKING:
+    from slamgauge.compare.scenarios.schema import Association, Beginning
+    from slamgauge.recording import Recording
+    from slamgauge.truth import Truth
+
+
+DEFAULT_ESTIMATORS = "ekf,riekf,isam2,batch"
+
+
+FRAMES = 240  # maps that filters keep for pictures
+
+
+@dataclass
+class Run:
+    """Simulate one run of a scenario and grade estimators on it."""
+
+    scenario: tyro.conf.Positional[str]
+    """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file."""
+
+    seed: int = 0
+    """Seed of all noise."""
+
+    estimators: str = DEFAULT_ESTIMATORS
+    """Comma-separated: dead-reckoning, ekf, fej-ekf, iekf, riekf, isam2 (causal optimum), batch (hindsight),
+    robust-batch; isam2@ekf is isam2 under the associations that ekf makes."""
+
+    set: Overrides = field(default_factory=list)
+    """Override keys of the scenario: dotted.key=value ..."""
+
+    out: Folder | None = None
+    """Folder of the results; results/SCENARIO-seed-SEED if not given."""
+
+    json: bool = False
+    """Print metrics.json on standard output instead of the table."""
+
+    def __call__(self) -> None:
+        """Simulate, grade and write."""
+        from slamgauge.compare.scenarios.scenario import load_scenario
+        from slamgauge.compare.scenarios.simulation import informed, simulate
+        from slamgauge.compare.storage.manifest import require_free
+        from slamgauge.compare.storage.result_files import comparison_files
+
+        scenario = load_scenario(self.scenario, flattened(self.set))
+        out = self.out or Path("results") / f"{scenario.name}-seed-{self.seed}"
+        require_free(out, comparison_files(split_names(self.estimators)))
+        truth, recording = simulate(scenario, self.seed)
+        told = simulate(informed(scenario), self.seed)[1]
+        title = f"{scenario.name}, seed {self.seed}"
+        grading = Grading(
+            self.estimators,
+            (),
+            out,
+            self.json,
+            title,
+            scenario.association,
+            scenario.beginning,
+            scenario.name,
+            self.seed,
+        )
+        grading.grade(truth, recording, told)
+
+
+@dataclass
+class Evaluate:
+    """Grade estimators, your own among them, on a stored recording.
+
+    From a truth with associations isam2 and batch are told these; the noise that all assume is the recording's.
+    """
+
+    recording: tyro.conf.Positional[Path]
+    """A recording.npz; a truth.npz beside it is used by itself."""
+
+    truth: Path | None = None
+    """The truth, if it lies elsewhere."""
+
+    estimators: str = DEFAULT_ESTIMATORS
+    """Comma-separated: dead-reckoning, ekf, fej-ekf, iekf, riekf, isam2 (causal optimum), batch (hindsight),
+    robust-batch; isam2@ekf is isam2 under the associations that ekf makes."""
+
+    estimator: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
+    """Your own, as module:attribute ...; a callable Recording -> Estimate. LOADS AND RUNS THAT CODE."""
+
+    association: Literal["nearest-neighbour", "jcbb"] = "nearest-neighbour"
+    """How filters associate a recording without ids; jcbb is joint, and manages its map."""
+
+    gate: float = 9.0
+    """Largest squared Mahalanobis distance of an association."""
+
+    initialisation: Literal["fis", "inverse-depth", "delayed"] = "fis"
+    """How landmarks begin in filters where the recording has bearings alone."""
+
+    reach: float = 10.0
+    """How far the sensor of such a recording sees [m]; the initialisation is fitted to it."""
+
+    out: Folder | None = None
+    """Folder of the results; without it only the table is printed."""
+
+    json: bool = False
+    """Print metrics.json on standard output instead of the table."""
+
+    def __call__(self) -> None:
+        """Load, grade and, if asked to, write."""
+        from slamgauge.compare.scenarios.schema import Association, Delayed, Fis, InverseDepth, fitted
+        from slamgauge.compare.storage.files import load_recording, load_truth
+
+        recording = load_recording(self.recording)
+        beside = self.recording.with_name("truth.npz")
+        path = self.truth or (beside if beside.exists() else None)
+        truth = None if path is None else load_truth(path)
+        title = f"{self.recording.parent.resolve().name}/{self.recording.name}"
+        if not 0 < self.gate < math.inf:
+            raise ValueError(f"gate {self.gate}: gives no bound; give a squared distance > 0, for example 9")
+        if not 0 < self.reach < math.inf:
+            raise ValueError(f"reach {self.reach}: is no distance; give metres > 0, for example 10")
+        chosen = {"fis": Fis, "inverse-depth": InverseDepth, "delayed": Delayed}[self.initialisation]()
+        settings = (Association(method=self.association, gate=self.gate), fitted(chosen, self.reach))
+        grading = Grading(self.estimators, flattened(self.estimator), self.out, self.json, title, *settings)
+        grading.grade(truth, recording)
+
+
+@dataclass(frozen=True)
+class Grading:
+    """What `run` and `evaluate` share: estimators in, table and folder out."""
+
+    estimators: str
+    own: Sequence[str]
+    out: Path | None
+    as_json: bool
+    title: str
+    association: Association
+    beginning: Beginning | None = None
+    scenario: str | None = None
+    seed: int | None = None
+
+    def grade(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> None:
+        """Run the estimators, print the table and write the folder."""
+        from slamgauge.compare.estimators.estimators import load_estimators
+        from slamgauge.compare.scoring.comparison import (
+            compare_estimators,
+            metrics,
+            table,
+        )
+        from slamgauge.compare.storage.files import explained
+        from slamgauge.compare.storage.result_files import METRICS, OUTDATED, comparison_files
+
+        names = split_names(self.estimators)
+        estimators = load_estimators(names, self.own, self.association, self.beginning, FRAMES)
+        if not estimators:
+            raise ValueError("estimators: none given; name at least one, for example --estimators ekf,batch")
+        with results_folder(self.out, comparison_files(estimators), METRICS, OUTDATED) as folder:
+            comparison = compare_estimators(truth, recording, estimators, informed)
+            content = metrics(comparison, self.scenario, self.seed)
+            if folder is not None and self.out is not None:
+                from slamgauge.compare.figures.publishing import write_comparison
+
+                with explained(self.out, "written"):
+                    write_comparison(folder, comparison, content, self.title)
+        print_result(content if self.as_json else table(comparison))
+        if self.out is not None:
+            print(f"written to {self.out}", file=sys.stderr)

@@ -1,0 +1,84 @@
+"""What several commands take and do."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from slamgauge.compare.scenarios.scenario import Scenario
+
+Overrides = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
+ALL_CORES = os.cpu_count() or 1
+
+
+class EmptyPathError(Exception):
+    """A path of no characters, which would mean the current folder; no `ValueError`, which tyro would reword."""
+
+
+def _path(words: list[str]) -> Path:
+    if not words[0]:
+        raise EmptyPathError("'' is an empty path; name a folder, . for the current one")
+    return Path(words[0])
+
+
+Folder = Annotated[
+    Path,
+    tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="PATH",
+        instance_from_str=_path,
+        is_instance=lambda value: isinstance(value, Path),
+        str_from_instance=lambda path: [str(path)],
+    ),
+]
+
+
+def sampled_scenario(scenario: str, overrides: Sequence[Sequence[str]]) -> Scenario:
+    """The scenario with the true start drawn from the prior, as statistics need it, unless it is overridden."""
+    from slamgauge.compare.scenarios.scenario import load_scenario
+
+    return load_scenario(scenario, ["start=sampled", *flattened(overrides)])
+
+
+def carried_by(jobs: int, scheduler: str | None = None) -> AbstractContextManager[Executor]:
+    """Who carries the runs."""
+    from slamgauge.compare.studies.executors import dask_cluster, local_processes
+
+    if scheduler is not None:
+        return dask_cluster(scheduler)
+    if jobs < 1:
+        raise ValueError(f"jobs: {jobs} carry nothing; give at least 1")
+    return local_processes(jobs)
+
+
+def split_names(comma_separated: str) -> list[str]:
+    """The names in a comma-separated list."""
+    return [name.strip() for name in comma_separated.split(",") if name.strip()]
+
+
+def results_folder(
+    out: Path | None, writes: Sequence[str], last: str, outdated: Sequence[str] = ()
+) -> AbstractContextManager[Path | None]:
+    """The staged folder for results, or nothing to write to."""
+    from slamgauge.compare.storage.staged_folder import staged_folder
+
+    return nullcontext() if out is None else staged_folder(out, writes, last, outdated)
+
+
+def flattened(groups: Sequence[Sequence[str]]) -> list[str]:
+    """The words of an option that was given several times, in one list."""
+    return [text for group in groups for text in group]
+
+
+def print_result(result: object) -> None:
+    """Print a table (a text), or anything else as JSON, on standard output."""
+    print(result if isinstance(result, str) else json.dumps(result, indent=2, allow_nan=False))

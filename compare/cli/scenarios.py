@@ -1,0 +1,30 @@
+"""`slamgauge scenarios`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from slamgauge.compare.cli.options import (
+    print_result,
+)
+
+if TYPE_CHECKING:
+    pass
+
+
+@dataclass
+class Scenarios:
+    """List the shipped scenarios with a line each."""
+
+    json: bool = False
+    """Print JSON on standard output."""
+
+    def __call__(self) -> None:
+        """Print the list."""
+        from slamgauge.compare.scenarios.scenario import shipped_scenarios
+
+        found = shipped_scenarios()
+        width = max(len(name) for name, _ in found)
+        table = "\n".join(f"{name:{width}}  {text}" for name, text in found)
+        print_result([{"name": name, "description": text} for name, text in found] if self.json else table)

@@ -1,0 +1,36 @@
+"""The names of the files that commands write, so that what is in the way is found before work starts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+SQLITE_SIDE_FILES = ("-journal", "-shm", "-wal")  # SQLite makes and removes them beside a store
+
+
+def pictures(*names: str) -> tuple[str, ...]:
+    """The files of figures, each for the screen and for print."""
+    return tuple(f"{name}.{ending}" for name in names for ending in ("png", "svg"))
+
+
+RECORDING, TRUTH = "recording.npz", "truth.npz"
+METRICS = "metrics.json"
+OUTDATED = ("estimates/*.npz", "trajectories/*.tum", "animation.gif", "animation.mp4")  # of an earlier run
+
+STORE = "study.sqlite"
+STORE_FILES = (STORE, *(f"{STORE}{ending}" for ending in SQLITE_SIDE_FILES))
+SUMMARY = "summary.json"
+STUDY_PICTURES = pictures("nees", "nis", "errors", "ratios")
+STUDY_FILES = (*STORE_FILES, SUMMARY, *STUDY_PICTURES)
+SWEEP = "sweep.json"
+SWEEP_FILES = (SWEEP, *pictures("sweep"))
+BUDGET = "budget.json"
+BUDGET_FILES = (BUDGET, *pictures("budget"))
+CLAIMS = "claims.json"
+BENCH = "bench.json"
+BENCH_FILES = (BENCH, "bench.png")
+
+
+def comparison_files(estimators: Iterable[str]) -> list[str]:
+    """Every file that may be written of a run of estimators of these names."""
+    each = [file for name in estimators for file in (f"estimates/{name}.npz", f"trajectories/{name}.tum")]
+    return [RECORDING, TRUTH, *each, "trajectories/truth.tum", *pictures("figure", "rays"), METRICS]
