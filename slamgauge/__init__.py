@@ -42,6 +42,7 @@ if TYPE_CHECKING:
         iekf,
         riekf,
     )
+    from slamgauge.errors import UserError
     from slamgauge.estimate import Estimate, Estimator, Kind, MapHistory, RayLog
     from slamgauge.graph_baseline import UndeterminedError, batch, cost, isam2, robust_batch
     from slamgauge.recording import OBSERVATION_DIM, Observations, Recording, Sensor
@@ -53,6 +54,7 @@ __version__ = "0.3.0"
 
 _NAMES = {  # of each module, as above; a test holds the two lists together
     "arrays": "Float Int Marks",
+    "errors": "UserError",
     "se2": "between chain compose rotation wrap",
     "recording": "OBSERVATION_DIM Observations Recording Sensor",
     "truth": "Truth",
@@ -112,6 +114,7 @@ __all__ = [  # noqa: RUF022
     "Triangulation",
     "Truth",
     "UndeterminedError",
+    "UserError",
     "assert_error_bounds",
     "batch",
     "between",

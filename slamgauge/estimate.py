@@ -8,6 +8,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.validation import (
     as_array,
@@ -126,7 +127,7 @@ class Estimate:
 
     def __post_init__(self) -> None:
         if self.kind not in ("filtered", "smoothed"):
-            raise ValueError(f"kind: {self.kind!r} is not known; use 'filtered' or 'smoothed'")
+            raise UserError(f"kind: {self.kind!r} is not known; use 'filtered' or 'smoothed'")
         poses = wrap_headings(as_floats("poses", self.poses, (None, 3)))
         count = len(poses)
         empty = self.landmark_ids is None and self.landmarks is None
@@ -145,7 +146,7 @@ class Estimate:
             )
             store(self, association=association)
         if (self.nis is None) != (self.nis_dof is None):
-            raise ValueError("nis: give nis and nis_dof together, or neither")
+            raise UserError("nis: give nis and nis_dof together, or neither")
         if self.nis is not None and self.nis_dof is not None:
             store(self, nis=as_floats("nis", self.nis, (count,)), nis_dof=as_ints("nis_dof", self.nis_dof, (count,)))
         if self.seconds is not None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgauge.arrays import Float, Int
+from slamgauge.errors import UserError
 from slamgauge.validation import as_covariances, as_floats, as_ints, require_rows, store
 
 Sensor = Literal["range-bearing", "bearing", "position"]
@@ -64,7 +65,7 @@ class Recording:
             "stamps", np.diff(stamps, prepend=-np.inf) > 0, stamps, "stamps must increase strictly; sort the steps"
         )
         if self.sensor not in OBSERVATION_DIM:
-            raise ValueError(f"sensor: {self.sensor!r} is not known; use one of {', '.join(OBSERVATION_DIM)}")
+            raise UserError(f"sensor: {self.sensor!r} is not known; use one of {', '.join(OBSERVATION_DIM)}")
         dim = OBSERVATION_DIM[self.sensor]
         observation = as_floats("observation", self.observation, (None, dim))
         count = len(observation)

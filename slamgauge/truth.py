@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.validation import as_array, as_distinct_ids, as_floats, as_ints, require_rows, store, wrap_headings
 
@@ -36,7 +37,7 @@ class Truth:
             )
             store(self, poses=wrap_headings(poses))
         if (self.landmark_ids is None) != (self.landmarks is None):
-            raise ValueError("landmarks: give landmark_ids and landmarks together, or neither")
+            raise UserError("landmarks: give landmark_ids and landmarks together, or neither")
         if self.landmark_ids is not None and self.landmarks is not None:
             landmark_ids = as_distinct_ids("landmark_ids", self.landmark_ids)
             store(
@@ -60,4 +61,4 @@ def require_same_run(truth: Truth | None, recording: Recording) -> None:
         ("association", truth and truth.association, len(recording.observation)),
     ):
         if given is not None and len(given) != expected:
-            raise ValueError(f"truth.{name}: {len(given)} rows, but the recording needs {expected}; give its own truth")
+            raise UserError(f"truth.{name}: {len(given)} rows, but the recording needs {expected}; give its own truth")

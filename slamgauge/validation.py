@@ -1,6 +1,6 @@
 """Checks that the vocabulary's constructors make: shape, finite numbers, covariances, indices.
 
-A value that does not fit raises ``ValueError`` with the field, the row, the value and the remedy in one line.
+A value that does not fit raises ``UserError`` with the field, the row, the value and the remedy in one line.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
+from slamgauge.errors import UserError
 from slamgauge.se2 import wrap
 
 
@@ -25,9 +26,9 @@ def as_array(name: str, value: object, shape: tuple[int | None, ...]) -> Float:
     try:
         array = np.array(value, dtype=np.float64, order="C")
     except (TypeError, ValueError):
-        raise ValueError(f"{name}: not an array of numbers; give shape {_spell(shape)}") from None
+        raise UserError(f"{name}: not an array of numbers; give shape {_spell(shape)}") from None
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
-        raise ValueError(f"{name}: shape {array.shape} does not fit; give shape {_spell(shape)}")
+        raise UserError(f"{name}: shape {array.shape} does not fit; give shape {_spell(shape)}")
     return array
 
 
@@ -94,4 +95,4 @@ def require_rows(name: str, good: ArrayLike, rows: NDArray[np.generic], rule: st
     bad = np.flatnonzero(np.logical_not(good))
     if len(bad):
         value = np.array2string(np.asarray(rows[bad[0]]), precision=6, separator=", ").replace("\n", "")
-        raise ValueError(f"{name}[{bad[0]}] = {value}: {rule}")
+        raise UserError(f"{name}[{bad[0]}] = {value}: {rule}")

@@ -13,6 +13,7 @@ import json
 import math
 import os
 import sys
+import traceback
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
@@ -20,6 +21,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
+
+from slamgauge import __version__
+from slamgauge.errors import UserError, refused_by_the_machine
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -149,9 +153,9 @@ class Evaluate:
         truth = None if path is None else load_truth(path)
         title = f"{self.recording.parent.resolve().name}/{self.recording.name}"
         if not 0 < self.gate < math.inf:
-            raise ValueError(f"gate {self.gate}: gives no bound; give a squared distance > 0, for example 9")
+            raise UserError(f"gate {self.gate}: gives no bound; give a squared distance > 0, for example 9")
         if not 0 < self.reach < math.inf:
-            raise ValueError(f"reach {self.reach}: is no distance; give metres > 0, for example 10")
+            raise UserError(f"reach {self.reach}: is no distance; give metres > 0, for example 10")
         chosen = {"fis": Fis, "inverse-depth": InverseDepth, "delayed": Delayed}[self.initialisation]()
         settings = (Association(method=self.association, gate=self.gate), fitted(chosen, self.reach))
         grading = _Grading(self.estimators, _flat(self.estimator), self.out, self.json, title, *settings)
@@ -412,7 +416,7 @@ class Bench:
 
         words = [word.strip() for word in self.landmarks.split(",")]
         if not all(word.isdecimal() and int(word) > 0 for word in words):
-            raise ValueError(f"landmarks {self.landmarks!r}: give map sizes > 0, for example 20,100")
+            raise UserError(f"landmarks {self.landmarks!r}: give map sizes > 0, for example 20,100")
         with _folder(self.out, last="bench.json") as folder:
             result = run_bench([int(word) for word in words], _names(self.estimators))
             text = json.dumps(result, indent=2, allow_nan=False)
@@ -446,7 +450,7 @@ class _Grading:
         names = _names(self.estimators)
         estimators = load_estimators(names, self.own, self.association, self.beginning, FRAMES)
         if not estimators:
-            raise ValueError("estimators: none given; name at least one, for example --estimators ekf,batch")
+            raise UserError("estimators: none given; name at least one, for example --estimators ekf,batch")
         with _folder(self.out, last="metrics.json", outdated=("rays.*", "animation.*")) as folder:
             comparison = compare_estimators(truth, recording, estimators, informed)
             content = metrics(comparison, self.scenario, self.seed)
@@ -472,7 +476,7 @@ def _executor(jobs: int, scheduler: str | None = None) -> AbstractContextManager
     if scheduler is not None:
         return dask_cluster(scheduler)
     if jobs < 1:
-        raise ValueError(f"jobs: {jobs} carry nothing; give at least 1")
+        raise UserError(f"jobs: {jobs} carry nothing; give at least 1")
     return local_processes(jobs)
 
 
@@ -518,24 +522,55 @@ Command = (
 )
 
 
+DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
+REFUSED = 71  # EX_OSERR
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; exit status 0 done, 2 bad input (one line on standard error), 130 interrupted."""
-    command = tyro.cli(
-        Command,  # pyright: ignore[reportArgumentType]
-        prog="slamgauge",
-        description="How far is your SLAM filter from the best that its measurements allow?",
-        args=arguments,
-        config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-    )
+    """Run one command.
+
+    Returns:
+        The exit status: 0 done, 2 bad input (one line on standard error), 70 a defect of slamgauge (its traceback
+        and where to report it), 71 memory or room was lacking (one line), 130 interrupted.
+    """
+    words = sys.argv[1:] if arguments is None else arguments
+    if list(words) == ["--version"]:
+        print(f"slamgauge {__version__}")
+        return 0
     try:
+        command = tyro.cli(
+            Command,  # pyright: ignore[reportArgumentType]
+            prog="slamgauge",
+            description="How far is your SLAM filter from the best that its measurements allow? "
+            "(`slamgauge --version` prints its version.)",
+            args=words,
+            config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+        )
         command()
         sys.stdout.flush()
     except BrokenPipeError:  # whoever reads our output (`head`, a pager) has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except ValueError as error:
+    except UserError as error:
         print(f"slamgauge: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as interrupt:
         print(f"slamgauge: interrupted; {str(interrupt) or 'nothing was written'}", file=sys.stderr)
         return 130
+    except Exception as error:  # noqa: BLE001 whatever else comes here has to be reported
+        return _not_the_users_mistake(error)
     return 0
+
+
+def _not_the_users_mistake(error: Exception) -> int:
+    """Say what the machine refused, or that this is a defect, and where to report it."""
+    if refused_by_the_machine(error):
+        what = " ".join(str(error).split()) or type(error).__name__
+        print(f"slamgauge: the machine refused: {what}; make room and give the same command again", file=sys.stderr)
+        return REFUSED
+    traceback.print_exception(error)
+    print(
+        "slamgauge: this is a defect of slamgauge, not a mistake of yours; please report it to its maintainers "
+        f"(CONTRIBUTING.md) with the lines above, the command and its version (slamgauge {__version__})",
+        file=sys.stderr,
+    )
+    return DEFECT

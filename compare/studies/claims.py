@@ -28,6 +28,7 @@ from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import failure_lines, paired
 
 from slamgauge.arrays import Float
+from slamgauge.errors import UserError
 
 ALPHA = 0.05
 Studies = Mapping[tuple[str, str], Runs]  # by setting and estimator
@@ -101,10 +102,10 @@ def judge_claims(runs: int, seed: int, out: Path, executor: Executor) -> Claims:
     """Carry out the studies that the claims need and `out` lacks, then judge every claim.
 
     Raises:
-        ValueError: bad numbers, or a store in `out` that holds another study.
+        UserError: bad numbers, or a store in `out` that holds another study.
     """
     if runs < 2:
-        raise ValueError(f"runs: {runs} show no spread; give at least 2")
+        raise UserError(f"runs: {runs} show no spread; give at least 2")
     studies: dict[tuple[str, str], Runs] = {}
     failures: list[str] = []
 

@@ -10,6 +10,8 @@ from collections.abc import Generator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 
+from slamgauge.errors import UserError
+
 BLAS_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
@@ -27,7 +29,7 @@ def local_processes(jobs: int) -> Generator[Executor]:
     """Worker processes of this machine, each with one BLAS thread; they end with their parent, however it ends.
 
     Raises:
-        ValueError: a worker died.
+        UserError: a worker died.
     """
     pin_blas_threads()
     context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
@@ -39,7 +41,7 @@ def local_processes(jobs: int) -> Generator[Executor]:
         for worker in set(multiprocessing.active_children()) - others:
             worker.terminate()
         if isinstance(error, BrokenExecutor):
-            raise ValueError("a worker process died (out of memory?); give the same command again") from None
+            raise UserError("a worker process died (out of memory?); give the same command again") from None
         raise
     finally:
         pool.shutdown(cancel_futures=True)
@@ -50,21 +52,21 @@ def dask_cluster(address: str) -> Generator[Executor]:
     """The workers of a running Dask cluster, which must have this version of slamgauge installed.
 
     Raises:
-        ValueError: the extra `cluster` is not installed, no scheduler answers at `address`, or it is lost.
+        UserError: the extra `cluster` is not installed, no scheduler answers at `address`, or it is lost.
     """
     try:
         from distributed import Client
     except ImportError:
-        raise ValueError("scheduler: needs the extra 'cluster'; pip install 'slamgauge[cluster]'") from None
+        raise UserError("scheduler: needs the extra 'cluster'; pip install 'slamgauge[cluster]'") from None
     try:
         client = Client(address, timeout="10s", set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         reason = str(error).splitlines()[0] if str(error) else "no answer"
-        raise ValueError(f"scheduler {address}: {reason}; start one, and give its address tcp://host:port") from None
+        raise UserError(f"scheduler {address}: {reason}; start one, and give its address tcp://host:port") from None
     try:
         yield client.get_executor(pure=False)
     except (CancelledError, OSError) as error:
-        raise ValueError(f"scheduler {address}: lost ({error or 'cancelled'}); give the same command again") from None
+        raise UserError(f"scheduler {address}: lost ({error or 'cancelled'}); give the same command again") from None
     finally:
         client.close()
 

@@ -21,6 +21,7 @@ from slamgauge.compare.storage.files import explained
 from slamgauge.compare.studies.run import FIGURES, SERIES, Outcome
 
 from slamgauge.arrays import Float, Int
+from slamgauge.errors import UserError
 
 _TABLES = """
 CREATE TABLE IF NOT EXISTS study (key TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -108,7 +109,7 @@ def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStor
     """The store at `path`, made if there is none.
 
     Raises:
-        ValueError: the file holds another study, was made by another version, or cannot be used.
+        UserError: the file holds another study, was made by another version, or cannot be used.
     """
     with explained(path.parent, "written"):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -124,7 +125,7 @@ def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStor
         finally:
             connection.close()
     except sqlite3.Error as error:
-        raise ValueError(f"{path}: cannot be used as a study's store ({error}); give another --out") from None
+        raise UserError(f"{path}: cannot be used as a study's store ({error}); give another --out") from None
 
 
 def _claim(connection: sqlite3.Connection, path: Path, scenario: Scenario, seed: int) -> None:
@@ -138,10 +139,10 @@ def _claim(connection: sqlite3.Connection, path: Path, scenario: Scenario, seed:
     connection.executemany("INSERT OR IGNORE INTO study VALUES (?, ?)", ours.items())
     found = dict(connection.execute("SELECT key, value FROM study"))
     if found["version"] != ours["version"]:
-        raise ValueError(
+        raise UserError(
             f"{path}: was begun by slamgauge {found['version']}, this is {ours['version']}; "
             "finish it with that version, or give another --out"
         )
     if found["digest"] != ours["digest"]:
         what = "another seed" if found["scenario"] == ours["scenario"] else "another scenario"
-        raise ValueError(f"{path}: holds a study of {what} (digest {found['digest'][:12]}); give another --out")
+        raise UserError(f"{path}: holds a study of {what} (digest {found['digest'][:12]}); give another --out")

@@ -14,6 +14,8 @@ from slamgauge.compare.studies.store import Runs, StudyStore, digest, open_store
 from slamgauge.compare.studies.summary import Failure, Summary, summarise
 from tqdm import tqdm
 
+from slamgauge.errors import UserError
+
 IN_FLIGHT = 256  # runs handed to the executor at a time, so that results do not pile up
 STORE = "study.sqlite"
 
@@ -34,15 +36,15 @@ def run_study(
         executor: carries the runs, for example `executors.local_processes(2)`.
 
     Raises:
-        ValueError: bad names or numbers, or a store that holds another study.
+        UserError: bad names or numbers, or a store that holds another study.
     """
     load_estimators(estimators)  # misspelt names are refused before anything is written
     if not estimators:
-        raise ValueError("estimators: none given; name at least one, for example --estimators ekf,isam2")
+        raise UserError("estimators: none given; name at least one, for example --estimators ekf,isam2")
     if runs < 1:
-        raise ValueError(f"runs: {runs} is no study; give at least 1")
+        raise UserError(f"runs: {runs} is no study; give at least 1")
     if seed < 0:
-        raise ValueError(f"seed: {seed} is negative; use a whole number >= 0")
+        raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     with open_store(out / STORE, scenario, seed) as store:
         _carry_out(store, scenario, runs, seed, estimators, executor)
         loaded = {name: store.load(name, runs) for name in estimators}
@@ -60,7 +62,7 @@ def run_study(
 def load_runs(scenario: Scenario, runs: int, seed: int, estimators: Sequence[str], out: Path) -> dict[str, Runs]:
     """What the store in `out` holds of each estimator, for figures and statistics of one's own."""
     if not (out / STORE).exists():
-        raise ValueError(f"{out / STORE}: there is no study; carry one out with run_study")
+        raise UserError(f"{out / STORE}: there is no study; carry one out with run_study")
     with open_store(out / STORE, scenario, seed) as store:
         return {name: store.load(name, runs) for name in estimators}
 

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgauge.arrays import Float
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, compose, rotation, wrap
@@ -312,7 +313,7 @@ def test_a_broken_rule_is_one_line_that_names_field_row_and_remedy(
     with pytest.raises(ValueError) as caught:
         make(**changes)
     message = str(caught.value)
-    assert type(caught.value) is ValueError
+    assert type(caught.value) is UserError
     assert "\n" not in message
     assert message.startswith(start)
     assert words in message
