@@ -53,7 +53,7 @@ def main() -> int:
 
 
 def start_study(out: Path, runs: int) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "compare", "study", *STUDY, "--runs", str(runs), "--out", str(out)]
+    command = [sys.executable, "-m", "slamgauge", "study", *STUDY, "--runs", str(runs), "--out", str(out)]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 

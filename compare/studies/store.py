@@ -1,7 +1,8 @@
 """The store of a study: one SQLite file, a row per run and estimator, written as results arrive.
 
 Every run is one transaction of a write-ahead log: whatever ends the process, a run is stored whole or
-not at all, and the next process goes on with the runs that are missing.
+not at all, and the next process goes on with the runs that are missing. What the machine refused (`Outcome.transient`)
+is not stored, so that the next process tries it again.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ import sqlite3
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +20,16 @@ from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.studies.run import FIGURES, SERIES, Outcome
 
+from slamgauge import __version__
 from slamgauge.arrays import Float, Int
 from slamgauge.errors import UserError
+
+# of what a store holds: raise it when `_TABLES`, `SERIES` or `FIGURES` change, and when the same scenario and seed
+# give other measurements or a figure another meaning; stores of another number are refused, whatever their version
+SCHEMA = 1
+_UNNUMBERED = {"0.3.0": "1"}  # the schema of stores that were begun before they carried its number, by version
+# SQLite's errors that are not the file's fault: give the same command again
+_REFUSALS = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_NOMEM)
 
 _TABLES = """
 CREATE TABLE IF NOT EXISTS study (key TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -71,10 +79,11 @@ class StudyStore:
         return set(self._connection.execute("SELECT run, estimator FROM outcome"))
 
     def add(self, run: int, seed: int, outcomes: Sequence[Outcome]) -> None:
-        """Store a run whole; what is stored already stays."""
+        """Store a run whole, without what may succeed another time; what is stored already stays."""
         rows = [
             (run, each.estimator, seed, each.kind, each.error, json.dumps(each.figures), each.series)
             for each in outcomes
+            if not each.transient
         ]
         with self._connection:
             self._connection.executemany("INSERT OR IGNORE INTO outcome VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
@@ -109,7 +118,7 @@ def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStor
     """The store at `path`, made if there is none.
 
     Raises:
-        UserError: the file holds another study, was made by another version, or cannot be used.
+        UserError: the file holds another study, has another schema, or cannot be used.
     """
     with explained(path.parent, "written"):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -125,24 +134,31 @@ def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStor
         finally:
             connection.close()
     except sqlite3.Error as error:
+        if (getattr(error, "sqlite_errorcode", 0) & 0xFF) in _REFUSALS:  # the low byte: the rest tells the kinds apart
+            raise UserError(
+                f"{path}: cannot be written ({error}); make room, and give the same command again"
+            ) from None
         raise UserError(f"{path}: cannot be used as a study's store ({error}); give another --out") from None
 
 
 def _claim(connection: sqlite3.Connection, path: Path, scenario: Scenario, seed: int) -> None:
     """Note what the store is for, or refuse one that is for something else."""
     ours = {
-        "version": version("slamgauge"),
+        "schema": str(SCHEMA),
+        "version": __version__,  # that began it: for information alone
         "digest": digest(scenario, seed),
         "scenario": scenario.model_dump_json(),
         "seed": str(seed),
     }
-    connection.executemany("INSERT OR IGNORE INTO study VALUES (?, ?)", ours.items())
-    found = dict(connection.execute("SELECT key, value FROM study"))
-    if found["version"] != ours["version"]:
+    connection.execute("BEGIN IMMEDIATE")  # another process may be about to claim it too
+    found = dict(connection.execute("SELECT key, value FROM study")) or ours
+    schema = found.get("schema") or _UNNUMBERED.get(found["version"], "of old")
+    if schema != ours["schema"]:
         raise UserError(
-            f"{path}: was begun by slamgauge {found['version']}, this is {ours['version']}; "
-            "finish it with that version, or give another --out"
+            f"{path}: has schema {schema} (begun by slamgauge {found['version']}), this is schema {SCHEMA} "
+            f"(slamgauge {__version__}); finish it with that version, or give another --out"
         )
     if found["digest"] != ours["digest"]:
         what = "another seed" if found["scenario"] == ours["scenario"] else "another scenario"
         raise UserError(f"{path}: holds a study of {what} (digest {found['digest'][:12]}); give another --out")
+    connection.executemany("INSERT OR IGNORE INTO study VALUES (?, ?)", ours.items())
