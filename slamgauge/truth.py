@@ -9,12 +9,23 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
-from slamgauge.validation import as_array, as_distinct_ids, as_floats, as_ints, require_rows, store, wrap_headings
+from slamgauge.validation import (
+    as_array,
+    as_distinct_ids,
+    as_floats,
+    as_ints,
+    equal,
+    require_rows,
+    store,
+    wrap_headings,
+)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Truth:
     """What only the scores may see; a field is None where a real recording has no ground truth.
+
+    Equal by value, and therefore not hashable, as arrays are not.
 
     Attributes:
         poses: (N+1, 3); a row of NaN where the ground truth has a gap.
@@ -52,6 +63,9 @@ class Truth:
                 known &= np.isin(association, self.landmark_ids)
             require_rows("association", known, association, "every true id must be among landmark_ids")
             store(self, association=association)
+
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other)
 
 
 def require_same_run(truth: Truth | None, recording: Recording) -> None:

@@ -1,9 +1,11 @@
-"""Checks that the vocabulary's constructors make: shape, finite numbers, covariances, indices.
+"""What the vocabulary's constructors check (shape, finite numbers, covariances, indices), and when values are equal.
 
 A value that does not fit raises ``UserError`` with the field, the row, the value and the remedy in one line.
 """
 
 from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +21,19 @@ def store(instance: object, **fields: object) -> None:
         if isinstance(value, np.ndarray):
             value.setflags(write=False)
         object.__setattr__(instance, name, value)
+
+
+def equal(one: object, other: object) -> bool:
+    """Whether two dataclasses are of the same type and equal field by field; arrays exactly, a gap (NaN) to a gap."""
+    if type(one) is not type(other) or not is_dataclass(one):
+        return False
+    return all(_same(getattr(one, field.name), getattr(other, field.name)) for field in fields(one))
+
+
+def _same(one: object, other: object) -> bool:
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(one, other, equal_nan=True)
+    return type(one) is type(other) and one == other
 
 
 def as_array(name: str, value: object, shape: tuple[int | None, ...]) -> Float:

@@ -10,7 +10,7 @@ import zipfile
 import zlib
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from secrets import token_hex
 from types import NoneType
@@ -173,13 +173,15 @@ def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str
             parts = {name.removeprefix(begin): values.pop(name) for name in [*values] if name.startswith(begin)}
             if parts:
                 values[field] = _made(path, inner, parts, begin)
-    required = {field for field, hint in hints.items() if NoneType not in get_args(hint)}
+    optional = {name for name, hint in hints.items() if NoneType in get_args(hint)}
+    defaults = {each.name for each in fields(kind) if (each.default, each.default_factory) != (MISSING, MISSING)}
+    required = hints.keys() - optional - defaults
     for verdict, names in (("lacks", required - values.keys()), ("has the unknown", values.keys() - hints.keys())):
         if names:
             found = f"it {verdict} {', '.join(sorted(f'{within}{name}' for name in names))}"
             raise UserError(f"{path}: not a {kind.__name__}, {found}; give another file")
     texts = {field: str(values[field]) for field, hint in hints.items() if get_origin(hint) is Literal}
-    arguments: dict[str, Any] = dict.fromkeys(hints) | values | texts
+    arguments: dict[str, Any] = dict.fromkeys(optional) | values | texts
     try:
         return kind(**arguments)
     except UserError as error:
