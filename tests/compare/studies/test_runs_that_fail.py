@@ -6,7 +6,7 @@ import errno
 import os
 import re
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -15,7 +15,7 @@ from slamgauge.compare.estimators.estimators import load_estimators
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.studies import run as study_run
-from slamgauge.compare.studies.executors import local_processes
+from slamgauge.compare.studies.executors import local_processes, lost_worker
 from slamgauge.compare.studies.run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.study import AGAIN, load_runs, run_study
 
@@ -111,6 +111,14 @@ def test_a_run_that_takes_its_worker_with_it_is_named_and_the_others_go_on(
     with local_processes(1) as executor:
         again = run_study(scenario, 4, 0, ("ekf", "riekf"), tmp_path, executor)
     assert (again.failures, again.estimators["ekf"].runs) == ((), 4)
+
+
+def test_a_worker_that_a_cluster_gave_up_is_lost_and_other_errors_are_not() -> None:
+    from distributed.scheduler import KilledWorker
+
+    assert lost_worker(KilledWorker("run", None, 4))  # pyright: ignore[reportArgumentType]
+    assert lost_worker(BrokenExecutor())
+    assert not lost_worker(ValueError())
 
 
 def leave_at_once(*_: object) -> None:
