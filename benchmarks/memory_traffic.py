@@ -27,7 +27,7 @@ from time import perf_counter
 import numpy as np
 from slamgauge.compare.bench.bench import workload
 from slamgauge.ekf import ekf
-from slamgauge.ekf.filter import BLOCK
+from slamgauge.ekf.maps.rules import BLOCK
 
 from slamgauge import simulate
 
