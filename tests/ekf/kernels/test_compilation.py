@@ -10,7 +10,7 @@ from pathlib import Path
 from slamgauge.ekf.kernels.compiled import drop_outdated
 
 PROGRAM = (
-    "import numpy as np; from ekf import SlamFilter;"
+    "import numpy as np; from slamgauge.ekf import SlamFilter;"
     "s = SlamFilter('position', np.zeros(3), np.eye(3)); s.predict([1, 0, 0], np.eye(3)); print(s.pose_cov[0, 0])"
 )
 
