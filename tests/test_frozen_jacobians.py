@@ -58,12 +58,12 @@ def freeze(recording: Recording) -> FrozenFactors:
             frozen.observations.append(frozen_sight(recording.sensor, k, slot, x, scan.value[i], scan.cov[i]))
         if old:
             slots, heading = [frozen.ids.index(names[i]) for i in old], x[2]
-            x, P, _ = update(recording.sensor, x, x, P, slots, scan.value[old], scan.cov[old], invariant=False)
+            x, P, _ = update(recording.sensor, x, x, P, slots, scan.value[old], scan.cov[old], kind="additive")
             x[2] = heading + wrap(x[2] - heading)
         for i, name in enumerate(names):
             if name not in frozen.ids:
                 frozen.ids.append(name)
-                x, P = augment(recording.sensor, x, x, P, scan.value[i], scan.cov[i], invariant=False)
+                x, P = augment(recording.sensor, x, x, P, scan.value[i], scan.cov[i], kind="additive")
                 sight = frozen_sight(recording.sensor, k, len(frozen.ids) - 1, x, scan.value[i], scan.cov[i])
                 delta = rotation(x[2]).T @ (x[-2:] - x[:2])
                 np.testing.assert_allclose(locate(recording.sensor, scan.value[i])[0], delta, atol=1e-12)

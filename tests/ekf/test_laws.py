@@ -419,6 +419,17 @@ def test_nees_of_the_right_invariant_filter_is_chi_square_at_every_step(sensor: 
 
 
 @SENSORS
+def test_nees_of_the_observability_constrained_filter_is_chi_square_at_every_step(sensor: Sensor) -> None:
+    """Where the heading is known to 6 degrees, and the textbook filter's leaves the band."""
+    nees, of_textbook = (
+        np.asarray(sum(additive_nees(*run) for run in run_all(estimator, sensor, heading_sigma=0.1)))
+        for estimator in (oc_ekf, ekf)
+    )
+    assert outside(nees, 3 * RUNS, STEPS + 1) == 0
+    assert outside(of_textbook, 3 * RUNS, STEPS + 1) > STEPS / 4
+
+
+@SENSORS
 def test_nees_in_its_own_coordinates_is_chi_square_even_when_the_heading_is_hardly_known(sensor: Sensor) -> None:
     """12 degrees: the additive error is then curved, the invariant one is not."""
     nees = sum(invariant_nees(*run) for run in run_all(riekf, sensor, heading_sigma=0.2))

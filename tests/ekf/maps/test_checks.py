@@ -12,7 +12,7 @@ from slamgauge.ekf.kernels.corrections import update_standard
 from slamgauge.ekf.kernels.prediction import is_semidefinite
 from slamgauge.ekf.maps.rules import CORRECTIONS, RULES, Rule
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, Int
 from slamgauge.recording import Observations
 from slamgauge.validation import as_covariances
 
@@ -33,7 +33,7 @@ LINE = r"^[^\n]*[:;] [^\n]*$"
 def scan(kind: str, count: int = 3, first: int = 0) -> Observations:
     """Observations of landmarks about the robot."""
     ids = np.arange(first, first + count)
-    values = np.column_stack([3.0 + ids, -1.0 + 0.7 * ids])
+    values: Float = np.column_stack([3.0 + ids, -1.0 + 0.7 * ids]).astype(np.float64)
     covs = np.tile(np.diag([0.1, 0.05]) ** 2, (count, 1, 1))
     if kind.startswith("Bearing"):
         values, covs = values[:, 1:], covs[:, 1:, 1:]
@@ -49,7 +49,7 @@ def started(kind: str) -> OnlineFilter:
     return slam
 
 
-def belief_of(slam: OnlineFilter) -> list[Float]:
+def belief_of(slam: OnlineFilter) -> list[Float | Int]:
     return [slam.pose, slam.pose_cov, slam.landmark_ids, slam.landmarks, slam.landmark_covs]
 
 
@@ -175,7 +175,7 @@ def test_ids_that_are_none(kind: str, ids: list[float] | None, match: str) -> No
 @pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
 def test_lists_and_whole_numbers_of_any_type_are_taken(kind: str) -> None:
     arrays, lists = started(kind), started(kind)
-    ids, values, covs = scan(kind)
+    ids, (_, values, covs) = np.arange(3), scan(kind)
     arrays.update(Observations(ids, values, covs))
     lists.update(Observations(ids.astype(float).tolist(), values.tolist(), covs.tolist()))  # pyright: ignore[reportArgumentType]
     for one, other in zip(belief_of(arrays), belief_of(lists), strict=True):
@@ -274,7 +274,7 @@ def test_observations_beyond_the_gate_are_left_out(kind: str) -> None:
     """As if they had not been made; new landmarks are mapped, and `associated` tells which were left out."""
     gated, told = started(kind), started(kind)
     assert isinstance(gated, (SlamFilter, CompressedFilter))
-    ids, values, covs = scan(kind, count=5)  # two are new
+    ids, (_, values, covs) = np.arange(5), scan(kind, count=5)  # two are new
     values[:3] += [[0.0, 0.0], [2.0, 0.0], [0.0, 0.01]]
     kept = np.array([0, 2, 3, 4])
     result = gated.update(Observations(ids, values, covs), gate=20.0)
@@ -287,12 +287,13 @@ def test_observations_beyond_the_gate_are_left_out(kind: str) -> None:
 def test_bearings_of_points_beyond_the_gate_are_left_out() -> None:
     gated, told = (BearingFilter(np.zeros(3), np.zeros((3, 3))) for _ in range(2))
     landmarks = np.array([[3.0, 3.0], [2.0, -4.5], [4.0, 2.0]])
-    for slam in (gated, told):
-        for k in range(40):
+    bearings = np.zeros((3, 1))
+    for k in range(40):
+        offset = landmarks - [0.1 * k, 0.0]
+        bearings = np.arctan2(offset[:, 1], offset[:, 0])[:, None]
+        for slam in (gated, told):
             if k:
                 slam.predict([0.1, 0.0, 0.0], np.diag([1e-6, 1e-6, 1e-8]))
-            offset = landmarks - [0.1 * k, 0.0]
-            bearings = np.arctan2(offset[:, 1], offset[:, 0])[:, None]
             slam.update(Observations(np.arange(3), bearings, np.full((3, 1, 1), 1e-4)))
     assert not gated.provisional
     bearings[1] += 0.3
