@@ -63,7 +63,7 @@ def freeze(recording: Recording) -> FrozenFactors:
         for i, name in enumerate(names):
             if name not in frozen.ids:
                 frozen.ids.append(name)
-                x, P = augment(recording.sensor, x, x, P, scan.value[i], scan.cov[i], kind="additive")
+                x, P = augment(recording.sensor, x, x, P, scan.value[i], scan.cov[i], invariant=False)
                 sight = frozen_sight(recording.sensor, k, len(frozen.ids) - 1, x, scan.value[i], scan.cov[i])
                 delta = rotation(x[2]).T @ (x[-2:] - x[:2])
                 np.testing.assert_allclose(locate(recording.sensor, scan.value[i])[0], delta, atol=1e-12)
