@@ -25,6 +25,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.bench.bench import workload
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.association import AssociatingFilter
+from slamgauge.ekf.maps.matching import Matcher
 from slamgauge.ekf.settings.association import MapManagement
 from slamgauge.recording import Observations, Recording
 
@@ -44,16 +45,17 @@ def some(recording: Recording, observations: int) -> Recording:
 def measure(recording: Recording, observations: int) -> list[Float]:
     """Seconds of each step of the second round: jcbb, compatibility, update, nearest neighbour."""
     slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov)
+    matcher = Matcher(slam.map)
     quantiles = np.concatenate([[0.0], chdtri(2.0 * np.arange(1, observations + 1), 0.0111)])
     times: list[list[float]] = []
     for k, scan in enumerate(recording.scans()):
         if k > 0:
             slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
         marks = [perf_counter()]
-        _, count = slam.compatible(scan.value, scan.cov, MANAGEMENT.new_gate)
+        _, count = matcher.compatible(scan.value, scan.cov, MANAGEMENT.new_gate)
         marks.append(perf_counter())
-        slots = slam.jointly_compatible(len(scan.value), count, GATE, quantiles, 20_000)
-        slam.ambiguous(count, GATE, MANAGEMENT.margin, slots)
+        slots = matcher.jointly_compatible(count, GATE, quantiles, 20_000)
+        matcher.ambiguous(count, GATE, MANAGEMENT.margin, slots)
         marks.append(perf_counter())
         slam.update(scan)
         marks.append(perf_counter())

@@ -29,7 +29,7 @@ import numpy as np
 from slamgauge import simulate
 from slamgauge.compare.bench.bench import workload
 from slamgauge.ekf import ekf
-from slamgauge.ekf.filter import BLOCK
+from slamgauge.ekf.maps.rules import BLOCK
 
 
 def bandwidth() -> float:

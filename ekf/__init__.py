@@ -1,22 +1,38 @@
 """Planar landmark SLAM filters.
 
-`models` (sensors), `workspace` (arrays), `kernels` (the steps, compiled), `corrections` (what tells the filters apart),
-`filter` (the online form), `compressed` (the same for large maps), `estimators` (recording in, estimate out).
+`settings` what people choose; `kernels` the steps, compiled; `maps` the belief and its book-keeping, and the table of
+corrections; `bearings` landmarks from bearings alone. Here are the online filters, `filter` (with ids), `association`
+(without), `compressed` (the same for large maps), and `estimators`: a recording in, an estimate out.
 
-Without ids: `association` (the online form), `one_by_one` (nearest neighbour), `compatibility` (joint association),
-`map_management` (probation, deletion, merging), `map_edits` (what these do to the state).
-
-Bearings alone: `bearing_only` (the online form); landmarks begin as `rays`, in `inverse_depth` or `delayed` (`young`:
-what these have in common, `linear`: measurements with Jacobians of their own); `ray_association` without ids.
+Names are imported when they are first used, so that a setting costs no compiler.
 """
 
-from slamgauge.ekf.association import AssociatingFilter
-from slamgauge.ekf.bearings.bearing_filter import BearingFilter
-from slamgauge.ekf.compressed import CompressedFilter
-from slamgauge.ekf.estimators import dead_reckoning, ekf, fej_ekf, iekf, riekf
-from slamgauge.ekf.filter import SlamFilter
-from slamgauge.ekf.settings.association import Association, MapManagement
-from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from slamgauge.ekf.association import AssociatingFilter
+    from slamgauge.ekf.bearings.bearing_filter import BearingFilter
+    from slamgauge.ekf.compressed import CompressedFilter
+    from slamgauge.ekf.estimators import dead_reckoning, ekf, fej_ekf, iekf, oc_ekf, riekf
+    from slamgauge.ekf.filter import SlamFilter
+    from slamgauge.ekf.online import OnlineFilter
+    from slamgauge.ekf.settings.association import Association, MapManagement
+    from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
+
+_NAMES = {  # of each module, as above
+    "association": "AssociatingFilter",
+    "bearings.bearing_filter": "BearingFilter",
+    "compressed": "CompressedFilter",
+    "estimators": "dead_reckoning ekf fej_ekf iekf oc_ekf riekf",
+    "filter": "SlamFilter",
+    "online": "OnlineFilter",
+    "settings.association": "Association MapManagement",
+    "settings.initialisation": "Delayed InverseDepth Rays",
+}
+_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = [
     "AssociatingFilter",
@@ -26,11 +42,23 @@ __all__ = [
     "Delayed",
     "InverseDepth",
     "MapManagement",
+    "OnlineFilter",
     "Rays",
     "SlamFilter",
     "dead_reckoning",
     "ekf",
     "fej_ekf",
     "iekf",
+    "oc_ekf",
     "riekf",
 ]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module 'slamgauge.ekf' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"slamgauge.ekf.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,11 +1,11 @@
 """The online filter that finds out by itself which landmark it sees.
 
-`nearest-neighbour` is the practical's rule: observation by observation, the landmark of the smallest squared
+`nearest-neighbour` is the rule of the practical: observation by observation, the landmark of the smallest squared
 Mahalanobis distance below the gate corrects the filter at once, and if there is none, a new landmark is mapped
-at once. `jcbb` associates a whole scan jointly (Neira and Tardos 2001, see `kernels.compatibility`), corrects with
+at once. `jcbb` associates a whole scan jointly (Neira and Tardos 2001, see `kernels.joint_search`), corrects with
 all that was matched in one update, then maps the rest.
 
-Names: a landmark's id is the number of its track, 0, 1, 2, ... in the order of birth, and is never used again.
+The id of a landmark is the number of its track, 0, 1, 2, ... in the order of birth, and is never used again.
 """
 
 from __future__ import annotations
@@ -15,12 +15,16 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.filter import SOUND, Correction, SlamFilter
 from slamgauge.ekf.kernels.compatibility import NONE
-from slamgauge.ekf.kernels.take_in import are_sound
-from slamgauge.ekf.kernels.warm_up import compile_association_once
-from slamgauge.ekf.map_management import Tracks
+from slamgauge.ekf.kernels.one_by_one import Gates
+from slamgauge.ekf.maps.checks import explain_scan, require_method, require_sensor, rows_of
+from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.matching import Matcher, update_nearest
+from slamgauge.ekf.maps.members import Members, points
+from slamgauge.ekf.maps.rules import Correction, Rule, sequential_of
+from slamgauge.ekf.maps.tracks import Tracks
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
+from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
 
 
@@ -31,8 +35,11 @@ class AssociatingFilter:
         sensor: `range-bearing` or `position`.
         prior_mean: (3,) start pose.
         prior_cov: (3, 3) its covariance; zero is legal.
-        correction: see `SlamFilter`.
+        correction: see `SlamFilter`; a rule of your own needs its `sequential` form for the nearest neighbour.
         association: how observations find their landmarks.
+
+    Raises:
+        ValueError: a sensor, correction or method that does not exist or does not fit, or a prior that is none.
     """
 
     def __init__(
@@ -40,40 +47,44 @@ class AssociatingFilter:
         sensor: str,
         prior_mean: ArrayLike,
         prior_cov: ArrayLike,
-        correction: Correction = "standard",
+        correction: Correction | Rule = "standard",
         association: Association = NEAREST_NEIGHBOUR,
     ) -> None:
-        compile_association_once()
-        self._slam = SlamFilter(sensor, prior_mean, prior_cov, correction)
+        require_sensor(sensor, ("range-bearing", "position"))
+        require_method(association)
+        self._map = LandmarkMap(sensor, prior_mean, prior_cov, correction, landmarks=32)
+        if association.method == "nearest-neighbour":
+            sequential_of(self._map.rule)
         self._association = association
-        self._tracks = Tracks(association.map_management)
+        self._matcher = Matcher(self._map)
+        self._tracks = Tracks(self._map, association.map_management)
         self._associated: Int = np.zeros(0, dtype=np.int64)
         self._quantiles = np.zeros(1)
 
     @property
     def pose(self) -> Float:
         """(3,) x, y [m], heading [rad] in the world frame."""
-        return self._slam.pose
+        return self._map.pose
 
     @property
     def pose_cov(self) -> Float:
         """(3, 3) covariance of the additive pose error in the world frame."""
-        return self._slam.pose_cov
+        return self._map.pose_cov
 
     @property
     def landmark_ids(self) -> Int:
         """(L,) ids of the mapped landmarks that are confirmed."""
-        return self._slam.landmark_ids[self._tracks.confirmed]
+        return self._map.ids[self._tracks.confirmed]
 
     @property
     def landmarks(self) -> Float:
         """(L, 2) their positions [m] in the world frame."""
-        return self._slam.landmarks[self._tracks.confirmed]
+        return self._map.positions[self._tracks.confirmed]
 
     @property
     def landmark_covs(self) -> Float:
         """(L, 2, 2) their covariances [m^2]."""
-        return self._slam.landmark_covs[self._tracks.confirmed]
+        return self._map.position_covs[self._tracks.confirmed]
 
     @property
     def associated(self) -> Int:
@@ -84,9 +95,22 @@ class AssociatingFilter:
         """What has become of ids given earlier: merged ones have their survivor's, unconfirmed or deleted ones -1."""
         return self._tracks.standing(ids)
 
+    def whole_map(self) -> Members:
+        """Every confirmed landmark is a point."""
+        return points(self.landmark_ids, self.landmarks, self.landmark_covs)
+
+    def ray_log(self, members: Int) -> RayLog | None:  # noqa: ARG002
+        """None: there are no rays."""
+        return None
+
+    @property
+    def member_count(self) -> int:
+        """No landmark has members."""
+        return 0
+
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
         """Move by a body-frame increment; see `SlamFilter.predict`."""
-        self._slam.predict(increment, cov)
+        self._map.predict(increment, cov)
         self._associated = self._associated[:0]
 
     def update(self, observations: Observations) -> tuple[float, int]:
@@ -98,49 +122,45 @@ class AssociatingFilter:
         Raises:
             ValueError: an update that has no solution; see `SlamFilter.update`.
         """
-        values, covs = np.array(observations.value), np.array(observations.cov)
-        if not len(values):
+        given, given_covs = rows_of(observations, self._map.dim)
+        self._associated = self._associated[:0]
+        if not len(given):
             return 0.0, 0
-        if not are_sound(values, covs):
-            raise ValueError(f"observation: no update exists for this scan; {SOUND}")
+        values, covs = np.array(given, dtype=np.float64), np.array(given_covs, dtype=np.float64)
+        if not self._map.are_sound(values, covs):
+            raise explain_scan(self._map.sensor, values, covs)
         associate = self._jointly if self._association.method == "jcbb" else self._one_by_one
-        result = associate(values, covs)
-        self._tracks.close_scan(self._slam, self._associated)
-        return result
-
-    def _one_by_one(self, values: Float, covs: Float) -> tuple[float, int]:
-        gate, next_id, before = self._association.gate, self._tracks.next_id, len(self._tracks.ids)
-        slots, nis, dof = self._slam.update_one_by_one(values, covs, gate, self._widest_gate, next_id)
-        self._tracks.begin(max(slots.max(initial=NONE) + 1 - before, 0))
-        self._associated = np.where(slots == NONE, NONE, self._tracks.ids[slots])
+        self._associated, nis, dof = associate(values, covs)
+        self._tracks.close_scan(self._associated)
         return nis, dof
 
-    def _jointly(self, values: Float, covs: Float) -> tuple[float, int]:
-        pairs, count = self._slam.compatible(values, covs, self._widest_gate)
+    def _one_by_one(self, values: Float, covs: Float) -> tuple[Int, float, int]:
+        gates = Gates(float(self._association.gate), float(self._widest_gate))
+        slots, nis, dof = update_nearest(self._map, self._tracks.new_ids, values, covs, gates)
+        return np.where(slots == NONE, NONE, self._map.ids[slots]), nis, dof
+
+    def _jointly(self, values: Float, covs: Float) -> tuple[Int, float, int]:
+        pairs, count = self._matcher.compatible(values, covs, self._widest_gate)
         gate, limit = self._association.gate, self._association.node_limit
-        slots = self._slam.jointly_compatible(len(values), count, gate, self._joint_gates(len(values)), limit)
+        slots = self._matcher.jointly_compatible(count, gate, self._joint_gates(len(values)), limit)
         management, doubtful = self._association.map_management, np.zeros(len(values), dtype=bool)
         if management is not None:
-            slots[self._slam.ambiguous(count, gate, management.margin, slots)] = NONE
+            slots[self._matcher.ambiguous(count, gate, management.margin, slots)] = NONE
             doubtful[pairs.observation[:count][np.isin(pairs.slot[:count], slots, invert=True)]] = True
         matched = slots != NONE
         new = ~matched & ~doubtful
-        self._associated = np.full(len(values), NONE)
-        self._associated[matched] = self._tracks.ids[slots[matched]]
-        result = self._slam.correct(slots[matched], values[matched], covs[matched])
-        self._associated[new] = self._add(values[new], covs[new])
-        return result
+        associated = np.full(len(values), NONE)
+        associated[matched] = self._map.ids[slots[matched]]
+        nis, dof = self._map.correct(slots[matched], values[matched], covs[matched])
+        associated[new] = self._tracks.new_ids.take(int(new.sum()))
+        self._map.add(associated[new], values[new], covs[new])
+        return associated, nis, dof
 
     @property
     def _widest_gate(self) -> float:
         """An observation within this squared distance of a landmark that is not seen otherwise starts no track."""
         management = self._association.map_management
         return self._association.gate if management is None else max(self._association.gate, management.new_gate)
-
-    def _add(self, values: Float, covs: Float) -> Int:
-        ids = self._tracks.begin(len(values))
-        self._slam.add(ids, values, covs)
-        return ids
 
     def _joint_gates(self, observations: int) -> Float:
         """Largest joint squared distances (m + 1,) of 0, 1, ... m pairs."""

@@ -7,7 +7,7 @@ as they were on entry (index 0). Three small matrices keep account of it, exactl
 
 with T = I, C = 0, g = 0 on entry; T <- F T in a prediction; in an update with whitened Jacobian H
 (S = I) and innovation y: N = H T, C <- C - N'N, g <- g + N'y, T <- T - (H P)'N. A step costs what it
-would cost in a map that holds the area alone (some four times, for the account's sake), and the rest
+would cost in a map that holds the area alone (some four times as much, because of the account), and the rest
 of the map is settled when the robot leaves the area, or sees a landmark outside it.
 
 Source: Guivant and Nebot, IEEE Transactions on Robotics and Automation 17(3), 2001.
@@ -19,31 +19,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.filter import WHOLE_SCAN, Rule, SlamFilter
-from slamgauge.ekf.kernels.compiled import kernel, solve_factor, subtract_gram, subtract_product
+from slamgauge.ekf.filter import SlamFilter
+from slamgauge.ekf.kernels.area_account import account_for_update
+from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.corrections import update_standard
 from slamgauge.ekf.kernels.workspace import Workspace
-from slamgauge.recording import Observations
-
-
-@kernel
-def account_for_update(count: int, size: int, work: Workspace, T: Float, N: Float, C: Float, vector: Float) -> None:
-    """Carry the update that `work` describes into the area's account: T, C and g (`vector`)."""
-    width = C.shape[0]
-    for i in range(count):
-        landmark = 3 + 2 * work.slots[i]
-        for k in (2 * i, 2 * i + 1):
-            h = work.jacobian[k]
-            for j in range(width):
-                N[k, j] = h[0] * T[0, j] + h[1] * T[1, j] + h[2] * T[2, j]
-                N[k, j] += h[3] * T[landmark, j] + h[4] * T[landmark + 1, j]
-    rows = 2 * count
-    solve_factor(work.S, N, rows, width)
-    subtract_gram(C, N, rows, width)
-    subtract_product(T, work.W, N, rows, size, width)
-    for k in range(rows):
-        for j in range(width):
-            vector[j] += N[k, j] * work.innovation[k]
+from slamgauge.ekf.maps.checks import ids_of, require_sensor, rows_of, start_of
+from slamgauge.ekf.maps.members import Members, points
+from slamgauge.ekf.maps.rules import WHOLE_SCAN, Rule
+from slamgauge.estimate import RayLog
+from slamgauge.recording import OBSERVATION_DIM, Observations
 
 
 class CompressedFilter:
@@ -55,14 +40,19 @@ class CompressedFilter:
         prior_cov: (3, 3) its covariance.
         area_radius: landmarks within this distance [m] of the robot form its area, which it leaves a
             third of that distance away; one and a half times the sensor's range serves well.
+
+    Raises:
+        ValueError: a sensor that does not exist or fit, a prior that is none, or no radius.
     """
 
     def __init__(self, sensor: str, prior_mean: ArrayLike, prior_cov: ArrayLike, area_radius: float) -> None:
+        require_sensor(sensor, ("range-bearing", "position"))
+        if not area_radius > 0.0:
+            raise ValueError(f"area_radius: {area_radius} m is no distance; choose it above 0")
         self._sensor = sensor
         self._area_radius = area_radius
         self._ids: Int = np.zeros(0, dtype=np.int64)
-        self._mean = np.array(prior_mean, dtype=np.float64)
-        self._cov = np.array(prior_cov, dtype=np.float64)
+        self._mean, self._cov = start_of(prior_mean, prior_cov)
         self._enter_area(self._ids)
 
     @property
@@ -77,7 +67,7 @@ class CompressedFilter:
 
     @property
     def landmark_ids(self) -> Int:
-        """(L,) ids of the mapped landmarks, in the order of their first sight."""
+        """(L,) ids of the mapped landmarks, in the order of their first observation."""
         return np.concatenate([self._ids, self._local.landmark_ids[self._entered :]])
 
     @property
@@ -85,6 +75,12 @@ class CompressedFilter:
         """(L, 2) their positions [m]; settles the account of the area."""
         self._settle(self._local.landmark_ids)
         return self._mean[3:].reshape(-1, 2).copy()
+
+    @property
+    def landmark_covs(self) -> Float:
+        """(L, 2, 2) their covariances [m^2]; settles the account of the area."""
+        first = np.arange(3, 3 + 2 * len(self.landmark_ids), 2)
+        return self.cov[first[:, None, None] + np.arange(2)[:, None], first[:, None, None] + np.arange(2)]
 
     @property
     def cov(self) -> Float:
@@ -100,18 +96,39 @@ class CompressedFilter:
         self._T[0] -= moved[1] * self._T[2]
         self._T[1] += moved[0] * self._T[2]
 
-    def update(self, observations: Observations) -> tuple[float, int]:
+    def update(self, observations: Observations, gate: float | None = None) -> tuple[float, int]:
         """Correct with all observations of one step, then map new landmarks; see `SlamFilter.update`."""
-        if observations.landmark is None:
-            raise ValueError("landmark: this filter needs known association; give the ids of the observations")
-        ids = np.asarray(observations.landmark)
+        ids = ids_of(observations)
+        rows_of(observations, OBSERVATION_DIM[self._sensor])
         outside = np.isin(ids, self._ids) & ~np.isin(ids, self._local.landmark_ids)
         travelled = np.hypot(*(self._local.pose - self._entry)[:2])
         if outside.any() or travelled > self._area_radius / 3.0:
             self._settle(ids)
-        result = self._local.update(observations)
+        result = self._local.update(observations, gate)
         self._account_for_new_landmarks(self._local.pose, self._local.landmarks.ravel())
         return result
+
+    @property
+    def associated(self) -> Int:
+        """(m,) ids of the current step's observations, -1 where one was left out."""
+        return self._local.associated
+
+    def standing(self, ids: Int) -> Int:
+        """What has become of ids given earlier: they are the user's own, and stay."""
+        return ids
+
+    def whole_map(self) -> Members:
+        """Every landmark is a point; settles the account of the area."""
+        return points(self.landmark_ids, self.landmarks, self.landmark_covs)
+
+    def ray_log(self, members: Int) -> RayLog | None:  # noqa: ARG002
+        """None: there are no rays."""
+        return None
+
+    @property
+    def member_count(self) -> int:
+        """No landmark has members."""
+        return 0
 
     def _account_for_new_landmarks(self, pose: Float, landmarks: Float) -> None:
         """Rows of T for landmarks (2L,) that have been mapped since: J_r times the robot's rows."""
@@ -122,11 +139,10 @@ class CompressedFilter:
             rows[:, 1] += offsets[:, :1] * self._T[2]
             self._T = np.concatenate([self._T, rows.reshape(-1, self._T.shape[1])])
 
-    def _update_local(
-        self, sensor: int, state: Float, point: Float, cov: Float, size: int, count: int, work: Workspace
-    ) -> tuple[float, int]:
+    def _update_local(self, sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
+        state, size = belief.state, belief.size
         self._account_for_new_landmarks(state[:3], state[3:size])  # a step may see a new landmark twice
-        nis, informative = update_standard(sensor, state, point, cov, size, count, work)
+        nis, informative = update_standard(sensor, belief, count, work)
         if np.isfinite(nis):
             if len(self._N) < 2 * count:
                 self._N = np.zeros((2 * count, len(self._C)))
@@ -149,7 +165,7 @@ class CompressedFilter:
             Rule(self._update_local, block=WHOLE_SCAN),
             landmarks=len(near) + 32,
         )
-        self._local.set_map(self._ids[near], positions[near], area_cov)
+        self._local.map.replace(self._ids[near], positions[near], area_cov)
         size = len(self._area)
         self._T, self._C, self._N = np.eye(size), np.zeros((size, size)), np.zeros((0, size))
         self._vector = np.zeros(size)

@@ -10,20 +10,15 @@ import numpy as np
 
 from slamgauge.ekf.association import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
-from slamgauge.ekf.compressed import CompressedFilter
-from slamgauge.ekf.filter import Correction, SlamFilter
+from slamgauge.ekf.filter import SlamFilter
 from slamgauge.ekf.history import History
+from slamgauge.ekf.maps.rules import CORRECTIONS, Correction
+from slamgauge.ekf.online import OnlineFilter
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.ekf.settings.initialisation import Initialisation, Rays
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
-CORRECTIONS: dict[str, Correction] = {
-    "ekf": "standard",
-    "fej-ekf": "first-estimates",
-    "iekf": "iterated",
-    "riekf": "right-invariant",
-}
 FIS = Rays()
 
 
@@ -38,13 +33,13 @@ def ekf(
     Args:
         recording: known or unknown association.
         association: how observations find their landmarks where the recording has no ids.
-        initialisation: how landmarks begin where the recording has bearings alone.
+        initialisation: how landmarks are initialised where the recording has bearings alone.
         frames: at how many steps, evenly spread from the first to the last, `Estimate.history` keeps the map.
 
     Raises:
         ValueError: bearings without ids, and an initialisation that needs them.
     """
-    return _run(recording, CORRECTIONS["ekf"], association, initialisation, frames)
+    return _run(recording, "ekf", association, initialisation, frames)
 
 
 def fej_ekf(
@@ -58,7 +53,21 @@ def fej_ekf(
     It leans on good first estimates: where landmarks are close to the robot, or first seen from a poorly known
     pose, it can diverge.
     """
-    return _run(recording, CORRECTIONS["fej-ekf"], association, initialisation, frames)
+    return _run(recording, "fej-ekf", association, initialisation, frames)
+
+
+def oc_ekf(
+    recording: Recording,
+    association: Association = NEAREST_NEIGHBOUR,
+    initialisation: Initialisation = FIS,
+    frames: int = 0,
+) -> Estimate:
+    """Observability-constrained EKF-SLAM (Huang, Mourikis and Roumeliotis, IJRR 2010); called as `ekf`.
+
+    As `fej_ekf` it learns nothing about shift and turn of the whole map, but its Jacobians are taken at the newest
+    estimates, and changed no more than that needs: it leans less on good first estimates.
+    """
+    return _run(recording, "oc-ekf", association, initialisation, frames)
 
 
 def iekf(
@@ -68,7 +77,7 @@ def iekf(
     frames: int = 0,
 ) -> Estimate:
     """Iterated EKF-SLAM (Bell and Cathey 1993), known to be less consistent than the plain EKF; called as `ekf`."""
-    return _run(recording, CORRECTIONS["iekf"], association, initialisation, frames)
+    return _run(recording, "iekf", association, initialisation, frames)
 
 
 def riekf(
@@ -78,7 +87,7 @@ def riekf(
     frames: int = 0,
 ) -> Estimate:
     """Right-invariant EKF-SLAM (Barrau and Bonnabel, arXiv 1510.06263); called as `ekf`."""
-    return _run(recording, CORRECTIONS["riekf"], association, initialisation, frames)
+    return _run(recording, "riekf", association, initialisation, frames)
 
 
 def dead_reckoning(recording: Recording) -> Estimate:
@@ -87,52 +96,47 @@ def dead_reckoning(recording: Recording) -> Estimate:
     poses, pose_covs = np.empty((recording.steps + 1, 3)), np.empty((recording.steps + 1, 3, 3))
     poses[0], pose_covs[0] = blind.pose, blind.pose_cov
     seconds = np.zeros(recording.steps + 1)
-    for k in range(recording.steps):
+    for step in range(1, recording.steps + 1):
         start = perf_counter()
-        blind.predict(recording.odometry[k], recording.odometry_cov[k])
-        seconds[k + 1] = perf_counter() - start
-        poses[k + 1], pose_covs[k + 1] = blind.pose, blind.pose_cov
+        blind.predict(recording.odometry[step - 1], recording.odometry_cov[step - 1])
+        seconds[step] = perf_counter() - start
+        poses[step], pose_covs[step] = blind.pose, blind.pose_cov
     return Estimate(kind="filtered", poses=poses, pose_covs=pose_covs, seconds=seconds)
 
 
-class Step(NamedTuple):
-    """What a step of a filter gave: NIS, its degrees of freedom, computing time."""
+class StepResult(NamedTuple):
+    """What a step of a filter gave: NIS, its degrees of freedom, computing time [s]."""
 
     nis: float
     nis_dof: int
     seconds: float
 
 
-Filter = SlamFilter | AssociatingFilter | BearingFilter
-
-
-def drive(slam: Filter | CompressedFilter, recording: Recording) -> Iterator[Step]:
+def drive(slam: OnlineFilter, recording: Recording) -> Iterator[StepResult]:
     """Feed a recording to a filter, step 0, 1, ..., N."""
-    for k, scan in enumerate(recording.scans()):
+    for step, scan in enumerate(recording.scans()):
         start = perf_counter()
-        if k > 0:
-            slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
+        if step > 0:
+            slam.predict(recording.odometry[step - 1], recording.odometry_cov[step - 1])
         nis, dof = slam.update(scan) if len(scan.value) else (0.0, 0)
-        yield Step(nis, dof, perf_counter() - start)
+        yield StepResult(nis, dof, perf_counter() - start)
 
 
 def _run(
-    recording: Recording, correction: Correction, association: Association, initialisation: Initialisation, frames: int
+    recording: Recording, estimator: str, association: Association, initialisation: Initialisation, frames: int
 ) -> Estimate:
-    slam = _filter(recording, correction, association, initialisation)
+    slam = online_filter(recording, CORRECTIONS[estimator], association, initialisation)
     steps = recording.steps
     poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
     nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1)
     members, given = np.zeros(steps + 1, dtype=np.int64), [np.zeros(0, dtype=np.int64)]
     history = History(steps, frames)
-    for k, step in enumerate(drive(slam, recording)):
-        nis[k], nis_dof[k], seconds[k] = step
-        poses[k], pose_covs[k] = slam.pose, slam.pose_cov
-        if not isinstance(slam, SlamFilter):
-            given.append(slam.associated)
-        if isinstance(slam, BearingFilter):
-            members[k] = slam.member_count
-        history.keep(k, slam)
+    for step, result in enumerate(drive(slam, recording)):
+        nis[step], nis_dof[step], seconds[step] = result
+        poses[step], pose_covs[step] = slam.pose, slam.pose_cov
+        members[step] = slam.member_count
+        given.append(slam.associated)
+        history.keep(step, slam)
     return Estimate(
         kind="filtered",
         poses=poses,
@@ -140,18 +144,18 @@ def _run(
         landmark_ids=slam.landmark_ids,
         landmarks=slam.landmarks,
         landmark_covs=slam.landmark_covs,
-        association=recording.landmark if isinstance(slam, SlamFilter) else slam.standing(np.concatenate(given)),
+        association=slam.standing(np.concatenate(given)),
         nis=nis,
         nis_dof=nis_dof,
         seconds=seconds,
-        rays=slam.ray_log(members) if isinstance(slam, BearingFilter) else None,
+        rays=slam.ray_log(members),
         history=history.kept(),
     )
 
 
-def _filter(
+def online_filter(
     recording: Recording, correction: Correction, association: Association, initialisation: Initialisation
-) -> Filter:
+) -> OnlineFilter:
     """The online filter that the recording calls for."""
     start = (recording.prior_mean, recording.prior_cov, correction)
     if recording.sensor == "bearing":

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamgauge.ekf.association import AssociatingFilter
-from slamgauge.ekf.bearings.bearing_filter import BearingFilter
-from slamgauge.ekf.bearings.young import POINT, Members, joined
-from slamgauge.ekf.filter import SlamFilter
+from slamgauge.ekf.maps.members import Members, joined
+from slamgauge.ekf.online import OnlineFilter
 from slamgauge.estimate import MapHistory
 
 
@@ -19,11 +17,11 @@ class History:
         self._steps: list[int] = []
         self._maps: list[Members] = []
 
-    def keep(self, step: int, slam: SlamFilter | AssociatingFilter | BearingFilter) -> None:
+    def keep(self, step: int, slam: OnlineFilter) -> None:
         """Note the map after this step, if it is one of those."""
         if step in self._wanted:
             self._steps.append(step)
-            self._maps.append(slam.whole_map() if isinstance(slam, BearingFilter) else _points(slam))
+            self._maps.append(slam.whole_map())
 
     def kept(self) -> MapHistory | None:
         """All that was noted; None without frames."""
@@ -32,8 +30,3 @@ class History:
         rows = joined(self._maps)
         step = np.repeat(np.array(self._steps), [len(each.landmark) for each in self._maps])
         return MapHistory(step, rows.landmark, rows.number, np.minimum(rows.weight, 1.0), rows.position, rows.cov)
-
-
-def _points(slam: SlamFilter | AssociatingFilter) -> Members:
-    ids = slam.landmark_ids
-    return Members(ids, np.full(len(ids), POINT), np.ones(len(ids)), slam.landmarks, slam.landmark_covs)

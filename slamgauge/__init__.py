@@ -36,11 +36,13 @@ if TYPE_CHECKING:
         Delayed,
         InverseDepth,
         MapManagement,
+        OnlineFilter,
         Rays,
         SlamFilter,
         dead_reckoning,
         fej_ekf,
         iekf,
+        oc_ekf,
         riekf,
     )
     from slamgauge.errors import UserError
@@ -63,7 +65,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
     "triangulation": "Triangulation triangulate",
     "ekf": (
         "AssociatingFilter Association BearingFilter CompressedFilter Delayed InverseDepth MapManagement Rays "
-        "SlamFilter dead_reckoning fej_ekf iekf riekf "
+        "OnlineFilter SlamFilter dead_reckoning fej_ekf iekf oc_ekf riekf "
     ),
     "graph_baseline": "UndeterminedError batch cost isam2 robust_batch",
     "compare.scoring.comparison": "Comparison compare_estimators",
@@ -105,6 +107,7 @@ __all__ = [  # noqa: RUF022
     "Marks",
     "OBSERVATION_DIM",
     "Observations",
+    "OnlineFilter",
     "RayLog",
     "Rays",
     "Recording",
@@ -140,6 +143,7 @@ __all__ = [  # noqa: RUF022
     "load_scenario",
     "load_truth",
     "local_processes",
+    "oc_ekf",
     "plot_errors",
     "plot_run",
     "riekf",

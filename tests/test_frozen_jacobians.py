@@ -58,7 +58,7 @@ def freeze(recording: Recording) -> FrozenFactors:
             frozen.observations.append(frozen_sight(recording.sensor, k, slot, x, scan.value[i], scan.cov[i]))
         if old:
             slots, heading = [frozen.ids.index(names[i]) for i in old], x[2]
-            x, P, _ = update(recording.sensor, x, x, P, slots, scan.value[old], scan.cov[old], invariant=False)
+            x, P, _ = update(recording.sensor, x, x, P, slots, scan.value[old], scan.cov[old], kind="additive")
             x[2] = heading + wrap(x[2] - heading)
         for i, name in enumerate(names):
             if name not in frozen.ids:

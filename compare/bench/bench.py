@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from time import perf_counter
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 from tqdm import tqdm
@@ -21,9 +20,8 @@ from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.text_table import aligned
 from slamgauge.ekf import SlamFilter
-from slamgauge.ekf import filter as online
-from slamgauge.ekf.estimators import CORRECTIONS, drive
-from slamgauge.ekf.filter import RULES, Rule
+from slamgauge.ekf.estimators import drive
+from slamgauge.ekf.maps.rules import CORRECTIONS, RULES, Rule
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
@@ -115,20 +113,15 @@ def _share_outside_kernels(recording: Recording, rule: Rule) -> float:
 
         return call
 
-    slam = SlamFilter(
-        recording.sensor, recording.prior_mean, recording.prior_cov, rule._replace(update=timed(rule.update))
-    )
+    clocked = rule._replace(update=timed(rule.update), predict=timed(rule.predict), find_slots=timed(rule.find_slots))
+    slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov, clocked)
     first = recording.steps // 2
     part = recording.first(min(first + SHARE_STEPS, recording.steps))
-    with (
-        patch.object(online, "predict", timed(online.predict)),
-        patch.object(online, "find_slots", timed(online.find_slots)),
-    ):
-        for k, step in enumerate(drive(slam, part)):
-            if k == first:  # the map is complete
-                inside, total = 0.0, 0.0
-            else:
-                total += step.seconds
+    for step, result in enumerate(drive(slam, part)):
+        if step == first:  # the map is complete
+            inside, total = 0.0, 0.0
+        else:
+            total += result.seconds
     return 1.0 - inside / total
 
 

@@ -140,7 +140,7 @@ class Association(Section):
     """How filters find the landmark of an observation; `known` gives them the ids.
 
     `gate` is the largest squared Mahalanobis distance. `map_management` (probation, deletion and merging of
-    landmarks, see `ekf.map_management`) is off for `nearest-neighbour`, the practical's bare rule, and on for
+    landmarks, see `ekf.maps.tracks`) is off for `nearest-neighbour`, the practical's bare rule, and on for
     `jcbb`, unless it is said otherwise.
     """
 

@@ -1,1 +1,1 @@
-"""Bearings alone: landmarks that begin as rays, in inverse depth, or delayed, until they are points."""
+"""Bearings alone: landmarks are initialised as rays, in inverse depth, or delayed, until they are points."""

@@ -1,16 +1,16 @@
-"""Delayed initialisation of bearing-only landmarks: a short window of past poses, and a point as soon as it is sure.
+"""Delayed initialisation of bearing-only landmarks: a short window of past poses, then a point as soon as it is sure.
 
 While there are landmarks to be placed, the poses they are seen from are cloned into the state, every `spacing` metres
 and no more than `poses` of them. A landmark waits with its bearings until they place it (`slamgauge.triangulate`). Then
 all of them enter at once, linearised where they meet: r = H_x dx + H_f df + noise. With Q'H_f = [T; 0] the upper two
-rows say where the landmark is, given the poses, and the others, in which it does not occur, correct the poses. That
-is exact but for the linearisation, and this is made where the landmark is known. Bearings whose innovation is
-improbable wait on.
+rows say where the landmark is, given the poses; the others, in which it does not occur, correct the poses. That is
+exact but for the linearisation, which is made where the landmark is known. Bearings whose innovation is improbable
+go on waiting.
 
 A full window gives up the clone whose neighbours are nearest to each other, so that it keeps its baseline, and the
-sights of landmarks that left the view before they were placed: seen again, they close a loop. Clones that hold only
-such sights have half of the window at most; then the oldest of these goes. What a step costs does not depend on time.
-Jacobians are taken at the present estimate, whatever the filter's correction.
+bearings of landmarks that left the view before they were placed: seen again, they close a loop. Clones that hold only
+such bearings take up half of the window at most; beyond that the oldest of them goes. What a step costs does not grow
+with time. Jacobians are taken at the present estimate, whatever the correction.
 
 Sources: Bailey, "Constrained initialisation for bearing-only SLAM", ICRA 2003 (delayed initialisation from past poses
 in the state); Mourikis and Roumeliotis, "A multi-state constraint Kalman filter for vision-aided inertial
@@ -25,8 +25,10 @@ import numpy as np
 from scipy.special import chdtri
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.bearings.young import NO_MEMBERS, Members
-from slamgauge.ekf.filter import SlamFilter
+from slamgauge.ekf.bearings.gradient import bearing_gradient
+from slamgauge.ekf.maps.ids import Ids
+from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.members import NO_MEMBERS, Members
 from slamgauge.ekf.settings.initialisation import FEWEST, Delayed
 from slamgauge.se2 import wrap
 from slamgauge.triangulation import triangulate
@@ -43,37 +45,37 @@ class Sight:
     variance: float
 
 
-class Waiting:
-    """The landmarks of a filter that are not placed yet; see `Young` for its methods."""
+class DelayedInitialiser:
+    """The landmarks of a map that are not placed yet; see `Initialiser` for its methods."""
 
     log = None  # there are no rays
 
-    def __init__(self, slam: SlamFilter, settings: Delayed) -> None:
-        self._slam = slam
+    def __init__(self, landmarks: LandmarkMap, settings: Delayed) -> None:
+        self._map = landmarks
         self._settings = settings
         self._sights: dict[int, list[Sight]] = {}
-        self._clones: list[int] = []  # in the order of time; each has its own id in the filter and the next
-        self._next_id = 0
+        self._clones: list[int] = []  # in the order of time; each has its own id in the map and the next
+        self._ids = Ids()
 
     @property
     def counts(self) -> dict[int, int]:
         """Landmarks that wait; they have no members."""
         return dict.fromkeys(self._sights, 0)
 
-    def observe(self, step: int, names: list[int], values: Float, covs: Float) -> dict[int, int]:  # noqa: ARG002
+    def observe(self, step: int, ids: list[int], values: Float, covs: Float) -> dict[int, int]:  # noqa: ARG002
         """Note the bearings if the robot has moved on, then place the landmarks that they place."""
         points: dict[int, int] = {}
-        if not names or not self._has_moved_on():
+        if not ids or not self._has_moved_on():
             return points
         clone = self._clone_pose()
-        for row, name in enumerate(names):
-            self._sights.setdefault(name, []).append(Sight(clone, values[row, 0], covs[row, 0, 0]))
+        for row, landmark in enumerate(ids):
+            self._sights.setdefault(landmark, []).append(Sight(clone, values[row, 0], covs[row, 0, 0]))
         if len(self._clones) > self._settings.poses:
-            self._drop_clone(self._dispensable(names))
-        for name in names:
-            found = self._place(name)
+            self._drop_clone(self._dispensable(ids))
+        for landmark in ids:
+            found = self._place(landmark)
             if found is not None:
-                points[name] = found
+                points[landmark] = found
         self._drop_unused()
         return points
 
@@ -85,46 +87,46 @@ class Waiting:
         """None: a bearing cannot be compared with a slot."""
         return {}
 
-    def forget(self, step: int, name: int) -> None:  # noqa: ARG002
+    def forget(self, step: int, landmark: int) -> None:  # noqa: ARG002
         """Drop a landmark's bearings."""
-        del self._sights[name]
+        del self._sights[landmark]
         self._drop_unused()
 
     def _has_moved_on(self) -> bool:
         if not self._clones:
             return True
-        last = self._slam.entries(self._columns(self._clones[-1])[:2])
-        return bool(np.hypot(*(self._slam.pose[:2] - last)) >= self._settings.spacing)
+        last = self._map.entries(self._columns(self._clones[-1])[:2])
+        return bool(np.hypot(*(self._map.pose[:2] - last)) >= self._settings.spacing)
 
     def _clone_pose(self) -> int:
         """Append the pose as two slots: the position, and the heading with an entry that is always zero."""
         jacobian = np.zeros((4, 3))
         jacobian[:3] = np.eye(3)
-        ids = self._new_ids(2)
-        self._slam.add_linear(
-            ids, np.append(self._slam.pose, 0.0), np.arange(3), jacobian, np.zeros((4, 4)), [True, False]
+        ids = self._ids.take(2)
+        self._map.add_linear(
+            ids, np.append(self._map.pose, 0.0), np.arange(3), jacobian, np.zeros((4, 4)), [True, False]
         )
         self._clones.append(int(ids[0]))
         return int(ids[0])
 
-    def _dispensable(self, names: list[int]) -> int:
-        """The clone to give up while the landmarks `names` are in view."""
-        useful = {sight.clone for name in names for sight in self._sights[name]}
+    def _dispensable(self, ids: list[int]) -> int:
+        """The clone to give up while the landmarks `ids` are in view."""
+        useful = {sight.clone for landmark in ids for sight in self._sights[landmark]}
         past = [clone for clone in self._clones if clone not in useful]
         if len(past) > self._settings.poses // 2:
             return past[0]
-        positions = self._slam.entries(np.concatenate([self._columns(clone)[:2] for clone in self._clones]))
+        positions = self._map.entries(np.concatenate([self._columns(clone)[:2] for clone in self._clones]))
         positions = positions.reshape(-1, 2)
         gaps = np.hypot(*(positions[2:] - positions[:-2]).T)
         return self._clones[1 + int(np.argmin(gaps))]
 
-    def _place(self, name: int) -> int | None:
-        """Put a landmark into the state if its bearings place it; its id in the filter."""
-        sights = self._sights[name]
+    def _place(self, landmark: int) -> int | None:
+        """Put a landmark into the state if its bearings place it; its id in the map."""
+        sights = self._sights[landmark]
         if len(sights) < FEWEST:
             return None
         columns = np.concatenate([self._columns(sight.clone) for sight in sights])
-        poses = self._slam.entries(columns).reshape(-1, 3)
+        poses = self._map.entries(columns).reshape(-1, 3)
         bearings, variances = np.array([(sight.bearing, sight.variance) for sight in sights]).T
         found = triangulate(poses, bearings, variances, self._settings.sure)
         if not found.placed:
@@ -132,23 +134,19 @@ class Waiting:
         residual, of_poses, of_landmark = whitened_bearings(poses, bearings, variances, found.landmark)
         Q, T = np.linalg.qr(of_landmark, mode="complete")
         residual, of_poses, inverse = Q.T @ residual, Q.T @ of_poses, np.linalg.inv(T[:2])
-        S = of_poses[2:] @ self._slam.block(columns) @ of_poses[2:].T + np.eye(len(sights) - 2)
+        S = of_poses[2:] @ self._map.block(columns) @ of_poses[2:].T + np.eye(len(sights) - 2)
         if residual[2:] @ np.linalg.solve(S, residual[2:]) > chdtri(len(sights) - 2, IMPROBABLE):
             return None
         position = found.landmark + inverse @ residual[:2]
-        ids = self._new_ids(1)
-        self._slam.add_linear(ids, position, columns, -inverse @ of_poses[:2], inverse @ inverse.T, [True])
-        self._slam.correct_linear(columns, of_poses[2:], residual[2:], np.eye(len(sights) - 2))
-        del self._sights[name]
-        return int(ids[0])
+        new = self._ids.take(1)
+        self._map.add_linear(new, position, columns, -inverse @ of_poses[:2], inverse @ inverse.T, [True])
+        self._map.correct_linear(columns, of_poses[2:], residual[2:], np.eye(len(sights) - 2))
+        del self._sights[landmark]
+        return int(new[0])
 
     def _columns(self, clone: int) -> Int:
         """Entries of the state that hold a clone's x, y and heading."""
-        return self._slam.columns_of(np.array([clone, clone + 1]))[:3]
-
-    def _new_ids(self, count: int) -> Int:
-        self._next_id += count
-        return np.arange(self._next_id - count, self._next_id)
+        return self._map.columns_of(np.array([clone, clone + 1]))[:3]
 
     def _drop_unused(self) -> None:
         """Remove the clones from which no waiting landmark was seen."""
@@ -158,12 +156,12 @@ class Waiting:
 
     def _drop_clone(self, clone: int) -> None:
         self._clones.remove(clone)
-        for name, sights in [*self._sights.items()]:
-            self._sights[name] = [sight for sight in sights if sight.clone != clone]
-            if not self._sights[name]:
-                del self._sights[name]
+        for landmark, sights in [*self._sights.items()]:
+            self._sights[landmark] = [sight for sight in sights if sight.clone != clone]
+            if not self._sights[landmark]:
+                del self._sights[landmark]
         for each in (clone, clone + 1):
-            self._slam.remove(int(self._slam.slots_of(np.array(each))))
+            self._map.remove(int(self._map.slots_of(np.array(each))))
 
 
 def whitened_bearings(poses: Float, bearings: Float, variances: Float, landmark: Float) -> tuple[Float, Float, Float]:
@@ -173,7 +171,7 @@ def whitened_bearings(poses: Float, bearings: Float, variances: Float, landmark:
     """
     count, sigmas = len(bearings), np.sqrt(variances)
     offset = landmark - poses[:, :2]
-    gradient = np.column_stack([-offset[:, 1], offset[:, 0]]) / ((offset**2).sum(axis=1) * sigmas)[:, None]
+    gradient = bearing_gradient(offset, (offset**2).sum(axis=1) * sigmas)
     of_poses = np.zeros((count, count, 3))
     row = np.arange(count)
     of_poses[row, row, :2] = -gradient

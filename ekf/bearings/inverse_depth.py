@@ -4,10 +4,10 @@ A landmark begins as an anchor a, the robot's position at the first bearing, the
 world, and the inverse omega of its distance from there: l = a + u(phi) / omega. A bearing sees the direction of
 omega (a - p) + u(phi), which is nearly linear in omega and smooth through omega = 0, a landmark at infinity. So an
 omega below zero is no mistake in itself, and is left alone: later bearings bring it back. What is three standard
-deviations beyond infinity is no landmark, and begins anew. When the depth is known well enough for a point to be
-as good, the landmark becomes one.
+deviations beyond infinity is no landmark, and is initialised again. When the depth is known well enough for a point
+to be as good, the landmark becomes one.
 
-Jacobians are taken at the present estimate, whatever the filter's correction. Anchors are points and turn with the
+Jacobians are taken at the present estimate, whatever the correction. Anchors are points and turn with the
 map; phi and omega do not (see `kernels.corrections`), which makes this consistent in the right-invariant filter.
 
 Sources: Montiel, Civera and Davison, "Unified inverse depth parametrization for monocular SLAM", RSS 2006; Civera,
@@ -21,9 +21,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.bearings.young import NO_MEMBERS, Members, RayRecorder
-from slamgauge.ekf.filter import SlamFilter
+from slamgauge.ekf.bearings.gradient import bearing_gradient
+from slamgauge.ekf.bearings.ray_recorder import RayRecorder
 from slamgauge.ekf.kernels.models import MIN_BEARING_DISTANCE
+from slamgauge.ekf.maps.ids import Ids
+from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.members import NO_MEMBERS, Members
 from slamgauge.ekf.settings.initialisation import InverseDepth
 from slamgauge.se2 import wrap
 
@@ -40,14 +43,14 @@ class Depth:
     failures: int = 0
 
 
-class YoungDepths:
-    """The landmarks of a filter in inverse depth; see `Young` for its methods."""
+class InverseDepthInitialiser:
+    """The landmarks of a map in inverse depth; see `Initialiser` for its methods."""
 
-    def __init__(self, slam: SlamFilter, settings: InverseDepth) -> None:
-        self._slam = slam
+    def __init__(self, landmarks: LandmarkMap, settings: InverseDepth) -> None:
+        self._map = landmarks
         self._settings = settings
         self._depths: dict[int, Depth] = {}
-        self._next_id = 0
+        self._ids = Ids()
         self.log = RayRecorder()
 
     @property
@@ -55,17 +58,17 @@ class YoungDepths:
         """Landmarks in inverse depth; each is a member of its own."""
         return dict.fromkeys(self._depths, 1)
 
-    def observe(self, step: int, names: list[int], values: Float, covs: Float) -> dict[int, int]:
-        """Correct with all bearings in one update, turn into points what is known well, begin what is new."""
-        seen = [row for row, name in enumerate(names) if name in self._depths]
+    def observe(self, step: int, ids: list[int], values: Float, covs: Float) -> dict[int, int]:
+        """Correct with all bearings in one update, turn into points what is known well, initialise what is new."""
+        seen = [row for row, landmark in enumerate(ids) if landmark in self._depths]
         if seen:
-            self._correct(step, [names[row] for row in seen], values[seen, 0], covs[seen, 0, 0])
+            self._correct(step, [ids[row] for row in seen], values[seen, 0], covs[seen, 0, 0])
         points: dict[int, int] = {}
         for row in seen:
-            self._settle(step, names[row], points)
-        for row, name in enumerate(names):
-            if name not in self._depths and name not in points:
-                self._begin(step, name, values[row, 0], covs[row, 0, 0])
+            self._settle(step, ids[row], points)
+        for row, landmark in enumerate(ids):
+            if landmark not in self._depths and landmark not in points:
+                self._begin(step, landmark, values[row, 0], covs[row, 0, 0])
         return points
 
     def members(self) -> Members:
@@ -81,70 +84,67 @@ class YoungDepths:
         """None: a bearing cannot be compared with a slot."""
         return {}
 
-    def forget(self, step: int, name: int) -> None:
+    def forget(self, step: int, landmark: int) -> None:
         """Take a landmark out of the state; it is lost."""
-        self._remove(self._depths.pop(name))
-        self.log.end(step, name)
+        self._remove(self._depths.pop(landmark))
+        self.log.end(step, landmark)
 
-    def _correct(self, step: int, names: list[int], bearings: Float, variances: Float) -> None:
+    def _correct(self, step: int, ids: list[int], bearings: Float, variances: Float) -> None:
         """Correct with the bearings (m,) that pass the gate; landmarks that fail too often are lost."""
         columns = np.concatenate(
-            [[0, 1, 2], self._slam.columns_of(np.concatenate([self._depths[n].ids for n in names]))]
+            [[0, 1, 2], self._map.columns_of(np.concatenate([self._depths[landmark].ids for landmark in ids]))]
         )
-        innovation, jacobian = linearise_depths(self._slam.entries(columns), bearings)
-        predicted = ((jacobian @ self._slam.block(columns)) * jacobian).sum(axis=1)
+        innovation, jacobian = linearise_depths(self._map.entries(columns), bearings)
+        predicted = ((jacobian @ self._map.block(columns)) * jacobian).sum(axis=1)
         passed = innovation**2 <= self._settings.gate * (predicted + variances)
         used = passed & (predicted < VAGUE**2)
         if used.any():
-            self._slam.correct_linear(columns, jacobian[used], innovation[used], np.diag(variances[used]))
-        for name, good in zip(names, passed.tolist(), strict=True):
-            depth = self._depths[name]
+            self._map.correct_linear(columns, jacobian[used], innovation[used], np.diag(variances[used]))
+        for landmark, good in zip(ids, passed.tolist(), strict=True):
+            depth = self._depths[landmark]
             depth.failures = 0 if good else depth.failures + 1
             if depth.failures >= self._settings.lost_after:
-                self.forget(step, name)
+                self.forget(step, landmark)
 
-    def _settle(self, step: int, name: int, points: dict[int, int]) -> None:
+    def _settle(self, step: int, landmark: int, points: dict[int, int]) -> None:
         """Make a point of a landmark whose depth is known well enough, lose one that lies beyond infinity."""
-        if name not in self._depths:
+        if landmark not in self._depths:
             return
-        depth = self._depths[name]
-        columns = self._slam.columns_of(depth.ids)
-        state, sigma = self._slam.entries(columns), np.sqrt(self._slam.block(columns)[3, 3])
+        depth = self._depths[landmark]
+        columns = self._map.columns_of(depth.ids)
+        state, sigma = self._map.entries(columns), np.sqrt(self._map.block(columns)[3, 3])
         if state[3] < -BEYOND_INFINITY * sigma:
-            self.forget(step, name)
-        elif state[3] > 0.0 and linearity_index(state, sigma, self._slam.pose) < self._settings.linearity:
+            self.forget(step, landmark)
+        elif state[3] > 0.0 and linearity_index(state, sigma, self._map.pose) < self._settings.linearity:
             position, jacobian = locate_depth(state)
-            self._slam.add_linear(self._new_ids(1), position, columns, jacobian, np.zeros((2, 2)), [True])
-            points[name] = self._next_id - 1
-            self._remove(self._depths.pop(name))
-            self.log.end(step, name, 0)
+            new = self._ids.take(1)
+            self._map.add_linear(new, position, columns, jacobian, np.zeros((2, 2)), [True])
+            points[landmark] = int(new[0])
+            self._remove(self._depths.pop(landmark))
+            self.log.end(step, landmark, 0)
 
-    def _begin(self, step: int, name: int, bearing: float, variance: float) -> None:
+    def _begin(self, step: int, landmark: int, bearing: float, variance: float) -> None:
         """Anchor a new landmark at the robot."""
-        x, y, heading = self._slam.pose
+        x, y, heading = self._map.pose
         jacobian = np.zeros((4, 3))
         jacobian[:3] = np.eye(3)
         own = np.diag([0.0, 0.0, variance, self._settings.sigma**2])
-        ids = self._new_ids(2)
+        ids = self._ids.take(2)
         values = np.array([x, y, wrap(heading + bearing), self._settings.mean])
-        self._slam.add_linear(ids, values, np.arange(3), jacobian, own, [True, False])
-        self._depths[name] = Depth(ids)
-        self.log.begin(step, name, np.array([1.0 / self._settings.mean]))
-
-    def _new_ids(self, count: int) -> Int:
-        self._next_id += count
-        return np.arange(self._next_id - count, self._next_id)
+        self._map.add_linear(ids, values, np.arange(3), jacobian, own, [True, False])
+        self._depths[landmark] = Depth(ids)
+        self.log.begin(step, landmark, np.array([1.0 / self._settings.mean]))
 
     def _as_point(self, depth: Depth) -> tuple[Float, Float]:
-        columns = self._slam.columns_of(depth.ids)
-        state = self._slam.entries(columns)
+        columns = self._map.columns_of(depth.ids)
+        state = self._map.entries(columns)
         state[3] = max(state[3], self._settings.mean / FARTHEST)
         position, jacobian = locate_depth(state)
-        return position, jacobian @ self._slam.block(columns) @ jacobian.T
+        return position, jacobian @ self._map.block(columns) @ jacobian.T
 
     def _remove(self, depth: Depth) -> None:
         for each in depth.ids:
-            self._slam.remove(int(self._slam.slots_of(each)))
+            self._map.remove(int(self._map.slots_of(each)))
 
 
 def linearise_depths(state: Float, bearings: Float) -> tuple[Float, Float]:
@@ -161,7 +161,7 @@ def linearise_depths(state: Float, bearings: Float) -> tuple[Float, Float]:
     delta = omega[:, None] * offset + along
     squared = (delta**2).sum(axis=1)
     near = squared < (MIN_BEARING_DISTANCE * omega) ** 2
-    gradient = np.column_stack([-delta[:, 1], delta[:, 0]]) / np.where(near, 1.0, squared)[:, None]
+    gradient = bearing_gradient(delta, np.where(near, 1.0, squared))
     jacobian = np.zeros((count, 3 + 4 * count))
     jacobian[:, :2] = -omega[:, None] * gradient
     jacobian[:, 2] = -1.0

@@ -1,8 +1,8 @@
 """Which landmark a bearing is of, landmarks being points or rays of members: one bearing claims one landmark.
 
 A bearing is as far from a ray as from the nearest of its members. `nearest-neighbour` then goes through the pairs of a
-scan from the nearest on, and takes those of which both are free; `jcbb` finds the pairs that are jointly compatible
-(`kernels.compatibility`), each ray standing for its member that is nearest to the bearing.
+scan, the nearest first, and takes those of which both are free; `jcbb` finds the pairs that are jointly compatible
+(`kernels.joint_search`), each ray standing for its member that is nearest to the bearing.
 
 With map management a ray must be seen often enough at first, or it was none, and `jcbb` leaves out bearings that are
 ambiguous. Two of its rules for ranges do not hold here: a bearing that may be an outlier of a landmark begins a ray all
@@ -16,45 +16,53 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.ekf.filter import SlamFilter
 from slamgauge.ekf.kernels.compatibility import NONE, Pairs
+from slamgauge.ekf.maps.ids import Ids
+from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.matching import Matcher
 from slamgauge.ekf.settings.association import Association
 
 
 class RayAssociation:
-    """Names of landmarks: 0, 1, 2, ... in the order of birth, none ever used again."""
+    """Gives landmarks their ids: 0, 1, 2, ... in the order of birth, none ever used again.
 
-    def __init__(self, settings: Association) -> None:
+    Args:
+        landmarks: the map.
+        settings: how bearings are associated.
+    """
+
+    def __init__(self, landmarks: LandmarkMap, settings: Association) -> None:
+        self._matcher = Matcher(landmarks)
         self._settings = settings
+        self._ids = Ids()
         self._born: list[int] = []  # scan in which each landmark began
         self._sights: list[int] = []
         self._gone: set[int] = set()
         self._scan = 0
 
-    def names(self, slam: SlamFilter, owners: Int, values: Float, covs: Float) -> Int:
+    def associate(self, owners: Int, values: Float, covs: Float) -> Int:
         """Landmark of each bearing (m, 1) of a scan, new ones included; -1 for bearings that are left out.
 
         Args:
-            slam: the filter.
             owners: (L,) landmark of each slot.
             values: (m, 1) [rad].
             covs: (m, 1, 1) [rad^2].
         """
-        pairs, count = slam.compatible(values, covs, self._settings.gate)
+        pairs, count = self._matcher.compatible(values, covs, self._settings.gate)
         count = _keep_nearest_members(pairs, count, owners)
         doubtful = np.zeros(len(values), dtype=bool)
         if self._settings.method == "jcbb":
-            names, doubtful = self._jointly(slam, count, len(values), owners)
+            found, doubtful = self._jointly(count, len(values), owners)
         else:
-            names = self._nearest(pairs, count, len(values))
-        for row in np.flatnonzero((names == NONE) & ~doubtful).tolist():
-            names[row] = len(self._born)
-            self._born.append(self._scan)
-            self._sights.append(0)
-        for name in names[names != NONE].tolist():
-            self._sights[name] += 1
+            found = self._nearest(pairs, count, len(values))
+        new = (found == NONE) & ~doubtful
+        found[new] = self._ids.take(int(new.sum()))
+        self._born += [self._scan] * int(new.sum())
+        self._sights += [0] * int(new.sum())
+        for landmark in found[found != NONE].tolist():
+            self._sights[landmark] += 1
         self._scan += 1
-        return names
+        return found
 
     def false_starts(self, landmarks: set[int]) -> list[int]:
         """Those of the `landmarks`, rays or points, that were seen too seldom at first; they are gone for good."""
@@ -62,39 +70,39 @@ class RayAssociation:
         if management is None:
             return []
         old = self._scan - management.probation
-        found = [name for name in sorted(landmarks) if self._born[name] <= old and not self.is_confirmed(name)]
-        self._gone.update(found)
-        return found
+        gone = [each for each in sorted(landmarks) if self._born[each] <= old and not self.is_confirmed(each)]
+        self._gone.update(gone)
+        return gone
 
-    def is_confirmed(self, name: int) -> bool:
+    def is_confirmed(self, landmark: int) -> bool:
         """Whether a landmark has been seen often enough."""
         management = self._settings.map_management
-        return name not in self._gone and self._sights[name] >= (1 if management is None else management.sights)
+        return landmark not in self._gone and self._sights[landmark] >= (1 if management is None else management.sights)
 
     def _nearest(self, pairs: Pairs, count: int, observations: int) -> Int:
-        names = np.full(observations, NONE)
+        found = np.full(observations, NONE)
         for c in np.argsort(pairs.distance[:count], kind="stable"):
             if pairs.distance[c] > self._settings.gate:
                 break
-            if names[pairs.observation[c]] == NONE and pairs.owner[c] not in names:
-                names[pairs.observation[c]] = pairs.owner[c]
-        return names
+            if found[pairs.observation[c]] == NONE and pairs.owner[c] not in found:
+                found[pairs.observation[c]] = pairs.owner[c]
+        return found
 
-    def _jointly(self, slam: SlamFilter, count: int, observations: int, owners: Int) -> tuple[Int, Marks]:
-        """Names, and which bearings have none because they are ambiguous."""
+    def _jointly(self, count: int, observations: int, owners: Int) -> tuple[Int, Marks]:
+        """Landmarks, and which bearings have none because they are ambiguous."""
         gate = self._settings.gate
         rarer = chdtrc(1.0, gate)  # probability beyond the gate, 1 degree of freedom
         quantiles = np.concatenate([[0.0], chdtri(np.arange(1.0, observations + 1), rarer)])
-        slots = slam.jointly_compatible(observations, count, gate, quantiles, self._settings.node_limit)
+        slots = self._matcher.jointly_compatible(count, gate, quantiles, self._settings.node_limit)
         doubtful = np.zeros(observations, dtype=bool)
         if self._settings.map_management is not None:
-            doubtful = slam.ambiguous(count, gate, self._settings.map_management.margin, slots)
+            doubtful = self._matcher.ambiguous(count, gate, self._settings.map_management.margin, slots)
             slots[doubtful] = NONE
         return np.append(owners, NONE)[slots], doubtful  # NONE is the last
 
 
 def _keep_nearest_members(pairs: Pairs, count: int, owners: Int) -> int:
-    """Name the owners of the first `count` pairs, and keep the nearest pair of each bearing and owner."""
+    """Note the owners of the first `count` pairs, and keep the nearest pair of each bearing and owner."""
     observation, owner, distance = pairs.observation[:count], owners[pairs.slot[:count]], pairs.distance[:count]
     order = np.lexsort((distance, owner, observation))
     leads = np.diff(observation[order], prepend=NONE) != 0

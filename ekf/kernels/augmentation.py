@@ -5,24 +5,27 @@ from __future__ import annotations
 import math
 
 from slamgauge.arrays import Float
+from slamgauge.ekf.kernels.belief import Belief, resized
 from slamgauge.ekf.kernels.compiled import kernel
 from slamgauge.ekf.kernels.models import locate
 from slamgauge.ekf.kernels.workspace import Workspace
 
 
 @kernel
-def augment(sensor: int, state: Float, point: Float, cov: Float, size: int, count: int, work: Workspace) -> None:
+def augment(sensor: int, belief: Belief, count: int, work: Workspace) -> None:
     """Append the landmarks of the first `count` observations in `work`, in their order."""
     for i in range(count):
-        append_landmark(sensor, state, point, cov, size + 2 * i, work.observation[i], work.observation_cov[i])
+        longer = resized(belief, belief.size + 2 * i)
+        append_landmark(sensor, longer, belief.point, work.observation[i], work.observation_cov[i])
 
 
 @kernel
-def append_landmark(sensor: int, state: Float, point: Float, cov: Float, size: int, z: Float, R: Float) -> None:
+def append_landmark(sensor: int, belief: Belief, point: Float, z: Float, R: Float) -> None:
     """Append a landmark seen at z: P_l. = J_r P_r., P_ll = J_r P_rr J_r' + J_z R J_z'.
 
-    J_r = [I, J lever], where the lever reaches from `point`'s robot to the landmark.
+    J_r = [I, J lever], where the lever reaches from the robot of `point` to the landmark. The belief keeps its size.
     """
+    state, cov, size = belief.state, belief.cov, belief.size
     c, s = math.cos(state[2]), math.sin(state[2])
     dx, dy, b00, b01, b10, b11 = locate(sensor, z[0], z[1])
     ex, ey = c * dx - s * dy, s * dx + c * dy

@@ -1,13 +1,8 @@
-"""Which landmarks the observations of a scan may have come from, one by one and jointly.
+"""Which landmarks each observation of a scan may have come from.
 
 An observation is individually compatible with a landmark when its squared Mahalanobis distance
 d^2 = v' S^-1 v is below a gate. Before S is formed, a bound on d^2 that needs four numbers of a landmark
 sets the far ones aside; it never sets aside one that the gate would let in.
-
-`search_jointly` is the joint compatibility test by branch and bound. Sets of pairs, no landmark twice, grow
-observation by observation, those with the fewest candidates first, as long as they are jointly compatible: joint
-d^2 below a chi-square quantile of its dimension. Of all that can grow so it finds one with the most pairs, and among
-these the smallest joint d^2.
 
 Source: Neira and Tardos, "Data association in stochastic mapping using the joint compatibility test",
 IEEE Transactions on Robotics and Automation 17(6), 2001.
@@ -21,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.compiled import kernel
-from slamgauge.ekf.kernels.covariance import squared_distance
+from slamgauge.ekf.kernels.covariance import noise, squared_distance
 from slamgauge.ekf.kernels.linearisation import linearise
 from slamgauge.ekf.kernels.models import BEARING, POSITION
 
@@ -57,29 +53,19 @@ def allocate_pairs(capacity: int) -> Pairs:
 
 
 @kernel
-def find_compatible(
-    sensor: int,
-    state: Float,
-    point: Float,
-    cov: Float,
-    size: int,
-    values: Float,
-    covs: Float,
-    gate: float,
-    pairs: Pairs,
-) -> int:
-    """Every pair of the observations (m, 2) and a landmark with d^2 <= gate.
+def find_compatible(sensor: int, belief: Belief, values: Float, covs: Float, gate: float, pairs: Pairs) -> int:
+    """Every pair of the observations (m, 2), with covariances (m, 2, 2), and a landmark with d^2 <= gate.
 
     Returns how many there are, or -n when `pairs` must have room for n to find out.
     """
-    candidates = _find_near(sensor, state, point, cov, size, values, covs, gate, pairs)
+    candidates = _find_near(sensor, belief, values, covs, gate, pairs)
     if candidates > len(pairs.slot):
         return -candidates
-    linearise(sensor, state, point, pairs.slot[:candidates], pairs.value, pairs.innovation, pairs.jacobian)
+    linearise(sensor, belief, pairs.slot[:candidates], pairs.value, pairs.innovation, pairs.jacobian)
     S = np.empty((2, 2))
     count = 0
     for c in range(candidates):
-        pair_covariance(cov, pairs, c, c, S)
+        pair_covariance(belief.cov, pairs, c, c, S)
         add_noise(covs[pairs.observation[c]], pairs.jacobian[2 * c + 1], S)
         v0, v1 = pairs.innovation[2 * c], pairs.innovation[2 * c + 1]
         distance = squared_distance(v0, v1, S[0, 0], S[0, 1], S[1, 1])
@@ -95,45 +81,60 @@ def find_compatible(
 
 
 @kernel
-def _find_near(
-    sensor: int,
-    state: Float,
-    point: Float,
-    cov: Float,
-    size: int,
-    values: Float,
-    covs: Float,
-    gate: float,
-    pairs: Pairs,
-) -> int:
-    """Pairs whose measured and expected distances agree as well as d^2 <= gate requires; returns how many.
-
-    With s the standard deviations of robot and landmark added up, no component of H P H' exceeds s^2, and so
-    d^2 >= (measured - expected distance)^2 / (s^2 + tr R). Bearings alone set nothing aside.
-    """
-    robot = math.sqrt(max(cov[0, 0] + cov[1, 1], 0.0))
-    heading = math.sqrt(max(cov[2, 2], 0.0)) if sensor == POSITION else 0.0  # turns do not change a range
+def _find_near(sensor: int, belief: Belief, values: Float, covs: Float, gate: float, pairs: Pairs) -> int:
+    """Pairs whose distances do not rule out d^2 <= gate; returns how many there are."""
+    point = belief.point
     candidates = 0
     for i in range(len(values)):
-        measured = values[i, 0]
-        noise = covs[i, 0, 0]
-        if sensor == POSITION:
-            measured = math.sqrt(values[i, 0] ** 2 + values[i, 1] ** 2)
-            noise += covs[i, 1, 1]
-        for landmark in range(3, size, 2):
-            expected = math.sqrt((state[landmark] - state[0]) ** 2 + (state[landmark + 1] - state[1]) ** 2)
+        reach = reach_of(sensor, values[i], covs[i], belief.cov)
+        for landmark in range(3, belief.size, 2):
             lever = 0.0
-            if heading > 0.0:
+            if reach.heading > 0.0:
                 lever = math.sqrt((point[landmark] - point[0]) ** 2 + (point[landmark + 1] - point[1]) ** 2)
-            own = math.sqrt(max(cov[landmark, landmark] + cov[landmark + 1, landmark + 1], 0.0))
-            spread = robot + own + lever * heading
-            if sensor == BEARING or (measured - expected) ** 2 <= gate * (spread * spread + noise):
+            if is_within_reach(reach, belief, landmark, lever, gate):
                 if candidates < len(pairs.slot):
                     pairs.observation[candidates] = i
                     pairs.slot[candidates] = (landmark - 3) // 2
                     pairs.value[candidates] = values[i]
                 candidates += 1
     return candidates
+
+
+class Reach(NamedTuple):
+    """What bounds the distance of a landmark from below; see `is_within_reach`."""
+
+    measured: float  # distance [m]; negative for a bearing alone, which rules nothing out
+    noise: float  # its variance at most [m^2]
+    robot: float  # standard deviation of the position [m]
+    heading: float  # standard deviation of the heading as far as it changes what is measured [rad]
+
+
+@kernel
+def reach_of(sensor: int, z: Float, R: Float, cov: Float) -> Reach:
+    """Of an observation z (2,) with covariance R (2, 2), the covariance of the belief being `cov`."""
+    robot = math.sqrt(max(cov[0, 0] + cov[1, 1], 0.0))
+    if sensor == BEARING:
+        return Reach(-1.0, 0.0, robot, 0.0)
+    if sensor == POSITION:  # the robot's turns move the landmark
+        heading = math.sqrt(max(cov[2, 2], 0.0))
+        return Reach(math.sqrt(z[0] ** 2 + z[1] ** 2), R[0, 0] + R[1, 1], robot, heading)
+    return Reach(z[0], R[0, 0], robot, 0.0)
+
+
+@kernel
+def is_within_reach(reach: Reach, belief: Belief, landmark: int, lever: float, gate: float) -> bool:
+    """Whether the distance of the landmark at that entry leaves room for d^2 <= gate.
+
+    With s the standard deviations of robot and landmark added up, and that of the heading times `lever` [m], no
+    component of H P H' exceeds s^2, and so d^2 >= (measured - expected distance)^2 / (s^2 + tr R).
+    """
+    if reach.measured < 0.0:
+        return True
+    state, cov = belief.state, belief.cov
+    expected = math.sqrt((state[landmark] - state[0]) ** 2 + (state[landmark + 1] - state[1]) ** 2)
+    own = math.sqrt(max(cov[landmark, landmark] + cov[landmark + 1, landmark + 1], 0.0))
+    spread = reach.robot + own + lever * reach.heading
+    return (reach.measured - expected) ** 2 <= gate * (spread * spread + reach.noise)
 
 
 @kernel
@@ -172,10 +173,10 @@ def pair_covariance(cov: Float, pairs: Pairs, a: int, b: int, out: Float) -> Non
 
 
 @kernel
-def add_noise(R: Float, bearing_row: Float, S: Float) -> None:
-    """S <- S + R; a bearing row without information keeps its own variance alone."""
-    S[0, 0] += R[0, 0]
-    S[1, 1] += R[1, 1]
-    if bearing_row[3] != 0.0 or bearing_row[4] != 0.0:
-        S[0, 1] += R[0, 1]
-        S[1, 0] += R[0, 1]
+def add_noise(R: Float, second_row: Float, S: Float) -> None:
+    """S <- S + R for one observation (see `covariance.noise`)."""
+    r00, r01, r11 = noise(R, second_row)
+    S[0, 0] += r00
+    S[0, 1] += r01
+    S[1, 0] += r01
+    S[1, 1] += r11

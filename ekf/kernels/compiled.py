@@ -1,10 +1,10 @@
 """Compilation of the filter kernels, and the BLAS and LAPACK routines that they call.
 
-Kernels are compiled by numba on first use and kept on disk for later processes. A kernel's machine code holds that of
-the kernels it calls, but numba looks at its own source file alone: code older than any source of this package is
-dropped, or an edited kernel would live on in its callers. BLAS is the one that
-scipy brings; its routines are registered under names of our own, so that cached machine code finds
-them again in another process.
+Kernels are compiled by numba on first use and kept on disk for later processes. The machine code of a kernel includes
+that of the kernels it calls, but numba compares its age with its own source file alone: an edited kernel would live on
+in its callers. Machine code older than any source of this folder, which holds all kernels, is therefore dropped. BLAS
+is the one that scipy brings; its routines are registered under names of our own, so that cached machine code finds them
+again in another process.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def drop_outdated(package: Path) -> None:
             continue
 
 
-drop_outdated(Path(__file__).parents[1])
+drop_outdated(Path(__file__).parent)
 
 
 def kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

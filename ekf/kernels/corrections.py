@@ -1,14 +1,17 @@
-"""What tells the filters apart: how a step's innovations correct the state and its covariance.
+"""What tells the filters apart: how the innovations of a step correct the state and its covariance.
 
 All start from the same additive correction, which `kernels.take_in` makes of a scan: dx = W'y and
-P <- P - W'W, with the gain's factor W and the whitened innovation y.
+P <- P - W'W, with the factor W of the gain and the whitened innovation y.
 
 The first-estimates filter is the standard one with Jacobians at another `point`: where a landmark was
 first put, and where the robot was last predicted. Turn and shift of the whole map then stay unobservable,
 as H F...F N = 0 for N = [I, J p; 0, 1; I, J l]. It leans on good first estimates.
 
+The observability-constrained filter predicts with the same F, and so keeps the same N. Its H is taken at the newest
+estimate and then projected: the nearest matrix in Frobenius norm with H N = 0 (`linearisation.project_on_observable`).
+
 The iterated filter takes its Jacobians where its own correction leads, until that place stands still:
-Gauss-Newton on the step's prior and observations, x <- x^ + K (z - h(x) - H (x^ - x)).
+Gauss-Newton on the prior and the observations of the step, x <- x^ + K (z - h(x) - H (x^ - x)).
 
 The right-invariant filter needs no other coordinates than these. Its error xi, with
 theta = theta^ + xi_theta and p = R(xi_theta) p^ + V(xi_theta) xi_p (landmarks likewise), is
@@ -22,7 +25,8 @@ xi = D^-1 (additive error), D = [I, J p; 0, 1] with landmark rows [I, J l]. Writ
 That last step is a symmetric rank-2 change. It is what keeps the unobservable directions (shift and
 turn of the whole map) unobservable: the standard filter leaves P at the old estimate.
 
-Sources: Huang, Mourikis and Roumeliotis, IJRR 29(5), 2010 (first estimates); Bell and Cathey, IEEE
+Sources: Huang, Mourikis and Roumeliotis, IJRR 29(5), 2010 (first estimates, observability constraints), with the
+projection of Hesch, Kottas, Bowman and Roumeliotis, IJRR 33(1), 2014; Bell and Cathey, IEEE
 Transactions on Automatic Control 38(2), 1993 (iterated); Barrau and Bonnabel, arXiv 1510.06263 (2015)
 and Zhang et al., RA-L 2017 (right-invariant).
 """
@@ -31,112 +35,119 @@ from __future__ import annotations
 
 import math
 
-from slamgauge.arrays import Float, Marks
+from slamgauge.arrays import Float
+from slamgauge.ekf.kernels.belief import Belief, at_place
 from slamgauge.ekf.kernels.compiled import add_outer_pair, combine_rows, kernel, subtract_gram
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
 from slamgauge.ekf.kernels.models import wrap
 from slamgauge.ekf.kernels.take_in import are_sound, take_in, whiten
-from slamgauge.ekf.kernels.workspace import Workspace
+from slamgauge.ekf.kernels.workspace import CORRECTION, HEADING_ROW, MOVE, PLACE, WAY_BACK, Workspace
 
 MAX_ITERATIONS = 20
 SETTLED = 1e-12  # m or rad: an iterate that moves less has arrived
 
 
 @kernel
-def update_standard(
-    sensor: int, state: Float, point: Float, cov: Float, size: int, count: int, work: Workspace
-) -> tuple[float, int]:
-    """Correct: x <- x + dx, P <- P - W'W, with Jacobians at `point`.
+def update_standard(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
+    """Correct: x <- x + dx, P <- P - W'W, with Jacobians as the belief wants them.
 
     Returns the NIS and its degrees of freedom; when the NIS is not finite, nothing has changed.
     """
-    nis, informative = take_in(sensor, state, point, cov, size, count, work)
+    nis, informative = take_in(sensor, belief, count, work)
     if math.isfinite(nis):
-        retract_standard(state, cov, size, work)
+        retract_standard(belief, work)
     return nis, informative
 
 
 @kernel
-def retract_standard(state: Float, _cov: Float, size: int, work: Workspace) -> None:
-    """Move by the correction dx in `work.scratch[0]`: x <- x + dx."""
+def retract_standard(belief: Belief, work: Workspace) -> None:
+    """Move by the correction dx in the workspace: x <- x + dx."""
+    move_additively(belief.state, belief.size, work.scratch[CORRECTION])
+
+
+@kernel
+def move_additively(state: Float, size: int, dx: Float) -> None:
+    """Move everything by dx."""
     for i in range(size):
-        state[i] += work.scratch[0, i]
+        state[i] += dx[i]
     state[2] = wrap(state[2])
 
 
 @kernel
-def update_iterated(
-    sensor: int, state: Float, _point: Float, cov: Float, size: int, count: int, work: Workspace
-) -> tuple[float, int]:
+def update_iterated(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
     """Correct with Jacobians where the correction leads; returns as `update_standard`, the NIS of the first pass."""
-    return iterate(sensor, state, cov, size, count, work, MAX_ITERATIONS)
+    return iterate(sensor, belief, count, work, MAX_ITERATIONS)
 
 
 @kernel
-def iterate(
-    sensor: int, state: Float, cov: Float, size: int, count: int, work: Workspace, iterations: int
-) -> tuple[float, int]:
+def iterate(sensor: int, belief: Belief, count: int, work: Workspace, iterations: int) -> tuple[float, int]:
     """`update_iterated` with at most so many passes; a single one is the standard update.
 
     The workspace must take in a whole scan at a time.
     """
-    dx, at, back = work.scratch[0], work.scratch[1], work.scratch[2]
-    at[:size] = state[:size]
+    state, size = belief.state, belief.size
+    dx, place, back = work.scratch[CORRECTION], work.scratch[PLACE], work.scratch[WAY_BACK]
+    there, slots = at_place(belief, place), work.slots[:count]
+    place[:size] = state[:size]
     first_nis, first_informative = 0.0, 0
     for iteration in range(iterations):
-        informative = linearise(sensor, at, at, work.slots[:count], work.observation, work.innovation, work.jacobian)
+        informative = linearise(sensor, there, slots, work.observation, work.innovation, work.jacobian)
         for i in range(size):
-            back[i] = state[i] - at[i]
+            back[i] = state[i] - place[i]
         subtract_projection(back, 0, count, work)
-        nis = whiten(cov, size, 0, count, work)
-        if not (math.isfinite(nis) and are_sound(work.observation[:count], work.observation_cov[:count])):
+        nis = whiten(belief, 0, count, work)
+        if not (math.isfinite(nis) and are_sound(sensor, work.observation[:count], work.observation_cov[:count])):
             return math.nan, informative
         if iteration == 0:
             first_nis, first_informative = nis, informative
         combine_rows(work.W, work.innovation, dx, 2 * count, size)
-        change = 0.0
-        for i in range(size):
-            change = max(change, abs(state[i] + dx[i] - at[i]))
-            at[i] = state[i] + dx[i]
-        if change < SETTLED:
+        if move_place(place, state, dx, size) < SETTLED:
             break
-    state[:size] = at[:size]
+    state[:size] = place[:size]
     state[2] = wrap(state[2])
-    subtract_gram(cov, work.W, 2 * count, size)
-    mirror_robot_block(cov)
+    subtract_gram(belief.cov, work.W, 2 * count, size)
+    mirror_robot_block(belief.cov)
     return first_nis, first_informative
 
 
 @kernel
-def update_right_invariant(
-    sensor: int, state: Float, point: Float, cov: Float, size: int, count: int, work: Workspace
-) -> tuple[float, int]:
+def move_place(place: Float, state: Float, dx: Float, size: int) -> float:
+    """Place <- state + dx, where the next pass takes its Jacobians; returns the largest change of an entry."""
+    change = 0.0
+    for i in range(size):
+        change = max(change, abs(state[i] + dx[i] - place[i]))
+        place[i] = state[i] + dx[i]
+    return change
+
+
+@kernel
+def update_right_invariant(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
     """Correct: x <- exp(D^-1 dx) x, P <- T (P - W'W) T'; returns as `update_standard`."""
-    nis, informative = take_in(sensor, state, point, cov, size, count, work)
+    nis, informative = take_in(sensor, belief, count, work)
     if math.isfinite(nis):
-        retract_right_invariant(state, cov, size, work)
+        retract_right_invariant(belief, work)
     return nis, informative
 
 
 @kernel
-def retract_right_invariant(state: Float, cov: Float, size: int, work: Workspace) -> None:
-    """Move by the correction dx in `work.scratch[0]`: x <- exp(D^-1 dx) x, P <- T P T'."""
-    move_invariantly(state, size, work.points, work.scratch[0], work.scratch[1])
-    carry_covariance(cov, size, work.scratch[1], work.scratch[2])
+def retract_right_invariant(belief: Belief, work: Workspace) -> None:
+    """Move by the correction dx in the workspace: x <- exp(D^-1 dx) x, P <- T P T'."""
+    move_invariantly(belief, work.scratch[CORRECTION], work.scratch[MOVE])
+    carry_covariance(belief, work.scratch[MOVE], work.scratch[HEADING_ROW])
 
 
 @kernel
-def move_invariantly(state: Float, size: int, points: Marks, dx: Float, u: Float) -> None:
+def move_invariantly(belief: Belief, dx: Float, u: Float) -> None:
     """Move every point by V(dtheta) dx, all else by dx, and leave u of T = I + u e_theta'."""
-    turn = dx[2]
+    state, turn = belief.state, dx[2]
     v_cos = math.sin(turn) / turn if turn != 0.0 else 1.0
     v_sin = 2.0 * math.sin(turn / 2.0) ** 2 / turn if turn != 0.0 else 0.0
     _move(state, dx, u, 0, v_cos, v_sin)
     state[2] = wrap(state[2] + turn)
     u[2] = 0.0
-    for i in range(3, size, 2):
-        if points[(i - 3) // 2]:
+    for i in range(3, belief.size, 2):
+        if belief.points[(i - 3) // 2]:
             _move(state, dx, u, i, v_cos, v_sin)
         else:
             for k in (i, i + 1):
@@ -145,8 +156,9 @@ def move_invariantly(state: Float, size: int, points: Marks, dx: Float, u: Float
 
 
 @kernel
-def carry_covariance(cov: Float, size: int, u: Float, heading_row: Float) -> None:
+def carry_covariance(belief: Belief, u: Float, heading_row: Float) -> None:
     """P <- T P T' = P + u a' + a u' with a = P e_theta + u P_theta,theta / 2, for T = I + u e_theta'."""
+    cov, size = belief.cov, belief.size
     heading_row[0], heading_row[1] = cov[0, 2], cov[1, 2]
     for j in range(2, size):
         heading_row[j] = cov[2, j]

@@ -66,10 +66,20 @@ def innovation_covariance(W: Float, slots: Int, jacobian: Float, observation_cov
             )
     for i in range(len(slots)):
         k = 2 * i
-        S[k, k] += observation_cov[i, 0, 0]
-        S[k + 1, k + 1] += observation_cov[i, 1, 1]
-        if jacobian[k + 1, 3] != 0.0 or jacobian[k + 1, 4] != 0.0:  # else row k + 1 was skipped
-            S[k, k + 1] += observation_cov[i, 0, 1]
+        r00, r01, r11 = noise(observation_cov[i], jacobian[k + 1])
+        S[k, k] += r00
+        S[k, k + 1] += r01
+        S[k + 1, k + 1] += r11
+
+
+@kernel
+def noise(R: Float, second_row: Float) -> tuple[float, float, float]:
+    """What an observation's covariance R (2, 2) adds to S: (0, 0), (0, 1) and (1, 1).
+
+    A bearing without information, whose Jacobian `second_row` (5,) is zero, keeps its own variance alone.
+    """
+    informative = second_row[3] != 0.0 or second_row[4] != 0.0
+    return R[0, 0], R[0, 1] if informative else 0.0, R[1, 1]
 
 
 @kernel

@@ -1,8 +1,17 @@
-"""The joint compatibility test by branch and bound, and which of its associations are ambiguous."""
+"""The joint compatibility test by branch and bound, and which of its associations are ambiguous.
+
+Sets of pairs, no landmark twice, grow observation by observation, those with the fewest candidates first, as long as
+they are jointly compatible: joint d^2 below a chi-square quantile of its dimension. Of all sets that can grow like
+this, the search finds one with the most pairs, and among these the smallest joint d^2.
+
+Source: Neira and Tardos, "Data association in stochastic mapping using the joint compatibility test",
+IEEE Transactions on Robotics and Automation 17(6), 2001.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,16 +20,24 @@ from slamgauge.ekf.kernels.compatibility import NONE, Pairs, add_noise, pair_cov
 from slamgauge.ekf.kernels.compiled import kernel
 
 
+class Branch(NamedTuple):
+    """The set of pairs that the search is at: one observation at each depth, with a landmark or without."""
+
+    rows: Int  # (depths,) observation of each depth
+    first: Int  # (depths,) its stretch in `Pairs.by_distance`; `last` stands for no landmark
+    last: Int  # (depths,)
+    cursor: Int  # (depths,) what is to be tried next
+    chosen: Int  # (depths,) pair, or NONE
+    placed: Int  # (depths + 1,) pairs before each depth
+    total: Float  # (depths + 1,) joint d^2 before each depth
+    taken: Int  # (depths,) the pairs, in the order of the columns of U
+    U: Float  # (2 depths, 2 depths) factor of the joint innovation covariance
+    y: Float  # (2 depths,) whitened joint innovation
+
+
 @kernel
 def search_jointly(
-    cov: Float,
-    covs: Float,
-    pairs: Pairs,
-    count: int,
-    gate: float,
-    quantiles: Float,
-    node_limit: int,
-    best: Int,
+    cov: Float, covs: Float, pairs: Pairs, count: int, gate: float, quantiles: Float, node_limit: int, best: Int
 ) -> int:
     """Joint compatibility by depth-first branch and bound; fills `best` (m,) with slots, or NONE.
 
@@ -39,52 +56,69 @@ def search_jointly(
         How many pairs were tried.
     """
     best[:] = NONE
-    rows, first, last = _rows_to_place(pairs, count, gate, len(best))
-    depth_of = len(rows)
-    chosen = np.full(depth_of + 1, NONE)  # place in `by_distance` at each depth; `last` means no landmark
-    cursor = np.zeros(depth_of + 1, dtype=np.int64)
-    placed = np.zeros(depth_of + 1, dtype=np.int64)  # pairs before each depth
-    total = np.zeros(depth_of + 1)  # joint d^2 before each depth
-    taken = np.full(depth_of + 1, NONE)  # the pairs, in the order of U's columns
-    U, y = np.zeros((2 * depth_of, 2 * depth_of)), np.zeros(2 * depth_of)
-    most, least, nodes = 0, 0.0, 0
-    depth = 0
-    if depth_of:
-        cursor[0] = first[0]
-    while depth >= 0 and depth_of:
-        n = placed[depth]
-        promising = n + depth_of - depth > most or (n + depth_of - depth == most and total[depth] < least)
-        if depth == depth_of or not promising or cursor[depth] > last[depth]:
+    branch = _root(pairs, count, gate, len(best))
+    depths = len(branch.rows)
+    most, least, nodes, depth = 0, 0.0, 0, 0
+    while depth >= 0 and depths:
+        n, total = branch.placed[depth], branch.total[depth]
+        promising = n + depths - depth > most or (n + depths - depth == most and total < least)
+        if depth == depths or not promising or branch.cursor[depth] > branch.last[depth]:
             depth -= 1
             continue
-        place = cursor[depth]
-        cursor[depth] += 1
-        if place == last[depth]:  # every landmark has been tried: none
-            chosen[depth] = NONE
-            placed[depth + 1], total[depth + 1] = n, total[depth]
+        place = branch.cursor[depth]
+        branch.cursor[depth] += 1
+        if place == branch.last[depth]:  # every landmark has been tried: none
+            _descend(branch, depth, NONE, total)
         else:
             c = int(pairs.by_distance[place])
-            if _is_taken(pairs, taken, n, c):
+            if _is_taken(pairs, branch.taken, n, c):
                 continue
             if nodes >= node_limit:
                 break
             nodes += 1
-            distance = _extend(cov, covs, pairs, taken, n, c, U, y) + total[depth]
+            distance = _extend(cov, covs, pairs, branch.taken, n, c, branch.U, branch.y) + total
             if not distance <= quantiles[n + 1]:
                 continue
-            taken[n] = c
-            chosen[depth] = c
-            placed[depth + 1], total[depth + 1] = n + 1, distance
+            _descend(branch, depth, c, distance)
             if n + 1 > most or (n + 1 == most and distance < least):
                 most, least = n + 1, distance
-                best[:] = NONE
-                for d in range(depth + 1):
-                    if chosen[d] != NONE:
-                        best[rows[d]] = pairs.slot[chosen[d]]
+                _note(branch, depth, pairs, best)
         depth += 1
-        if depth < depth_of:
-            cursor[depth] = first[depth]
     return nodes
+
+
+@kernel
+def _root(pairs: Pairs, count: int, gate: float, observations: int) -> Branch:
+    """The empty set."""
+    rows, first, last = _rows_to_place(pairs, count, gate, observations)
+    depths = len(rows)
+    chosen, taken = np.full(depths, NONE), np.full(depths, NONE)
+    placed, total = np.zeros(depths + 1, dtype=np.int64), np.zeros(depths + 1)
+    U, y = np.zeros((2 * depths, 2 * depths)), np.zeros(2 * depths)
+    cursor = first.copy()
+    return Branch(rows, first, last, cursor, chosen, placed, total, taken, U, y)
+
+
+@kernel
+def _descend(branch: Branch, depth: int, c: int, total: float) -> None:
+    """Choose pair c, or NONE, at this depth; the next one starts with its nearest landmark."""
+    n = branch.placed[depth]
+    branch.chosen[depth] = c
+    if c != NONE:
+        branch.taken[n] = c
+        n += 1
+    branch.placed[depth + 1], branch.total[depth + 1] = n, total
+    if depth + 1 < len(branch.rows):
+        branch.cursor[depth + 1] = branch.first[depth + 1]
+
+
+@kernel
+def _note(branch: Branch, depth: int, pairs: Pairs, best: Int) -> None:
+    """Note the slots of the set down to this depth."""
+    best[:] = NONE
+    for d in range(depth + 1):
+        if branch.chosen[d] != NONE:
+            best[branch.rows[d]] = pairs.slot[branch.chosen[d]]
 
 
 @kernel

@@ -1,13 +1,15 @@
-"""Measurements and state entries that bring a Jacobian of their own, whatever entries of the state it touches.
+"""Measurements and state entries whose Jacobian the caller gives, on any entries of the state.
 
-The Jacobian is given on the `columns` that are not zero. Of `cov` only the upper triangle is kept, as in `kernels`.
+The Jacobian is given on the `columns` that are not zero.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.compiled import combine_rows, kernel, subtract_gram
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.take_in import divide_by_factor
@@ -15,8 +17,8 @@ from slamgauge.ekf.kernels.take_in import divide_by_factor
 
 @kernel
 def project_columns(cov: Float, size: int, columns: Int, jacobian: Float, W: Float) -> None:
-    """W (rows, size) = H P."""
-    W[:, :size] = 0.0
+    """W[:rows, :size] = H P."""
+    W[: len(jacobian), :size] = 0.0
     for c in range(len(columns)):
         column = columns[c]
         for r in range(len(jacobian)):
@@ -29,27 +31,29 @@ def project_columns(cov: Float, size: int, columns: Int, jacobian: Float, W: Flo
                 W[r, j] += h * cov[column, j]
 
 
+class Room(NamedTuple):
+    """Arrays to work in: W (r, size), S (r, r), and the correction dx (size,) that comes out; all may be larger."""
+
+    W: Float
+    S: Float
+    dx: Float
+
+
 @kernel
 def take_in_linear(
-    cov: Float,
-    size: int,
-    columns: Int,
-    jacobian: Float,
-    innovation: Float,
-    noise: Float,
-    W: Float,
-    S: Float,
-    dx: Float,
+    belief: Belief, columns: Int, jacobian: Float, innovation: Float, noise_cov: Float, room: Room
 ) -> float:
-    """P <- P - W'W and dx = K v for innovations v (r,) with covariance H P H' + noise (r, r).
+    """P <- P - W'W and dx = K v for innovations v (r,) with covariance H P H' + noise_cov (r, r).
 
-    W (r, size) and S (r, r) are room to work in. Returns the NIS; when it is not finite, nothing has changed.
+    Leaves dx in `room`. Returns the NIS; when it is not finite, nothing has changed.
     """
+    cov, size = belief.cov, belief.size
+    W, S, dx = room.W, room.S, room.dx
     rows = len(innovation)
     project_columns(cov, size, columns, jacobian, W)
     for a in range(rows):
         for b in range(a, rows):
-            S[a, b] = noise[a, b]
+            S[a, b] = noise_cov[a, b]
             for c in range(len(columns)):
                 S[a, b] += W[a, columns[c]] * jacobian[b, c]
     y = innovation.copy()
@@ -62,9 +66,9 @@ def take_in_linear(
 
 
 @kernel
-def append_linear(cov: Float, size: int, columns: Int, jacobian: Float, own: Float) -> None:
-    """Append k state entries J x + noise, with the noise's covariance `own` (k, k)."""
-    count = len(own)
+def append_linear(belief: Belief, columns: Int, jacobian: Float, own: Float) -> None:
+    """Append to P the rows of k new entries J x + noise, where `own` (k, k) is the covariance of that noise."""
+    cov, size, count = belief.cov, belief.size, len(own)
     for r in range(count):
         for j in range(size):
             cov[j, size + r] = 0.0

@@ -5,29 +5,30 @@ from __future__ import annotations
 import math
 
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.compiled import kernel
-from slamgauge.ekf.kernels.covariance import projected
+from slamgauge.ekf.kernels.covariance import noise, projected
 from slamgauge.ekf.kernels.models import observe, wrap_innovation
 from slamgauge.ekf.kernels.workspace import Workspace
 
 
 @kernel
-def linearise(
-    sensor: int, state: Float, point: Float, slots: Int, observation: Float, innovation: Float, jacobian: Float
-) -> int:
-    """Innovations (2m,) at `state` and compact Jacobians (2m, 5) at `point`.
+def linearise(sensor: int, belief: Belief, slots: Int, observation: Float, innovation: Float, jacobian: Float) -> int:
+    """Innovations (2m,) at the belief's state, and compact Jacobians (2m, 5).
 
-    Columns: robot x, y, heading, landmark x, y; H = A R(heading)' [-I, -J (l - p), I]. Returns the number
-    of rows that carry information.
+    Columns: robot x, y, heading, landmark x, y; H = A R(heading)' [-I, -J (l - p), I], taken at the belief's `point`,
+    or at its state and then projected (see `Belief.observable`). Returns the number of rows that carry information.
     """
-    c, s = math.cos(point[2]), math.sin(point[2])
+    state = belief.state
+    at = state if belief.observable else belief.point
+    c, s = math.cos(at[2]), math.sin(at[2])
     c_now, s_now = math.cos(state[2]), math.sin(state[2])
     informative = 0
     for i in range(len(slots)):
         landmark = 3 + 2 * slots[i]
         ex, ey = state[landmark] - state[0], state[landmark + 1] - state[1]
         z0, z1, _, _, _, _ = observe(sensor, c_now * ex + s_now * ey, c_now * ey - s_now * ex)
-        ex, ey = point[landmark] - point[0], point[landmark + 1] - point[1]
+        ex, ey = at[landmark] - at[0], at[landmark + 1] - at[1]
         _, _, a00, a01, a10, a11 = observe(sensor, c * ex + s * ey, c * ey - s * ex)
         for row, predicted, ax, ay in ((0, z0, a00, a01), (1, z1, a10, a11)):
             k = 2 * i + row
@@ -42,28 +43,53 @@ def linearise(
             else:
                 innovation[k] = wrap_innovation(sensor, row, observation[i, row] - predicted)
                 informative += 1
+            if belief.observable:
+                project_on_observable(belief.point, landmark, jacobian[k])
     return informative
 
 
 @kernel
-def describe(sensor: int, state: Float, point: Float, cov: Float, count: int, work: Workspace, S: Float) -> None:
+def project_on_observable(point: Float, landmark: int, h: Float) -> None:
+    """The row h (5,) nearest to the one given (Frobenius norm) with h N = 0: shift and turn of the map are not seen.
+
+    N = [I, J p; 0, 1; I, J l] at `point`, which the first-estimates prediction carries from step to step. Turned about
+    the middle of p and l, its third column n = [-J d / 2; 1; J d / 2], d = l - p, is orthogonal to the other two, to
+    which every h is orthogonal already: h <- h - (h n) n' / (n' n).
+    """
+    dx, dy = point[landmark] - point[0], point[landmark + 1] - point[1]
+    nx, ny = -0.5 * dy, 0.5 * dx
+    seen = h[2] + nx * (h[3] - h[0]) + ny * (h[4] - h[1])
+    excess = seen / (1.0 + 2.0 * (nx * nx + ny * ny))
+    h[0] += excess * nx
+    h[1] += excess * ny
+    h[2] -= excess
+    h[3] -= excess * nx
+    h[4] -= excess * ny
+
+
+@kernel
+def describe(sensor: int, belief: Belief, count: int, work: Workspace, S: Float) -> None:
     """Innovations and Jacobians of the first `count` observations in `work`, and each one's covariance S (m, 2, 2)."""
-    linearise(sensor, state, point, work.slots[:count], work.observation, work.innovation, work.jacobian)
+    linearise(sensor, belief, work.slots[:count], work.observation, work.innovation, work.jacobian)
     for i in range(count):
-        h, R = work.jacobian[2 * i : 2 * i + 2], work.observation_cov[i]
-        s00, s01, s11 = projected(cov, h, 3 + 2 * work.slots[i])
-        if h[1, 3] != 0.0 or h[1, 4] != 0.0:
-            s01 += R[0, 1]
-        S[i, 0, 0], S[i, 1, 1] = s00 + R[0, 0], s11 + R[1, 1]
-        S[i, 0, 1] = S[i, 1, 0] = s01
+        h = work.jacobian[2 * i : 2 * i + 2]
+        s00, s01, s11 = projected(belief.cov, h, 3 + 2 * work.slots[i])
+        r00, r01, r11 = noise(work.observation_cov[i], h[1])
+        S[i, 0, 0], S[i, 1, 1] = s00 + r00, s11 + r11
+        S[i, 0, 1] = S[i, 1, 0] = s01 + r01
 
 
 @kernel
 def subtract_projection(dx: Float, first: int, last: int, work: Workspace) -> None:
     """Subtract H dx from the innovations of observations first..last."""
     for i in range(first, last):
-        landmark = 3 + 2 * work.slots[i]
-        for k in (2 * i, 2 * i + 1):
-            h = work.jacobian[k]
-            work.innovation[k] -= h[0] * dx[0] + h[1] * dx[1] + h[2] * dx[2]
-            work.innovation[k] -= h[3] * dx[landmark] + h[4] * dx[landmark + 1]
+        h, v = work.jacobian[2 * i : 2 * i + 2], work.innovation[2 * i : 2 * i + 2]
+        subtract_from_innovation(dx, 3 + 2 * work.slots[i], h, v)
+
+
+@kernel
+def subtract_from_innovation(dx: Float, landmark: int, h: Float, v: Float) -> None:
+    """Subtract H dx from the innovation v (2,) of one observation, H (2, 5), of the landmark at that entry."""
+    for k in range(2):
+        v[k] -= h[k, 0] * dx[0] + h[k, 1] * dx[1] + h[k, 2] * dx[2]
+        v[k] -= h[k, 3] * dx[landmark] + h[k, 4] * dx[landmark + 1]

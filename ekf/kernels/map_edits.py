@@ -7,18 +7,26 @@ then one of the two goes.
 
 from __future__ import annotations
 
-from slamgauge.arrays import Float, Int, Marks
-from slamgauge.ekf.kernels.compiled import cholesky, combine_rows, kernel, solve_factor, subtract_gram
-from slamgauge.ekf.kernels.covariance import mirror_robot_block
-from slamgauge.ekf.kernels.workspace import Workspace
+import math
+
+import numpy as np
+
+from slamgauge.arrays import Int, Marks
+from slamgauge.ekf.kernels.belief import Belief
+from slamgauge.ekf.kernels.compiled import kernel
+from slamgauge.ekf.kernels.linear import Room, take_in_linear
+from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace
 
 NOTHING = (-1, -1)
 
 
 @kernel
-def remove_landmark(state: Float, point: Float, cov: Float, size: int, slot: int) -> None:
-    """Take the landmark in `slot` out of the state; the last landmark moves into its place."""
-    to, last = 3 + 2 * slot, size - 2
+def remove_landmark(belief: Belief, slot: int) -> None:
+    """Take the landmark in `slot` out of the state; the last landmark moves into its place. The size stays."""
+    state, point, cov = belief.state, belief.point, belief.cov
+    to, last = 3 + 2 * slot, belief.size - 2
+    belief.points[slot] = belief.points[(last - 3) // 2]
+    belief.points[(last - 3) // 2] = True
     if to == last:
         return
     for k in range(2):
@@ -34,43 +42,30 @@ def remove_landmark(state: Float, point: Float, cov: Float, size: int, slot: int
 
 
 @kernel
-def equate_landmarks(state: Float, cov: Float, size: int, a: int, b: int, work: Workspace) -> bool:
-    """Take in l_a - l_b = 0 for the landmarks in slots a and b: P <- P - W'W, dx in `work.scratch[0]`.
+def equate_landmarks(belief: Belief, a: int, b: int, work: Workspace) -> bool:
+    """Take in l_a - l_b = 0 for the landmarks in slots a and b: P <- P - W'W, dx in the workspace.
 
     Returns False, with nothing changed, when the covariance of their difference is singular: they are one already.
     """
-    W, S, y, dx = work.W, work.S, work.innovation, work.scratch[0]
     la, lb = 3 + 2 * a, 3 + 2 * b
-    for k in range(2):
-        y[k] = state[lb + k] - state[la + k]
-        for j in range(size):
-            W[k, j] = cov[min(la + k, j), max(la + k, j)] - cov[min(lb + k, j), max(lb + k, j)]
-    for k in range(2):
-        for j in range(k, 2):
-            S[k, j] = W[k, la + j] - W[k, lb + j]
-    if not cholesky(S, 2):
-        return False
-    solve_factor(S, W, 2, size)
-    y[0] /= S[0, 0]
-    y[1] = (y[1] - S[0, 1] * y[0]) / S[1, 1]
-    combine_rows(W, y, dx, 2, size)
-    subtract_gram(cov, W, 2, size)
-    mirror_robot_block(cov)
-    return True
+    columns = np.array([la, la + 1, lb, lb + 1])
+    jacobian = np.array([[1.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]])
+    apart = np.array([belief.state[lb] - belief.state[la], belief.state[lb + 1] - belief.state[la + 1]])
+    room = Room(work.W, work.S, work.scratch[CORRECTION])
+    return math.isfinite(take_in_linear(belief, columns, jacobian, apart, np.zeros((2, 2)), room))
 
 
 @kernel
-def find_duplicate(
-    state: Float, cov: Float, size: int, slots: Int, apart: Marks, gate: float, distance: float
-) -> tuple[int, int]:
+def find_duplicate(belief: Belief, slots: Int, apart: Marks, gate: float, distance: float) -> tuple[int, int]:
     """Slots of two landmarks, one of them in `slots`, that are statistically one; NOTHING if there are none.
 
     Their difference d, with covariance C, passes d' C^-1 d <= gate, and is known: three standard deviations
     do not exceed `distance` [m]. Pairs with a mark in `apart` (L, L) are known to be two.
     """
+    state, cov = belief.state, belief.cov
     for a in slots:
         la = 3 + 2 * a
-        for b in range((size - 3) // 2):
+        for b in range((belief.size - 3) // 2):
             lb = 3 + 2 * b
             dx, dy = state[la] - state[lb], state[la + 1] - state[lb + 1]
             if apart[a, b] or a == b or 9.0 * (dx * dx + dy * dy) > gate * distance * distance:

@@ -5,139 +5,160 @@ Until then P = P0 - W'W is kept as P0 and the rows of W, two for each observatio
 entries of P are formed that the next observation needs. That is exact.
 
 For the right-invariant filter P = T (P0 - W'W) T' with T = I + u e_theta', u = J (state - anchor), where the
-anchor is the state at P0. All its rows W are kept in the anchor's coordinates, where H becomes H T: the heading's
-column alone differs. A new landmark is anchored where it is put.
+anchor is the state at P0. All rows of W are kept in the coordinates of the anchor, where H becomes H T: only its
+column of the heading differs. A new landmark is anchored where it is put.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.augmentation import append_landmark
-from slamgauge.ekf.kernels.compatibility import NONE
+from slamgauge.ekf.kernels.belief import Belief, at_place, resized
+from slamgauge.ekf.kernels.compatibility import NONE, Reach, is_within_reach, reach_of
 from slamgauge.ekf.kernels.compiled import kernel, subtract_gram
-from slamgauge.ekf.kernels.corrections import SETTLED, carry_covariance, move_invariantly
-from slamgauge.ekf.kernels.covariance import mirror_robot_block, project_covariance, projected, squared_distance
-from slamgauge.ekf.kernels.linearisation import linearise
-from slamgauge.ekf.kernels.models import POSITION, wrap
+from slamgauge.ekf.kernels.corrections import (
+    SETTLED,
+    carry_covariance,
+    move_additively,
+    move_invariantly,
+    move_place,
+)
+from slamgauge.ekf.kernels.covariance import (
+    mirror_robot_block,
+    noise,
+    project_covariance,
+    projected,
+    squared_distance,
+)
+from slamgauge.ekf.kernels.linearisation import linearise, subtract_from_innovation
+from slamgauge.ekf.kernels.models import POSITION
 from slamgauge.ekf.kernels.take_in import are_sound
-from slamgauge.ekf.kernels.workspace import Workspace
+from slamgauge.ekf.kernels.workspace import (
+    ANCHOR,
+    CORRECTION,
+    HEADING_ROW,
+    MOVE_FROM_ANCHOR,
+    MOVE_OF_ONE,
+    PLACE_OF_ONE,
+    Workspace,
+)
 
 NEW = -2  # the landmark of an observation that is to be mapped
 
 
+class Sequential(NamedTuple):
+    """How a filter corrects with one observation after the other."""
+
+    invariant: bool = False  # whether it is the right-invariant filter
+    passes: int = 1  # linearisations of an observation at most; more than one for the iterated filter
+
+
+class Gates(NamedTuple):
+    """Squared Mahalanobis distances of an observation and a landmark."""
+
+    same: float  # largest of an association
+    new: float  # no less; an observation within this of a landmark that the scan has not seen maps no other
+
+
+class Scan(NamedTuple):
+    """A scan that is being taken in, observation by observation."""
+
+    sensor: int
+    form: Sequential
+    work: Workspace  # its row ANCHOR is the state at P0
+    rows: int  # of W, filled by the observations before this one
+    row: int  # this observation
+    one: Int  # (1,) slot of the landmark that this observation is compared with
+    g: Float  # (2, rows) H W' of this observation
+
+
 @kernel
 def update_one_by_one(
-    sensor: int,
-    state: Float,
-    point: Float,
-    cov: Float,
-    size: int,
-    count: int,
-    gate: float,
-    new_gate: float,
-    invariant: bool,
-    passes: int,
-    work: Workspace,
+    sensor: int, belief: Belief, count: int, gates: Gates, form: Sequential, work: Workspace
 ) -> tuple[float, int, int]:
     """Associate, correct and map with the first `count` observations of `work`, one after the other.
 
-    The landmark of each goes to `work.slots`, NONE where it has none: an observation farther than `gate` from
-    every landmark, but within `new_gate` of one that this scan has not seen, may be that one's outlier.
+    The landmark of each goes to `work.slots`, NONE where it has none: an observation farther than `gates.same` from
+    every landmark, but within `gates.new` of one that this scan has not seen, may be an outlier of that landmark.
 
     Args:
         sensor: see `models`.
-        state: and point, cov, size, as in `kernels`; with room for `count` more landmarks.
-        point: see `state`.
-        cov: see `state`.
-        size: see `state`.
+        belief: with room for `count` more landmarks.
         count: how many observations.
-        gate: largest squared Mahalanobis distance of an association.
-        new_gate: no less than `gate`.
-        invariant: whether the filter is the right-invariant one.
-        passes: linearisations of an observation at most; more than one for the iterated filter.
+        gates: see `Gates`.
+        form: see `Sequential`.
         work: its `slots` are the result.
 
     Returns:
         NIS, its degrees of freedom and the new size; a NIS that is not finite says that there is no update.
     """
-    slots, anchor = work.slots, work.scratch[1]
-    if not are_sound(work.observation[:count], work.observation_cov[:count]):
-        return math.nan, 0, size
-    if invariant:
-        anchor[:size] = state[:size]
-    reference = anchor if invariant else point
+    if not are_sound(sensor, work.observation[:count], work.observation_cov[:count]):
+        return math.nan, 0, belief.size
+    if form.invariant:
+        work.scratch[ANCHOR, : belief.size] = belief.state[: belief.size]
     one, g = np.zeros(1, dtype=np.int64), np.zeros((2, len(work.W)))
     nis, informative, rows = 0.0, 0, 0
     for i in range(count):
         if rows + 2 > len(work.W):
-            _settle(state, cov, size, rows, invariant, work)
-            anchor[:size] = state[:size]
+            _settle(belief, rows, form, work)
+            work.scratch[ANCHOR, : belief.size] = belief.state[: belief.size]
             rows = 0
-        slots[i] = _nearest(sensor, state, point, cov, size, rows, i, gate, new_gate, invariant, anchor, work, one, g)
-        if slots[i] == NEW:
-            _append(sensor, state, reference, cov, size, rows, i, work)
-            slots[i] = (size - 3) // 2
-            size += 2
-        elif slots[i] != NONE:
-            one[0] = slots[i]
-            added, dof = _take_in(sensor, state, point, cov, size, rows, i, invariant, passes, anchor, work, one, g)
+        scan = Scan(sensor, form, work, rows, i, one, g)
+        slot = _nearest(scan, belief, gates)
+        if slot == NEW:
+            _append(scan, belief)
+            slot = (belief.size - 3) // 2
+            belief = resized(belief, belief.size + 2)
+        elif slot != NONE:
+            one[0] = slot
+            added, dof = _take_in(scan, belief)
             if not math.isfinite(added):
-                return math.nan, informative, size
+                return math.nan, informative, belief.size
             nis, informative, rows = nis + added, informative + dof, rows + 2
-    _settle(state, cov, size, rows, invariant, work)
-    return nis, informative, size
+        work.slots[i] = slot
+    _settle(belief, rows, form, work)
+    return nis, informative, belief.size
 
 
 @kernel
-def _settle(state: Float, cov: Float, size: int, rows: int, invariant: bool, work: Workspace) -> None:
+def _settle(belief: Belief, rows: int, form: Sequential, work: Workspace) -> None:
     """P <- T (P0 - W'W) T'."""
     if rows == 0:
         return
-    subtract_gram(cov, work.W, rows, size)
-    mirror_robot_block(cov)
-    if invariant:
-        u = work.scratch[0]
-        _fill_turn(state, work.scratch[1], size, u)
-        carry_covariance(cov, size, u, work.scratch[2])
+    subtract_gram(belief.cov, work.W, rows, belief.size)
+    mirror_robot_block(belief.cov)
+    if form.invariant:
+        u = work.scratch[MOVE_FROM_ANCHOR]
+        _fill_move(belief, work.scratch[ANCHOR], u)
+        carry_covariance(belief, u, work.scratch[HEADING_ROW])
 
 
 @kernel
-def _fill_turn(state: Float, anchor: Float, size: int, u: Float) -> None:
-    """U = J (state - anchor) of every point."""
+def _fill_move(belief: Belief, anchor: Float, u: Float) -> None:
+    """Fill u = J (state - anchor) of every point."""
+    state = belief.state
     u[0], u[1], u[2] = anchor[1] - state[1], state[0] - anchor[0], 0.0
-    for j in range(3, size, 2):
+    for j in range(3, belief.size, 2):
         u[j], u[j + 1] = anchor[j + 1] - state[j + 1], state[j] - anchor[j]
 
 
 @kernel
-def _describe(
-    sensor: int,
-    state: Float,
-    point: Float,
-    cov: Float,
-    rows: int,
-    i: int,
-    invariant: bool,
-    anchor: Float,
-    work: Workspace,
-    one: Int,
-    g: Float,
-) -> tuple[int, float, float, float]:
-    """Innovation, Jacobian and g = H W' of observation i for the landmark one[0]; its S, and the informative rows."""
+def _describe(scan: Scan, belief: Belief) -> tuple[int, float, float, float]:
+    """Innovation, Jacobian and g = H W' of the observation for its landmark; informative rows, and its S."""
+    work, i = scan.work, scan.row
     v, h = work.innovation[2 * i : 2 * i + 2], work.jacobian[2 * i : 2 * i + 2]
-    informative = linearise(sensor, state, point, one, work.observation[i : i + 1], v, h)
-    landmark = 3 + 2 * one[0]
-    if invariant:
-        for k in range(2):
-            h[k, 2] += h[k, 0] * (anchor[1] - state[1]) + h[k, 1] * (state[0] - anchor[0])
-            h[k, 2] += h[k, 3] * (anchor[landmark + 1] - state[landmark + 1])
-            h[k, 2] += h[k, 4] * (state[landmark] - anchor[landmark])
-    s00, s01, s11 = projected(cov, h, landmark)
-    for k in range(rows):
+    informative = linearise(scan.sensor, belief, scan.one, work.observation[i : i + 1], v, h)
+    landmark = 3 + 2 * scan.one[0]
+    if scan.form.invariant:
+        _turn_to_anchor(belief.state, work.scratch[ANCHOR], landmark, h)
+    s00, s01, s11 = projected(belief.cov, h, landmark)
+    g = scan.g
+    for k in range(scan.rows):
         w = work.W[k]
         for a in range(2):
             g[a, k] = h[a, 0] * w[0] + h[a, 1] * w[1] + h[a, 2] * w[2]
@@ -145,63 +166,56 @@ def _describe(
         s00 -= g[0, k] * g[0, k]
         s01 -= g[0, k] * g[1, k]
         s11 -= g[1, k] * g[1, k]
-    R = work.observation_cov[i]
-    if h[1, 3] != 0.0 or h[1, 4] != 0.0:  # else the bearing was skipped
-        s01 += R[0, 1]
-    return informative, s00 + R[0, 0], s01, s11 + R[1, 1]
+    r00, r01, r11 = noise(work.observation_cov[i], h[1])
+    return informative, s00 + r00, s01 + r01, s11 + r11
 
 
 @kernel
-def _nearest(
-    sensor: int,
-    state: Float,
-    point: Float,
-    cov: Float,
-    size: int,
-    rows: int,
-    i: int,
-    gate: float,
-    new_gate: float,
-    invariant: bool,
-    anchor: Float,
-    work: Workspace,
-    one: Int,
-    g: Float,
-) -> int:
-    """Slot of the landmark nearest to observation i if it is within `gate`, else NEW, or NONE for an outlier.
+def _turn_to_anchor(state: Float, anchor: Float, landmark: int, h: Float) -> None:
+    """H <- H T, in the coordinates of the anchor."""
+    for k in range(2):
+        h[k, 2] += h[k, 0] * (anchor[1] - state[1]) + h[k, 1] * (state[0] - anchor[0])
+        h[k, 2] += h[k, 3] * (anchor[landmark + 1] - state[landmark + 1])
+        h[k, 2] += h[k, 4] * (state[landmark] - anchor[landmark])
 
-    Far landmarks are set aside as in `compatibility`; the variances of P0 and the way from the anchor bound those of P.
-    """
-    z, R = work.observation[i], work.observation_cov[i]
-    measured, noise = z[0], R[0, 0]
-    if sensor == POSITION:
-        measured, noise = math.sqrt(z[0] ** 2 + z[1] ** 2), R[0, 0] + R[1, 1]
-    robot, heading = math.sqrt(max(cov[0, 0] + cov[1, 1], 0.0)), math.sqrt(max(cov[2, 2], 0.0))
-    moved = math.hypot(state[0] - anchor[0], state[1] - anchor[1]) if invariant else 0.0
+
+@kernel
+def _nearest(scan: Scan, belief: Belief, gates: Gates) -> int:
+    """Slot of the landmark nearest to the observation if it is within the gate, else NEW, or NONE for an outlier."""
+    work, i, one = scan.work, scan.row, scan.one
+    reach = reach_of(scan.sensor, work.observation[i], work.observation_cov[i], belief.cov)
+    if scan.form.invariant:  # P is seen from the anchor, and turns with the heading there
+        heading = math.sqrt(max(belief.cov[2, 2], 0.0))
+        reach = Reach(reach.measured, reach.noise, reach.robot, heading)
     slot, least, doubtful = NONE, math.inf, False
-    for landmark in range(3, size, 2):
-        expected = math.sqrt((state[landmark] - state[0]) ** 2 + (state[landmark + 1] - state[1]) ** 2)
-        own = math.sqrt(max(cov[landmark, landmark] + cov[landmark + 1, landmark + 1], 0.0))
-        lever = moved
-        if invariant:
-            lever += math.hypot(state[landmark] - anchor[landmark], state[landmark + 1] - anchor[landmark + 1])
-        if sensor == POSITION:
-            lever += math.hypot(point[landmark] - point[0], point[landmark + 1] - point[1])
-        spread = robot + own + lever * heading
-        if (measured - expected) ** 2 > new_gate * (spread * spread + noise):
+    for landmark in range(3, belief.size, 2):
+        if not is_within_reach(reach, belief, landmark, _lever(scan, belief, landmark), gates.new):
             continue
         one[0] = (landmark - 3) // 2
-        _, s00, s01, s11 = _describe(sensor, state, point, cov, rows, i, invariant, anchor, work, one, g)
-        v0, v1 = work.innovation[2 * i], work.innovation[2 * i + 1]
-        distance = squared_distance(v0, v1, s00, s01, s11)
-        if not distance <= new_gate:
+        _, s00, s01, s11 = _describe(scan, belief)
+        distance = squared_distance(work.innovation[2 * i], work.innovation[2 * i + 1], s00, s01, s11)
+        if not distance <= gates.new:
             continue
         if distance < least:
             slot, least = one[0], distance
         doubtful = doubtful or not _is_seen(work.slots, i, one[0])
-    if least <= gate:
+    if least <= gates.same:
         return slot
     return NONE if doubtful else NEW
+
+
+@kernel
+def _lever(scan: Scan, belief: Belief, landmark: int) -> float:
+    """How far the heading of P0 moves what is measured, at most [m/rad]."""
+    lever = 0.0
+    if scan.form.invariant:
+        state, anchor = belief.state, scan.work.scratch[ANCHOR]
+        lever += math.hypot(state[0] - anchor[0], state[1] - anchor[1])
+        lever += math.hypot(state[landmark] - anchor[landmark], state[landmark + 1] - anchor[landmark + 1])
+    if scan.sensor == POSITION:
+        point = belief.point
+        lever += math.hypot(point[landmark] - point[0], point[landmark + 1] - point[1])
+    return lever
 
 
 @kernel
@@ -214,88 +228,81 @@ def _is_seen(slots: Int, i: int, slot: int) -> bool:
 
 
 @kernel
-def _append(
-    sensor: int, state: Float, reference: Float, cov: Float, size: int, rows: int, i: int, work: Workspace
-) -> None:
-    """Map a landmark at observation i: its rows of P0 and its columns of W."""
-    append_landmark(sensor, state, reference, cov, size, work.observation[i], work.observation_cov[i])
-    lever_x, lever_y = state[size] - reference[0], state[size + 1] - reference[1]
-    for k in range(rows):
+def _append(scan: Scan, belief: Belief) -> None:
+    """Map a landmark at the observation: its rows of P0 and its columns of W."""
+    work, state, x, y = scan.work, belief.state, belief.size, belief.size + 1
+    reference = work.scratch[ANCHOR] if scan.form.invariant else belief.point
+    append_landmark(scan.sensor, belief, reference, work.observation[scan.row], work.observation_cov[scan.row])
+    lever_x, lever_y = state[x] - reference[0], state[y] - reference[1]
+    for k in range(scan.rows):
         w = work.W[k]
-        w[size] = w[0] - lever_y * w[2]
-        w[size + 1] = w[1] + lever_x * w[2]
+        w[x] = w[0] - lever_y * w[2]
+        w[y] = w[1] + lever_x * w[2]
 
 
 @kernel
-def _take_in(
-    sensor: int,
-    state: Float,
-    point: Float,
-    cov: Float,
-    size: int,
-    rows: int,
-    i: int,
-    invariant: bool,
-    passes: int,
-    anchor: Float,
-    work: Workspace,
-    one: Int,
-    g: Float,
-) -> tuple[float, int]:
-    """Correct the state with observation i of the landmark one[0]; two more rows of W. Returns NIS and its dof."""
-    W = work.W[rows : rows + 2]
-    dx, at = work.scratch[0], work.scratch[2]
-    v, h = work.innovation[2 * i : 2 * i + 2], work.jacobian[2 * i : 2 * i + 2]
-    place = state
-    if passes > 1:
-        place = at
-        at[:size] = state[:size]
-    nis, informative, landmark = math.nan, 0, 3 + 2 * one[0]
-    for k in range(passes):
-        linearised = place if passes > 1 else point
-        dof, s00, s01, s11 = _describe(sensor, place, linearised, cov, rows, i, invariant, anchor, work, one, g)
-        if passes > 1:  # v - H (state - at)
-            for a in range(2):
-                for b in range(3):
-                    v[a] -= h[a, b] * (state[b] - at[b])
-                for b in range(2):
-                    v[a] -= h[a, 3 + b] * (state[landmark + b] - at[landmark + b])
-        if not (s00 > 0.0 and s00 * s11 - s01 * s01 > 0.0):
-            return math.nan, dof
-        project_covariance(cov, size, one, h, W)
-        u00 = math.sqrt(s00)
-        u01 = s01 / u00
-        u11 = math.sqrt(s11 - u01 * u01)
-        y0 = v[0] / u00
-        y1 = (v[1] - u01 * y0) / u11
-        for r in range(rows):
-            g0, g1, w = g[0, r], g[1, r], work.W[r]
-            for j in range(size):
-                W[0, j] -= g0 * w[j]
-                W[1, j] -= g1 * w[j]
-        for j in range(size):
-            W[0, j] /= u00
-            W[1, j] = (W[1, j] - u01 * W[0, j]) / u11
-            dx[j] = W[0, j] * y0 + W[1, j] * y1
-        if k == 0:
-            nis, informative = y0 * y0 + y1 * y1, dof
-        if passes > 1:
-            change = 0.0
-            for j in range(size):
-                change = max(change, abs(state[j] + dx[j] - at[j]))
-                at[j] = state[j] + dx[j]
-            if change < SETTLED:
-                break
+def _take_in(scan: Scan, belief: Belief) -> tuple[float, int]:
+    """Correct the state with the observation of its landmark; two more rows of W. Returns NIS and its dof."""
+    work, size, state = scan.work, belief.size, belief.state
+    dx, place = work.scratch[CORRECTION], work.scratch[PLACE_OF_ONE]
+    if scan.form.passes > 1:
+        place[:size] = state[:size]
+        nis, informative = _gain(scan, belief, at_place(belief, place))
+        passes = 1
+        while math.isfinite(nis) and move_place(place, state, dx, size) >= SETTLED and passes < scan.form.passes:
+            if not math.isfinite(_gain(scan, belief, at_place(belief, place))[0]):
+                return math.nan, informative
+            passes += 1
+    else:
+        nis, informative = _gain(scan, belief, belief)
     if not math.isfinite(nis):
         return math.nan, informative
-    if invariant:
-        u = work.scratch[2]
-        _fill_turn(state, anchor, size, u)
+    if scan.form.invariant:
+        u = work.scratch[MOVE_OF_ONE]
+        _fill_move(belief, work.scratch[ANCHOR], u)
         for j in range(size):
             dx[j] += u[j] * dx[2]
-        move_invariantly(state, size, work.points, dx, u)
+        move_invariantly(belief, dx, u)
     else:
-        for j in range(size):
-            state[j] += dx[j]
-        state[2] = wrap(state[2])
+        move_additively(state, size, dx)
     return nis, informative
+
+
+@kernel
+def _gain(scan: Scan, belief: Belief, there: Belief) -> tuple[float, int]:
+    """Two more rows of W, and the correction dx, by Jacobians of the belief `there`; returns NIS and its dof."""
+    work, i, size, landmark = scan.work, scan.row, belief.size, 3 + 2 * scan.one[0]
+    W, dx = work.W[scan.rows : scan.rows + 2], work.scratch[CORRECTION]
+    v, h = work.innovation[2 * i : 2 * i + 2], work.jacobian[2 * i : 2 * i + 2]
+    dof, s00, s01, s11 = _describe(scan, there)
+    if scan.form.passes > 1:
+        _refer_to_prior(belief.state, there.state, landmark, h, v)
+    if not (s00 > 0.0 and s00 * s11 - s01 * s01 > 0.0):
+        return math.nan, dof
+    project_covariance(belief.cov, size, scan.one, h, W)
+    u00 = math.sqrt(s00)
+    u01 = s01 / u00
+    u11 = math.sqrt(s11 - u01 * u01)
+    y0 = v[0] / u00
+    y1 = (v[1] - u01 * y0) / u11
+    for r in range(scan.rows):
+        g0, g1, w = scan.g[0, r], scan.g[1, r], work.W[r]
+        for j in range(size):
+            W[0, j] -= g0 * w[j]
+            W[1, j] -= g1 * w[j]
+    for j in range(size):
+        W[0, j] /= u00
+        W[1, j] = (W[1, j] - u01 * W[0, j]) / u11
+        dx[j] = W[0, j] * y0 + W[1, j] * y1
+    return y0 * y0 + y1 * y1, dof
+
+
+@kernel
+def _refer_to_prior(state: Float, place: Float, landmark: int, h: Float, v: Float) -> None:
+    """Subtract H (state - place) from the innovation v, which was taken at `place`."""
+    back = np.empty(5)
+    for k in range(3):
+        back[k] = state[k] - place[k]
+    for k in range(2):
+        back[3 + k] = state[landmark + k] - place[landmark + k]
+    subtract_from_innovation(back, 3, h, v)

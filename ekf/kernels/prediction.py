@@ -1,7 +1,7 @@
 """The prediction step, compiled.
 
-Source: the practical, equations 1.1; Sola, "Simultaneous localization and mapping with the extended Kalman filter"
-(2014) for the block structure.
+Source: the practical, equations 1.1 (ROB312 practical 4, "SLAM using Extended Kalman Filter"); Sola, "Simultaneous
+localization and mapping with the extended Kalman filter" (2014) for the block structure.
 """
 
 from __future__ import annotations
@@ -9,20 +9,24 @@ from __future__ import annotations
 import math
 
 from slamgauge.arrays import Float
+from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.compiled import kernel
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.models import wrap
 
+ROUNDING = 1e-8  # of products of standard deviations; no stricter than `slamgauge.validation`
+
 
 @kernel
-def predict(state: Float, point: Float, cov: Float, size: int, increment: Float, increment_cov: Float) -> bool:
+def predict(belief: Belief, increment: Float, increment_cov: Float) -> bool:
     """Move the robot by a body-frame increment: P_rr <- F P_rr F' + G Q G', P_rm <- F P_rm.
 
-    F = [I, J lever; 0, 1], where the lever reaches from `point`'s robot to the new position. `point` then
-    takes the predicted pose. Returns False, with nothing changed, when a number is not finite.
+    F = [I, J lever; 0, 1], where the lever reaches from the robot of `point` to the new position. `point` then takes
+    the predicted pose. Returns False, with nothing changed, when a number is not finite or Q is no covariance.
     """
-    if not math.isfinite(increment.sum() + increment_cov.sum()):
+    if not (math.isfinite(increment.sum() + increment_cov.sum()) and is_semidefinite(increment_cov)):
         return False
+    state, point, cov = belief.state, belief.point, belief.cov
     c, s = math.cos(state[2]), math.sin(state[2])
     moved_x = c * increment[0] - s * increment[1]
     moved_y = s * increment[0] + c * increment[1]
@@ -33,7 +37,7 @@ def predict(state: Float, point: Float, cov: Float, size: int, increment: Float,
     state[2] = wrap(state[2] + increment[2])
     point[:3] = state[:3]
     # the heading's row leaks into the position's rows
-    for j in range(2, size):
+    for j in range(2, belief.size):
         cov[0, j] -= lever_y * cov[2, j]
         cov[1, j] += lever_x * cov[2, j]
     cov[0, 0] -= lever_y * (cov[2, 0] + cov[0, 2])
@@ -41,6 +45,26 @@ def predict(state: Float, point: Float, cov: Float, size: int, increment: Float,
     cov[1, 1] += lever_x * (cov[2, 1] + cov[1, 2])
     _add_increment_noise(cov, c, s, increment_cov)
     return True
+
+
+@kernel
+def is_semidefinite(Q: Float) -> bool:
+    """Whether Q (3, 3) is symmetric with no negative eigenvalue, but for rounding; zero is legal."""
+    largest = max(abs(Q[0, 0]), abs(Q[1, 1]), abs(Q[2, 2]))
+    tiny = 1e-12 * largest
+    for i in range(3):
+        if not Q[i, i] >= -tiny:
+            return False
+        for j in range(i):
+            product = abs(Q[i, i] * Q[j, j])
+            if Q[i, j] * Q[i, j] > product * (1.0 + ROUNDING) + tiny * largest:
+                return False
+            if abs(Q[i, j] - Q[j, i]) > ROUNDING * math.sqrt(product) + tiny:
+                return False
+    determinant = Q[0, 0] * (Q[1, 1] * Q[2, 2] - Q[1, 2] * Q[1, 2])
+    determinant -= Q[0, 1] * (Q[0, 1] * Q[2, 2] - Q[1, 2] * Q[0, 2])
+    determinant += Q[0, 2] * (Q[0, 1] * Q[1, 2] - Q[1, 1] * Q[0, 2])
+    return determinant >= -ROUNDING * abs(Q[0, 0] * Q[1, 1] * Q[2, 2]) - tiny * largest * largest
 
 
 @kernel

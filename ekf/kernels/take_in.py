@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 
 from slamgauge.arrays import Float
+from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.compiled import cholesky, combine_rows, kernel, solve_factor, subtract_gram
 from slamgauge.ekf.kernels.covariance import innovation_covariance, mirror_robot_block, project_covariance
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
-from slamgauge.ekf.kernels.workspace import Workspace
+from slamgauge.ekf.kernels.models import RANGE_BEARING
+from slamgauge.ekf.kernels.workspace import BLOCK_CORRECTION, CORRECTION, Workspace
+
+ROUNDING = 1e-17  # of products of variances; no stricter than `slamgauge.validation`
 
 
 @kernel
-def whiten(cov: Float, size: int, first: int, last: int, work: Workspace) -> float:
+def whiten(belief: Belief, first: int, last: int, work: Workspace) -> float:
     """Prepare to take in observations first..last, which `linearise` has described in `work`.
 
     Leaves W = U'^-1 H P and the whitened innovation y = U'^-1 v in `work` (y in its own rows), where S = U'U,
@@ -22,9 +26,9 @@ def whiten(cov: Float, size: int, first: int, last: int, work: Workspace) -> flo
     rows = 2 * (last - first)
     slots, jacobian = work.slots[first:last], work.jacobian[2 * first : 2 * last]
     W, S, y = work.W, work.S, work.innovation[2 * first : 2 * last]
-    project_covariance(cov, size, slots, jacobian, W)
+    project_covariance(belief.cov, belief.size, slots, jacobian, W)
     innovation_covariance(W, slots, jacobian, work.observation_cov[first:last], S)
-    return divide_by_factor(S, W, y, rows, size)
+    return divide_by_factor(S, W, y, rows, belief.size)
 
 
 @kernel
@@ -43,44 +47,44 @@ def divide_by_factor(S: Float, W: Float, y: Float, rows: int, size: int) -> floa
 
 
 @kernel
-def take_in(
-    sensor: int, state: Float, point: Float, cov: Float, size: int, count: int, work: Workspace
-) -> tuple[float, int]:
-    """P <- P - W'W for the first `count` observations, and their correction dx in `work.scratch[0]`.
+def take_in(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
+    """P <- P - W'W for the first `count` observations, and their correction dx in the workspace's row CORRECTION.
 
-    Block by block of the workspace, all with the Jacobians at `point`: for independent observations that is
-    the same as all at once, and saves the triangular solve that grows with the square of a block. Returns the
-    NIS and its degrees of freedom; when the NIS is not finite, nothing has changed, unless P itself was not
-    positive definite.
+    Block by block of the workspace, all with the same Jacobians: for independent observations that is the same as all
+    at once, and saves the triangular solve that grows with the square of a block. Returns the NIS and its degrees of
+    freedom; when the NIS is not finite, nothing has changed, unless P itself was not positive definite.
     """
-    informative = linearise(sensor, state, point, work.slots[:count], work.observation, work.innovation, work.jacobian)
-    if not are_sound(work.observation[:count], work.observation_cov[:count]):
+    informative = linearise(sensor, belief, work.slots[:count], work.observation, work.innovation, work.jacobian)
+    if not are_sound(sensor, work.observation[:count], work.observation_cov[:count]):
         return math.nan, informative
-    dx, block_dx = work.scratch[0], work.scratch[1]
+    size, dx, block_dx = belief.size, work.scratch[CORRECTION], work.scratch[BLOCK_CORRECTION]
     dx[:size] = 0.0
     nis, block = 0.0, len(work.W) // 2
     for first in range(0, count, block):
         last = min(first + block, count)
         subtract_projection(dx, first, last, work)
-        nis += whiten(cov, size, first, last, work)
+        nis += whiten(belief, first, last, work)
         if not math.isfinite(nis):
             return math.nan, informative
         rows = 2 * (last - first)
         combine_rows(work.W, work.innovation[2 * first :], block_dx, rows, size)
         for j in range(size):
             dx[j] += block_dx[j]
-        subtract_gram(cov, work.W, rows, size)
-        mirror_robot_block(cov)
+        subtract_gram(belief.cov, work.W, rows, size)
+        mirror_robot_block(belief.cov)
     return nis, informative
 
 
 @kernel
-def are_sound(values: Float, covs: Float) -> bool:
-    """Whether observations (m, 2) are finite and their covariances (m, 2, 2) positive definite."""
+def are_sound(sensor: int, values: Float, covs: Float) -> bool:
+    """Whether observations (m, 2) are finite, ranges not negative, covariances (m, 2, 2) positive definite."""
     for i in range(len(values)):
         R = covs[i]
-        if not math.isfinite(values[i, 0] + values[i, 1]):
+        if not math.isfinite(values[i, 0] + values[i, 1]) or (sensor == RANGE_BEARING and values[i, 0] < 0.0):
             return False
-        if not (R[0, 0] > 0.0 and R[0, 0] * R[1, 1] - R[0, 1] * R[1, 0] > 0.0 and math.isfinite(R[0, 0] + R[1, 1])):
+        product = R[0, 0] * R[1, 1]
+        if not (R[0, 0] > 0.0 and product - R[0, 1] * R[1, 0] > 0.0 and math.isfinite(R[0, 0] + R[1, 1])):
+            return False
+        if (R[0, 1] - R[1, 0]) ** 2 > ROUNDING * product:
             return False
     return True

@@ -12,11 +12,12 @@ import numpy as np
 
 from slamgauge.ekf.kernels import compatibility, corrections, linear, map_edits, one_by_one
 from slamgauge.ekf.kernels.augmentation import augment
+from slamgauge.ekf.kernels.belief import Belief, allocate_belief
 from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.linearisation import describe
 from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.slots import find_slots
-from slamgauge.ekf.kernels.workspace import allocate
+from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
 
 ANNOUNCE_AFTER = 1.0  # s; loading kernels from the cache is faster than this
 
@@ -27,48 +28,57 @@ def compile_once() -> None:
 
     Says so on standard error when it takes longer than a second: the first use after installation.
     """
-    state, cov, work = np.zeros(5), np.eye(5), allocate(1, 5, 1)
-    work.observation[:] = 1.0, 0.0
-    work.observation_cov[:] = np.eye(2)
+    belief, work = _robot_and_landmark()
     with _announced("filter kernels"):
-        predict(state, state, cov, 3, np.zeros(3), np.zeros((3, 3)))
-        augment(0, state, state, cov, 3, 1, work)
+        predict(belief, np.zeros(3), np.zeros((3, 3)))
+        augment(0, belief._replace(size=3), 1, work)
         find_slots(work.ids, work.slots, work.ids, work.slots)
         for update in (corrections.update_standard, corrections.update_iterated, corrections.update_right_invariant):
-            update(0, state, state, cov, 5, 1, work)
+            update(0, belief, 1, work)
 
 
 @functools.cache
 def compile_association_once() -> None:
     """The same for the kernels of unknown association."""
-    state, cov, work = np.zeros(7), np.eye(7), allocate(1, 7, 1)  # room for two landmarks
+    belief, work = _robot_and_landmark()
     values, covs, marks = np.array([[1.0, 0.0]]), np.eye(2)[None], np.zeros((2, 2), dtype=np.bool_)
-    work.observation[:], work.observation_cov[:] = values, covs
     pairs, quantiles = compatibility.allocate_pairs(1), np.array([0.0, 9.0])
     with _announced("association kernels"):
-        one_by_one.update_one_by_one(0, state, state, cov, 5, 1, 9.0, 9.0, False, 1, work)
-        count = compatibility.find_compatible(0, state, state, cov, 5, values, covs, 9.0, pairs)
-        search_jointly(cov, covs, pairs, count, 9.0, quantiles, 1, work.slots)
-        mark_ambiguous(cov, covs, pairs, count, 9.0, 0.0, work.slots, marks[0, :1])
-        map_edits.find_duplicate(state, cov, 7, work.slots, marks, 9.0, 1.0)
-        map_edits.equate_landmarks(state, cov, 7, 0, 1, work)
-        map_edits.remove_landmark(state, state, cov, 7, 0)
-        corrections.retract_standard(state, cov, 5, work)
-        corrections.retract_right_invariant(state, cov, 5, work)
+        gates, form = one_by_one.Gates(9.0, 9.0), one_by_one.Sequential()
+        one_by_one.update_one_by_one(0, belief, 1, gates, form, work)
+        count = compatibility.find_compatible(0, belief, values, covs, 9.0, pairs)
+        search_jointly(belief.cov, covs, pairs, count, 9.0, quantiles, 1, work.slots)
+        mark_ambiguous(belief.cov, covs, pairs, count, 9.0, 0.0, work.slots, marks[0, :1])
+        both = belief._replace(size=7)
+        map_edits.find_duplicate(both, work.slots, marks, 9.0, 1.0)
+        map_edits.equate_landmarks(both, 0, 1, work)
+        map_edits.remove_landmark(both, 0)
+        corrections.retract_standard(belief, work)
+        corrections.retract_right_invariant(belief, work)
 
 
 @functools.cache
 def compile_bearings_once() -> None:
-    """The same for the kernels of young landmarks."""
-    state, cov, work = np.zeros(7), np.eye(7), allocate(1, 7, 1)
+    """The same for the kernels of landmarks that are no points yet."""
+    belief, work = _robot_and_landmark()
     columns, jacobian, one = np.arange(3), np.zeros((1, 3)), np.ones((1, 1))
-    with _announced("kernels of young landmarks"):
-        describe(2, state, state, cov, 1, work, np.empty((1, 2, 2)))
-        linear.append_linear(cov, 3, columns, np.zeros((2, 3)), np.eye(2))
-        linear.take_in_linear(cov, 5, columns, jacobian, np.zeros(1), one, np.zeros((1, 7)), one.copy(), np.zeros(7))
-        map_edits.remove_landmark(state, state, cov, 7, 0)
-        corrections.retract_standard(state, cov, 5, work)
-        corrections.retract_right_invariant(state, cov, 5, work)
+    with _announced("kernels of bearings alone"):
+        describe(2, belief, 1, work, np.empty((1, 2, 2)))
+        linear.append_linear(belief._replace(size=3), columns, np.zeros((2, 3)), np.eye(2))
+        room = linear.Room(np.zeros((1, 7)), one.copy(), work.scratch[CORRECTION])
+        linear.take_in_linear(belief, columns, jacobian, np.zeros(1), one, room)
+        map_edits.remove_landmark(belief, 0)
+        corrections.retract_standard(belief, work)
+        corrections.retract_right_invariant(belief, work)
+
+
+def _robot_and_landmark() -> tuple[Belief, Workspace]:
+    """A belief with one landmark and room for another, and a workspace with one observation."""
+    belief, work = allocate_belief(2), allocate(1, 7, 1)
+    belief.cov[:] = np.eye(7)
+    work.observation[:] = 1.0, 0.0
+    work.observation_cov[:] = np.eye(2)
+    return belief._replace(size=5), work
 
 
 @contextmanager

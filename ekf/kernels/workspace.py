@@ -5,11 +5,21 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slamgauge.arrays import Float, Int
 
-Marks = NDArray[np.bool_]
+# Rows of `Workspace.scratch` by what they hold; names that share a row are never needed at once.
+CORRECTION = 0  # dx, from an update until the state has moved
+BLOCK_CORRECTION = 1  # the share of one block in dx
+PLACE = 1  # where an iterated update takes its Jacobians
+ANCHOR = 1  # the state at which the rows of W were formed (see `one_by_one`)
+MOVE = 1  # u of T = I + u e_theta' (see `corrections`)
+MOVE_FROM_ANCHOR = 0  # the same u, from the anchor to the state
+WAY_BACK = 2  # from PLACE to the prior
+HEADING_ROW = 2  # P e_theta
+PLACE_OF_ONE = 2  # as PLACE, for one observation of `one_by_one`
+MOVE_OF_ONE = 2  # as MOVE, for one observation of `one_by_one`
+ROWS = 3
 
 
 class Workspace(NamedTuple):
@@ -23,8 +33,7 @@ class Workspace(NamedTuple):
     innovation: Float  # (2m,)
     S: Float  # (2b, 2b)
     W: Float  # (2b, capacity)
-    scratch: Float  # (3, capacity)
-    points: Marks  # (capacity // 2,) which slots hold a position in the plane, that turns with the map
+    scratch: Float  # (ROWS, capacity)
 
 
 def allocate(observations: int, capacity: int, block: int) -> Workspace:
@@ -39,6 +48,5 @@ def allocate(observations: int, capacity: int, block: int) -> Workspace:
         innovation=np.zeros(rows),
         S=np.zeros((block_rows, block_rows)),
         W=np.zeros((block_rows, capacity)),
-        scratch=np.zeros((3, capacity)),
-        points=np.ones(capacity // 2, dtype=np.bool_),
+        scratch=np.zeros((ROWS, capacity)),
     )

@@ -1,1 +1,1 @@
-"""The map of a filter and its book-keeping: slots, ids, growth, tracks."""
+"""The map and its book-keeping: which landmarks there are, where they stand in the state, what corrects them."""

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from random_recordings import random_covariances, random_recording
 from scipy.stats import chi2
-from textbook import additive_from_invariant, observe
+from textbook import additive_from_invariant, belief_of, observe
 from textbook_association import (
     Kind,
     Pair,
@@ -28,13 +28,17 @@ from textbook_association import (
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.ekf import ekf, fej_ekf, iekf, riekf
+from slamgauge.ekf import ekf, fej_ekf, iekf, oc_ekf, riekf
 from slamgauge.ekf.association import AssociatingFilter
 from slamgauge.ekf.estimators import drive
-from slamgauge.ekf.filter import BLOCK, Correction, SlamFilter
+from slamgauge.ekf.filter import SlamFilter
 from slamgauge.ekf.kernels.compatibility import NONE, Pairs, allocate_pairs, find_compatible
 from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.models import SENSOR_CODES
+from slamgauge.ekf.kernels.one_by_one import Gates
+from slamgauge.ekf.maps.ids import Ids
+from slamgauge.ekf.maps.matching import update_nearest
+from slamgauge.ekf.maps.rules import BLOCK, Correction
 from slamgauge.ekf.settings.association import Association, MapManagement
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
@@ -42,11 +46,11 @@ from slamgauge.se2 import rotation
 
 Estimator = Callable[[Recording, Association], Estimate]
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
-FILTERS = pytest.mark.parametrize("estimator", [ekf, fej_ekf, iekf, riekf])
+FILTERS = pytest.mark.parametrize("estimator", [ekf, fej_ekf, oc_ekf, iekf, riekf])
 TWINS = pytest.mark.parametrize(
     ("estimator", "kind"),
-    [(ekf, "standard"), (fej_ekf, "first-estimates"), (iekf, "iterated"), (riekf, "invariant")],
-    ids=["ekf", "fej-ekf", "iekf", "riekf"],
+    [(ekf, "standard"), (fej_ekf, "first-estimates"), (oc_ekf, "observable"), (iekf, "iterated"), (riekf, "invariant")],
+    ids=["ekf", "fej-ekf", "oc-ekf", "iekf", "riekf"],
 )
 GATES = pytest.mark.parametrize("gate", [1.0, 9.0, 100.0])
 MANAGED = Association("jcbb", map_management=MapManagement())
@@ -126,6 +130,12 @@ def at_the_gate(rng: np.random.Generator, scan: Scan, towards: Float, slots: Int
     return v * (np.sqrt(gate * rng.uniform(0.7, 1.3, len(v)) / np.einsum("mi,mi->m", v, towards)))[:, None]
 
 
+def ids_from(first: int) -> Ids:
+    ids = Ids()
+    ids.take(first)
+    return ids
+
+
 def predicted(sensor: str, x: Float, slots: Int) -> Float:
     return np.array([observe(sensor, rotation(x[2]).T @ (x[3 + 2 * s : 5 + 2 * s] - x[:2]))[0] for s in slots])
 
@@ -139,7 +149,7 @@ def upper(P: Float) -> Float:
 
 def found(sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, gate: float) -> tuple[Pairs, int]:
     pairs = allocate_pairs(len(z) * len(x))
-    return pairs, find_compatible(SENSOR_CODES[sensor], x, point, upper(P), len(x), z, R, gate, pairs)
+    return pairs, find_compatible(SENSOR_CODES[sensor], belief_of(x, upper(P), point), z, R, gate, pairs)
 
 
 @SENSORS
@@ -184,19 +194,19 @@ def test_the_nearest_landmark_is_never_set_aside_as_far(sensor: str, correction:
         R = random_covariances(rng, 2, np.array([0.1, 0.1 if sensor == "position" else 0.03]))
         slam, lone = (SlamFilter(sensor, x[:3], P[:3, :3], correction) for _ in range(2))
         for each in (slam, lone):
-            each.set_map(np.arange(4), x[3:].reshape(-1, 2), P)
+            each.map.replace(np.arange(4), x[3:].reshape(-1, 2), P)
         at = predicted(sensor, x, slots)
         sight = at / np.linalg.norm(at, axis=1)[:, None] if sensor == "position" else np.tile([1.0, 0.0], (2, 1))
         z = at + at_the_gate(rng, dense_scan(sensor, x, x, P, at, R), sight, slots, 0.5 * gate)
         if sensor == "range-bearing":
             z[:, 0] = np.abs(z[:, 0])
-        first = lone.update_one_by_one(z[:1], R[:1], gate, gate, 4)[0]
+        first = update_nearest(lone.map, ids_from(4), z[:1], R[:1], Gates(gate, gate))[0]
         x, P = np.concatenate([lone.pose, lone.landmarks.ravel()]), lone.cov
         at = predicted(sensor, x, slots)
         z[1:] = at[1:] + at_the_gate(rng, dense_scan(sensor, x, x, P, at, R), sight, slots, gate)[1:]
         distances = squared_distances(sensor, x, x, P, z[1], R[1])
         nearest = int(np.argmin(distances)) if distances.min() <= gate else len(distances)
-        assert slam.update_one_by_one(z, R, gate, gate, 4)[0].tolist() == [first[0], nearest]
+        assert update_nearest(slam.map, ids_from(4), z, R, Gates(gate, gate))[0].tolist() == [first[0], nearest]
         outcomes[int(distances.min() <= gate)] += 1
     assert outcomes.min() > 50
 
@@ -218,8 +228,8 @@ def test_too_little_room_for_pairs_is_told_and_then_made() -> None:
     grid = np.stack(np.meshgrid(np.arange(6.0), np.arange(6.0)), axis=-1).reshape(-1, 2) * 0.1
     x, P = np.concatenate([np.zeros(3), grid.ravel()]), np.eye(75)
     z, R = grid[:4].copy(), np.tile(np.eye(2), (4, 1, 1))
-    assert find_compatible(1, x, x, P, 75, z, R, 9.0, allocate_pairs(143)) == -144
-    assert find_compatible(1, x, x, P, 75, z, R, 9.0, allocate_pairs(144)) == 144
+    assert find_compatible(1, belief_of(x, P), z, R, 9.0, allocate_pairs(143)) == -144
+    assert find_compatible(1, belief_of(x, P), z, R, 9.0, allocate_pairs(144)) == 144
     for scan in (10 * grid, 10 * grid):  # the filter has room for none at first
         slam.update(Observations(None, scan, np.tile(1e-3 * np.eye(2), (36, 1, 1))))
     np.testing.assert_array_equal(slam.associated, np.arange(36))
@@ -382,6 +392,7 @@ def test_managed_maps_are_sound(estimator: Estimator, sensor: str, seed: int) ->
     recording = replace(recording, observation=recording.observation + 3.0 * clutter[:, None] * [1, 0])
     estimate = estimator(recording, MANAGED)
     ids = ids_of(estimate)
+    assert estimate.landmark_ids is not None
     assert estimate.landmark_covs is not None
     assert estimate.pose_covs is not None
     for covs in (estimate.pose_covs, estimate.landmark_covs):
@@ -514,7 +525,7 @@ def test_bad_numbers_are_refused_and_leave_the_filter_as_it_was(association: Ass
     slam = before_landmarks([[2.0, 0.0]], association)
     before = slam.pose, slam.pose_cov, slam.landmarks
     value, cov = np.array([[np.nan if broken == "value" else 5.0, 0.0]]), -NOISE if broken == "cov" else NOISE
-    with pytest.raises(ValueError, match="finite"):
+    with pytest.raises(ValueError, match="a negative variance" if broken == "cov" else "must be finite"):
         slam.update(Observations(None, value, cov[None]))
     for actual, expected in zip((slam.pose, slam.pose_cov, slam.landmarks), before, strict=True):
         np.testing.assert_array_equal(actual, expected)

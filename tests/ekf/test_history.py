@@ -10,9 +10,10 @@ from random_recordings import random_recording
 
 from slamgauge import load_scenario, simulate
 from slamgauge.ekf import Association, BearingFilter, Delayed, InverseDepth, MapManagement, Rays, ekf, riekf
-from slamgauge.ekf.bearings.young import POINT, RayRecorder
+from slamgauge.ekf.bearings.ray_recorder import RayRecorder
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.history import History
+from slamgauge.ekf.maps.members import POINT
 from slamgauge.ekf.settings.initialisation import Initialisation
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording
@@ -111,8 +112,8 @@ def test_members_are_those_of_the_filter_at_that_step(initialisation: Initialisa
         for name, position in zip(slam.landmark_ids.tolist(), slam.landmarks, strict=True):
             mine = rows[landmark == name]
             np.testing.assert_array_equal(history.position[mine[np.argmax(history.weight[mine])]], position)
-            if name in slam.young:
-                assert len(mine) == slam.young[name]
+            if name in slam.provisional:
+                assert len(mine) == slam.provisional[name]
                 assert (np.diff(history.member[mine]) > 0).all()
                 assert history.weight[mine].sum() == pytest.approx(1.0, abs=1e-12)
                 rays += 1

@@ -17,16 +17,17 @@ from random_recordings import random_recording
 from scipy.stats import chi2
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf import SlamFilter, dead_reckoning, ekf, fej_ekf, iekf, riekf
-from slamgauge.ekf.filter import WHOLE_SCAN, Correction, Rule
+from slamgauge.ekf import SlamFilter, dead_reckoning, ekf, fej_ekf, iekf, oc_ekf, riekf
+from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.corrections import iterate
 from slamgauge.ekf.kernels.workspace import Workspace
+from slamgauge.ekf.maps.rules import RULES, WHOLE_SCAN, Correction, Rule
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording, Sensor
 from slamgauge.se2 import between, chain, compose, rotation, wrap
 
 Estimator = Callable[[Recording], Estimate]
-FILTERS = pytest.mark.parametrize("estimator", [ekf, fej_ekf, iekf, riekf])
+FILTERS = pytest.mark.parametrize("estimator", [ekf, fej_ekf, oc_ekf, iekf, riekf])
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 FALSE_ALARM_RATE = 1e-3
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
@@ -39,6 +40,8 @@ def covs_of(estimate: Estimate) -> Float:
 
 def map_of(estimate: Estimate) -> tuple[Int, Float, Float]:
     """Ids in increasing order, landmarks and their covariances."""
+    assert estimate.landmark_ids is not None
+    assert estimate.landmarks is not None
     assert estimate.landmark_covs is not None
     order = np.argsort(estimate.landmark_ids)
     return estimate.landmark_ids[order], estimate.landmarks[order], estimate.landmark_covs[order]
@@ -59,7 +62,7 @@ def assert_close(actual: Float, expected: Float) -> None:
 
 @FILTERS
 @SENSORS
-def test_names_of_landmarks_do_not_matter(estimator: Estimator, sensor: str) -> None:
+def test_ids_of_landmarks_do_not_matter(estimator: Estimator, sensor: str) -> None:
     _, recording = random_recording(0, sensor=sensor, steps=60)
     ids = np.unique(ids_of(recording))
     names = np.random.default_rng(0).permutation(1000)[: len(ids)] * 10**9  # in another order, and large
@@ -108,7 +111,7 @@ def test_the_past_does_not_depend_on_the_future(estimator: Estimator) -> None:
     np.testing.assert_array_equal(covs_of(cut), covs_of(whole)[: until + 1])
 
 
-@pytest.mark.parametrize("correction", ["standard", "first-estimates", "iterated", "right-invariant"])
+@pytest.mark.parametrize("correction", RULES)
 def test_a_step_without_observations_changes_nothing(correction: Correction) -> None:
     _, recording = random_recording(0)
     slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov, correction)
@@ -167,7 +170,7 @@ def standing_robot(sensor: str) -> Recording:
 
 
 @SENSORS
-@pytest.mark.parametrize("consistent", [riekf, fej_ekf])
+@pytest.mark.parametrize("consistent", [riekf, fej_ekf, oc_ekf])
 def test_a_standing_robot_learns_nothing_about_its_own_pose(consistent: Estimator, sensor: str) -> None:
     """Julier and Uhlmann (ICRA 2001): landmarks seen for the first time from here say nothing about here."""
     recording = standing_robot(sensor)
@@ -220,7 +223,8 @@ def test_doubt_about_the_whole_worlds_place_passes_through_unchanged(sensor: str
 
 
 @SENSORS
-def test_first_estimates_keep_shift_and_turn_of_the_world_unobservable(sensor: str) -> None:
+@pytest.mark.parametrize("correction", ["first-estimates", "observability-constrained"])
+def test_first_estimates_keep_shift_and_turn_of_the_world_unobservable(sensor: str, correction: Correction) -> None:
     """H F...F N = 0: prior doubt S along N comes out at every step as N S N', and changes no estimate.
 
     N = [I, J p; 0, 1; I, J l] at the predicted pose and every landmark's first estimate.
@@ -229,7 +233,7 @@ def test_first_estimates_keep_shift_and_turn_of_the_world_unobservable(sensor: s
     S = np.array([[1.0, 0.0, 0.2], [0.0, 4.0, 0.0], [0.2, 0.0, 0.09]])
     N = np.vstack([turned(recording.prior_mean[None, :2]), [0, 0, 1]])
     priors = recording.prior_cov, recording.prior_cov + N @ S @ N.T
-    sure, unsure = (SlamFilter(sensor, recording.prior_mean, prior, "first-estimates") for prior in priors)
+    sure, unsure = (SlamFilter(sensor, recording.prior_mean, prior, correction) for prior in priors)
     first = np.zeros((0, 2))
     for k, scan in enumerate(recording.scans()):
         if k:
@@ -257,10 +261,8 @@ def test_one_iteration_is_the_ekf(sensor: str) -> None:
     """To rounding, though both kernels run on their own; many passes then lead elsewhere."""
     _, recording = random_recording(7, sensor=sensor, steps=60)
 
-    def single_pass(
-        code: int, state: Float, _: Float, cov: Float, size: int, count: int, work: Workspace
-    ) -> tuple[float, int]:
-        return iterate(code, state, cov, size, count, work, 1)
+    def single_pass(code: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
+        return iterate(code, belief, count, work, 1)
 
     finals = []
     for rule in ("standard", Rule(single_pass, block=WHOLE_SCAN), "iterated"):
@@ -414,6 +416,17 @@ def invariant_nees(truth: Float, estimate: Estimate) -> Float:
 def test_nees_of_the_right_invariant_filter_is_chi_square_at_every_step(sensor: Sensor) -> None:
     nees = sum(additive_nees(*run) for run in run_all(riekf, sensor, heading_sigma=0.05))
     assert outside(np.asarray(nees), 3 * RUNS, STEPS + 1) == 0
+
+
+@SENSORS
+def test_nees_of_the_observability_constrained_filter_is_chi_square_at_every_step(sensor: Sensor) -> None:
+    """Where the heading is known to 6 degrees, and the textbook filter's leaves the band."""
+    nees, of_textbook = (
+        np.asarray(sum(additive_nees(*run) for run in run_all(estimator, sensor, heading_sigma=0.1)))
+        for estimator in (oc_ekf, ekf)
+    )
+    assert outside(nees, 3 * RUNS, STEPS + 1) == 0
+    assert outside(of_textbook, 3 * RUNS, STEPS + 1) > STEPS / 4
 
 
 @SENSORS

@@ -6,18 +6,25 @@ the last predicted pose (Huang, Mourikis and Roumeliotis, IJRR 2010). `textbook_
 prior and the observations of one step (Bell and Cathey 1993).
 `textbook_riekf` lives in the right-invariant error's own coordinates (Barrau and Bonnabel, arXiv
 1510.06263): F = I, noise on every landmark, updates by exp(K r), additive covariances at the end.
+`textbook_oc_ekf` propagates the unobservable directions N by the F of the first-estimates filter, step by step, and
+projects every row of H, taken at the newest estimate, so that H N = 0 (Huang, Mourikis and Roumeliotis, IJRR 2010).
 """
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation, wrap
 
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
+KEEP_FIRST = ("first-estimates", "observable")  # kinds of filters with a point of their own
+Jacobians = Literal["additive", "observable", "invariant"]
 
 
 def observe(sensor: str, delta: Float) -> tuple[Float, Float]:
@@ -51,6 +58,10 @@ def textbook_fej_ekf(recording: Recording) -> Estimate:
     return _run(recording, "first-estimates")
 
 
+def textbook_oc_ekf(recording: Recording) -> Estimate:
+    return _run(recording, "observable")
+
+
 def textbook_iekf(recording: Recording) -> Estimate:
     return _run(recording, "iterated")
 
@@ -62,6 +73,7 @@ def textbook_riekf(recording: Recording) -> Estimate:
 def _run(recording: Recording, kind: str) -> Estimate:
     assert recording.landmark is not None
     invariant = kind == "invariant"
+    jacobians: Jacobians = "invariant" if invariant else "observable" if kind == "observable" else "additive"
     x, P, ids = recording.prior_mean.copy(), recording.prior_cov.copy(), []
     first = x.copy()
     if invariant:
@@ -71,7 +83,7 @@ def _run(recording: Recording, kind: str) -> Estimate:
     for k, scan in enumerate(recording.scans()):
         if k > 0:
             predict = predict_invariant if invariant else predict_standard
-            point = first if kind == "first-estimates" else x
+            point = first if kind in KEEP_FIRST else x
             x, P = predict(x, point, P, recording.odometry[k - 1], recording.odometry_cov[k - 1])
             first[:3] = x[:3]
         assert scan.landmark is not None
@@ -84,12 +96,12 @@ def _run(recording: Recording, kind: str) -> Estimate:
             if kind == "iterated":
                 x, P, nis[-1] = update_iterated(recording.sensor, x, P, slots, z, R)
             else:
-                point = first if kind == "first-estimates" else x
-                x, P, nis[-1] = update(recording.sensor, x, point, P, slots, z, R, invariant=invariant)
+                point = first if kind in KEEP_FIRST else x
+                x, P, nis[-1] = update(recording.sensor, x, point, P, slots, z, R, kind=jacobians)
         for i, name in enumerate(scan.landmark):
             if name not in ids:
                 ids.append(name)
-                point = first if kind == "first-estimates" else x
+                point = first if kind in KEEP_FIRST else x
                 x, P = augment(recording.sensor, x, point, P, scan.value[i], scan.cov[i], invariant=invariant)
                 first = np.concatenate([first, x[-2:]])
         D = additive_from_invariant(x) if invariant else np.eye(len(x))
@@ -108,6 +120,11 @@ def _run(recording: Recording, kind: str) -> Estimate:
         nis=np.array(nis),
         nis_dof=np.array(dof),
     )
+
+
+def belief_of(x: Float, P: Float, point: Float | None = None, *, observable: bool = False) -> Belief:
+    """What the kernels take for that state and covariance, which they change in place."""
+    return Belief(x, x if point is None else point, P, np.ones(len(x) // 2, dtype=np.bool_), len(x), observable)
 
 
 def additive_from_invariant(x: Float) -> Float:
@@ -144,19 +161,35 @@ def predict_invariant(x: Float, _: Float, P: Float, increment: Float, Q: Float) 
 
 
 def linearised(
-    sensor: str, x: Float, point: Float, slots: list[int], z: Float, *, invariant: bool = False
+    sensor: str, x: Float, point: Float, slots: list[int], z: Float, *, kind: Jacobians = "additive"
 ) -> tuple[Float, Float]:
-    """Innovation (2m,) at `x` and Jacobian H (2m, n) at `point`."""
+    """Innovation (2m,) at `x` and Jacobian H (2m, n) at `point`, or at `x` and with H N = 0 at `point`."""
+    if kind == "observable":
+        v, H = linearised(sensor, x, x, slots, z)
+        for a, slot in enumerate(slots):
+            columns = [0, 1, 2, 3 + 2 * slot, 4 + 2 * slot]
+            N = unobservable(point)[columns]
+            projection = np.eye(5) - N @ np.linalg.solve(N.T @ N, N.T)
+            H[2 * a : 2 * a + 2, columns] = H[2 * a : 2 * a + 2, columns] @ projection
+        return v, H
     H, v = np.zeros((2 * len(slots), len(x))), np.zeros(2 * len(slots))
     for a, slot in enumerate(slots):
         rows, cols = slice(2 * a, 2 * a + 2), slice(3 + 2 * slot, 5 + 2 * slot)
         offset = point[cols] - point[:2]
         B = observe(sensor, rotation(point[2]).T @ offset)[1] @ rotation(point[2]).T
         H[rows, :2], H[rows, cols] = -B, B
-        if not invariant:
+        if kind != "invariant":
             H[rows, 2] = -B @ J @ offset
         v[rows] = innovation(sensor, z[a], observe(sensor, rotation(x[2]).T @ (x[cols] - x[:2]))[0])
     return v, H
+
+
+def unobservable(point: Float) -> Float:
+    """N (n, 3): shift and turn of the whole map, [I, J p; 0, 1; I, J l]."""
+    N = additive_from_invariant(point)[:, :3]
+    for i in range(3, len(point), 2):
+        N[i : i + 2, :2] = np.eye(2)
+    return N
 
 
 def block_diagonal(R: Float) -> Float:
@@ -167,14 +200,14 @@ def block_diagonal(R: Float) -> Float:
 
 
 def update(
-    sensor: str, x: Float, point: Float, P: Float, slots: list[int], z: Float, R: Float, *, invariant: bool
+    sensor: str, x: Float, point: Float, P: Float, slots: list[int], z: Float, R: Float, *, kind: Jacobians
 ) -> tuple[Float, Float, float]:
-    v, H = linearised(sensor, x, point, slots, z, invariant=invariant)
+    v, H = linearised(sensor, x, point, slots, z, kind=kind)
     S = H @ P @ H.T + block_diagonal(R)
     K = P @ H.T @ np.linalg.inv(S)
     P = (np.eye(len(x)) - K @ H) @ P
     P = (P + P.T) / 2
-    x = exp_action(K @ v, x) if invariant else x + K @ v
+    x = exp_action(K @ v, x) if kind == "invariant" else x + K @ v
     x[2] = wrap(x[2])
     return x, P, float(v @ np.linalg.inv(S) @ v)
 

@@ -14,6 +14,8 @@ from typing import Literal
 
 import numpy as np
 from textbook import (
+    KEEP_FIRST,
+    Jacobians,
     additive_from_invariant,
     augment,
     block_diagonal,
@@ -28,7 +30,7 @@ from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
-Kind = Literal["standard", "first-estimates", "iterated", "invariant"]
+Kind = Literal["standard", "first-estimates", "observable", "iterated", "invariant"]
 Pair = tuple[int, int]  # observation, slot
 
 NONE = -1
@@ -37,6 +39,7 @@ NONE = -1
 def textbook_nearest_neighbour(recording: Recording, gate: float, kind: Kind) -> Estimate:
     """Ids of landmarks count up from 0 in the order of birth; the recording's own are not looked at."""
     invariant = kind == "invariant"
+    jacobians: Jacobians = "invariant" if invariant else "observable" if kind == "observable" else "additive"
     x, P = recording.prior_mean.copy(), recording.prior_cov.copy()
     first = x.copy()
     if invariant:
@@ -46,21 +49,21 @@ def textbook_nearest_neighbour(recording: Recording, gate: float, kind: Kind) ->
     for k, scan in enumerate(recording.scans()):
         if k > 0:
             predict = predict_invariant if invariant else predict_standard
-            point = first if kind == "first-estimates" else x
+            point = first if kind in KEEP_FIRST else x
             x, P = predict(x, point, P, recording.odometry[k - 1], recording.odometry_cov[k - 1])
             first[:3] = x[:3]
         nis.append(0.0)
         dof.append(0)
         for z, R in zip(scan.value, scan.cov, strict=True):
-            point = first if kind == "first-estimates" else x
-            distances = squared_distances(recording.sensor, x, point, P, z, R, invariant=invariant)
+            point = first if kind in KEEP_FIRST else x
+            distances = squared_distances(recording.sensor, x, point, P, z, R, kind=jacobians)
             if len(distances) and min(distances) <= gate:
                 slot = int(np.argmin(distances))
                 sight = [slot], z[None], R[None]
                 if kind == "iterated":
                     x, P, step_nis = update_iterated(recording.sensor, x, P, *sight)
                 else:
-                    x, P, step_nis = update(recording.sensor, x, point, P, *sight, invariant=invariant)
+                    x, P, step_nis = update(recording.sensor, x, point, P, *sight, kind=jacobians)
                 nis[-1] += step_nis
                 dof[-1] += 2
                 association.append(slot)
@@ -93,11 +96,11 @@ def additive(x: Float, P: Float, *, invariant: bool) -> Float:
 
 
 def squared_distances(
-    sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, *, invariant: bool = False
+    sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, *, kind: Jacobians = "additive"
 ) -> Float:
     """d^2 (L,) of one observation and every landmark, Jacobians at `point`."""
     count = (len(x) - 3) // 2
-    v, H = linearised(sensor, x, point, list(range(count)), np.tile(z, (count, 1)), invariant=invariant)
+    v, H = linearised(sensor, x, point, list(range(count)), np.tile(z, (count, 1)), kind=kind)
     v, HP = v.reshape(count, 2), (H @ P).reshape(count, 2, len(x))
     S = HP @ H.reshape(count, 2, len(x)).swapaxes(1, 2) + R
     return np.einsum("li,lij,lj->l", v, np.linalg.inv(S), v)

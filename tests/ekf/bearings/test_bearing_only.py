@@ -8,12 +8,12 @@ from scipy.stats import chi2
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import Association, BearingFilter, Delayed, InverseDepth, Rays
-from slamgauge.ekf.filter import Correction
+from slamgauge.ekf.maps.rules import RULES, Correction
 from slamgauge.ekf.settings.initialisation import Initialisation
 from slamgauge.recording import Observations
 from slamgauge.se2 import wrap
 
-CORRECTIONS = pytest.mark.parametrize("correction", ["standard", "first-estimates", "iterated", "right-invariant"])
+CORRECTIONS = pytest.mark.parametrize("correction", RULES)
 INITIALISATIONS = pytest.mark.parametrize(
     "initialisation", [Rays(), InverseDepth(), Delayed()], ids=["rays", "inverse-depth", "delayed"]
 )
@@ -82,7 +82,7 @@ def test_a_drive_from_a_certain_start_and_with_certain_motion(
 ) -> None:
     slam = BearingFilter(np.zeros(3), prior * np.eye(3), correction, initialisation)
     pose = drive(slam, [*range(8)], 150, motion * Q)
-    assert not slam.young
+    assert not slam.provisional
     assert sorted(slam.landmark_ids.tolist()) == [*range(8)]
     if prior == motion == 0.0:
         np.testing.assert_allclose(slam.pose, pose, rtol=0, atol=1e-9)
@@ -154,7 +154,8 @@ def test_what_is_not_sound_is_refused_and_changes_nothing(
         for row in (0, 1):
             observations = bearings_of(names, [0.4, -0.4])
             getattr(observations, field)[row] = bad
-            with pytest.raises(ValueError, match=r"^observation: no update exists for this scan; make[^\n]*$"):
+            name = "observation_cov" if field == "cov" else "observation"
+            with pytest.raises(ValueError, match=rf"^{name}\[{row}\] = [^\n]*: [^\n]*$"):
                 slam.update(observations)
     for each in (slam, other):
         each.predict(STEP, Q)
@@ -177,7 +178,7 @@ def test_what_is_not_sound_is_refused_and_changes_nothing(
 )
 def test_shapes_that_do_not_fit(observations: Observations) -> None:
     slam = BearingFilter(np.zeros(3), np.zeros((3, 3)))
-    with pytest.raises(ValueError, match=r"^(observation|landmark): [^\n]*; give [^\n]*$"):
+    with pytest.raises(ValueError, match=r"^(observation|observation_cov|landmark): [^\n]*; give [^\n]*$"):
         slam.update(observations)
     assert len(slam.cov) == 3
 
@@ -211,7 +212,7 @@ def test_members_are_counted_as_they_are_told(initialisation: Initialisation) ->
     for _ in range(60):
         slam.update(scan(pose, world(), np.arange(8), rng))
         rows = slam.whole_map()
-        assert slam.member_count == sum(slam.young.values()) == (rows.number >= 0).sum()
+        assert slam.member_count == sum(slam.provisional.values()) == (rows.number >= 0).sum()
         counts.append(slam.member_count)
         pose = moved(pose)
         slam.predict(STEP, Q)

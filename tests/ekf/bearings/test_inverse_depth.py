@@ -13,12 +13,12 @@ from textbook import J, exp_action
 from slamgauge.arrays import Float
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.inverse_depth import linearise_depths, linearity_index, locate_depth
-from slamgauge.ekf.filter import Correction
+from slamgauge.ekf.maps.rules import RULES, Correction
 from slamgauge.ekf.settings.initialisation import InverseDepth
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap
 
-CORRECTIONS = pytest.mark.parametrize("correction", ["standard", "first-estimates", "iterated", "right-invariant"])
+CORRECTIONS = pytest.mark.parametrize("correction", RULES)
 POSE = np.array([0.7, -1.2, 0.4])
 AWKWARD = [0.15, 0.0, -0.1, -3.0, 20.0, 1e-9]
 
@@ -194,7 +194,7 @@ def test_a_landmark_by_the_book(correction: Correction, heading: float) -> None:
                 settled_for += twin.settle()
             else:
                 settled_for += 1
-        assert slam.young == ({7: 1} if len(twin.x) == 7 else {})
+        assert slam.provisional == ({7: 1} if len(twin.x) == 7 else {})
         np.testing.assert_allclose(slam.pose, twin.x[:3], rtol=0, atol=1e-10)
         np.testing.assert_allclose(slam.cov, twin.P, rtol=0, atol=1e-11)
         place = locate_depth(twin.x[3:])[0] if len(twin.x) == 7 else twin.x[3:]
@@ -219,7 +219,7 @@ def test_a_landmark_by_the_book(correction: Correction, heading: float) -> None:
 
 def omega_of(slam: BearingFilter, cov_entry: int = 6) -> tuple[float, float]:
     """Inverse depth of the only landmark, and its standard deviation; read from the filter's own state."""
-    inner = slam._slam  # pyright: ignore[reportPrivateUsage]
+    inner = slam._map  # pyright: ignore[reportPrivateUsage]
     return float(inner.entries(np.array([cov_entry]))[0]), math.sqrt(slam.cov[cov_entry, cov_entry])
 
 
@@ -246,10 +246,10 @@ def test_an_inverse_depth_below_zero_comes_back(correction: Correction) -> None:
         unlucky = -0.05 if 2 <= k < 5 else 0.0
         slam.update(seen(3, float(np.arctan2(offset[1], offset[0])) + unlucky, R))
         assert_sound(slam)
-        below += bool(slam.young) and omega_of(slam)[0] < 0.0
+        below += bool(slam.provisional) and omega_of(slam)[0] < 0.0
         assert np.hypot(*slam.landmarks[0]) < 10.0 / 0.05 + 30.0  # FARTHEST, the anchor being near
     assert below >= 2
-    assert not slam.young
+    assert not slam.provisional
     log = slam.ray_log(np.zeros(1, np.int64))
     assert log is not None
     assert log.survivor.tolist() == [0]  # the one ray, never lost
@@ -277,7 +277,7 @@ def test_a_landmark_beyond_infinity_is_lost_and_begins_anew(correction: Correcti
             assert log.end[ends - 1] == log.birth[ends] == k
             assert omega == 0.15  # begun anew at this very bearing
         assert log.survivor.tolist() == [-1] * len(log.landmark)
-        assert slam.young == {3: 1}
+        assert slam.provisional == {3: 1}
     assert beyond > 3
     assert ends >= 2
 

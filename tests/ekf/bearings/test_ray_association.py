@@ -10,11 +10,12 @@ from scipy.stats import chi2
 from textbook_association import Scan, brute_force_ambiguous, brute_force_joint
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf import Association, BearingFilter, MapManagement, Rays, SlamFilter, ekf
+from slamgauge.ekf import Association, BearingFilter, MapManagement, Rays, ekf
 from slamgauge.ekf.bearings.ray_association import RayAssociation
-from slamgauge.ekf.estimators import CORRECTIONS, drive
-from slamgauge.ekf.filter import Correction
+from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.kernels.compatibility import NONE
+from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.rules import CORRECTIONS, RULES, Correction
 from slamgauge.ekf.settings.association import Method
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import chain, wrap
@@ -30,7 +31,7 @@ J = np.array([[0.0, -1.0], [1.0, 0.0]])
 class Problem:
     """A scan before landmarks that are points or rays of some members, slots in random order."""
 
-    slam: SlamFilter
+    map: LandmarkMap
     owners: Int  # (L,) landmark of each slot
     values: Float  # (m, 1)
     covs: Float  # (m, 1, 1)
@@ -72,8 +73,8 @@ def random_problem(seed: int) -> Problem:
     root[3:] *= 2.0
     P, pose = root @ root.T, np.array([0.4, -0.3, 3.0])
     landmarks = pose[:2] + ranges[:, None] * np.column_stack([np.cos(angles + pose[2]), np.sin(angles + pose[2])])
-    slam = SlamFilter("bearing", pose, P[:3, :3])
-    slam.set_map(np.arange(len(owners)) * 3, landmarks, P)
+    landmark_map = LandmarkMap("bearing", pose, P[:3, :3], "standard", landmarks=0)
+    landmark_map.replace(np.arange(len(owners)) * 3, landmarks, P)
     seen = rng.permutation(len(owners))[: int(rng.integers(1, 5))]
     values = wrap(np.concatenate([angles[seen] + 0.06 * rng.normal(size=len(seen)), rng.uniform(-1, 1, 1)]))
     covs = rng.uniform(0.03, 0.06, len(values)) ** 2
@@ -83,18 +84,18 @@ def random_problem(seed: int) -> Problem:
         across = J @ offset / (offset @ offset)
         jacobian[slot, :2], jacobian[slot, 2], jacobian[slot, 3 + 2 * slot : 5 + 2 * slot] = -across, -1.0, across
     innovation = wrap(values[:, None] - angles)
-    return Problem(slam, owners, values[:, None], covs[:, None, None], innovation, jacobian, P)
+    return Problem(landmark_map, owners, values[:, None], covs[:, None, None], innovation, jacobian, P)
 
 
 def named(problem: Problem, settings: Association) -> tuple[list[int], int]:
     """Names of the bearings, and how many landmarks there were before; those are given their names by a first scan."""
-    association, landmarks = RayAssociation(settings), int(problem.owners.max()) + 1
-    nothing = SlamFilter("bearing", np.zeros(3), np.eye(3))
-    first = association.names(
-        nothing, np.zeros(0, np.int64), np.zeros((landmarks, 1)), np.full((landmarks, 1, 1), 1e-3)
-    )
+    landmarks, after = int(problem.owners.max()) + 1, problem.map
+    before = LandmarkMap("bearing", after.pose, after.pose_cov, "standard", landmarks=0)
+    association = RayAssociation(before, settings)
+    first = association.associate(np.zeros(0, np.int64), np.zeros((landmarks, 1)), np.full((landmarks, 1, 1), 1e-3))
     assert first.tolist() == [*range(landmarks)]
-    names = association.names(problem.slam, problem.owners, problem.values, problem.covs).tolist()
+    before.replace(after.ids, after.positions, after.cov)
+    names = association.associate(problem.owners, problem.values, problem.covs).tolist()
     claimed = [name for name in names if name != NONE]
     assert len({*claimed}) == len(claimed)  # one bearing, one landmark
     fresh = [name for name in claimed if name >= landmarks]
@@ -174,8 +175,9 @@ def test_what_is_ambiguous_is_left_out() -> None:
 
 
 def test_a_scan_of_nothing_has_no_names() -> None:
-    problem, association = random_problem(0), RayAssociation(Association("jcbb", map_management=MapManagement()))
-    assert len(association.names(problem.slam, problem.owners, problem.values[:0], problem.covs[:0])) == 0
+    problem = random_problem(0)
+    association = RayAssociation(problem.map, Association("jcbb", map_management=MapManagement()))
+    assert len(association.associate(problem.owners, problem.values[:0], problem.covs[:0])) == 0
 
 
 # --- whole runs ----------------------------------------------------------------------------------
@@ -228,7 +230,7 @@ def test_landmarks_far_apart_are_told_apart(method: Method, correction: str, man
     names = np.concatenate(given)
     pairs = {*zip(names.tolist(), truth.tolist(), strict=True)}
     assert sorted(name for name, _ in pairs) == sorted(name for _, name in pairs) == [*range(10)]
-    assert not by_itself.young
+    assert not by_itself.provisional
     np.testing.assert_allclose(by_itself.cov, told.cov, rtol=0, atol=1e-12)
     np.testing.assert_allclose(by_itself.landmarks, told.landmarks, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(by_itself.standing(names), names)
@@ -253,10 +255,10 @@ def test_false_starts_are_deleted(method: Method, rays: Rays) -> None:
         assert see(slam, 0.0) == [0]
         assert slam.landmark_ids.tolist() == [0]
         assert slam.standing(np.array([0, 1, NONE])).tolist() == [0, NONE, NONE]
-        assert len(slam.cov) == 3 + 2 * (8 if len(slam.young) else 2), scan
+        assert len(slam.cov) == 3 + 2 * (8 if len(slam.provisional) else 2), scan
     assert see(slam, 0.0) == [0]
-    assert len(slam.cov) == 3 + 2 * (4 if len(slam.young) else 1)
-    assert {*slam.young, *slam.landmark_ids.tolist()} == {0}
+    assert len(slam.cov) == 3 + 2 * (4 if len(slam.provisional) else 1)
+    assert {*slam.provisional, *slam.landmark_ids.tolist()} == {0}
     assert see(slam, 0.0, 1.0) == [0, 2]  # a name is not given again
     assert slam.standing(np.array([0, 1, 2, NONE])).tolist() == [0, NONE, NONE, NONE]
 
@@ -270,7 +272,7 @@ def test_without_management_everything_stands() -> None:
 
 
 @METHODS
-@pytest.mark.parametrize("correction", ["standard", "first-estimates", "iterated", "right-invariant"])
+@pytest.mark.parametrize("correction", RULES)
 @pytest.mark.parametrize(("field", "bad"), [("value", np.nan), ("cov", np.inf), ("cov", 0.0), ("cov", -1.0)])
 def test_what_is_not_sound_is_refused_and_changes_nothing(
     method: Method, correction: Correction, field: str, bad: float
@@ -281,7 +283,8 @@ def test_what_is_not_sound_is_refused_and_changes_nothing(
         see(each, 0.0, 1.0)
     observations = Observations(None, np.array([[0.0], [2.0]]), np.full((2, 1, 1), 1e-4))
     getattr(observations, field)[1] = bad
-    with pytest.raises(ValueError, match=r"^observation: no update exists for this scan; make[^\n]*$"):
+    name = "observation_cov" if field == "cov" else "observation"
+    with pytest.raises(ValueError, match=rf"^{name}\[1\] = [^\n]*: [^\n]*$"):
         slam.update(observations)
     assert len(slam.associated) == 0
     for each in (slam, other):

@@ -11,7 +11,7 @@ from slamgauge.ekf import ekf, riekf
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.rays import MIN_SHARE
 from slamgauge.ekf.estimators import drive
-from slamgauge.ekf.filter import Correction
+from slamgauge.ekf.maps.rules import Correction
 from slamgauge.ekf.settings.initialisation import Rays
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap
@@ -127,7 +127,7 @@ def test_a_ray_by_the_book():
         np.testing.assert_allclose(slam.pose_cov, twin.P[:3, :3], atol=1e-11)
         best = int(np.argmax(twin.weights))
         np.testing.assert_allclose(slam.landmarks[0], twin.x[3 + 2 * best : 5 + 2 * best], atol=1e-8)
-        assert slam.young == ({7: len(twin.weights)} if len(twin.weights) > 1 else {})
+        assert slam.provisional == ({7: len(twin.weights)} if len(twin.weights) > 1 else {})
         if len(twin.weights) == 1:
             break
     assert members[1] == 4
@@ -143,7 +143,7 @@ def test_every_ray_collapses_and_covariances_stay_sound(correction: Correction):
         P = slam.cov
         np.testing.assert_array_equal(P, P.T)
         assert np.linalg.eigvalsh(P)[0] > -1e-12 * np.trace(P)
-    assert not slam.young
+    assert not slam.provisional
     assert truth.landmark_ids is not None
     assert set(slam.landmark_ids.tolist()) == set(truth.landmark_ids.tolist())
 
@@ -159,9 +159,9 @@ def test_a_ray_that_fits_no_bearing_is_lost():
     for _ in range(2):
         see(1.0)
         np.testing.assert_array_equal(slam.landmarks, before)
-    assert slam.young == {1: 4}
+    assert slam.provisional == {1: 4}
     see(1.0)  # lost, and begun anew where it is seen
-    assert slam.young == {1: 4}
+    assert slam.provisional == {1: 4}
     np.testing.assert_allclose(np.arctan2(*slam.landmarks[0][::-1]), 1.0, atol=1e-12)
 
 

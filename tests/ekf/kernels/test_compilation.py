@@ -7,10 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+from slamgauge.ekf.kernels import compiled
 from slamgauge.ekf.kernels.compiled import drop_outdated
 
 PROGRAM = (
-    "import numpy as np; from ekf import SlamFilter;"
+    "import numpy as np; from slamgauge.ekf import SlamFilter;"
     "s = SlamFilter('position', np.zeros(3), np.eye(3)); s.predict([1, 0, 0], np.eye(3)); print(s.pose_cov[0, 0])"
 )
 
@@ -43,3 +44,16 @@ def test_machine_code_older_than_any_source_is_dropped(tmp_path: Path) -> None:
         os.utime(cache / name, (time, time))
     drop_outdated(tmp_path)
     assert [path.name for path in cache.iterdir()] == ["corrections.new.nbi"]
+
+
+def test_all_kernels_are_in_the_folder_that_is_looked_after() -> None:
+    """`drop_outdated` is called for the folder of `compiled`; a kernel elsewhere would outlive its edits."""
+    root = Path(compiled.__file__).parents[1]
+    with_kernels = {path.parent.name for path in root.rglob("*.py") if "@kernel" in path.read_text(encoding="utf-8")}
+    assert with_kernels == {"kernels"}
+
+
+def test_settings_load_no_compiler() -> None:
+    program = "import sys, slamgauge.ekf.settings.association as a; print(a.Association().gate, 'numba' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "9.0 False\n"

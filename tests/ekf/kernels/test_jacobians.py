@@ -1,6 +1,6 @@
 """Every Jacobian of the filters against central differences, at the places where they tend to break.
 
-The references are written here with `slam2d` alone: the sensor models, the motion and the place where a
+The references are written here with the vocabulary alone: the sensor models, the motion and the place where a
 sight puts a landmark. Tolerances are the accuracy of the differences, not of the kernels.
 """
 
@@ -11,6 +11,7 @@ import math
 import numpy as np
 import pytest
 from jacobians import assert_jacobian, differentiate
+from textbook import belief_of, unobservable
 
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.augmentation import augment
@@ -127,13 +128,13 @@ def test_a_bearing_from_too_close_is_skipped_and_its_range_kept(bearing: float) 
 
 
 def linearised(
-    sensor: int, state: Float, slots: list[int], z: Float, point: Float | None = None
+    sensor: int, state: Float, slots: list[int], z: Float, point: Float | None = None, *, observable: bool = False
 ) -> tuple[Float, Float, int]:
     """Innovations (2m,), the dense Jacobian (2m, size) and the number of rows that carry information."""
     count = len(slots)
-    point = state if point is None else point
     innovation, compact = np.empty(2 * count), np.empty((2 * count, 5))
-    informative = linearise(sensor, state, point, np.array(slots), z, innovation, compact)
+    belief = belief_of(state, np.eye(len(state)), point, observable=observable)
+    informative = linearise(sensor, belief, np.array(slots), z, innovation, compact)
     dense = np.zeros((2 * count, len(state)))
     for row in range(2 * count):
         columns = [0, 1, 2, 3 + 2 * slots[row // 2], 4 + 2 * slots[row // 2]]
@@ -192,6 +193,37 @@ def test_the_innovation_is_taken_at_the_state_and_the_jacobian_at_the_point(sens
     np.testing.assert_array_equal(H, linearised(sensor, point, [0], z)[1])
 
 
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_projected_jacobians_see_no_shift_or_turn_and_are_the_nearest_that_do_not(sensor: int) -> None:
+    """H N = 0 to rounding, where N is far from the origin too; and what was taken away lies in the span of N."""
+    rng = np.random.default_rng(2)
+    changed = 0.0
+    for _ in range(100):
+        state = rng.uniform(-9, 9, 9) + rng.choice([0.0, 1000.0])
+        point, slots = state + 0.3 * rng.normal(size=9), [1, 0, 2, 0]
+        z = rng.uniform(1, 3, (4, 2))
+        innovation, H, informative = linearised(sensor, state, slots, z, point, observable=True)
+        before, free, count = linearised(sensor, state, slots, z)
+        np.testing.assert_array_equal(innovation, before)
+        assert informative == count
+        N = unobservable(point)
+        np.testing.assert_allclose(H @ N, 0.0, atol=1e-10 if state[0] > 100 else 1e-13)
+        for row in range(8):
+            columns = [0, 1, 2, 3 + 2 * slots[row // 2], 4 + 2 * slots[row // 2]]
+            taken = (free - H)[row, columns]
+            within = N[columns] @ np.linalg.lstsq(N[columns], taken, rcond=None)[0]
+            np.testing.assert_allclose(taken, within, rtol=0, atol=1e-9)
+        changed = max(changed, float(np.abs(free - H).max()))
+    assert changed > 0.01
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_projection_changes_nothing_where_the_point_is_the_state(sensor: int) -> None:
+    state, z = np.array([3.0, -4.0, 0.4, 5.0, 1.0]), np.array([[5.0, 0.3]])
+    _, H, _ = linearised(sensor, state, [0], z, state.copy(), observable=True)
+    np.testing.assert_allclose(H, linearised(sensor, state, [0], z)[1], rtol=0, atol=1e-15)
+
+
 # --- prediction ----------------------------------------------------------------------------------
 
 INCREMENTS = [[0.3, 0.0, 0.02], [0.0, 0.0, 0.0], [0.0, 0.0, PI], [-0.2, 0.7, -2.0], [40.0, 0.0, 1e-9]]
@@ -203,7 +235,7 @@ def predicted(
     """The state and the upper triangle of its covariance after `predict`."""
     size = len(cov)
     state, cov = np.concatenate([pose, np.zeros(size - 3)]), cov.copy()
-    assert predict(state, state if point is None else point, cov, size, np.array(increment), noise)
+    assert predict(belief_of(state, cov, point), np.array(increment), noise)
     return state, np.triu(cov)
 
 
@@ -259,7 +291,7 @@ def augmented(sensor: int, pose: Float, cov: Float, z: Float, R: Float) -> tuple
     room[:size, :size] = cov
     work = allocate(1, size + 2, 1)
     work.observation[0], work.observation_cov[0] = z, R
-    augment(sensor, state, state, room, size, 1, work)
+    augment(sensor, belief_of(state, room)._replace(size=size), 1, work)
     np.testing.assert_array_equal(room[:size, :size], cov)
     return state[size:], room[:, size:]
 

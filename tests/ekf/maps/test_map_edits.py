@@ -9,6 +9,7 @@ import pytest
 from random_recordings import random_covariances, random_recording
 from textbook import (
     additive_from_invariant,
+    belief_of,
     exp_action,
     predict_standard,
     update,
@@ -17,15 +18,16 @@ from textbook import (
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.filter import Correction
 from slamgauge.ekf.kernels.map_edits import NOTHING, equate_landmarks, find_duplicate
-from slamgauge.ekf.kernels.workspace import allocate
-from slamgauge.ekf.map_management import GONE, Tracks
+from slamgauge.ekf.kernels.workspace import CORRECTION, allocate
+from slamgauge.ekf.maps.rules import RULES, Correction
+from slamgauge.ekf.maps.tracks import GONE, Tracks
 from slamgauge.ekf.settings.association import MapManagement
 from slamgauge.recording import Observations
 from slamgauge.se2 import wrap
 
-CORRECTIONS = pytest.mark.parametrize("correction", ["standard", "first-estimates", "iterated", "right-invariant"])
+CORRECTIONS = pytest.mark.parametrize("correction", RULES)
+KEEP_FIRST = ("first-estimates", "observability-constrained")
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 
 
@@ -42,7 +44,8 @@ def random_filter(seed: int, correction: Correction, sensor: str = "position", l
     P[2] *= 0.3
     P[:, 2] *= 0.3
     slam = SlamFilter(sensor, [0.5, -0.4, 3.0], P[:3, :3], correction, landmarks=landmarks)
-    slam.set_map(np.arange(landmarks) * 10, rng.uniform(2, 4, (landmarks, 2)) * rng.choice([-1, 1], (landmarks, 2)), P)
+    positions = rng.uniform(2, 4, (landmarks, 2)) * rng.choice([-1, 1], (landmarks, 2))
+    slam.map.replace(np.arange(landmarks) * 10, positions, P)
     return slam
 
 
@@ -58,7 +61,7 @@ def entries(slots: list[int]) -> Int:
 def test_removal_leaves_the_mean_and_covariance_of_the_rest_as_they_were(slot: int) -> None:
     slam = random_filter(0, "standard")
     x, P = state_of(slam), slam.cov
-    slam.remove(slot)
+    slam.map.remove(slot)
     kept = [s if s != slot else 4 for s in range(4)]  # the last one moves into the gap
     np.testing.assert_array_equal(slam.landmark_ids, np.array(kept) * 10)
     np.testing.assert_array_equal(state_of(slam), x[entries(kept)])
@@ -74,15 +77,15 @@ def test_a_removed_landmark_is_one_that_was_never_seen_again(correction: Correct
     _, recording = random_recording(slot, sensor=sensor, landmarks=7)
     assert recording.landmark is not None
     keeps = SlamFilter(sensor, recording.prior_mean, recording.prior_cov, correction)
-    removes, named = keeps, 0
+    removes, removed = keeps, 0
     for k, scan in enumerate(recording.scans()):
         assert scan.landmark is not None
         if k == 15:
-            named = int(keeps.landmark_ids[slot])
+            removed = int(keeps.landmark_ids[slot])
             removes = deepcopy(keeps)
-            removes.remove(slot)
+            removes.map.remove(slot)
         if k >= 15:
-            rest = scan.landmark != named
+            rest = scan.landmark != removed
             scan = Observations(scan.landmark[rest], scan.value[rest], scan.cov[rest])
         for slam in (keeps, removes) if k >= 15 else (keeps,):
             if k:
@@ -92,8 +95,8 @@ def test_a_removed_landmark_is_one_that_was_never_seen_again(correction: Correct
     assert sorted([*slots, slot]) == list(range(7))
     np.testing.assert_allclose(state_of(removes), state_of(keeps)[entries(slots)], rtol=0, atol=1e-12)
     np.testing.assert_allclose(removes.cov, keeps.cov[np.ix_(entries(slots), entries(slots))], rtol=0, atol=1e-12)
-    removes.update(Observations(np.array([named]), recording.observation[:1], recording.observation_cov[:1]))
-    assert removes.landmark_ids[-1] == named  # seen again, it is new
+    removes.update(Observations(np.array([removed]), recording.observation[:1], recording.observation_cov[:1]))
+    assert removes.landmark_ids[-1] == removed  # seen again, it is new
 
 
 # --- merging -------------------------------------------------------------------------------------
@@ -123,7 +126,7 @@ def test_merging_is_the_exact_observation_that_two_landmarks_are_one(
     slam = random_filter(1, correction)
     before = slam.pose
     x, P = dense_merge(correction, state_of(slam), slam.cov, kept, gone)
-    slam.merge(kept, gone)
+    slam.map.merge(kept, gone)
     rest = [s if s != gone else 4 for s in range(4)]
     np.testing.assert_array_equal(slam.landmark_ids, np.array(rest) * 10)
     np.testing.assert_allclose(state_of(slam), x[entries(rest)], rtol=0, atol=1e-11)
@@ -138,9 +141,9 @@ def test_merged_landmarks_are_in_one_place_with_one_covariance() -> None:
     slam = random_filter(2, "standard")
     x, P, work = state_of(slam), slam.cov, allocate(1, 13, 1)
     before = x.copy()
-    assert equate_landmarks(x, P, 13, 3, 1, work)
+    assert equate_landmarks(belief_of(x, P), 3, 1, work)
     np.testing.assert_array_equal(x, before)  # the caller moves the state
-    x += work.scratch[0]
+    x += work.scratch[CORRECTION]
     P = np.triu(P) + np.triu(P, 1).T
     np.testing.assert_allclose(x[9:11], x[5:7], rtol=0, atol=1e-12)
     np.testing.assert_allclose(P[9:11], P[5:7], rtol=0, atol=1e-12)
@@ -153,8 +156,8 @@ def test_merged_landmarks_are_in_one_place_with_one_covariance() -> None:
 @CORRECTIONS
 def test_which_of_two_landmarks_is_kept_does_not_matter_for_the_rest(correction: Correction) -> None:
     one, other = random_filter(3, correction), random_filter(3, correction)
-    one.merge(1, 3)
-    other.merge(3, 1)
+    one.map.merge(1, 3)
+    other.map.merge(3, 1)
     one_slots, other_slots = [0, 2, 3], [0, 2, 1]  # ids 0, 20, 40
     np.testing.assert_array_equal(one.landmark_ids[one_slots], other.landmark_ids[other_slots])
     a, b = entries(one_slots), entries(other_slots)
@@ -171,9 +174,9 @@ def test_merging_a_landmark_with_its_exact_copy_changes_nothing(correction: Corr
     copied = entries([gone if s == kept else s for s in range(5)])
     slam = SlamFilter("position", original.pose, original.pose_cov, correction)
     landmarks = state_of(original)[copied][3:].reshape(-1, 2)
-    slam.set_map(original.landmark_ids, landmarks, original.cov[np.ix_(copied, copied)])
+    slam.map.replace(original.landmark_ids, landmarks, original.cov[np.ix_(copied, copied)])
     x, P = state_of(slam), slam.cov
-    slam.merge(kept, gone)
+    slam.map.merge(kept, gone)
     rest = entries([s if s != gone else 4 for s in range(4)])
     np.testing.assert_array_equal(state_of(slam), x[rest])
     np.testing.assert_array_equal(slam.cov, P[np.ix_(rest, rest)])
@@ -190,7 +193,7 @@ def test_a_filter_goes_on_after_a_merge_as_by_the_book(correction: Correction, s
         increment, Q = np.array([0.3, 0.1, 0.2]), random_covariances(rng, 1, np.array([0.1, 0.1, 0.05]))[0]
         z = observation_near(slam, sensor, slots, rng)
         R = random_covariances(rng, len(slots), np.array([0.1, 0.05]))
-        x, P = predict_standard(x, first if correction == "first-estimates" else x, P, increment, Q)
+        x, P = predict_standard(x, first if correction in KEEP_FIRST else x, P, increment, Q)
         first[:3] = x[:3]
         x, P = dense_update(correction, sensor, x, first, P, slots, z, R)
         slam.predict(increment, Q)
@@ -199,7 +202,7 @@ def test_a_filter_goes_on_after_a_merge_as_by_the_book(correction: Correction, s
             x, P = dense_merge(correction, x, P, 2, 1)
             kept = entries([0, 4, 2, 3])
             x, P, first = x[kept], P[np.ix_(kept, kept)], first[kept]
-            slam.merge(2, 1)
+            slam.map.merge(2, 1)
     np.testing.assert_allclose(state_of(slam), x, rtol=0, atol=1e-10)
     np.testing.assert_allclose(slam.cov, P, rtol=0, atol=1e-10)
 
@@ -220,9 +223,10 @@ def dense_update(
     if correction == "iterated":
         return update_iterated(sensor, x, P, slots, z, R)[:2]
     if correction != "right-invariant":
-        return update(sensor, x, first if correction == "first-estimates" else x, P, slots, z, R, invariant=False)[:2]
+        kind = "observable" if correction == "observability-constrained" else "additive"
+        return update(sensor, x, first if correction in KEEP_FIRST else x, P, slots, z, R, kind=kind)[:2]
     back = np.linalg.inv(additive_from_invariant(x))
-    x, P, _ = update(sensor, x, x, back @ P @ back.T, slots, z, R, invariant=True)
+    x, P, _ = update(sensor, x, x, back @ P @ back.T, slots, z, R, kind="invariant")
     D = additive_from_invariant(x)
     return x, D @ P @ D.T
 
@@ -253,7 +257,7 @@ def test_duplicates_are_those_that_numpy_finds() -> None:
                     outcomes["not by place alone"] += 1
                     continue
                 near.append((a, b))
-        found = find_duplicate(x, np.triu(P), 15, slots, apart, gate, distance)
+        found = find_duplicate(belief_of(x, np.triu(P)), slots, apart, gate, distance)
         assert found == (near[0] if near else NOTHING)
         outcomes["found" if near else "none"] += 1
     assert min(outcomes.values()) > 30, outcomes
@@ -267,20 +271,20 @@ class World:
 
     def __init__(self, management: MapManagement | None) -> None:
         self.slam = SlamFilter("position", np.zeros(3), np.zeros((3, 3)))
-        self.tracks = Tracks(management)
+        self.tracks = Tracks(self.slam.map, management)
         self.places: dict[int, tuple[float, float]] = {}
 
     def scan(self, *seen: int, new: tuple[tuple[float, float], ...] = ()) -> list[int]:
         """Close a scan in which the ids `seen` were seen and landmarks `new` mapped; returns the new ids."""
-        born = self.tracks.begin(len(new))
-        self.slam.add(born, np.array(new).reshape(-1, 2), np.tile(1e-4 * np.eye(2), (len(new), 1, 1)))
+        born = self.tracks.new_ids.take(len(new))
+        self.slam.map.add(born, np.array(new).reshape(-1, 2), np.tile(1e-4 * np.eye(2), (len(new), 1, 1)))
         self.places.update(zip(born.tolist(), new, strict=True))
-        self.tracks.close_scan(self.slam, np.array([*seen, *born.tolist()], dtype=np.int64))
+        self.tracks.close_scan(np.array([*seen, *born.tolist()], dtype=np.int64))
         self.check()
         return born.tolist()
 
     def check(self) -> None:
-        """Names and slots belong together."""
+        """Ids and slots belong together."""
         ids = self.tracks.ids.tolist()
         assert ids == self.slam.landmark_ids.tolist()
         assert len(set(ids)) == len(ids) == len(self.tracks.confirmed)
@@ -387,7 +391,7 @@ def test_what_one_scan_has_seen_as_two_is_never_merged_nor_is_what_was_merged_wi
     assert apart.standing(0, 1, 2) == [0, 0, 2]
 
 
-def test_names_stay_with_their_landmarks_whatever_slots_do() -> None:
+def test_ids_stay_with_their_landmarks_whatever_slots_do() -> None:
     """Random lives of tracks; `World.check` looks at every scan, and what has gone never comes back."""
     rng = np.random.default_rng(7)
     merged = deleted = 0

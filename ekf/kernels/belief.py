@@ -1,0 +1,60 @@
+"""What a filter believes: state, covariance and where Jacobians are taken, as one value that kernels take."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float, Marks
+from slamgauge.ekf.kernels.compiled import kernel
+
+ROBOT = 3  # entries of the robot: x, y, heading
+
+
+class Belief(NamedTuple):
+    """State and covariance of robot and landmarks, with room for more.
+
+    Landmark slot i takes up the entries 3 + 2i and 4 + 2i.
+    """
+
+    state: Float  # (capacity,) robot x, y [m], heading [rad], then two entries for each slot
+    point: Float  # (capacity,) first estimates, at which Jacobians are taken; `state` itself in filters without them
+    cov: Float  # (capacity, capacity) upper triangle, and the whole of the robot's block
+    points: Marks  # (capacity // 2,) slots that hold a position in the plane, which turns with the map
+    size: int  # entries in use: 3 + 2L
+    observable: bool  # Jacobians at `state`, projected on what is observable at `point` (see `corrections`)
+
+
+def allocate_belief(landmarks: int, *, first_estimates: bool = False, observable: bool = False) -> Belief:
+    """A robot at the origin, known exactly, with room for that many landmarks."""
+    capacity = ROBOT + 2 * landmarks
+    state = np.zeros(capacity)
+    point = state.copy() if first_estimates else state
+    marks = np.ones(capacity // 2, dtype=np.bool_)
+    return Belief(state, point, np.zeros((capacity, capacity)), marks, ROBOT, observable)
+
+
+def enlarged(belief: Belief, size: int) -> Belief:
+    """The same belief with room for `size` entries; untouched pages of the larger arrays cost no memory."""
+    capacity, used = 2 * size, belief.size
+    more = capacity - used
+    state = np.pad(belief.state[:used], (0, more))
+    point = state if belief.point is belief.state else np.pad(belief.point[:used], (0, more))
+    cov = np.zeros((capacity, capacity))
+    cov[:used, :used] = belief.cov[:used, :used]
+    marks = np.ones(capacity // 2, dtype=np.bool_)
+    marks[: len(belief.points)] = belief.points
+    return Belief(state, point, cov, marks, used, belief.observable)
+
+
+@kernel
+def resized(belief: Belief, size: int) -> Belief:
+    """The same arrays with `size` entries in use."""
+    return Belief(belief.state, belief.point, belief.cov, belief.points, size, belief.observable)
+
+
+@kernel
+def at_place(belief: Belief, place: Float) -> Belief:
+    """The same covariance about another place (capacity,), at which Jacobians are taken too."""
+    return Belief(place, place, belief.cov, belief.points, belief.size, False)

@@ -1,0 +1,267 @@
+"""The belief of a filter and its book-keeping: ids, slots, growth, and what changes them.
+
+A slot is the place of a landmark in the state, counted from 0, and a row of `positions`. It stays the landmark's own
+until `remove` or `merge`. Whoever adds landmarks gives them their ids.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from slamgauge.arrays import Float, Int, Marks
+from slamgauge.ekf.kernels import linear, map_edits
+from slamgauge.ekf.kernels.augmentation import augment
+from slamgauge.ekf.kernels.belief import Belief, allocate_belief, enlarged
+from slamgauge.ekf.kernels.models import BEARING, RANGE_BEARING, SENSOR_CODES
+from slamgauge.ekf.kernels.take_in import are_sound
+from slamgauge.ekf.kernels.warm_up import compile_once
+from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
+from slamgauge.ekf.maps.checks import explain_increment, explain_scan, load_increment, require_sensor, start_of
+from slamgauge.ekf.maps.rules import Correction, Rule, rule_of
+
+
+class LandmarkMap:
+    """Robot and landmarks, and how they are corrected.
+
+    Args:
+        sensor: `range-bearing`, `position` or `bearing` (see `slamgauge.Recording`).
+        prior_mean: (3,) start pose.
+        prior_cov: (3, 3) its covariance; zero is legal.
+        correction: name or rule; see `rules`.
+        landmarks: how many to make room for at first; the map grows beyond that by itself.
+
+    Raises:
+        ValueError: a sensor or correction that does not exist, or a prior that is none.
+    """
+
+    def __init__(
+        self, sensor: str, prior_mean: ArrayLike, prior_cov: ArrayLike, correction: Correction | Rule, landmarks: int
+    ) -> None:
+        require_sensor(sensor, tuple(SENSOR_CODES))
+        self.rule = rule_of(correction)
+        mean, cov = start_of(prior_mean, prior_cov)
+        compile_once()
+        self.sensor = sensor
+        self.code = SENSOR_CODES[sensor]
+        self.dim = 1 if self.code == BEARING else 2
+        rule = self.rule
+        self.belief: Belief = allocate_belief(
+            landmarks, first_estimates=rule.first_estimates, observable=rule.observable
+        )
+        self.belief.state[:3] = self.belief.point[:3] = mean
+        self.belief.cov[:3, :3] = cov
+        self.ids: Int = np.zeros(0, dtype=np.int64)  # in the order of slots
+        self._sorted_ids: Int = self.ids
+        self._sorted_slots: Int = self.ids
+        self._increment = np.zeros(3)
+        self._increment_cov = np.zeros((3, 3))
+        self._work = allocate(0, len(self.belief.state), rule.block)
+
+    # --- what is believed ------------------------------------------------------------------------
+
+    @property
+    def pose(self) -> Float:
+        """(3,) x, y [m], heading [rad] in the world frame."""
+        return self.belief.state[:3].copy()
+
+    @property
+    def pose_cov(self) -> Float:
+        """(3, 3) covariance of the additive pose error in the world frame."""
+        return self.belief.cov[:3, :3].copy()
+
+    @property
+    def positions(self) -> Float:
+        """(L, 2) of the landmarks [m] in the world frame, in the order of slots."""
+        return self.belief.state[3 : self.belief.size].reshape(-1, 2).copy()
+
+    @property
+    def position_covs(self) -> Float:
+        """(L, 2, 2) their covariances [m^2]."""
+        cov, first = self.belief.cov, np.arange(3, self.belief.size, 2)
+        xx, xy, yy = cov[first, first], cov[first, first + 1], cov[first + 1, first + 1]
+        return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+
+    @property
+    def cov(self) -> Float:
+        """(3 + 2L, 3 + 2L) covariance of robot and landmarks in the order of slots."""
+        upper = np.triu(self.belief.cov[: self.belief.size, : self.belief.size])
+        return upper + np.triu(upper, 1).T
+
+    def slots_of(self, ids: Int) -> Int:
+        """Slots (m,) of mapped landmarks (m,)."""
+        return self._sorted_slots[np.searchsorted(self._sorted_ids, ids)]
+
+    def columns_of(self, ids: Int) -> Int:
+        """Entries (2m,) of the state that the landmarks (m,) take up."""
+        first = 3 + 2 * self.slots_of(ids)
+        return np.column_stack([first, first + 1]).ravel()
+
+    def entries(self, columns: Int) -> Float:
+        """What the state holds in `columns`; 0, 1, 2 are the robot's."""
+        return self.belief.state[columns]
+
+    def block(self, columns: Int) -> Float:
+        """Covariance (c, c) of the entries in `columns` (c,)."""
+        return self.belief.cov[np.minimum.outer(columns, columns), np.maximum.outer(columns, columns)]
+
+    # --- steps -----------------------------------------------------------------------------------
+
+    def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
+        """Move by a body-frame increment (3,) [m, m, rad] with covariance (3, 3).
+
+        Raises:
+            ValueError: shapes that do not fit, a number that is not finite, or no covariance; nothing has changed.
+        """
+        load_increment(increment, cov, self._increment, self._increment_cov)
+        if not self.rule.predict(self.belief, self._increment, self._increment_cov):
+            raise explain_increment(self._increment, self._increment_cov)
+
+    def are_sound(self, values: Float, covs: Float) -> bool:
+        """Whether observations (m, d), (m, d, d) are such as a `Recording` may have."""
+        work = self.room_for(len(values))
+        self.load(values, covs)
+        return are_sound(self.code, work.observation[: len(values)], work.observation_cov[: len(values)])
+
+    def find(self, ids: ArrayLike, count: int) -> bool:
+        """Look up the slots of `count` landmarks for `correct_found`; False if one is not mapped."""
+        work = self.room_for(count)
+        work.ids[:count] = ids
+        return not self.rule.find_slots(self._sorted_ids, self._sorted_slots, work.ids[:count], work.slots)
+
+    def correct_found(self, values: NDArray[np.generic], covs: NDArray[np.generic]) -> tuple[float, int]:
+        """Correct with observations (m, d), (m, d, d) of the landmarks that `find` has found; returns as `correct`."""
+        self.load(values, covs)
+        nis, informative = self.rule.update(self.code, self.belief, len(values), self._work)
+        if not np.isfinite(nis):
+            raise explain_scan(self.sensor, values, covs)
+        return nis, informative
+
+    def correct(self, slots: Int, values: Float, covs: Float) -> tuple[float, int]:
+        """Correct with observations (m, d), (m, d, d) of the landmarks in `slots` (m,).
+
+        Returns:
+            The normalised innovation squared and its degrees of freedom (0, 0 without observations).
+
+        Raises:
+            ValueError: there is no update; nothing has changed, unless the filter had diverged.
+        """
+        count = len(slots)
+        if count == 0:
+            return 0.0, 0
+        self.room_for(count).slots[:count] = slots
+        return self.correct_found(values, covs)
+
+    def correct_linear(self, columns: Int, jacobian: Float, innovation: Float, noise_cov: Float) -> float:
+        """Correct with innovations (r,) whose Jacobian (r, c) on `columns` (c,) is given; returns the NIS.
+
+        Raises:
+            ValueError: there is no update, because something is not finite or `noise_cov` not positive definite.
+        """
+        rows = len(innovation)
+        room = linear.Room(np.empty((rows, self.belief.size)), np.empty((rows, rows)), self._work.scratch[CORRECTION])
+        nis = linear.take_in_linear(self.belief, columns, jacobian, innovation, noise_cov, room)
+        if not np.isfinite(nis):
+            remedy = "make every value finite and every covariance positive definite"
+            raise ValueError(f"observation: no update exists; {remedy}; if they are, the filter has diverged")
+        self.rule.retract(self.belief, self._work)
+        return nis
+
+    # --- which landmarks there are ---------------------------------------------------------------
+
+    def replace(self, ids: Int, positions: Float, cov: Float) -> None:
+        """Replace the map: ids (L,), positions (L, 2), and the covariance (3 + 2L, 3 + 2L) with the robot first."""
+        size = 3 + 2 * len(ids)
+        self.reserve(size)
+        self.resize(size)
+        self.belief.state[3:size] = self.belief.point[3:size] = np.ravel(positions)
+        self.belief.cov[:size, :size] = cov
+        self.belief.points[:] = True
+        self.name(ids)
+
+    def add(self, ids: Int, values: Float, covs: Float) -> None:
+        """Map new landmarks (m,) at their first observations (m, 2), with covariances (m, 2, 2).
+
+        With a bearing sensor these are made up of a range and a bearing.
+        """
+        count = len(ids)
+        self.reserve(self.belief.size + 2 * count)
+        self.room_for(count)
+        self.load(values, covs)
+        augment(RANGE_BEARING if self.code == BEARING else self.code, self.belief, count, self._work)
+        self.resize(self.belief.size + 2 * count)
+        self.name(np.concatenate([self.ids, ids]))
+
+    def add_linear(
+        self, ids: Int, values: Float, columns: Int, jacobian: Float, own_cov: Float, points: Sequence[bool]
+    ) -> None:
+        """Append entries J x + noise to the state, where x are some of its entries.
+
+        Args:
+            ids: (m,) as for landmarks; each takes two entries.
+            values: (2m,) of the new entries.
+            columns: (c,) of the entries x.
+            jacobian: (2m, c) J.
+            own_cov: (2m, 2m) covariance of the noise.
+            points: (m,) which are positions in the plane (see `kernels.corrections`: these turn with the map).
+        """
+        first, size = self.belief.size, self.belief.size + len(values)
+        self.reserve(size)
+        self.belief.state[first:size] = self.belief.point[first:size] = values
+        linear.append_linear(self.belief, columns, jacobian, own_cov)
+        self.belief.points[(first - 3) // 2 : (size - 3) // 2] = points
+        self.resize(size)
+        self.name(np.concatenate([self.ids, ids]))
+
+    def remove(self, slot: int) -> None:
+        """Take a landmark out of the map (marginalise it); the last landmark moves into its slot."""
+        map_edits.remove_landmark(self.belief, slot)
+        self.resize(self.belief.size - 2)
+        ids = self.ids.copy()
+        ids[slot] = ids[-1]
+        self.name(ids[:-1])
+
+    def merge(self, kept: int, gone: int) -> None:
+        """Take the landmarks in two slots for one, which stays in `kept`; `gone` is removed."""
+        work = self.room_for(1)
+        if map_edits.equate_landmarks(self.belief, kept, gone, work):
+            self.rule.retract(self.belief, work)
+        self.remove(gone)
+
+    def find_duplicate(self, slots: Int, apart: Marks, gate: float, distance: float) -> tuple[int, int]:
+        """Slots of two landmarks that are statistically one; see `kernels.map_edits.find_duplicate`."""
+        return map_edits.find_duplicate(self.belief, slots, apart, gate, distance)
+
+    # --- for the modules of this room ------------------------------------------------------------
+
+    def name(self, ids: Int) -> None:
+        """Note the ids in the order of slots, and sorted for `find`."""
+        self.ids = ids
+        self._sorted_slots = np.argsort(ids)
+        self._sorted_ids = ids[self._sorted_slots]
+
+    def resize(self, size: int) -> None:
+        """Note how many entries are in use."""
+        self.belief = self.belief._replace(size=size)
+
+    def reserve(self, size: int) -> None:
+        """Make room for `size` entries."""
+        if size > len(self.belief.state):
+            self.belief = enlarged(self.belief, size)
+            self._work = allocate(len(self._work.ids), len(self.belief.state), self.rule.block)
+
+    def room_for(self, observations: int) -> Workspace:
+        """The workspace, with room for that many observations."""
+        if observations > len(self._work.ids):
+            self._work = allocate(observations, len(self.belief.state), self.rule.block)
+        return self._work
+
+    def load(self, values: NDArray[np.generic], covs: NDArray[np.generic]) -> None:
+        """Put observations (m, d), (m, d, d) into the workspace; a bearing alone is the second of its two rows."""
+        count, first, work = len(values), 2 - values.shape[1], self._work
+        if first:
+            work.observation_cov[:count] = np.eye(2)
+        work.observation[:count, first:] = values
+        work.observation_cov[:count, first:, first:] = covs

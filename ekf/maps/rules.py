@@ -1,0 +1,114 @@
+"""The corrections that there are: one table, from which their names, estimators and checks are derived.
+
+A new correction is a row here, with its kernel in `kernels.corrections` or `kernels.linearisation`, a callable in
+`slamgauge.ekf.estimators`, and its entry in the registry of `slamgauge.compare.estimators`.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from difflib import get_close_matches
+from typing import Literal, NamedTuple, get_args
+
+from slamgauge.arrays import Float, Int
+from slamgauge.ekf.kernels import slots
+from slamgauge.ekf.kernels.belief import Belief
+from slamgauge.ekf.kernels.corrections import (
+    MAX_ITERATIONS,
+    retract_right_invariant,
+    retract_standard,
+    update_iterated,
+    update_right_invariant,
+    update_standard,
+)
+from slamgauge.ekf.kernels.one_by_one import Sequential
+from slamgauge.ekf.kernels.prediction import predict
+from slamgauge.ekf.kernels.workspace import Workspace
+
+Correction = Literal["standard", "first-estimates", "observability-constrained", "iterated", "right-invariant"]
+Predict = Callable[[Belief, Float, Float], bool]
+FindSlots = Callable[[Int, Int, Int, Int], int]
+Update = Callable[[int, Belief, int, Workspace], tuple[float, int]]
+Retract = Callable[[Belief, Workspace], None]
+
+WHOLE_SCAN = sys.maxsize
+BLOCK = 16  # observations that an update takes in at a time; see docs/performance.md
+
+
+class Rule(NamedTuple):
+    """How a filter computes a step.
+
+    Attributes:
+        update: takes in a scan.
+        retract: moves the state by a correction that is not an observation's (see `kernels.map_edits`).
+        first_estimates: whether the belief keeps first estimates, for the prediction and for Jacobians.
+        observable: whether Jacobians of observations are taken at the state, and projected (`Belief.observable`).
+        block: observations to take in at a time.
+        sequential: how it corrects with one observation after the other; None if it cannot.
+        predict: moves the robot.
+        find_slots: looks up the landmarks of a scan. With `update` and `predict` it is all compiled code of a step
+            with known association, so that a clock may stand in the place of each.
+    """
+
+    update: Update
+    retract: Retract = retract_standard
+    first_estimates: bool = False
+    observable: bool = False
+    block: int = BLOCK
+    sequential: Sequential | None = None
+    predict: Predict = predict
+    find_slots: FindSlots = slots.find_slots
+
+
+class Row(NamedTuple):
+    """A correction of the table."""
+
+    estimator: str  # its name as an estimator
+    rule: Rule
+
+
+TABLE: dict[Correction, Row] = {
+    "standard": Row("ekf", Rule(update_standard, sequential=Sequential())),
+    "first-estimates": Row("fej-ekf", Rule(update_standard, first_estimates=True, sequential=Sequential())),
+    "observability-constrained": Row(
+        "oc-ekf", Rule(update_standard, first_estimates=True, observable=True, sequential=Sequential())
+    ),
+    "iterated": Row("iekf", Rule(update_iterated, block=WHOLE_SCAN, sequential=Sequential(passes=MAX_ITERATIONS))),
+    "right-invariant": Row(
+        "riekf", Rule(update_right_invariant, retract_right_invariant, sequential=Sequential(invariant=True))
+    ),
+}
+assert {*TABLE} == {*get_args(Correction)}
+RULES: dict[str, Rule] = {name: row.rule for name, row in TABLE.items()}
+CORRECTIONS: dict[str, Correction] = {row.estimator: name for name, row in TABLE.items()}
+
+
+def rule_of(correction: Correction | Rule) -> Rule:
+    """The rule of that name, or the rule itself.
+
+    Raises:
+        ValueError: there is none of that name.
+    """
+    if isinstance(correction, Rule):
+        return correction
+    if correction in RULES:
+        return RULES[correction]
+    if correction in CORRECTIONS:
+        remedy = f"the estimator of that name uses {CORRECTIONS[correction]!r}"
+    else:
+        near = get_close_matches(str(correction), RULES, n=1)
+        remedy = f"did you mean {near[0]!r}?" if near else f"use one of {', '.join(RULES)}, or a Rule of your own"
+    raise ValueError(f"correction: {correction!r} is not known; {remedy}")
+
+
+def sequential_of(rule: Rule) -> Sequential:
+    """How the rule corrects with one observation after the other.
+
+    Raises:
+        ValueError: it cannot.
+    """
+    if rule.sequential is None:
+        remedy = "give its `sequential` form, or associate by 'jcbb'"
+        raise ValueError(f"correction: this rule cannot correct observation by observation; {remedy}")
+    return rule.sequential

@@ -1,0 +1,104 @@
+"""Which tracks are landmarks: probation of new ones, deletion of those that fail, merging of duplicates.
+
+A track is what observations without ids are associated with. Its id is its number, 0, 1, 2, ... in the order of birth.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamgauge.arrays import Int, Marks
+from slamgauge.ekf.kernels.map_edits import NOTHING
+from slamgauge.ekf.maps.ids import Ids
+from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.settings.association import MapManagement
+
+GONE = -1
+
+
+class Tracks:
+    """The tracks of a map, in the order of its slots; without `management` all are landmarks at once.
+
+    Args:
+        landmarks: the map.
+        management: the rules.
+    """
+
+    def __init__(self, landmarks: LandmarkMap, management: MapManagement | None) -> None:
+        self._map = landmarks
+        self._management = management
+        self.new_ids = Ids()
+        self._sights: Int = np.zeros(0, dtype=np.int64)  # of each slot
+        self._birth: Int = self._sights  # scan
+        self._apart = np.zeros((0, 0), dtype=bool)  # pairs that one scan has seen as two
+        self._scan = 0
+        self._fate: Int = self._sights  # of each id ever given: itself, the id that it was merged into, or GONE
+
+    @property
+    def ids(self) -> Int:
+        """(L,) of the track in each slot."""
+        return self._map.ids
+
+    @property
+    def confirmed(self) -> Marks:
+        """(L,) whether the track in each slot is a landmark."""
+        return self._sights >= (1 if self._management is None else self._management.sights)
+
+    def close_scan(self, associated: Int) -> None:
+        """Note the tracks of a scan, the new ones among them; then delete and merge in the map what the rules say."""
+        self._begin()
+        slots = np.flatnonzero(np.isin(self.ids, associated))
+        self._sights[slots] += 1
+        self._scan += 1
+        if self._management is None:
+            return
+        self._apart[np.ix_(slots, slots)] = True
+        overdue = (self._scan - self._birth >= self._management.probation) & ~self.confirmed
+        for slot in np.flatnonzero(overdue)[::-1].tolist():  # from the end: removal moves the last
+            self._end(slot, GONE)
+            self._map.remove(slot)
+        self._merge(associated, self._management)
+
+    def _begin(self) -> None:
+        """Note the tracks that the map has been given since the last scan."""
+        born = np.arange(len(self._fate), self.new_ids.given)
+        self._fate = np.concatenate([self._fate, born])
+        self._sights = np.concatenate([self._sights, np.zeros(len(born), dtype=np.int64)])
+        self._birth = np.concatenate([self._birth, np.full(len(born), self._scan)])
+        if self._management is not None:
+            self._apart = np.pad(self._apart, (0, len(born)))
+
+    def standing(self, ids: Int) -> Int:
+        """What has become of ids given earlier: the survivor's id, GONE if deleted or not confirmed."""
+        fate = np.append(self._fate, GONE)  # fate[GONE] is GONE
+        fate[self.ids[~self.confirmed]] = GONE
+        while ((further := fate[ids]) != ids).any():
+            ids = further
+        return ids
+
+    def _merge(self, associated: Int, management: MapManagement) -> None:
+        """Merge what the landmarks of the scan duplicate; the older id survives."""
+        while True:
+            seen = np.flatnonzero(np.isin(self.ids, associated) & self.confirmed)
+            # tracks on probation are left out by declaring them apart from all
+            apart = self._apart | ~self.confirmed
+            pair = self._map.find_duplicate(seen, apart, management.merge_gate, management.merge_distance)
+            if pair == NOTHING:
+                return
+            kept, gone = sorted(pair, key=lambda slot: self.ids[slot])
+            self._sights[kept] += self._sights[gone]
+            self._apart[kept] |= self._apart[gone]
+            self._apart[:, kept] |= self._apart[:, gone]
+            self._end(gone, int(self.ids[kept]))
+            self._map.merge(kept, gone)
+
+    def _end(self, slot: int, fate: int) -> None:
+        """The track in `slot` ends; the last one takes its slot, as in `LandmarkMap.remove`."""
+        self._fate[self.ids[slot]] = fate
+        for array in (self._sights, self._birth):
+            array[slot] = array[-1]
+        self._sights, self._birth = self._sights[:-1], self._birth[:-1]
+        if self._management is not None:
+            self._apart[slot] = self._apart[-1]
+            self._apart[:, slot] = self._apart[:, -1]
+            self._apart = self._apart[:-1, :-1]

@@ -1,0 +1,324 @@
+"""What online filters refuse at their boundary: one line that says what, where and what to do; nothing changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from random_recordings import random_covariances
+
+from slamgauge.arrays import Float, Int
+from slamgauge.ekf import AssociatingFilter, Association, BearingFilter, CompressedFilter, OnlineFilter, SlamFilter
+from slamgauge.ekf.kernels.corrections import update_standard
+from slamgauge.ekf.kernels.prediction import is_semidefinite
+from slamgauge.ekf.maps.rules import CORRECTIONS, RULES, Rule
+from slamgauge.recording import Observations
+from slamgauge.validation import as_covariances
+
+START = (np.array([0.1, 0.2, 0.3]), 1e-4 * np.eye(3))
+JCBB = Association("jcbb")
+FILTERS: dict[str, Callable[[], OnlineFilter]] = {
+    "SlamFilter": lambda: SlamFilter("range-bearing", *START),
+    "CompressedFilter": lambda: CompressedFilter("range-bearing", *START, area_radius=5.0),
+    "nearest neighbour": lambda: AssociatingFilter("range-bearing", *START),
+    "jcbb": lambda: AssociatingFilter("range-bearing", *START, association=JCBB),
+    "BearingFilter": lambda: BearingFilter(*START),
+    "BearingFilter without ids": lambda: BearingFilter(*START, association=JCBB),
+}
+EVERY = pytest.mark.parametrize("kind", FILTERS)
+LINE = r"^[^\n]*[:;] [^\n]*$"
+
+
+def scan(kind: str, count: int = 3, first: int = 0) -> Observations:
+    """Observations of landmarks about the robot."""
+    ids = np.arange(first, first + count)
+    values: Float = np.column_stack([3.0 + ids, -1.0 + 0.7 * ids]).astype(np.float64)
+    covs = np.tile(np.diag([0.1, 0.05]) ** 2, (count, 1, 1))
+    if kind.startswith("Bearing"):
+        values, covs = values[:, 1:], covs[:, 1:, 1:]
+    return Observations(ids, values, covs)
+
+
+def started(kind: str) -> OnlineFilter:
+    """A filter on its way, with landmarks."""
+    slam = FILTERS[kind]()
+    for _ in range(3):
+        slam.update(scan(kind))
+        slam.predict([0.1, 0.0, 0.01], np.diag([1e-4, 0.0, 1e-6]))
+    return slam
+
+
+def belief_of(slam: OnlineFilter) -> list[Float | Int]:
+    return [slam.pose, slam.pose_cov, slam.landmark_ids, slam.landmarks, slam.landmark_covs]
+
+
+def assert_refused(kind: str, act: Callable[[OnlineFilter], object], match: str) -> None:
+    slam = started(kind)
+    before = belief_of(slam)
+    with pytest.raises(ValueError, match=match) as refusal:
+        act(slam)
+    assert "\n" not in str(refusal.value)
+    for now, then in zip(belief_of(slam), before, strict=True):
+        np.testing.assert_array_equal(now, then)
+
+
+# --- increments ----------------------------------------------------------------------------------
+
+
+@EVERY
+@pytest.mark.parametrize(
+    ("increment", "cov", "match"),
+    [
+        (
+            [1.0, 0.2],
+            np.eye(2),
+            r"^increment: shape \(2,\) .*of controls \(v, omega\) over dt .*\(v dt, 0, omega dt\)$",
+        ),
+        (np.ones((2, 1)), np.eye(2), r"^increment: shape \(2, 1\) .*\(v dt, 0, omega dt\)$"),
+        (1.0, np.eye(3), r"^increment: shape \(\) does not fit; give an increment"),
+        ([[1.0, 0.0, 0.0]], np.eye(3), r"^increment: shape \(1, 3\) does not fit; give an increment"),
+        (["a", "b", "c"], np.eye(3), r"^increment: not an array of numbers; give"),
+        ([1.0, 0.0, 0.0], [0.1, 0.1, 0.1], r"^increment_cov: shape \(3,\) does not fit; give shape \(3, 3\)"),
+        ([1.0, 0.0, 0.0], 0.1, r"^increment_cov: shape \(\) does not fit; give shape \(3, 3\)"),
+        ([1.0, np.nan, 0.0], np.eye(3), r"^increment = \[.*nan.*\]: every number must be finite$"),
+        ([1.0, 0.0, 0.0], np.diag([1.0, np.inf, 1.0]), r"^increment_cov = .*: every number must be finite$"),
+        ([1.0, 0.0, 0.0], -np.eye(3), r"^increment_cov = .*: a covariance must not have a negative variance$"),
+        ([1.0, 0.0, 0.0], np.ones((3, 3)) - 0.5 * np.eye(3), r"^increment_cov = .*: .*negative eigenvalue$"),
+        ([1.0, 0.0, 0.0], np.eye(3) + np.eye(3, k=1) / 2, r"^increment_cov = .*: a covariance must be symmetric"),
+    ],
+)
+def test_increments_that_are_none(kind: str, increment: object, cov: object, match: str) -> None:
+    assert_refused(kind, lambda slam: slam.predict(increment, cov), match)  # pyright: ignore[reportArgumentType]
+
+
+def test_increments_that_a_recording_may_have_are_taken() -> None:
+    """Singular ones, ones of rank one, and rounding: the kernel refuses none that `validation` lets pass."""
+    rng, taken = np.random.default_rng(0), 0
+    for _ in range(3000):
+        root = rng.normal(size=(3, int(rng.integers(1, 4)))) * 10 ** rng.uniform(-6, 1, (3, 1))
+        root[rng.random(3) < 0.2] = 0.0
+        Q = root @ root.T + 1e-13 * rng.normal(size=(3, 3)) * np.sqrt((root**2).sum(1) @ np.ones(3)) ** 2
+        try:
+            Q = as_covariances("Q", Q[None], (1, 3, 3))[0]
+        except ValueError:
+            continue
+        assert is_semidefinite(Q)
+        taken += 1
+    assert taken > 300
+
+
+def test_covariances_that_are_clearly_none_are_told_from_those_that_are() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(1000):
+        Q = random_covariances(rng, 1, 10 ** rng.uniform(-4, 1, 3))[0]
+        assert is_semidefinite(Q)
+        values, vectors = np.linalg.eigh(Q)
+        assert not is_semidefinite(vectors @ np.diag([*values[:2], -values[2]]) @ vectors.T)
+
+
+# --- observations --------------------------------------------------------------------------------
+
+
+@EVERY
+@pytest.mark.parametrize("mapped", [True, False], ids=["mapped", "new"])
+@pytest.mark.parametrize(
+    "break_it", ["nan", "range", "variance", "asymmetric", "one value", "one cov", "width", "flat"]
+)
+def test_observations_that_are_none(kind: str, mapped: bool, break_it: str) -> None:
+    bearing = kind.startswith("Bearing")
+    if bearing and break_it in ("range", "asymmetric"):
+        return
+    ids, values, covs = scan(kind, first=0 if mapped else 10)
+    if break_it == "nan":
+        values[1, 0] = np.nan
+    elif break_it == "range":
+        values[1, 0] = -2.0
+    elif break_it == "variance":
+        covs[1, 0, 0] = -1.0
+    elif break_it == "asymmetric":
+        covs[1, 0, 1] = 1e-4
+    broken = {
+        "one value": Observations(ids, values[:1], covs),
+        "one cov": Observations(ids, values, covs[:1]),
+        "width": Observations(ids, np.repeat(values, 2, axis=1) if bearing else values[:, :1], covs),
+        "flat": Observations(ids, values[:, 0], covs[:, 0, 0]),
+    }.get(break_it, Observations(ids, values, covs))
+    match = {
+        "nan": r"^observation\[1\] = .*nan.*: every number must be finite$",
+        "range": r"^observation\[1\] = .*: a range cannot be negative; drop the row$",
+        "variance": r"^observation_cov\[1\] = .*: a covariance must not have a negative variance$",
+        "asymmetric": r"^observation_cov\[1\] = .*: a covariance must be symmetric; use \(P \+ P.T\) / 2$",
+    }.get(
+        break_it, r"^(observation|observation_cov|landmark): [^;]*does not fit [^;]*; give shape|^landmark: 3 ids for 1"
+    )
+    assert_refused(kind, lambda slam: slam.update(broken), match)
+
+
+@pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
+@pytest.mark.parametrize(
+    ("ids", "match"),
+    [
+        (None, r"^landmark: this filter needs known association; give the ids"),
+        ([0, 1], r"^landmark: 2 ids for 3 observations; give one for each$"),
+        ([0, 1, 2, 3], r"^landmark: 4 ids for 3 observations; give one for each$"),
+        ([0.0, 1.5, 2.0], r"^landmark\[1\] = 1.5: every entry must be a whole number"),
+        ([0, 1, -1], r"^landmark\[2\] = -1: an id must be >= 0"),
+        ([[0], [1], [2]], r"^landmark: shape \(3, 1\) does not fit; give shape \(any,\)$"),
+    ],
+)
+def test_ids_that_are_none(kind: str, ids: list[float] | None, match: str) -> None:
+    given = None if ids is None else np.array(ids)
+    assert_refused(kind, lambda slam: slam.update(scan(kind)._replace(landmark=given)), match)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
+def test_lists_and_whole_numbers_of_any_type_are_taken(kind: str) -> None:
+    arrays, lists = started(kind), started(kind)
+    ids, (_, values, covs) = np.arange(3), scan(kind)
+    arrays.update(Observations(ids, values, covs))
+    lists.update(Observations(ids.astype(float).tolist(), values.tolist(), covs.tolist()))  # pyright: ignore[reportArgumentType]
+    for one, other in zip(belief_of(arrays), belief_of(lists), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+# --- construction --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("mean", "cov", "match"),
+    [
+        ([0.0, 0.0], np.eye(3), r"^prior_mean: shape \(2,\) does not fit; give shape \(3,\)$"),
+        ([0.0, np.inf, 0.0], np.eye(3), r"^prior_mean\[1\] = inf: every number must be finite$"),
+        (np.zeros(3), [0.1, 0.2, 0.3], r"^prior_cov: shape \(3,\) does not fit; give shape \(3, 3\)$"),
+        (np.zeros(3), -np.eye(3), r"^prior_cov\[0\] = .*: a covariance must not have a negative variance$"),
+    ],
+)
+def test_priors_that_are_none(mean: Float, cov: Float, match: str) -> None:
+    for make in (
+        lambda: SlamFilter("position", mean, cov),
+        lambda: CompressedFilter("position", mean, cov, 5.0),
+        lambda: AssociatingFilter("position", mean, cov),
+        lambda: BearingFilter(mean, cov),
+    ):
+        with pytest.raises(ValueError, match=match):
+            make()
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [
+        ("riekf", r"the estimator of that name uses 'right-invariant'"),
+        ("oc-ekf", r"the estimator of that name uses 'observability-constrained'"),
+        ("right-invarient", r"did you mean 'right-invariant'\?"),
+        ("ukf", r"use one of standard, .*right-invariant, or a Rule of your own"),
+    ],
+)
+def test_corrections_that_do_not_exist(name: str, remedy: str) -> None:
+    for make in (
+        lambda: SlamFilter("position", *START, name),  # pyright: ignore[reportArgumentType]
+        lambda: AssociatingFilter("position", *START, name),  # pyright: ignore[reportArgumentType]
+        lambda: BearingFilter(*START, name),  # pyright: ignore[reportArgumentType]
+    ):
+        with pytest.raises(ValueError, match=rf"^correction: '{name}' is not known; {remedy}$"):
+            make()
+
+
+def test_every_correction_is_an_estimator() -> None:
+    from slamgauge.ekf import estimators
+
+    assert {*CORRECTIONS.values()} == {*RULES}
+    for name in CORRECTIONS:
+        assert callable(getattr(estimators, name.replace("-", "_")))
+
+
+def test_other_unknown_names() -> None:
+    with pytest.raises(ValueError, match=r"^association.method: 'jcb' is not known; did you mean 'jcbb'\?$"):
+        AssociatingFilter("position", *START, association=Association("jcb"))  # pyright: ignore[reportArgumentType]
+    with pytest.raises(
+        ValueError, match=r"^sensor: 'bearing' does not fit this filter; use one of range-bearing, position$"
+    ):
+        AssociatingFilter("bearing", *START)
+    with pytest.raises(ValueError, match=r"^area_radius: -1.0 m is no distance; choose it above 0$"):
+        CompressedFilter("position", *START, area_radius=-1.0)
+
+
+# --- rules of one's own --------------------------------------------------------------------------
+
+
+def test_a_rule_of_ones_own_is_used_or_refused_but_never_ignored() -> None:
+    calls: list[int] = []
+
+    def counted(*arguments: object) -> tuple[float, int]:
+        calls.append(1)
+        return update_standard(*arguments)  # pyright: ignore[reportArgumentType]
+
+    own = Rule(counted)
+    with pytest.raises(ValueError, match=r"^correction: this rule cannot correct observation by observation; [^\n]*$"):
+        AssociatingFilter("range-bearing", *START, own)
+    for slam in (
+        SlamFilter("range-bearing", *START, own),
+        AssociatingFilter("range-bearing", *START, own, JCBB),
+    ):
+        before = len(calls)
+        for _ in range(3):
+            slam.update(scan("SlamFilter"))
+        assert len(calls) == before + 2
+
+
+# --- outliers ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter"])
+def test_observations_beyond_the_gate_are_left_out(kind: str) -> None:
+    """As if they had not been made; new landmarks are mapped, and `associated` tells which were left out."""
+    gated, told = started(kind), started(kind)
+    assert isinstance(gated, (SlamFilter, CompressedFilter))
+    ids, (_, values, covs) = np.arange(5), scan(kind, count=5)  # two are new
+    values[:3] += [[0.0, 0.0], [2.0, 0.0], [0.0, 0.01]]
+    kept = np.array([0, 2, 3, 4])
+    result = gated.update(Observations(ids, values, covs), gate=20.0)
+    assert result == told.update(Observations(ids[kept], values[kept], covs[kept]))
+    assert gated.associated.tolist() == [0, -1, 2, 3, 4]
+    for one, other in zip(belief_of(gated), belief_of(told), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_bearings_of_points_beyond_the_gate_are_left_out() -> None:
+    gated, told = (BearingFilter(np.zeros(3), np.zeros((3, 3))) for _ in range(2))
+    landmarks = np.array([[3.0, 3.0], [2.0, -4.5], [4.0, 2.0]])
+    bearings = np.zeros((3, 1))
+    for k in range(40):
+        offset = landmarks - [0.1 * k, 0.0]
+        bearings = np.arctan2(offset[:, 1], offset[:, 0])[:, None]
+        for slam in (gated, told):
+            if k:
+                slam.predict([0.1, 0.0, 0.0], np.diag([1e-6, 1e-6, 1e-8]))
+            slam.update(Observations(np.arange(3), bearings, np.full((3, 1, 1), 1e-4)))
+    assert not gated.provisional
+    bearings[1] += 0.3
+    ids, covs = np.array([0, 1, 9]), np.full((3, 1, 1), 1e-4)
+    assert gated.update(Observations(ids, bearings, covs), gate=9.0) == told.update(
+        Observations(ids[[0, 2]], bearings[[0, 2]], covs[:2])
+    )
+    assert gated.associated.tolist() == [0, -1, 9]
+    np.testing.assert_array_equal(gated.pose, told.pose)
+    np.testing.assert_array_equal(gated.cov, told.cov)
+
+
+@pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
+@pytest.mark.parametrize("gate", [0.0, -1.0, np.nan])
+def test_gates_that_are_none(kind: str, gate: float) -> None:
+    def act(slam: OnlineFilter) -> None:
+        assert isinstance(slam, (SlamFilter, CompressedFilter, BearingFilter))
+        slam.update(scan(kind), gate=gate)
+
+    assert_refused(kind, act, r"^gate: \S+ lets nothing pass; give a squared Mahalanobis distance above 0$")
+
+
+def test_a_wide_gate_changes_nothing() -> None:
+    gated, free = started("SlamFilter"), started("SlamFilter")
+    assert isinstance(gated, SlamFilter)
+    assert gated.update(scan("SlamFilter"), gate=1e300) == free.update(scan("SlamFilter"))
+    for one, other in zip(belief_of(gated), belief_of(free), strict=True):
+        np.testing.assert_array_equal(one, other)
