@@ -56,6 +56,15 @@ def load_increment(increment: ArrayLike, cov: ArrayLike, to: Float, cov_to: Floa
     Raises:
         ValueError: they have other shapes.
     """
+    if (
+        isinstance(increment, np.ndarray)
+        and increment.shape == (3,)
+        and isinstance(cov, np.ndarray)
+        and cov.shape == (3, 3)
+    ):  # the way of almost every step
+        to[:] = increment
+        cov_to[:] = cov
+        return
     try:
         given, given_cov = np.asarray(increment, dtype=np.float64), np.asarray(cov, dtype=np.float64)
     except (TypeError, ValueError):

@@ -6,6 +6,7 @@ until `remove` or `merge`. Whoever adds landmarks gives them their ids.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -135,7 +136,7 @@ class LandmarkMap:
         """Correct with observations (m, d), (m, d, d) of the landmarks that `find` has found; returns as `correct`."""
         self.load(values, covs)
         nis, informative = self.rule.update(self.code, self.belief, len(values), self._work)
-        if not np.isfinite(nis):
+        if not math.isfinite(nis):
             raise explain_scan(self.sensor, values, covs)
         return nis, informative
 
@@ -260,8 +261,11 @@ class LandmarkMap:
 
     def load(self, values: NDArray[np.generic], covs: NDArray[np.generic]) -> None:
         """Put observations (m, d), (m, d, d) into the workspace; a bearing alone is the second of its two rows."""
-        count, first, work = len(values), 2 - values.shape[1], self._work
-        if first:
+        count, work = len(values), self._work
+        if values.shape[1] == 2:
+            work.observation[:count] = values
+            work.observation_cov[:count] = covs
+        else:
             work.observation_cov[:count] = np.eye(2)
-        work.observation[:count, first:] = values
-        work.observation_cov[:count, first:, first:] = covs
+            work.observation[:count, 1:] = values
+            work.observation_cov[:count, 1:, 1:] = covs
