@@ -39,7 +39,7 @@ class AssociatingFilter:
         association: how observations find their landmarks.
 
     Raises:
-        ValueError: a sensor, correction or method that does not exist or does not fit, or a prior that is none.
+        UserError: a sensor, correction or method that does not exist or does not fit, or a prior that is none.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class AssociatingFilter:
             The normalised innovation squared and its degrees of freedom.
 
         Raises:
-            ValueError: an update that has no solution; see `SlamFilter.update`.
+            UserError: an update that has no solution; see `SlamFilter.update`.
         """
         given, given_covs = rows_of(observations, self._map.dim)
         self._associated = self._associated[:0]

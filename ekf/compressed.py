@@ -27,6 +27,7 @@ from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.ekf.maps.checks import ids_of, require_sensor, rows_of, start_of
 from slamgauge.ekf.maps.members import Members, points
 from slamgauge.ekf.maps.rules import WHOLE_SCAN, Rule
+from slamgauge.errors import UserError
 from slamgauge.estimate import RayLog
 from slamgauge.recording import OBSERVATION_DIM, Observations
 
@@ -42,13 +43,13 @@ class CompressedFilter:
             third of that distance away; one and a half times the sensor's range serves well.
 
     Raises:
-        ValueError: a sensor that does not exist or fit, a prior that is none, or no radius.
+        UserError: a sensor that does not exist or fit, a prior that is none, or no radius.
     """
 
     def __init__(self, sensor: str, prior_mean: ArrayLike, prior_cov: ArrayLike, area_radius: float) -> None:
         require_sensor(sensor, ("range-bearing", "position"))
         if not area_radius > 0.0:
-            raise ValueError(f"area_radius: {area_radius} m is no distance; choose it above 0")
+            raise UserError(f"area_radius: {area_radius} m is no distance; choose it above 0")
         self._sensor = sensor
         self._area_radius = area_radius
         self._ids: Int = np.zeros(0, dtype=np.int64)

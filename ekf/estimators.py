@@ -37,7 +37,7 @@ def ekf(
         frames: at how many steps, evenly spread from the first to the last, `Estimate.history` keeps the map.
 
     Raises:
-        ValueError: bearings without ids, and an initialisation that needs them.
+        UserError: bearings without ids, and an initialisation that needs them.
     """
     return _run(recording, "ekf", association, initialisation, frames)
 

@@ -11,6 +11,7 @@ from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.members import Members, points
 from slamgauge.ekf.maps.rules import Correction, Rule
+from slamgauge.errors import UserError
 from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
 
@@ -33,7 +34,7 @@ class SlamFilter:
         map: the belief and what else can be done with it (see `maps.landmark_map`); a robot needs none of it.
 
     Raises:
-        ValueError: a sensor or correction that does not exist, or a prior that is none.
+        UserError: a sensor or correction that does not exist, or a prior that is none.
     """
 
     def __init__(
@@ -83,7 +84,7 @@ class SlamFilter:
         A speed v and a yaw rate omega over dt make the increment (v dt, 0, omega dt).
 
         Raises:
-            ValueError: shapes that do not fit, a number that is not finite, or no covariance; the filter is unchanged.
+            UserError: shapes that do not fit, a number that is not finite, or no covariance; the filter is unchanged.
         """
         self.map.predict(increment, cov)
         self._associated = NOTHING_SEEN
@@ -101,7 +102,7 @@ class SlamFilter:
             observations that were not left out.
 
         Raises:
-            ValueError: no ids, shapes that do not fit, a negative range, a number that is not finite, or a covariance
+            UserError: no ids, shapes that do not fit, a negative range, a number that is not finite, or a covariance
                 that is not positive definite; the filter is then unchanged, unless it had diverged (its own covariance
                 no longer positive definite).
         """
@@ -151,7 +152,7 @@ class SlamFilter:
         """
         require_ids(ids)
         if self.map.dim == 1:
-            raise ValueError("landmark: a bearing alone places no landmark; use slamgauge.ekf.BearingFilter")
+            raise UserError("landmark: a bearing alone places no landmark; use slamgauge.ekf.BearingFilter")
         if not self.map.are_sound(values, covs):
             raise explain_scan(self.map.sensor, values, covs)
         mapped = np.isin(ids, self.map.ids)

@@ -111,7 +111,7 @@ def write_tum(path: str | Path, stamps: Float, poses: Float) -> None:
 
 
 def write_json(path: Path, content: object) -> None:
-    """Write JSON as all our results are written; `ValueError` if the file cannot be written."""
+    """Write JSON as all our results are written; `UserError` if the file cannot be written."""
     with explained(path, "written"):
         path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 

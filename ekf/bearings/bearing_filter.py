@@ -25,6 +25,7 @@ from slamgauge.ekf.maps.members import Members, joined, points
 from slamgauge.ekf.maps.rules import Correction, Rule
 from slamgauge.ekf.settings.association import Association
 from slamgauge.ekf.settings.initialisation import Initialisation, InverseDepth, Rays
+from slamgauge.errors import UserError
 from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
 
@@ -42,7 +43,7 @@ class BearingFilter:
         association: how bearings find their landmarks; None where they have ids.
 
     Raises:
-        ValueError: a correction or method that does not exist, a prior that is none, or an association for landmarks
+        UserError: a correction or method that does not exist, a prior that is none, or an association for landmarks
             that do not start as rays.
     """
 
@@ -58,7 +59,7 @@ class BearingFilter:
         if association is not None:
             require_method(association)
             if not isinstance(initialisation, Rays):
-                raise ValueError("association: only rays can be associated; give ids, or initialise by ekf.Rays")
+                raise UserError("association: only rays can be associated; give ids, or initialise by ekf.Rays")
         compile_bearings_once()
         self._map = LandmarkMap("bearing", prior_mean, prior_cov, correction, landmarks=32)
         self._provisional = _initialiser(self._map, initialisation)
@@ -138,7 +139,7 @@ class BearingFilter:
             The normalised innovation squared of the points and its degrees of freedom.
 
         Raises:
-            ValueError: no ids for a filter without association, shapes that do not fit, a number that is not finite or
+            UserError: no ids for a filter without association, shapes that do not fit, a number that is not finite or
                 a variance not positive; the filter is then unchanged, unless it had diverged.
         """
         require_gate(gate)

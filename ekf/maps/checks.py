@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.settings.association import Association, Method
+from slamgauge.errors import UserError
 from slamgauge.recording import OBSERVATION_DIM, Observations
 from slamgauge.validation import as_covariances, as_floats, as_ints, require_rows
 
@@ -25,7 +26,7 @@ def start_of(prior_mean: ArrayLike, prior_cov: ArrayLike) -> tuple[Float, Float]
     """Start pose (3,) and its covariance (3, 3).
 
     Raises:
-        ValueError: they are none.
+        UserError: they are none.
     """
     return as_floats("prior_mean", prior_mean, (3,)), as_covariances("prior_cov", prior_cov, (3, 3))
 
@@ -33,7 +34,7 @@ def start_of(prior_mean: ArrayLike, prior_cov: ArrayLike) -> tuple[Float, Float]
 def require_sensor(sensor: str, known: tuple[str, ...]) -> None:
     """Refuse a sensor that the filter cannot use."""
     if sensor not in known:
-        raise ValueError(f"sensor: {sensor!r} does not fit this filter; use one of {', '.join(known)}")
+        raise UserError(f"sensor: {sensor!r} does not fit this filter; use one of {', '.join(known)}")
 
 
 def require_method(association: Association) -> None:
@@ -41,20 +42,20 @@ def require_method(association: Association) -> None:
     if association.method not in get_args(Method):
         near = get_close_matches(association.method, get_args(Method), n=1)
         remedy = f"did you mean {near[0]!r}?" if near else f"use one of {', '.join(get_args(Method))}"
-        raise ValueError(f"association.method: {association.method!r} is not known; {remedy}")
+        raise UserError(f"association.method: {association.method!r} is not known; {remedy}")
 
 
 def require_gate(gate: float | None) -> None:
     """Refuse a gate that is no squared distance."""
     if gate is not None and not gate > 0.0:
-        raise ValueError(f"gate: {gate} lets nothing pass; give a squared Mahalanobis distance above 0")
+        raise UserError(f"gate: {gate} lets nothing pass; give a squared Mahalanobis distance above 0")
 
 
 def load_increment(increment: ArrayLike, cov: ArrayLike, to: Float, cov_to: Float) -> None:
     """Copy an increment and its covariance into arrays (3,) and (3, 3).
 
     Raises:
-        ValueError: they have other shapes.
+        UserError: they have other shapes.
     """
     if (
         isinstance(increment, np.ndarray)
@@ -68,40 +69,40 @@ def load_increment(increment: ArrayLike, cov: ArrayLike, to: Float, cov_to: Floa
     try:
         given, given_cov = np.asarray(increment, dtype=np.float64), np.asarray(cov, dtype=np.float64)
     except (TypeError, ValueError):
-        raise ValueError(f"increment: not an array of numbers; {INCREMENT}, and its covariance (3, 3)") from None
+        raise UserError(f"increment: not an array of numbers; {INCREMENT}, and its covariance (3, 3)") from None
     if given.shape != (3,):
         controls = "; of controls (v, omega) over dt that is (v dt, 0, omega dt)" if given.size == 2 else ""
-        raise ValueError(f"increment: shape {given.shape} does not fit; {INCREMENT}{controls}")
+        raise UserError(f"increment: shape {given.shape} does not fit; {INCREMENT}{controls}")
     if given_cov.shape != (3, 3):
         remedy = "give shape (3, 3), of variances alone numpy.diag"
-        raise ValueError(f"increment_cov: shape {given_cov.shape} does not fit; {remedy}")
+        raise UserError(f"increment_cov: shape {given_cov.shape} does not fit; {remedy}")
     to[:] = given
     cov_to[:] = given_cov
 
 
-def explain_increment(increment: Float, cov: Float) -> ValueError:
+def explain_increment(increment: Float, cov: Float) -> UserError:
     """Why the kernel has refused an increment (3,) with covariance (3, 3)."""
     try:
         as_floats("increment", increment[None], (1, 3))
         as_covariances("increment_cov", cov[None], (1, 3, 3))
-    except ValueError as error:
-        return ValueError(str(error).replace("[0] =", " ="))
-    return ValueError(f"increment_cov: {cov.tolist()} is no covariance; use (P + P.T) / 2, or raise its variances")
+    except UserError as error:
+        return UserError(str(error).replace("[0] =", " ="))
+    return UserError(f"increment_cov: {cov.tolist()} is no covariance; use (P + P.T) / 2, or raise its variances")
 
 
 def ids_of(observations: Observations) -> Int:
     """Ids (m,) of the observations.
 
     Raises:
-        ValueError: they have none, or these are no whole numbers.
+        UserError: they have none, or these are no whole numbers.
     """
     if observations.landmark is None:
-        raise ValueError("landmark: this filter needs known association; give the ids of the observations")
+        raise UserError("landmark: this filter needs known association; give the ids of the observations")
     ids = np.asarray(observations.landmark)
     if ids.ndim != 1 or ids.dtype.kind not in "iu":
         ids = as_ints("landmark", ids, (None,))
     if len(ids) != len(observations.value):
-        raise ValueError(f"landmark: {len(ids)} ids for {len(observations.value)} observations; give one for each")
+        raise UserError(f"landmark: {len(ids)} ids for {len(observations.value)} observations; give one for each")
     return ids
 
 
@@ -109,25 +110,25 @@ def rows_of(observations: Observations, dim: int) -> tuple[NDArray[np.generic], 
     """Values (m, dim) and covariances (m, dim, dim) of the observations; only their shapes are looked at.
 
     Raises:
-        ValueError: they have other shapes.
+        UserError: they have other shapes.
     """
     values, covs = np.asarray(observations.value), np.asarray(observations.cov)
     count = len(values)
     if values.shape != (count, dim):
-        raise ValueError(f"observation: shape {values.shape} does not fit this sensor; give shape ({count}, {dim})")
+        raise UserError(f"observation: shape {values.shape} does not fit this sensor; give shape ({count}, {dim})")
     if covs.shape != (count, dim, dim):
         shapes = f"shape {covs.shape} does not fit {count} observations"
-        raise ValueError(f"observation_cov: {shapes}; give shape ({count}, {dim}, {dim})")
+        raise UserError(f"observation_cov: {shapes}; give shape ({count}, {dim}, {dim})")
     return values, covs
 
 
-def explain_scan(sensor: str, values: ArrayLike, covs: ArrayLike) -> ValueError:
+def explain_scan(sensor: str, values: ArrayLike, covs: ArrayLike) -> UserError:
     """Why a kernel has refused observations (m, d) with covariances (m, d, d)."""
     try:
         require_sound(sensor, values, covs)
-    except ValueError as error:
+    except UserError as error:
         return error
-    return ValueError(f"observation: no update exists for this scan; {DIVERGED}")
+    return UserError(f"observation: no update exists for this scan; {DIVERGED}")
 
 
 def require_sound(sensor: str, values: ArrayLike, covs: ArrayLike) -> None:

@@ -22,6 +22,7 @@ from slamgauge.ekf.kernels.warm_up import compile_once
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
 from slamgauge.ekf.maps.checks import explain_increment, explain_scan, load_increment, require_sensor, start_of
 from slamgauge.ekf.maps.rules import Correction, Rule, rule_of
+from slamgauge.errors import UserError
 
 
 class LandmarkMap:
@@ -35,7 +36,7 @@ class LandmarkMap:
         landmarks: how many to make room for at first; the map grows beyond that by itself.
 
     Raises:
-        ValueError: a sensor or correction that does not exist, or a prior that is none.
+        UserError: a sensor or correction that does not exist, or a prior that is none.
     """
 
     def __init__(
@@ -114,7 +115,7 @@ class LandmarkMap:
         """Move by a body-frame increment (3,) [m, m, rad] with covariance (3, 3).
 
         Raises:
-            ValueError: shapes that do not fit, a number that is not finite, or no covariance; nothing has changed.
+            UserError: shapes that do not fit, a number that is not finite, or no covariance; nothing has changed.
         """
         load_increment(increment, cov, self._increment, self._increment_cov)
         if not self.rule.predict(self.belief, self._increment, self._increment_cov):
@@ -147,7 +148,7 @@ class LandmarkMap:
             The normalised innovation squared and its degrees of freedom (0, 0 without observations).
 
         Raises:
-            ValueError: there is no update; nothing has changed, unless the filter had diverged.
+            UserError: there is no update; nothing has changed, unless the filter had diverged.
         """
         count = len(slots)
         if count == 0:
@@ -159,14 +160,14 @@ class LandmarkMap:
         """Correct with innovations (r,) whose Jacobian (r, c) on `columns` (c,) is given; returns the NIS.
 
         Raises:
-            ValueError: there is no update, because something is not finite or `noise_cov` not positive definite.
+            UserError: there is no update, because something is not finite or `noise_cov` not positive definite.
         """
         rows = len(innovation)
         room = linear.Room(np.empty((rows, self.belief.size)), np.empty((rows, rows)), self._work.scratch[CORRECTION])
         nis = linear.take_in_linear(self.belief, columns, jacobian, innovation, noise_cov, room)
         if not np.isfinite(nis):
             remedy = "make every value finite and every covariance positive definite"
-            raise ValueError(f"observation: no update exists; {remedy}; if they are, the filter has diverged")
+            raise UserError(f"observation: no update exists; {remedy}; if they are, the filter has diverged")
         self.rule.retract(self.belief, self._work)
         return nis
 

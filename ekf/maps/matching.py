@@ -74,7 +74,7 @@ def update_nearest(
         Slots (m,), -1 for none; the NIS and its degrees of freedom.
 
     Raises:
-        ValueError: the rule has no such form, or there is no update.
+        UserError: the rule has no such form, or there is no update.
     """
     form, count = sequential_of(landmarks.rule), len(values)
     landmarks.reserve(landmarks.belief.size + 2 * count)

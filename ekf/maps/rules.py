@@ -25,6 +25,7 @@ from slamgauge.ekf.kernels.corrections import (
 from slamgauge.ekf.kernels.one_by_one import Sequential
 from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.workspace import Workspace
+from slamgauge.errors import UserError
 
 Correction = Literal["standard", "first-estimates", "observability-constrained", "iterated", "right-invariant"]
 Predict = Callable[[Belief, Float, Float], bool]
@@ -88,7 +89,7 @@ def rule_of(correction: Correction | Rule) -> Rule:
     """The rule of that name, or the rule itself.
 
     Raises:
-        ValueError: there is none of that name.
+        UserError: there is none of that name.
     """
     if isinstance(correction, Rule):
         return correction
@@ -99,16 +100,16 @@ def rule_of(correction: Correction | Rule) -> Rule:
     else:
         near = get_close_matches(str(correction), RULES, n=1)
         remedy = f"did you mean {near[0]!r}?" if near else f"use one of {', '.join(RULES)}, or a Rule of your own"
-    raise ValueError(f"correction: {correction!r} is not known; {remedy}")
+    raise UserError(f"correction: {correction!r} is not known; {remedy}")
 
 
 def sequential_of(rule: Rule) -> Sequential:
     """How the rule corrects with one observation after the other.
 
     Raises:
-        ValueError: it cannot.
+        UserError: it cannot.
     """
     if rule.sequential is None:
         remedy = "give its `sequential` form, or associate by 'jcbb'"
-        raise ValueError(f"correction: this rule cannot correct observation by observation; {remedy}")
+        raise UserError(f"correction: this rule cannot correct observation by observation; {remedy}")
     return rule.sequential

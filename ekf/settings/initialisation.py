@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.errors import UserError
 
 Sharing = Literal["federated", "uniform", "none", "best", "weights"]
 
@@ -54,7 +55,7 @@ class Rays:
         )
         for holds, mistake in rules:
             if not holds:
-                raise ValueError(mistake)
+                raise UserError(mistake)
 
     def distances(self) -> Float:
         """Distances (N_g,) of the members [m]."""
@@ -94,7 +95,7 @@ class InverseDepth:
         )
         for holds, mistake in rules:
             if not holds:
-                raise ValueError(mistake)
+                raise UserError(mistake)
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,7 @@ class Delayed:
         )
         for holds, mistake in rules:
             if not holds:
-                raise ValueError(mistake)
+                raise UserError(mistake)
 
 
 Initialisation = Rays | InverseDepth | Delayed
