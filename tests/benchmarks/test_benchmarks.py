@@ -69,8 +69,8 @@ def test_a_benchmark_prints_its_table(name: str, tmp_path: Path):
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     lines = [re.sub(r"\s+", " ", line).strip() + " " for line in done.stdout.splitlines()]
-    found = [next((i for i, line in enumerate(lines) if line.startswith(words)), None) for words in expected]
-    assert None not in found, done.stdout
+    found = [next((i for i, line in enumerate(lines) if line.startswith(words)), -1) for words in expected]
+    assert -1 not in found, done.stdout
     assert found == sorted(found)  # the title above what it stands for
 
 
