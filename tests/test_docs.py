@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import re
+import runpy
 import shlex
 import subprocess
 from pathlib import Path
@@ -89,6 +90,13 @@ def test_commands_on_a_page_have_those_options(command: str, capsys: pytest.Capt
         told = capsys.readouterr().out
         options = {word.split("=")[0] for words in used if (command, *words)[: len(start)] == start for word in words}
         assert not [option for option in options if option.startswith("--") and option not in told]
+
+
+def test_hooks_are_the_checks():
+    config = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    checks = runpy.run_path(str(ROOT / "tests/__main__.py"))["CHECKS"]
+    assert re.findall(r"entry: \.venv/bin/python -m tests (\w+)$", config, re.MULTILINE) == [*checks]
+    assert "http" not in config
 
 
 def test_no_page_or_program_names_a_place_on_somebodys_machine():
