@@ -22,6 +22,7 @@ from slamgauge import load_scenario, local_processes, simulate
 from slamgauge.arrays import Float
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.ekf import riekf
+from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch, cost
 from slamgauge.graph_baseline.factors import LENT_SLIP, build_graph, landmarks_at_first_sight, make_values, read_values
 from slamgauge.graph_baseline.hindsight import finish, levenberg_marquardt
@@ -38,14 +39,13 @@ def costs(scenario_name: str, seed: int, run: int) -> list[float]:
     truth, recording = simulate(scenario, run_seed(seed, run))
     try:
         optimum = batch(recording)
-    except ValueError:
+    except UserError:
         return [np.nan] * (1 + len(STARTS))
-    assert optimum.association is not None and optimum.landmark_ids is not None and optimum.landmarks is not None
+    assert optimum.association is not None
     assert truth.poses is not None and truth.landmarks is not None
     ids, recording = optimum.landmark_ids, recording.associated(optimum.association)
     reckoned = chain(recording.prior_mean, recording.odometry)
     slam = riekf(recording)
-    assert slam.landmark_ids is not None and slam.landmarks is not None
     filtered = landmarks_at_first_sight(recording, slam.poses)
     mapped = np.isin(ids, slam.landmark_ids)
     order = np.argsort(slam.landmark_ids)
@@ -59,7 +59,7 @@ def costs(scenario_name: str, seed: int, run: int) -> list[float]:
     for poses, landmarks in starts:
         try:
             found.append(_from(recording, poses, landmarks))
-        except (ValueError, RuntimeError):
+        except (UserError, RuntimeError):
             found.append(np.nan)
     return found
 

@@ -49,7 +49,7 @@ def isam2(recording: Recording, association: Int | None = None) -> Estimate:
             an observation out.
 
     Raises:
-        ValueError: the recording cannot be turned into a graph, or leaves a variable undetermined.
+        UserError: the recording cannot be turned into a graph, or leaves a variable undetermined.
     """
     if association is not None:
         return among_mapped(isam2(recording.associated(association)), association)

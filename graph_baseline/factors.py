@@ -13,6 +13,7 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 
 from slamgauge.arrays import Float, Int
+from slamgauge.errors import UserError
 from slamgauge.graph_baseline.triangulation import triangulate_all
 from slamgauge.graph_baseline.undetermined import undetermined_variable
 from slamgauge.recording import Recording
@@ -29,10 +30,10 @@ def require_known_landmarks(recording: Recording) -> Int:
     """The landmark ids of a recording that a graph can be built from.
 
     Raises:
-        ValueError: unknown association.
+        UserError: unknown association.
     """
     if recording.landmark is None:
-        raise ValueError("landmark: the graph needs known association; give ids, or run it under a filter's: batch@ekf")
+        raise UserError("landmark: the graph needs known association; give ids, or run it under a filter's: batch@ekf")
     return recording.landmark
 
 
@@ -44,7 +45,7 @@ def as_range_bearing(recording: Recording) -> tuple[Float, Float]:
     distance = np.hypot(x, y)
     if not distance.all():
         row = int(np.argmin(distance))
-        raise ValueError(f"observation[{row}]: a landmark at the sensor itself has no bearing; drop the row")
+        raise UserError(f"observation[{row}]: a landmark at the sensor itself has no bearing; drop the row")
     jacobian = np.stack([np.stack([x, y], -1) / distance[:, None], np.stack([-y, x], -1) / distance[:, None] ** 2], 1)
     polar = np.column_stack([distance, np.arctan2(y, x)])
     return polar, jacobian @ recording.observation_cov @ jacobian.swapaxes(1, 2)
@@ -95,7 +96,7 @@ class GraphBuilder:
             (those of the start: of its own or the first step's); 0 keeps them as hard constraints.
 
     Raises:
-        ValueError: the recording cannot be turned into a graph; says why and what to do.
+        UserError: the recording cannot be turned into a graph; says why and what to do.
     """
 
     def __init__(self, recording: Recording, lent: float = 0.0) -> None:

@@ -50,7 +50,7 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
             an observation out.
 
     Raises:
-        ValueError: the recording cannot be turned into a graph, leaves a variable undetermined, or the
+        UserError: the recording cannot be turned into a graph, leaves a variable undetermined, or the
             optimum was not reached.
     """
     if association is not None:

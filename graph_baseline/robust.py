@@ -35,7 +35,7 @@ def robust_batch(recording: Recording, association: Int | None = None) -> Estima
         association: (M,) ids in place of the recording's own; -1 leaves an observation out.
 
     Raises:
-        ValueError: as `batch`.
+        UserError: as `batch`.
     """
     given = np.array(require_known_landmarks(recording) if association is None else association)
     placed = placed_alone(recording.associated(given))

@@ -6,8 +6,10 @@ import re
 from collections.abc import Generator
 from contextlib import contextmanager
 
+from slamgauge.errors import UserError
 
-class UndeterminedError(ValueError):
+
+class UndeterminedError(UserError):
     """The measurements do not determine the optimum, or it was not reached."""
 
 

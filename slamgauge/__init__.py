@@ -43,6 +43,7 @@ if TYPE_CHECKING:
         iekf,
         riekf,
     )
+    from slamgauge.errors import UserError
     from slamgauge.estimate import Estimate, Estimator, Kind, MapHistory, RayLog
     from slamgauge.graph_baseline import UndeterminedError, batch, cost, isam2, robust_batch
     from slamgauge.recording import OBSERVATION_DIM, Observations, Recording, Sensor
@@ -54,6 +55,7 @@ __version__ = "0.3.0"
 
 _NAMES = {  # of each module, as above; a test holds the two lists together
     "arrays": "Float Int Marks",
+    "errors": "UserError",
     "se2": "between chain compose rotation wrap",
     "recording": "OBSERVATION_DIM Observations Recording Sensor",
     "truth": "Truth",
@@ -114,6 +116,7 @@ __all__ = [  # noqa: RUF022
     "Triangulation",
     "Truth",
     "UndeterminedError",
+    "UserError",
     "assert_error_bounds",
     "batch",
     "between",

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.validation import (
     as_array,
@@ -15,6 +16,7 @@ from slamgauge.validation import (
     as_distinct_ids,
     as_floats,
     as_ints,
+    equal,
     require_rows,
     store,
     wrap_headings,
@@ -23,9 +25,11 @@ from slamgauge.validation import (
 Kind = Literal["filtered", "smoothed"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class MapHistory:
     """The map as it stood at some steps: a row for every landmark, or for every member of one that is a ray still.
+
+    Equal by value, and therefore not hashable, as arrays are not.
 
     Attributes:
         step: (K,) in increasing order.
@@ -60,10 +64,15 @@ class MapHistory:
             cov=as_covariances("history.cov", self.cov, (len(step), 2, 2)),
         )
 
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other)
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RayLog:
     """What became of every ray of a bearing-only estimate.
+
+    Equal by value, and therefore not hashable, as arrays are not.
 
     Attributes:
         landmark: (B,) id of each ray's landmark.
@@ -83,25 +92,33 @@ class RayLog:
 
     def __post_init__(self) -> None:
         landmark = as_ints("rays.landmark", self.landmark, (None,))
-        steps = {name: as_ints(f"rays.{name}", getattr(self, name), (len(landmark),)) for name in ("birth", "end")}
+        birth, end = (as_ints(f"rays.{name}", getattr(self, name), (len(landmark),)) for name in ("birth", "end"))
+        require_rows("rays.birth", birth >= 0, birth, "give the step at which the ray began, >= 0")
+        require_rows("rays.end", (end == -1) | (end >= birth), end, "a ray cannot end before its birth; -1: it goes on")
         distances = as_array("rays.distances", self.distances, (len(landmark), None))
         survivor = as_ints("rays.survivor", self.survivor, (len(landmark),))
         known = (survivor >= -1) & (survivor < distances.shape[1])
         require_rows("rays.survivor", known, survivor, "give the number of a member, or -1")
         members = as_ints("rays.members", self.members, (None,))
-        store(self, landmark=landmark, survivor=survivor, distances=distances, members=members, **steps)
+        require_rows("rays.members", members >= 0, members, "a number of members cannot be negative")
+        store(self, landmark=landmark, birth=birth, end=end, survivor=survivor, distances=distances, members=members)
+
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
     """What an estimator returns; only `kind` and `poses` are required.
+
+    Equal by value, and therefore not hashable, as arrays are not.
 
     Attributes:
         kind: `filtered` (pose k uses the measurements up to step k) or `smoothed` (uses all).
         poses: (N+1, 3).
         pose_covs: (N+1, 3, 3) world frame, additive error (x, y, heading); None if not estimated.
-        landmark_ids: (L,) distinct ids of the mapped landmarks.
-        landmarks: (L, 2) [m] at the end of the recording.
+        landmark_ids: (L,) distinct ids of the mapped landmarks; none by default.
+        landmarks: (L, 2) [m] at the end of the recording, in the order of their ids.
         landmark_covs: (L, 2, 2) [m^2]; None if not estimated.
         association: (M,) id of the landmark that each observation was given, -1 if rejected.
         nis: (N+1,) normalised innovation squared of each step's update; None if there is none.
@@ -114,8 +131,8 @@ class Estimate:
     kind: Kind
     poses: Float
     pose_covs: Float | None = None
-    landmark_ids: Int | None = None
-    landmarks: Float | None = None
+    landmark_ids: Int = field(default_factory=lambda: np.zeros(0, np.int64))
+    landmarks: Float = field(default_factory=lambda: np.zeros((0, 2)))
     landmark_covs: Float | None = None
     association: Int | None = None
     nis: Float | None = None
@@ -126,13 +143,13 @@ class Estimate:
 
     def __post_init__(self) -> None:
         if self.kind not in ("filtered", "smoothed"):
-            raise ValueError(f"kind: {self.kind!r} is not known; use 'filtered' or 'smoothed'")
+            raise UserError(f"kind: {self.kind!r} is not known; use 'filtered' or 'smoothed'")
         poses = wrap_headings(as_floats("poses", self.poses, (None, 3)))
         count = len(poses)
-        empty = self.landmark_ids is None and self.landmarks is None
-        ids = as_distinct_ids("landmark_ids", np.zeros(0, np.int64) if empty else self.landmark_ids)
-        landmarks = as_floats("landmarks", np.zeros((0, 2)) if empty else self.landmarks, (len(ids), 2))
-        store(self, poses=poses, landmark_ids=ids, landmarks=landmarks)
+        ids = as_distinct_ids("landmark_ids", self.landmark_ids)
+        if not len(ids) and np.size(self.landmarks):
+            raise UserError("landmark_ids: none for the landmarks that are given; give the id of each row")
+        store(self, poses=poses, landmark_ids=ids, landmarks=as_floats("landmarks", self.landmarks, (len(ids), 2)))
         if self.pose_covs is not None:
             store(self, pose_covs=as_covariances("pose_covs", self.pose_covs, (count, 3, 3)))
         if self.landmark_covs is not None:
@@ -145,11 +162,26 @@ class Estimate:
             )
             store(self, association=association)
         if (self.nis is None) != (self.nis_dof is None):
-            raise ValueError("nis: give nis and nis_dof together, or neither")
+            raise UserError("nis: give nis and nis_dof together, or neither")
         if self.nis is not None and self.nis_dof is not None:
             store(self, nis=as_floats("nis", self.nis, (count,)), nis_dof=as_ints("nis_dof", self.nis_dof, (count,)))
         if self.seconds is not None:
             store(self, seconds=as_floats("seconds", self.seconds, (count,)))
+        _require_on_the_path(self.rays, self.history, steps=count - 1)
+
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other)
+
+
+def _require_on_the_path(rays: RayLog | None, history: MapHistory | None, steps: int) -> None:
+    """Refuse rays and maps of steps that the path of an estimate does not have."""
+    rule = f"a step must lie in 0..{steps}, as the poses do"
+    if rays is not None:
+        require_rows("rays.birth", rays.birth <= steps, rays.birth, rule)
+        require_rows("rays.end", rays.end <= steps, rays.end, rule)
+        as_ints("rays.members", rays.members, (steps + 1,))
+    if history is not None:
+        require_rows("history.step", history.step <= steps, history.step, rule)
 
 
 class Estimator(Protocol):

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgauge.arrays import Float, Int
-from slamgauge.validation import as_covariances, as_floats, as_ints, require_rows, store
+from slamgauge.errors import UserError
+from slamgauge.validation import as_covariances, as_floats, as_ints, equal, require_rows, store
 
 Sensor = Literal["range-bearing", "bearing", "position"]
 
@@ -27,9 +28,11 @@ class Observations(NamedTuple):
     cov: Float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Recording:
     """All that an estimator may see: N odometry increments and M landmark observations.
+
+    Equal by value, and therefore not hashable, as arrays are not.
 
     Attributes:
         stamps: (N+1,) [s], strictly increasing; step k leads from stamp k-1 to stamp k.
@@ -64,7 +67,7 @@ class Recording:
             "stamps", np.diff(stamps, prepend=-np.inf) > 0, stamps, "stamps must increase strictly; sort the steps"
         )
         if self.sensor not in OBSERVATION_DIM:
-            raise ValueError(f"sensor: {self.sensor!r} is not known; use one of {', '.join(OBSERVATION_DIM)}")
+            raise UserError(f"sensor: {self.sensor!r} is not known; use one of {', '.join(OBSERVATION_DIM)}")
         dim = OBSERVATION_DIM[self.sensor]
         observation = as_floats("observation", self.observation, (None, dim))
         count = len(observation)
@@ -95,6 +98,9 @@ class Recording:
             observation_cov=as_covariances("observation_cov", self.observation_cov, (count, dim, dim), definite=True),
             landmark=landmark,
         )
+
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other)
 
     @property
     def steps(self) -> int:

@@ -7,13 +7,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.errors import UserError
 from slamgauge.recording import Recording
-from slamgauge.validation import as_array, as_distinct_ids, as_floats, as_ints, require_rows, store, wrap_headings
+from slamgauge.validation import (
+    as_array,
+    as_distinct_ids,
+    as_floats,
+    as_ints,
+    equal,
+    require_rows,
+    store,
+    wrap_headings,
+)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Truth:
     """What only the scores may see; a field is None where a real recording has no ground truth.
+
+    Equal by value, and therefore not hashable, as arrays are not.
 
     Attributes:
         poses: (N+1, 3); a row of NaN where the ground truth has a gap.
@@ -36,7 +48,7 @@ class Truth:
             )
             store(self, poses=wrap_headings(poses))
         if (self.landmark_ids is None) != (self.landmarks is None):
-            raise ValueError("landmarks: give landmark_ids and landmarks together, or neither")
+            raise UserError("landmarks: give landmark_ids and landmarks together, or neither")
         if self.landmark_ids is not None and self.landmarks is not None:
             landmark_ids = as_distinct_ids("landmark_ids", self.landmark_ids)
             store(
@@ -52,6 +64,9 @@ class Truth:
             require_rows("association", known, association, "every true id must be among landmark_ids")
             store(self, association=association)
 
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other)
+
 
 def require_same_run(truth: Truth | None, recording: Recording) -> None:
     """Refuse a truth of another length before any estimator spends its time."""
@@ -60,4 +75,4 @@ def require_same_run(truth: Truth | None, recording: Recording) -> None:
         ("association", truth and truth.association, len(recording.observation)),
     ):
         if given is not None and len(given) != expected:
-            raise ValueError(f"truth.{name}: {len(given)} rows, but the recording needs {expected}; give its own truth")
+            raise UserError(f"truth.{name}: {len(given)} rows, but the recording needs {expected}; give its own truth")

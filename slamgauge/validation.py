@@ -1,14 +1,17 @@
-"""Checks that the vocabulary's constructors make: shape, finite numbers, covariances, indices.
+"""What the vocabulary's constructors check (shape, finite numbers, covariances, indices), and when values are equal.
 
-A value that does not fit raises ``ValueError`` with the field, the row, the value and the remedy in one line.
+A value that does not fit raises ``UserError`` with the field, the row, the value and the remedy in one line.
 """
 
 from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
+from slamgauge.errors import UserError
 from slamgauge.se2 import wrap
 
 
@@ -20,14 +23,27 @@ def store(instance: object, **fields: object) -> None:
         object.__setattr__(instance, name, value)
 
 
+def equal(one: object, other: object) -> bool:
+    """Whether two dataclasses are of the same type and equal field by field; arrays exactly, a gap (NaN) to a gap."""
+    if type(one) is not type(other) or not is_dataclass(one):
+        return False
+    return all(_same(getattr(one, field.name), getattr(other, field.name)) for field in fields(one))
+
+
+def _same(one: object, other: object) -> bool:
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(one, other, equal_nan=True)
+    return type(one) is type(other) and one == other
+
+
 def as_array(name: str, value: object, shape: tuple[int | None, ...]) -> Float:
     """A float64 copy of `value` with the given shape (None: any length)."""
     try:
         array = np.array(value, dtype=np.float64, order="C")
     except (TypeError, ValueError):
-        raise ValueError(f"{name}: not an array of numbers; give shape {_spell(shape)}") from None
+        raise UserError(f"{name}: not an array of numbers; give shape {_spell(shape)}") from None
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
-        raise ValueError(f"{name}: shape {array.shape} does not fit; give shape {_spell(shape)}")
+        raise UserError(f"{name}: shape {array.shape} does not fit; give shape {_spell(shape)}")
     return array
 
 
@@ -94,4 +110,4 @@ def require_rows(name: str, good: ArrayLike, rows: NDArray[np.generic], rule: st
     bad = np.flatnonzero(np.logical_not(good))
     if len(bad):
         value = np.array2string(np.asarray(rows[bad[0]]), precision=6, separator=", ").replace("\n", "")
-        raise ValueError(f"{name}[{bad[0]}] = {value}: {rule}")
+        raise UserError(f"{name}[{bad[0]}] = {value}: {rule}")

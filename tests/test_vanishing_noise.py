@@ -46,8 +46,6 @@ def recording_of(seed: int, sensor: str, noise: float) -> Recording:
 def ends(estimate: Estimate) -> tuple[Float, Float, Float, Float]:
     """Last pose and its sigmas, landmarks in increasing id order and their sigmas."""
     assert estimate.pose_covs is not None
-    assert estimate.landmark_ids is not None
-    assert estimate.landmarks is not None
     assert estimate.landmark_covs is not None
     order = np.argsort(estimate.landmark_ids)
     landmark_sigmas = np.sqrt(np.diagonal(estimate.landmark_covs[order], axis1=1, axis2=2))

@@ -62,7 +62,7 @@ def run_bench(sizes: Sequence[int], names: Sequence[str], seed: int = 0) -> dict
     """Measure every estimator on every map size; see `slamgauge bench --json` for the keys.
 
     Raises:
-        ValueError: an estimator that is not known.
+        UserError: an estimator that is not known.
     """
     contestants = {**load_estimators(names), YARDSTICK: plain_numpy_ekf}
     results: dict[str, dict[str, dict[str, float]]] = {name: {} for name in contestants}

@@ -11,6 +11,7 @@ from slamgauge.compare.cli.options import (
     results_folder,
     split_names,
 )
+from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
     pass
@@ -39,7 +40,7 @@ class Bench:
 
         words = [word.strip() for word in self.landmarks.split(",")]
         if not all(word.isdecimal() and int(word) > 0 for word in words):
-            raise ValueError(f"landmarks {self.landmarks!r}: give map sizes > 0, for example 20,100")
+            raise UserError(f"landmarks {self.landmarks!r}: give map sizes > 0, for example 20,100")
         with results_folder(self.out, BENCH_FILES, last=BENCH) as folder:
             result = run_bench([int(word) for word in words], split_names(self.estimators))
             if folder is not None:

@@ -8,11 +8,13 @@ pin_blas_threads()  # before numpy is imported
 
 import os
 import sys
+import traceback
 from collections.abc import Sequence
 from typing import Annotated
 
 import tyro
 
+from slamgauge import __version__
 from slamgauge.compare.cli.animate import Animate
 from slamgauge.compare.cli.bench import Bench
 from slamgauge.compare.cli.imports import Import
@@ -20,6 +22,11 @@ from slamgauge.compare.cli.many_runs import Budget, Claims, Study
 from slamgauge.compare.cli.one_run import Evaluate, Run
 from slamgauge.compare.cli.options import EmptyPathError
 from slamgauge.compare.cli.scenarios import Scenarios
+from slamgauge.errors import UserError, refused_by_the_machine
+
+DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
+REFUSED = 71  # EX_OSERR
+
 
 Command = (
     Annotated[Scenarios, tyro.conf.subcommand(name="scenarios")]
@@ -34,24 +41,55 @@ Command = (
 )
 
 
+DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
+REFUSED = 71  # EX_OSERR
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; exit status 0 done, 2 bad input (one line on standard error), 130 interrupted."""
+    """Run one command.
+
+    Returns:
+        The exit status: 0 done, 2 bad input (one line on standard error), 70 a defect of slamgauge (its traceback
+        and where to report it), 71 memory or room was lacking (one line), 130 interrupted.
+    """
+    words = sys.argv[1:] if arguments is None else arguments
+    if list(words) == ["--version"]:
+        print(f"slamgauge {__version__}")
+        return 0
     try:
         command = tyro.cli(
             Command,  # pyright: ignore[reportArgumentType]
             prog="slamgauge",
-            description="How far is your SLAM filter from the best that its measurements allow?",
-            args=arguments,
+            description="How far is your SLAM filter from the best that its measurements allow? "
+            "(`slamgauge --version` prints its version.)",
+            args=words,
             config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
         )
         command()
         sys.stdout.flush()
     except BrokenPipeError:  # whoever reads our output (`head`, a pager) has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (ValueError, EmptyPathError) as error:
+    except (UserError, EmptyPathError) as error:
         print(f"slamgauge: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as interrupt:
         print(f"slamgauge: interrupted; {str(interrupt) or 'nothing was written'}", file=sys.stderr)
         return 130
+    except Exception as error:  # noqa: BLE001 whatever else comes here has to be reported
+        return _not_the_users_mistake(error)
     return 0
+
+
+def _not_the_users_mistake(error: Exception) -> int:
+    """Say what the machine refused, or that this is a defect, and where to report it."""
+    if refused_by_the_machine(error):
+        what = " ".join(str(error).split()) or type(error).__name__
+        print(f"slamgauge: the machine refused: {what}; make room and give the same command again", file=sys.stderr)
+        return REFUSED
+    traceback.print_exception(error)
+    print(
+        "slamgauge: this is a defect of slamgauge, not a mistake of yours; please report it to its maintainers "
+        f"(CONTRIBUTING.md) with the lines above, the command and its version (slamgauge {__version__})",
+        file=sys.stderr,
+    )
+    return DEFECT

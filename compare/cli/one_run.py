@@ -19,6 +19,7 @@ from slamgauge.compare.cli.options import (
     results_folder,
     split_names,
 )
+from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
     from slamgauge.compare.scenarios.schema import Association, Beginning
@@ -131,9 +132,9 @@ class Evaluate:
         truth = None if path is None else load_truth(path)
         title = f"{self.recording.parent.resolve().name}/{self.recording.name}"
         if not 0 < self.gate < math.inf:
-            raise ValueError(f"gate {self.gate}: gives no bound; give a squared distance > 0, for example 9")
+            raise UserError(f"gate {self.gate}: gives no bound; give a squared distance > 0, for example 9")
         if not 0 < self.reach < math.inf:
-            raise ValueError(f"reach {self.reach}: is no distance; give metres > 0, for example 10")
+            raise UserError(f"reach {self.reach}: is no distance; give metres > 0, for example 10")
         chosen = {"fis": Fis, "inverse-depth": InverseDepth, "delayed": Delayed}[self.initialisation]()
         settings = (Association(method=self.association, gate=self.gate), fitted(chosen, self.reach))
         grading = Grading(self.estimators, flattened(self.estimator), self.out, self.json, title, *settings)
@@ -168,7 +169,7 @@ class Grading:
         names = split_names(self.estimators)
         estimators = load_estimators(names, self.own, self.association, self.beginning, FRAMES)
         if not estimators:
-            raise ValueError("estimators: none given; name at least one, for example --estimators ekf,batch")
+            raise UserError("estimators: none given; name at least one, for example --estimators ekf,batch")
         with results_folder(self.out, comparison_files(estimators), METRICS, OUTDATED) as folder:
             comparison = compare_estimators(truth, recording, estimators, informed)
             content = metrics(comparison, self.scenario, self.seed)

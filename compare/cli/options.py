@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from slamgauge.errors import UserError
+
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
@@ -21,7 +23,7 @@ ALL_CORES = os.cpu_count() or 1
 
 
 class EmptyPathError(Exception):
-    """A path of no characters, which would mean the current folder; no `ValueError`, which tyro would reword."""
+    """A path of no characters, which would mean the current folder; no `UserError`, which tyro would reword."""
 
 
 def _path(words: list[str]) -> Path:
@@ -56,7 +58,7 @@ def carried_by(jobs: int, scheduler: str | None = None) -> AbstractContextManage
     if scheduler is not None:
         return dask_cluster(scheduler)
     if jobs < 1:
-        raise ValueError(f"jobs: {jobs} carry nothing; give at least 1")
+        raise UserError(f"jobs: {jobs} carry nothing; give at least 1")
     return local_processes(jobs)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.files import explained
+from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, wrap
 from slamgauge.truth import Truth
@@ -37,12 +38,12 @@ def read_lost_in_the_woods(
         lateral_slip: Standard deviation of the sideways velocity at the robot's centre [m/s], not in the file.
 
     Raises:
-        ValueError: With the file, the field and the remedy.
+        UserError: With the file, the field and the remedy.
     """
     fields = _read_fields(path)
     poses = _true_sensor_poses(fields)
     if np.isnan(poses[0]).any():
-        raise ValueError(f"{path}: true_valid: no ground truth at the first step, where the map starts; cut the file")
+        raise UserError(f"{path}: true_valid: no ground truth at the first step, where the map starts; cut the file")
     seen_at, seen = np.nonzero((fields["r"] > 0) & (fields["r"] <= max_range))
     observation = np.column_stack([fields["r"][seen_at, seen], wrap(fields["b"][seen_at, seen])])
     odometry, odometry_cov = _sensor_increments(fields, lateral_slip)
@@ -60,8 +61,8 @@ def read_lost_in_the_woods(
             observation_cov=np.tile(np.diag([fields["r_var"], fields["b_var"]]), (len(seen), 1, 1)),
             landmark=seen,
         )
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
     return recording, truth
 
 
@@ -96,15 +97,15 @@ def _read_fields(path: str | Path) -> Fields:
     raw = _load_mat(path)
     for name in (*_COLUMNS, *_SCALARS, *_TABLES):
         if name not in raw:
-            raise ValueError(f"{path}: field {name} is missing; give dataset2.mat of Lost in the Woods")
+            raise UserError(f"{path}: field {name} is missing; give dataset2.mat of Lost in the Woods")
         if raw[name].dtype.kind not in "fiub" or not np.isfinite(raw[name]).all():
-            raise ValueError(f"{path}: field {name} does not hold finite numbers; correct it")
+            raise UserError(f"{path}: field {name} does not hold finite numbers; correct it")
     steps, landmarks = len(raw["t"]), len(raw["l"])
     shapes = dict.fromkeys(_COLUMNS, (steps, 1)) | dict.fromkeys(_SCALARS, (1, 1))
     shapes |= {"r": (steps, landmarks), "b": (steps, landmarks), "l": (landmarks, 2)}
     for name, shape in shapes.items():
         if raw[name].shape != shape:
-            raise ValueError(f"{path}: field {name} has shape {raw[name].shape}, not {shape}; correct it")
+            raise UserError(f"{path}: field {name} has shape {raw[name].shape}, not {shape}; correct it")
     fields = {name: raw[name].astype(np.float64) for name in shapes}
     return fields | {name: fields[name][:, 0] for name in _COLUMNS} | {name: fields[name][0, 0] for name in _SCALARS}
 
@@ -115,9 +116,9 @@ def _load_mat(path: str | Path) -> dict[str, NDArray[Any]]:
 
     with explained(path, "read"), Path(path).open("rb") as file:
         if file.read(len(_HEADER)) != _HEADER:
-            raise ValueError(f"{path}: not a MATLAB 5 file; give dataset2.mat of Lost in the Woods")
+            raise UserError(f"{path}: not a MATLAB 5 file; give dataset2.mat of Lost in the Woods")
         file.seek(0)
         try:
             return loadmat(file, variable_names=[*_COLUMNS, *_SCALARS, *_TABLES])
         except (MatReadError, OSError, ValueError, TypeError, IndexError, zlib.error):
-            raise ValueError(f"{path}: damaged or cut short; copy the file again") from None
+            raise UserError(f"{path}: damaged or cut short; copy the file again") from None

@@ -14,6 +14,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.files import explained
+from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 
 _NUMBERS = {"ODOMETRY": 9, "LANDMARK": 5}
@@ -39,13 +40,13 @@ def read_victoria_park(path: str | Path, *, max_range: float = math.inf) -> Reco
         max_range: Observations farther than this [m] are left out.
 
     Raises:
-        ValueError: With the file, the line and the remedy.
+        UserError: With the file, the line and the remedy.
     """
     odometry, sightings = _read_edges(path)
     step_of = _chain(odometry)
     for edge in sightings:
         if edge.start not in step_of:
-            raise ValueError(f"{edge.where}: pose {edge.start} is on no ODOMETRY line; correct the id")
+            raise UserError(f"{edge.where}: pose {edge.start} is on no ODOMETRY line; correct the id")
     near = [edge for edge in sightings if math.hypot(*edge.numbers[:2]) <= max_range]
     near.sort(key=lambda edge: step_of[edge.start])
 
@@ -64,8 +65,8 @@ def read_victoria_park(path: str | Path, *, max_range: float = math.inf) -> Reco
             observation_cov=_symmetric(observations[:, 2:], 2),
             landmark=np.array([edge.end for edge in near], dtype=np.int64),
         )
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
 
 
 def _read_edges(path: str | Path) -> tuple[list[_Edge], list[_Edge]]:
@@ -78,9 +79,9 @@ def _read_edges(path: str | Path) -> tuple[list[_Edge], list[_Edge]]:
             if keyword in edges:
                 edges[keyword].append(_edge(where, keyword, words))
             elif keyword:
-                raise ValueError(f"{where}: {keyword[:20]!r} is neither ODOMETRY nor LANDMARK; remove the line")
+                raise UserError(f"{where}: {keyword[:20]!r} is neither ODOMETRY nor LANDMARK; remove the line")
     if not edges["ODOMETRY"]:
-        raise ValueError(f"{path}: no ODOMETRY line in it; give the Victoria Park text file")
+        raise UserError(f"{path}: no ODOMETRY line in it; give the Victoria Park text file")
     return edges["ODOMETRY"], edges["LANDMARK"]
 
 
@@ -92,7 +93,7 @@ def _edge(where: str, keyword: str, words: list[str]) -> _Edge:
     except ValueError:
         start, end, numbers = -1, -1, []
     if min(start, end) < 0 or len(numbers) != expected or not all(map(math.isfinite, numbers)):
-        raise ValueError(f"{where}: {keyword} needs two ids >= 0 and {expected} finite numbers; correct the line")
+        raise UserError(f"{where}: {keyword} needs two ids >= 0 and {expected} finite numbers; correct the line")
     return _Edge(where, start, end, numbers)
 
 
@@ -102,9 +103,9 @@ def _chain(odometry: list[_Edge]) -> dict[int, int]:
     reached = odometry[0].start
     for edge in odometry:
         if edge.start != reached:
-            raise ValueError(f"{edge.where}: starts at pose {edge.start}, but the path is at {reached}; sort the edges")
+            raise UserError(f"{edge.where}: starts at pose {edge.start}, but the path is at {reached}; sort the edges")
         if edge.end in step_of:
-            raise ValueError(f"{edge.where}: pose {edge.end} was there before; give every pose an id of its own")
+            raise UserError(f"{edge.where}: pose {edge.end} was there before; give every pose an id of its own")
         reached = edge.end
         step_of[reached] = len(step_of)
     return step_of

@@ -15,6 +15,7 @@ from typing import cast
 
 import slamgauge
 from slamgauge.compare.scenarios.schema import Association, Beginning, Delayed, Fis, InverseDepth
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
 
@@ -55,7 +56,7 @@ def load_estimators(
         frames: at how many steps filters keep their map, for pictures.
 
     Raises:
-        ValueError: an unknown name, or an import path that leads to no callable.
+        UserError: an unknown name, or an import path that leads to no callable.
     """
     estimators: dict[str, Estimator] = {}
     for name in names:
@@ -64,7 +65,7 @@ def load_estimators(
         if under:
             if graph not in GRAPHS or filter_name not in FILTERS:
                 remedy = f"write GRAPH@FILTER with one of {', '.join(GRAPHS)} and one of {', '.join(FILTERS)}"
-                raise ValueError(f"estimator {name!r} is not known; {remedy}")
+                raise UserError(f"estimator {name!r} is not known; {remedy}")
             estimator = _under_associations(estimator, _shipped(filter_name, association, beginning))
         estimators[name] = estimator
     for path in own:
@@ -78,7 +79,7 @@ def _shipped(
     if name not in SHIPPED:
         near = get_close_matches(name, SHIPPED, n=1)
         remedy = f"did you mean {near[0]}?" if near else f"use {', '.join(SHIPPED)}"
-        raise ValueError(f"estimator {name!r} is not known; {remedy}")
+        raise UserError(f"estimator {name!r} is not known; {remedy}")
     module, attribute = SHIPPED[name]
     estimator = getattr(importlib.import_module(module), attribute)
     return partial(estimator, **_settings(association, beginning, frames)) if name in FILTERS else estimator
@@ -107,7 +108,7 @@ def _under_associations(graph: Callable[..., Estimate], slam: Callable[..., Esti
 def _import_estimator(path: str) -> Estimator:
     module_name, _, attribute = path.partition(":")
     if not module_name or not attribute:
-        raise ValueError(f"estimator {path!r}: write module:attribute, for example my_filter:estimate")
+        raise UserError(f"estimator {path!r}: write module:attribute, for example my_filter:estimate")
     if str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))
     try:
@@ -115,18 +116,18 @@ def _import_estimator(path: str) -> Estimator:
             module = importlib.import_module(module_name)
     except ModuleNotFoundError as error:
         if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):  # a module that theirs imports
-            raise ValueError(f"estimator {path}: cannot be loaded, {_where_it_broke(error)}") from error
+            raise UserError(f"estimator {path}: cannot be loaded, {_where_it_broke(error)}") from error
         remedy = "run in its folder or install it, and write module:attribute"
-        raise ValueError(f"estimator {path}: no module {error.name!r} is found; {remedy}") from None
+        raise UserError(f"estimator {path}: no module {error.name!r} is found; {remedy}") from None
     except (Exception, SystemExit) as error:
-        raise ValueError(f"estimator {path}: cannot be loaded, {_where_it_broke(error)}") from error
+        raise UserError(f"estimator {path}: cannot be loaded, {_where_it_broke(error)}") from error
     if not hasattr(module, attribute):
         near = get_close_matches(attribute, vars(module), n=1)
         remedy = f"did you mean {near[0]}?" if near else "name a callable Recording -> Estimate of that module"
-        raise ValueError(f"estimator {path}: {module_name} has no {attribute!r}; {remedy}")
+        raise UserError(f"estimator {path}: {module_name} has no {attribute!r}; {remedy}")
     estimator = getattr(module, attribute)
     if not callable(estimator):
-        raise ValueError(f"estimator {path}: is a {type(estimator).__name__}; give a callable Recording -> Estimate")
+        raise UserError(f"estimator {path}: is a {type(estimator).__name__}; give a callable Recording -> Estimate")
     return estimator  # pyright: ignore[reportReturnType]
 
 
@@ -134,7 +135,7 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
     """The estimate, checked against the recording, and the seconds that it took.
 
     Raises:
-        ValueError: the estimator raised, or what it returned does not fit the recording.
+        UserError: the estimator raised, or what it returned does not fit the recording.
     """
     start = perf_counter()
     try:
@@ -142,20 +143,20 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
         with nullcontext() if _is_shipped(name) else redirect_stdout(sys.stderr):
             estimate = cast("object", estimator(recording))
     except (Exception, SystemExit) as error:
-        if _is_shipped(name) and not isinstance(error, ValueError):
+        if _is_shipped(name) and not isinstance(error, UserError):
             raise
         reason = str(error) if _is_shipped(name) else _where_it_broke(error)
-        raise ValueError(f"estimator {name}: {reason}") from error
+        raise UserError(f"estimator {name}: {reason}") from error
     seconds = perf_counter() - start
     if not isinstance(estimate, Estimate):
-        raise ValueError(f"estimator {name}: returned a {type(estimate).__name__}; return a slamgauge.Estimate")
+        raise UserError(f"estimator {name}: returned a {type(estimate).__name__}; return a slamgauge.Estimate")
     if len(estimate.poses) != recording.steps + 1:
-        raise ValueError(
+        raise UserError(
             f"estimator {name}: returned {len(estimate.poses)} poses; "
             f"return {recording.steps + 1}, one for the start and one for every step"
         )
     if estimate.association is not None and len(estimate.association) != len(recording.observation):
-        raise ValueError(
+        raise UserError(
             f"estimator {name}: association has {len(estimate.association)} entries; "
             f"return {len(recording.observation)}, one for every observation"
         )

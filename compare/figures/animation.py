@@ -20,6 +20,7 @@ from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.results_folder import load_results
 from slamgauge.compare.storage.staged_folder import staged_folder
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 
 LOG = logging.getLogger("matplotlib.animation")
@@ -46,7 +47,7 @@ def animate(folder: Path, name: str | None, seconds: float, fps: int) -> str | N
         Why there is no animation.mp4, None if there is one.
 
     Raises:
-        ValueError: there are no results, no such estimate, the length makes no sense, or an animation that is not
+        UserError: there are no results, no such estimate, the length makes no sense, or an animation that is not
             ours is in the way.
     """
     results = load_results(folder)
@@ -66,7 +67,7 @@ def _chosen(estimates: Mapping[str, Estimate], name: str | None) -> tuple[dict[s
     """Whose paths are shown, and whose maps among them."""
     if name is not None:
         if name not in estimates:
-            raise ValueError(f"estimator {name!r}: has no estimate in the folder; choose from {', '.join(estimates)}")
+            raise UserError(f"estimator {name!r}: has no estimate in the folder; choose from {', '.join(estimates)}")
         return {name: estimates[name]}, {name: estimates[name]}
     others = {name: each for name, each in estimates.items() if name != DEAD_RECKONING} or dict(estimates)
     smoothed = {name: each for name, each in others.items() if each.kind == "smoothed"}
@@ -77,12 +78,12 @@ def _chosen(estimates: Mapping[str, Estimate], name: str | None) -> tuple[dict[s
 
 def _frames(seconds: float, fps: int) -> int:
     if not 0 < seconds < math.inf:
-        raise ValueError(f"seconds {seconds}: no length of an animation; give a number > 0, for example 10")
+        raise UserError(f"seconds {seconds}: no length of an animation; give a number > 0, for example 10")
     if not 1 <= fps <= FASTEST:
-        raise ValueError(f"fps {fps}: not what viewers show; give 1 to {FASTEST} frames per second")
+        raise UserError(f"fps {fps}: not what viewers show; give 1 to {FASTEST} frames per second")
     frames = round(seconds * fps)
     if not 1 <= frames <= MOST_FRAMES:
-        raise ValueError(f"seconds {seconds}, fps {fps}: give 1 to {MOST_FRAMES} frames, these are {frames}")
+        raise UserError(f"seconds {seconds}, fps {fps}: give 1 to {MOST_FRAMES} frames, these are {frames}")
     return frames
 
 

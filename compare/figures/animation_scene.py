@@ -89,7 +89,7 @@ class Scene:
         for name, layer in self._maps.items():
             layer.show(map_at(self._mapped[name], step))
         for name, dots in self._last_maps.items():
-            dots.set_data(*_landmarks(self._mapped[name])[self._first_seen[name] <= step].T)
+            dots.set_data(*self._mapped[name].landmarks[self._first_seen[name] <= step].T)
         seer = next(iter(self._mapped.values()))
         self._sight.set_segments(list(sight_lines(self._truth, self._recording, seer, self._step, step)))
         stamps = self._recording.stamps
@@ -101,7 +101,7 @@ def _limits(truth: Truth, shown: Mapping[str, Estimate], mapped: Mapping[str, Es
     """Limits that hold paths, true landmarks and last maps, and all that the maps went through as there is room."""
     sure = [each[:, :2] for each in (truth.poses, truth.landmarks) if each is not None]
     sure += [estimate.poses[:, :2] for estimate in shown.values()]
-    sure += [_landmarks(estimate) for estimate in mapped.values()]
+    sure += [estimate.landmarks for estimate in mapped.values()]
     passing = [estimate.history.position for estimate in mapped.values() if estimate.history is not None]
     return map_limits(np.concatenate(sure), np.concatenate([np.zeros((0, 2)), *passing]))
 
@@ -155,11 +155,6 @@ def _keys(truth: Truth, mapped: Mapping[str, Estimate], chosen: Mapping[str, Sty
     yield key(r"3$\sigma$ ellipse", color=MARK_COLOR, **MEMBER)
     if any(has_rays(estimate) for estimate in histories):
         yield key("likeliest member of a ray", color=MARK_COLOR, **HEAVIEST)
-
-
-def _landmarks(estimate: Estimate) -> Float:
-    assert estimate.landmarks is not None  # filled by Estimate's constructor
-    return estimate.landmarks
 
 
 def _path(ax: Axes, style: Style) -> Line2D:

@@ -15,7 +15,6 @@ NEVER = np.iinfo(np.int64).max
 def first_seen(recording: Recording, estimate: Estimate) -> Int:
     """Steps (L,) at which the estimate's landmarks were first observed; 0 where nobody tells what was observed."""
     ids = estimate.landmark_ids
-    assert ids is not None  # filled by Estimate's constructor
     seen = recording.landmark if estimate.association is None else estimate.association
     if seen is None:
         return np.zeros(len(ids), np.int64)

@@ -33,6 +33,7 @@ from slamgauge.compare.scenarios.schema import (
     Sensor,
     Trajectory,
 )
+from slamgauge.errors import UserError
 
 __all__ = ["Scenario", "ScenarioError", "load_scenario", "shipped_scenarios"]
 
@@ -42,7 +43,7 @@ Place = tuple[str | int, ...]
 FORMS = {"kind", "segments"}  # keys that give a section another form: it then replaces the extended one whole
 
 
-class ScenarioError(ValueError):
+class ScenarioError(UserError):
     """The mistakes of a scenario, one located line each."""
 
 

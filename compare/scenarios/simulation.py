@@ -7,6 +7,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.schema import Association, Assumed, Delayed, Fis, InverseDepth, Sensor, Trajectory
+from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation, wrap
 from slamgauge.truth import Truth
@@ -20,10 +21,10 @@ def simulate(scenario: Scenario, seed: int) -> tuple[Truth, Recording]:
     the map leaves the odometry as it was.
 
     Raises:
-        ValueError: If the seed is negative.
+        UserError: If the seed is negative.
     """
     if seed < 0:
-        raise ValueError(f"seed: {seed} is negative; use a whole number >= 0")
+        raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     start_stream, motion_stream, sensor_stream = np.random.SeedSequence(seed).spawn(3)
 
     command = _commanded_increments(scenario.trajectory)

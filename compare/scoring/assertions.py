@@ -8,6 +8,7 @@ import numpy as np
 
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.scores import Score
+from slamgauge.errors import UserError
 
 
 def assert_error_bounds(
@@ -33,14 +34,14 @@ def assert_error_bounds(
 
     Raises:
         AssertionError: with figure and bound of every bound that does not hold or cannot be evaluated.
-        ValueError: if no bound, an impossible bound or no score is given.
+        UserError: if no bound, an impossible bound or no score is given.
     """
     __tracebackhide__ = True  # pytest then shows the caller's line
     scores = [score] if isinstance(score, Score) else list(score)
     if not scores:
-        raise ValueError("score: no score given; pass one Score, or one for each run")
+        raise UserError("score: no score given; pass one Score, or one for each run")
     if max_ate_m is None and max_ratio_to_optimum is None and nees_level is None and nis_level is None:
-        raise ValueError("no bound given; pass max_ate_m, max_ratio_to_optimum, nees_level or nis_level")
+        raise UserError("no bound given; pass max_ate_m, max_ratio_to_optimum, nees_level or nis_level")
     verdicts = [
         _mean_below("ate_m", "evaluate with a Truth that has poses", scores, max_ate_m),
         _mean_below("ratio_to_optimum", "evaluate with a Truth and an optimum", scores, max_ratio_to_optimum),
@@ -57,7 +58,7 @@ def _mean_below(name: str, remedy: str, scores: list[Score], bound: float | None
     if bound is None:
         return ""
     if not bound > 0:
-        raise ValueError(f"max_{name} = {bound}: no error can keep it; give a bound > 0")
+        raise UserError(f"max_{name} = {bound}: no error can keep it; give a bound > 0")
     figures: list[float | None] = [getattr(score, name) for score in scores]
     known = [figure for figure in figures if figure is not None]
     if len(known) < len(figures):

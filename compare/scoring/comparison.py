@@ -13,6 +13,7 @@ from tqdm import tqdm
 from slamgauge.compare.estimators.estimators import run_estimator
 from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.compare.scoring.text_table import aligned
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth, require_same_run
@@ -50,7 +51,7 @@ def compare_estimators(
             default the recording, with the truth's associations where it has no ids of its own.
 
     Raises:
-        ValueError: the truth is of another recording; an estimator raised, or returned what does not fit, and
+        UserError: the truth is of another recording; an estimator raised, or returned what does not fit, and
             then the estimator is named.
     """
     require_same_run(truth, recording)
@@ -70,8 +71,8 @@ def compare_estimators(
         optimum = estimates.get(OPTIMUM[estimate.kind])
         try:
             score = evaluate(truth, recording, estimate, optimum, estimates.get("batch"))
-        except ValueError as error:
-            raise ValueError(f"estimator {name}: {error}") from error
+        except UserError as error:
+            raise UserError(f"estimator {name}: {error}") from error
         scores[name] = score if estimate.seconds is not None else replace(score, seconds_total=seconds[name])
     return Comparison(truth, recording, estimates, scores)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.errors import UserError
 
 SINGULAR = 1e-9  # smallest eigenvalue of a correlation matrix that is more than rounding (as in slam2d)
 
@@ -55,8 +56,8 @@ def chi2_band(level: float, dof: float) -> tuple[float, float]:
     from scipy.special import gammainccinv, gammaincinv  # here: scipy is slow to start
 
     if not 0 < level < 1:
-        raise ValueError(f"level = {level}: not a probability inside (0, 1); use 0.95, for instance")
+        raise UserError(f"level = {level}: not a probability inside (0, 1); use 0.95, for instance")
     if not dof > 0:
-        raise ValueError(f"dof = {dof}: chi-square needs positive degrees of freedom; give runs that have measurements")
+        raise UserError(f"dof = {dof}: chi-square needs positive degrees of freedom; give runs that have measurements")
     tail = (1 - level) / 2
     return 2 * float(gammaincinv(dof / 2, tail)), 2 * float(gammainccinv(dof / 2, tail))

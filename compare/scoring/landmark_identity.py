@@ -44,7 +44,6 @@ def true_landmarks(truth: Truth, recording: Recording, estimate: Estimate) -> tu
     equals, so that as few as possible are given wrongly).
     """
     ids, landmarks = estimate.landmark_ids, estimate.landmarks
-    assert ids is not None and landmarks is not None  # filled by Estimate's constructor
     if recording.landmark is not None:
         return ids, landmarks
     owners = np.full(len(ids), NOBODY)
@@ -91,7 +90,7 @@ def association_figures(truth: Truth, recording: Recording, estimate: Estimate) 
 def _sights(true: Int, estimate: Estimate) -> tuple[Int, Int]:
     """Observed landmarks (T,), and how many of the observations of each (L, T) every mapped landmark was given."""
     ids, given = estimate.landmark_ids, estimate.association
-    assert ids is not None and given is not None
+    assert given is not None
     names, column = np.unique(true, return_inverse=True)
     accepted = given != NOBODY
     order = np.argsort(ids)

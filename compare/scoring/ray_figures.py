@@ -48,7 +48,6 @@ def ray_figures(truth: Truth, recording: Recording, estimate: Estimate) -> RayFi
     wrong, off = None, None
     if truth.poses is not None and truth.landmark_ids is not None:
         ids, landmarks = true_landmarks(truth, recording, estimate)
-        assert estimate.landmark_ids is not None
         is_off = np.isin(rays.landmark, estimate.landmark_ids[_far_off(truth, estimate, ids, landmarks)])
         owner = _owners(rays.landmark, estimate.landmark_ids, ids)
         wrong = float(np.sum(collapsed & (is_off | ~_nearest_survived(truth, rays, owner))))

@@ -15,6 +15,7 @@ from slamgauge.compare.scoring.landmark_identity import association_figures, lan
 from slamgauge.compare.scoring.loop_closures import LoopClosure, closure_steps, describe_closures
 from slamgauge.compare.scoring.ray_figures import RayFigures, ray_figures
 from slamgauge.compare.scoring.trajectory_error import align, pose_errors, step_errors
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
@@ -124,7 +125,7 @@ def evaluate(
         batch: the hindsight optimum, for the distances of the last pose and of the map.
 
     Raises:
-        ValueError: if lengths do not fit the recording, or the optimum is of another kind.
+        UserError: if lengths do not fit the recording, or the optimum is of another kind.
     """
     truth = Truth() if truth is None else truth
     _check(truth, recording, estimate, optimum, batch)
@@ -222,16 +223,16 @@ def _check(
     given = {"truth": truth, "estimate": estimate, "optimum": optimum, "batch": batch}
     for name, each in given.items():
         if each is not None and each.poses is not None and len(each.poses) != poses:
-            raise ValueError(f"{name}.poses: {len(each.poses)} rows for {poses} stamps; give one pose per stamp")
+            raise UserError(f"{name}.poses: {len(each.poses)} rows for {poses} stamps; give one pose per stamp")
         if each is not None and each.association is not None and len(each.association) != observations:
-            raise ValueError(
+            raise UserError(
                 f"{name}.association: {len(each.association)} entries for {observations} observations; "
                 "give one per observation"
             )
     if optimum is not None and optimum.kind != estimate.kind:
-        raise ValueError(
+        raise UserError(
             f"optimum.kind: {optimum.kind!r} is not comparable with {estimate.kind!r}; "
             "compare a filtered estimate with iSAM2, a smoothed one with batch"
         )
     if batch is not None and batch.kind != "smoothed":
-        raise ValueError(f"batch.kind: {batch.kind!r} is not the hindsight optimum; give batch's smoothed estimate")
+        raise UserError(f"batch.kind: {batch.kind!r} is not the hindsight optimum; give batch's smoothed estimate")

@@ -9,7 +9,7 @@ import zipfile
 import zlib
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -19,6 +19,7 @@ from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from slamgauge.arrays import Float
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
@@ -44,12 +45,12 @@ _BROKEN = (
 
 @contextmanager
 def explained(path: str | Path, verb: str) -> Generator[None]:
-    """Turn the operating system's refusal to have `path` "read" or "written" into a one-line `ValueError`."""
+    """Turn the operating system's refusal to have `path` "read" or "written" into a one-line `UserError`."""
     try:
         yield
     except OSError as error:
         reason = error.strerror or str(error)
-        raise ValueError(f"{path}: cannot be {verb} ({reason}); check the path and its permissions") from None
+        raise UserError(f"{path}: cannot be {verb} ({reason}); check the path and its permissions") from None
 
 
 def save(path: str | Path, record: Recording | Truth | Estimate) -> None:
@@ -58,7 +59,7 @@ def save(path: str | Path, record: Recording | Truth | Estimate) -> None:
     The fields of a record within the record get its name before theirs: `rays_birth`.
 
     Raises:
-        ValueError: If the file cannot be written.
+        UserError: If the file cannot be written.
     """
     with explained(path, "written"), Path(path).open("wb") as file:
         np.savez_compressed(file, **_flat(record))
@@ -76,17 +77,17 @@ def _flat(record: object) -> dict[str, Any]:
 
 
 def load_recording(path: str | Path) -> Recording:
-    """The recording of an npz file; `ValueError` with path and remedy if it holds none."""
+    """The recording of an npz file; `UserError` with path and remedy if it holds none."""
     return _load(path, Recording)
 
 
 def load_truth(path: str | Path) -> Truth:
-    """The truth of an npz file; `ValueError` with path and remedy if it holds none."""
+    """The truth of an npz file; `UserError` with path and remedy if it holds none."""
     return _load(path, Truth)
 
 
 def load_estimate(path: str | Path) -> Estimate:
-    """The estimate of an npz file; `ValueError` with path and remedy if it holds none."""
+    """The estimate of an npz file; `UserError` with path and remedy if it holds none."""
     return _load(path, Estimate)
 
 
@@ -99,7 +100,7 @@ def write_tum(path: str | Path, stamps: Float, poses: Float) -> None:
         poses: (N+1, 3) x [m], y [m], heading [rad].
 
     Raises:
-        ValueError: If the file cannot be written.
+        UserError: If the file cannot be written.
     """
     x, y, heading = poses.T
     zero = np.zeros_like(x)
@@ -128,17 +129,19 @@ def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str
             parts = {name.removeprefix(begin): values.pop(name) for name in [*values] if name.startswith(begin)}
             if parts:
                 values[field] = _made(path, inner, parts, begin)
-    required = {field for field, hint in hints.items() if NoneType not in get_args(hint)}
+    optional = {name for name, hint in hints.items() if NoneType in get_args(hint)}
+    defaults = {each.name for each in fields(kind) if (each.default, each.default_factory) != (MISSING, MISSING)}
+    required = hints.keys() - optional - defaults
     for verdict, names in (("lacks", required - values.keys()), ("has the unknown", values.keys() - hints.keys())):
         if names:
             found = f"it {verdict} {', '.join(sorted(f'{within}{name}' for name in names))}"
-            raise ValueError(f"{path}: not a {kind.__name__}, {found}; give another file")
+            raise UserError(f"{path}: not a {kind.__name__}, {found}; give another file")
     texts = {field: str(values[field]) for field, hint in hints.items() if get_origin(hint) is Literal}
-    arguments: dict[str, Any] = dict.fromkeys(hints) | values | texts
+    arguments: dict[str, Any] = dict.fromkeys(optional) | values | texts
     try:
         return kind(**arguments)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
 
 
 def _read_npz(path: str | Path) -> dict[str, NDArray[Any]]:
@@ -148,5 +151,5 @@ def _read_npz(path: str | Path) -> dict[str, NDArray[Any]]:
         if isinstance(archive, NpzFile):  # np.load reads other formats too
             arrays = {name: np.asarray(archive[name]) for name in archive}
     if arrays is None:
-        raise ValueError(f"{path}: not a whole npz file of plain arrays; write it again with numpy.savez")
+        raise UserError(f"{path}: not a whole npz file of plain arrays; write it again with numpy.savez")
     return arrays

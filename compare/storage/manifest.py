@@ -20,6 +20,7 @@ from typing import Any, cast
 
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.result_files import SQLITE_SIDE_FILES
+from slamgauge.errors import UserError
 
 MANIFEST = ".slamgauge.json"
 REMEDY = "move it away or give another --out"
@@ -31,7 +32,7 @@ def owned(folder: Path) -> set[str]:
     """Names, relative to `folder`, of the files in it that are ours.
 
     Raises:
-        ValueError: the manifest cannot be read, or is none that we have written.
+        UserError: the manifest cannot be read, or is none that we have written.
     """
     path = folder / MANIFEST
     with explained(path, "read"):
@@ -54,21 +55,21 @@ def require_free(folder: Path, names: Iterable[str], remedy: str = REMEDY) -> No
     """Refuse to write files of these names, relative to `folder`, if what is not ours is in the way of one.
 
     Raises:
-        ValueError: the first such file, folder or link; or the manifest is none that we have written.
+        UserError: the first such file, folder or link; or the manifest is none that we have written.
     """
     ours = owned(folder)
     for name in names:
         for above in _folders_above(name):
             require_folder(folder, above, remedy)
         if os.path.lexists(folder / name) and name not in ours:
-            raise ValueError(f"{folder / name}: is in the way and was not written by slamgauge; {remedy}")
+            raise UserError(f"{folder / name}: is in the way and was not written by slamgauge; {remedy}")
 
 
 def require_folder(folder: Path, name: str, remedy: str = REMEDY) -> Path:
-    """The folder `name` in `folder`, there or not; `ValueError` if a file or a link bears that name."""
+    """The folder `name` in `folder`, there or not; `UserError` if a file or a link bears that name."""
     path = folder / name
     if os.path.lexists(path) and (path.is_symlink() or not path.is_dir()):
-        raise ValueError(f"{path}: is in the way and was not written by slamgauge; {remedy}")
+        raise UserError(f"{path}: is in the way and was not written by slamgauge; {remedy}")
     return path
 
 
@@ -87,7 +88,7 @@ def begin_file(folder: Path, name: str) -> None:
     """Make an empty file of ours, to be written in place, if there is none; ours it is from then on by its name.
 
     Raises:
-        ValueError: what is not ours is in the way, or nothing can be written there.
+        UserError: what is not ours is in the way, or nothing can be written there.
     """
     require_free(folder, [name])
     with explained(folder, "written"):
@@ -136,8 +137,8 @@ def _are_digests(value: object) -> bool:
     )
 
 
-def _no_manifest(path: Path) -> ValueError:
-    return ValueError(f"{path}: is no list of files that slamgauge has written; move it away or use another folder")
+def _no_manifest(path: Path) -> UserError:
+    return UserError(f"{path}: is no list of files that slamgauge has written; move it away or use another folder")
 
 
 def _is_plain_file(folder: Path, name: str) -> bool:

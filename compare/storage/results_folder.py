@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from slamgauge.compare.storage.files import explained, load_estimate, load_recording, load_truth
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth, require_same_run
@@ -25,11 +26,11 @@ def load_results(folder: Path) -> Results:
     """The results in a folder.
 
     Raises:
-        ValueError: if there are none, or if what is there does not belong together.
+        UserError: if there are none, or if what is there does not belong together.
     """
     path = folder / "metrics.json"
     if not path.is_file():
-        raise ValueError(
+        raise UserError(
             f"{folder}: not a folder of results, it has no metrics.json; "
             "give one that `slamgauge run` or `slamgauge evaluate --out` has written"
         )
@@ -39,16 +40,16 @@ def load_results(folder: Path) -> Results:
         metrics = json.loads(text)
         names, scenario, seed = list(metrics["estimators"]), metrics["scenario"], metrics["seed"]
     except (ValueError, TypeError, KeyError):
-        raise ValueError(f"{path}: not what `slamgauge run` writes; run it again") from None
+        raise UserError(f"{path}: not what `slamgauge run` writes; run it again") from None
     if not names:
-        raise ValueError(f"{path}: tells of no estimators; run the command again with at least one")
+        raise UserError(f"{path}: tells of no estimators; run the command again with at least one")
     recording = load_recording(folder / "recording.npz")
     truth = load_truth(folder / "truth.npz") if (folder / "truth.npz").exists() else None
     require_same_run(truth, recording)
     estimates = {name: load_estimate(folder / "estimates" / f"{name}.npz") for name in names}
     for name, estimate in estimates.items():
         if len(estimate.poses) != recording.steps + 1:
-            raise ValueError(
+            raise UserError(
                 f"{folder / 'estimates' / name}.npz: {len(estimate.poses)} poses, "
                 f"but the recording beside it needs {recording.steps + 1}; run the command again"
             )

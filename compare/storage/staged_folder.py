@@ -33,7 +33,7 @@ def staged_folder(
         remedy: what to do about files in the way.
 
     Raises:
-        ValueError: On entry if something is in the way or nothing can be written there, at the end if something has got
+        UserError: On entry if something is in the way or nothing can be written there, at the end if something has got
             in the way since or publishing fails.
     """
     out, writes = Path(out), frozenset(writes)

@@ -24,6 +24,7 @@ from slamgauge.compare.scoring.ray_figures import RayFigures, describe, mean_fig
 from slamgauge.compare.scoring.text_table import aligned
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.ekf.estimators import CORRECTIONS
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
@@ -80,14 +81,14 @@ def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, exe
     """The budget over `runs` runs whose seeds are spawned from `seed`; intervals are bootstrapped over runs.
 
     Raises:
-        ValueError: bad names or numbers, or an estimator that failed, with the run.
+        UserError: bad names or numbers, or an estimator that failed, with the run.
     """
     if filter_name not in CORRECTIONS:
-        raise ValueError(f"filter: {filter_name!r} is none whose error can be split; use {', '.join(CORRECTIONS)}")
+        raise UserError(f"filter: {filter_name!r} is none whose error can be split; use {', '.join(CORRECTIONS)}")
     if runs < 1:
-        raise ValueError(f"runs: {runs} is no budget; give at least 1")
+        raise UserError(f"runs: {runs} is no budget; give at least 1")
     if seed < 0:
-        raise ValueError(f"seed: {seed} is negative; use a whole number >= 0")
+        raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     seeds = [run_seed(seed, run) for run in range(runs)]
     futures = [executor.submit(rung_errors, scenario, each, filter_name) for each in seeds]
     try:
@@ -130,8 +131,8 @@ def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> tuple[Float,
             associating = assuming
         else:
             associating = _run("isam2", recording.associated(own))
-    except ValueError as error:
-        raise ValueError(f"run with seed {seed}: {error}") from error
+    except UserError as error:
+        raise UserError(f"run with seed {seed}: {error}") from error
     errors = np.array([_mse(truth, each) for each in (hindsight, causal, assuming, associating, estimate)])
     return errors, ray_figures(truth, recording, estimate)
 

@@ -33,6 +33,7 @@ from slamgauge.compare.studies.claim_list import CLAIMS, FILTER, OPTIMUM, SETTIN
 from slamgauge.compare.studies.store import Runs
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import failure_lines, paired
+from slamgauge.errors import UserError
 
 ALPHA = 0.05
 Studies = Mapping[tuple[str, str], Runs]  # by setting and estimator
@@ -106,10 +107,10 @@ def judge_claims(runs: int, seed: int, out: Path, executor: Executor) -> Claims:
     """Carry out the studies that the claims need and `out` lacks, then judge every claim.
 
     Raises:
-        ValueError: bad numbers, a store in `out` that holds another study, or what is not ours in the way of a file.
+        UserError: bad numbers, a store in `out` that holds another study, or what is not ours in the way of a file.
     """
     if runs < 2:
-        raise ValueError(f"runs: {runs} show no spread; give at least 2")
+        raise UserError(f"runs: {runs} show no spread; give at least 2")
     require_free(out, [CLAIMS_FILE])
     inside = require_folder(out, "studies")
     for name in SETTINGS:

@@ -5,10 +5,17 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
-from collections.abc import Generator
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
+from collections.abc import Callable, Generator
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from typing import ParamSpec, TypeVar
+
+from slamgauge.errors import UserError
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 BLAS_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
@@ -22,24 +29,54 @@ def pin_blas_threads() -> None:
         os.environ.setdefault(variable, "1")
 
 
+class _Processes(Executor):
+    """Worker processes, begun anew when one of them has died: the runs among them then end with `BrokenExecutor`."""
+
+    def __init__(self, jobs: int) -> None:
+        self._jobs = jobs
+        self._pool = self._begin()
+
+    def _begin(self) -> ProcessPoolExecutor:
+        context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
+        return ProcessPoolExecutor(self._jobs, mp_context=context, initializer=_follow_parent)
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Hand out a run, to new processes if the others are gone."""
+        try:
+            return self._pool.submit(fn, *args, **kwargs)
+        except BrokenExecutor:
+            self._pool.shutdown()
+            self._pool = self._begin()
+            return self._pool.submit(fn, *args, **kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes."""
+        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+
+
+def lost_worker(error: BaseException) -> bool:
+    """Whether a run did not end because the process that carried it did."""
+    scheduler = sys.modules.get("distributed.scheduler")  # loaded where a cluster carries the runs
+    return isinstance(error, BrokenExecutor) or (scheduler is not None and isinstance(error, scheduler.KilledWorker))
+
+
 @contextmanager
 def local_processes(jobs: int) -> Generator[Executor]:
     """Worker processes of this machine, each with one BLAS thread; they end with their parent, however it ends.
 
     Raises:
-        ValueError: a worker died.
+        UserError: a worker died, and whoever waited for it did not go on without.
     """
     pin_blas_threads()
-    context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_follow_parent)
+    pool = _Processes(jobs)
     try:
         yield pool
     except BaseException as error:  # what is being computed will not be used any more
         for worker in set(multiprocessing.active_children()) - others:
             worker.terminate()
         if isinstance(error, BrokenExecutor):
-            raise ValueError("a worker process died (out of memory?); give the same command again") from None
+            raise UserError("a worker process died (out of memory?); give the same command again") from None
         raise
     finally:
         pool.shutdown(cancel_futures=True)
@@ -50,21 +87,21 @@ def dask_cluster(address: str) -> Generator[Executor]:
     """The workers of a running Dask cluster, which must have this version of slamgauge installed.
 
     Raises:
-        ValueError: the extra `cluster` is not installed, no scheduler answers at `address`, or it is lost.
+        UserError: the extra `cluster` is not installed, no scheduler answers at `address`, or it is lost.
     """
     try:
         from distributed import Client
     except ImportError:
-        raise ValueError("scheduler: needs the extra 'cluster'; pip install 'slamgauge[cluster]'") from None
+        raise UserError("scheduler: needs the extra 'cluster'; pip install 'slamgauge[cluster]'") from None
     try:
         client = Client(address, timeout="10s", set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         reason = str(error).splitlines()[0] if str(error) else "no answer"
-        raise ValueError(f"scheduler {address}: {reason}; start one, and give its address tcp://host:port") from None
+        raise UserError(f"scheduler {address}: {reason}; start one, and give its address tcp://host:port") from None
     try:
         yield client.get_executor(pure=False)
     except (CancelledError, OSError) as error:
-        raise ValueError(f"scheduler {address}: lost ({error or 'cancelled'}); give the same command again") from None
+        raise UserError(f"scheduler {address}: lost ({error or 'cancelled'}); give the same command again") from None
     finally:
         client.close()
 

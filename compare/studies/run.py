@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from slamgauge.compare.scoring.landmark_identity import landmark_errors, true_la
 from slamgauge.compare.scoring.ray_figures import RayFigures
 from slamgauge.compare.scoring.scores import filter_figures, map_figures, pose_covs_of
 from slamgauge.compare.scoring.trajectory_error import pose_errors
+from slamgauge.errors import UserError, refused_by_the_machine
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
@@ -69,6 +72,7 @@ class Outcome:
     figures: dict[str, float | None] = field(default_factory=dict)
     series: bytes = b""  # (len(SERIES), N+1) in single precision
     error: str | None = None
+    transient: bool = False  # the error is the machine's, not the input's: the same run may succeed another time
 
 
 def run_seed(seed: int, run: int) -> int:
@@ -85,7 +89,8 @@ def run_once(scenario: Scenario, seed: int, names: Sequence[str]) -> list[Outcom
         truth, recording = simulate(scenario, seed)
         told = simulate(informed(scenario), seed)[1] if set(names) & set(YARDSTICKS) else recording
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
-        return [Outcome(name, error=f"simulation: {type(error).__name__}: {error}") for name in names]
+        failed = _failed("", error)
+        return [replace(failed, estimator=name, error=f"simulation: {failed.error}") for name in names]
     estimators = load_estimators(names, association=scenario.association, beginning=scenario.beginning)
     return [
         _outcome(name, estimator, truth, told if name in YARDSTICKS else recording)
@@ -109,7 +114,19 @@ def _outcome(name: str, estimator: Estimator, truth: Truth, recording: Recording
         figures = {key: known[key] for key in FIGURES}
         return Outcome(name, estimate.kind, figures, series.astype(np.float32).tobytes())
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
-        return Outcome(name, error=f"{type(error).__name__}: {error}")
+        return _failed(name, error)
+
+
+def _failed(name: str, error: Exception) -> Outcome:
+    """What is known of a failure, in a line: a mistake, a refusal of the machine, or a defect and where it shows."""
+    if isinstance(error, UserError):
+        return Outcome(name, error=str(error), transient=refused_by_the_machine(error))
+    what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    if refused_by_the_machine(error):
+        return Outcome(name, error=what, transient=True)
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    where = f"{Path(frame.filename).name}, line {frame.lineno}"
+    return Outcome(name, error=f"{what} ({where}; a defect of slamgauge, please report it)")
 
 
 def near_and_far(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, float | None]:

@@ -1,7 +1,8 @@
 """The store of a study: one SQLite file, a row per run and estimator, written as results arrive.
 
 Every run is one transaction of a write-ahead log: whatever ends the process, a run is stored whole or
-not at all, and the next process goes on with the runs that are missing.
+not at all, and the next process goes on with the runs that are missing. What the machine refused (`Outcome.transient`)
+is not stored, so that the next process tries it again.
 """
 
 from __future__ import annotations
@@ -12,14 +13,22 @@ import sqlite3
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
+from slamgauge import __version__
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.studies.run import FIGURES, SERIES, Outcome
+from slamgauge.errors import UserError
+
+# of what a store holds: raise it when `_TABLES`, `SERIES` or `FIGURES` change, and when the same scenario and seed
+# give other measurements or a figure another meaning; stores of another number are refused, whatever their version
+SCHEMA = 1
+_UNNUMBERED = {"0.3.0": "1"}  # the schema of stores that were begun before they carried its number, by version
+# SQLite's errors that are not the file's fault: give the same command again
+_REFUSALS = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_NOMEM)
 
 _TABLES = """
 BEGIN;
@@ -71,10 +80,11 @@ class StudyStore:
         return set(self._connection.execute("SELECT run, estimator FROM outcome"))
 
     def add(self, run: int, seed: int, outcomes: Sequence[Outcome]) -> None:
-        """Store a run whole; what is stored already stays."""
+        """Store a run whole, without what may succeed another time; what is stored already stays."""
         rows = [
             (run, each.estimator, seed, each.kind, each.error, json.dumps(each.figures), each.series)
             for each in outcomes
+            if not each.transient
         ]
         with self._connection:
             self._connection.executemany("INSERT OR IGNORE INTO outcome VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
@@ -108,10 +118,11 @@ def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
     """Make the file at `path`, which is empty or a store, the store of this study.
 
     Raises:
-        ValueError: the file cannot be used.
+        UserError: the file cannot be used.
     """
     ours = {
-        "version": version("slamgauge"),
+        "schema": str(SCHEMA),
+        "version": __version__,  # that began it: for information alone
         "digest": digest(scenario, seed),
         "scenario": scenario.model_dump_json(),
         "seed": str(seed),
@@ -120,7 +131,9 @@ def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
         connection.execute("PRAGMA journal_mode = WAL")
         connection.executescript(_TABLES)
         with connection:
-            connection.executemany("INSERT OR IGNORE INTO study VALUES (?, ?)", ours.items())
+            connection.execute("BEGIN IMMEDIATE")  # another process may be about to claim it too
+            if not connection.execute("SELECT 1 FROM study").fetchone():
+                connection.executemany("INSERT INTO study VALUES (?, ?)", ours.items())
 
 
 @contextmanager
@@ -128,7 +141,7 @@ def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStor
     """The store at `path`.
 
     Raises:
-        ValueError: the file holds another study, was made by another version, or cannot be used.
+        UserError: the file holds another study, has another schema, or cannot be used.
     """
     with _connected(path) as connection:
         connection.execute("PRAGMA synchronous = NORMAL")
@@ -146,19 +159,24 @@ def _connected(path: Path) -> Generator[sqlite3.Connection]:
         finally:
             connection.close()
     except sqlite3.Error as error:
-        raise ValueError(f"{path}: cannot be used as a study's store ({error}); give another --out") from None
+        if (getattr(error, "sqlite_errorcode", 0) & 0xFF) in _REFUSALS:  # the low byte: the rest tells the kinds apart
+            raise UserError(
+                f"{path}: cannot be written ({error}); make room, and give the same command again"
+            ) from None
+        raise UserError(f"{path}: cannot be used as a study's store ({error}); give another --out") from None
 
 
 def _require_same(connection: sqlite3.Connection, path: Path, scenario: Scenario, seed: int) -> None:
     """Refuse a store that is for something else."""
     found = dict(connection.execute("SELECT key, value FROM study"))
     if not {"version", "digest", "scenario"} <= found.keys():
-        raise ValueError(f"{path}: holds no study; give another --out")
-    if found["version"] != version("slamgauge"):
-        raise ValueError(
-            f"{path}: was begun by slamgauge {found['version']}, this is {version('slamgauge')}; "
-            "finish it with that version, or give another --out"
+        raise UserError(f"{path}: holds no study; give another --out")
+    schema = found.get("schema") or _UNNUMBERED.get(found["version"], "of old")
+    if schema != str(SCHEMA):
+        raise UserError(
+            f"{path}: has schema {schema} (begun by slamgauge {found['version']}), this is schema {SCHEMA} "
+            f"(slamgauge {__version__}); finish it with that version, or give another --out"
         )
     if found["digest"] != digest(scenario, seed):
         what = "another seed" if found["scenario"] == scenario.model_dump_json() else "another scenario"
-        raise ValueError(f"{path}: holds a study of {what} (digest {found['digest'][:12]}); give another --out")
+        raise UserError(f"{path}: holds a study of {what} (digest {found['digest'][:12]}); give another --out")

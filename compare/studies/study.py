@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from contextlib import closing
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 from tqdm import tqdm
@@ -12,17 +15,26 @@ from slamgauge.compare.estimators.estimators import load_estimators
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.storage.manifest import begin_file, require_free
 from slamgauge.compare.storage.result_files import STORE, STORE_FILES
+from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.store import Runs, StudyStore, begin_store, digest, open_store
 from slamgauge.compare.studies.summary import Failure, Summary, summarise
+from slamgauge.errors import UserError
 
 IN_FLIGHT = 256  # runs handed to the executor at a time, so that results do not pile up
+MOST_LOST = 3  # workers in a row that die at a single run: it is not the run then
+AGAIN = "not stored: the same command carries it out again"
+
+_Task = tuple[int, list[str]]  # a run, and the estimators that it is still to be given to
 
 
 def run_study(
     scenario: Scenario, runs: int, seed: int, estimators: Sequence[str], out: Path, executor: Executor
 ) -> Summary:
     """Carry out the runs that the store in `out` lacks, and sum up the first `runs` of them.
+
+    An estimator's error is stored as what became of the run. What the machine refused (memory, room, a worker that
+    died) is named among the failures and not stored: the same command carries it out again.
 
     Args:
         scenario: what to simulate; draw the true start from the prior (`start = "sampled"`) for any
@@ -35,22 +47,24 @@ def run_study(
         executor: carries the runs, for example `executors.local_processes(2)`.
 
     Raises:
-        ValueError: bad names or numbers, a store that holds another study, or a file in its place that is not ours.
+        UserError: bad names or numbers, a store that holds another study, a file in its place that is not ours, or
+            workers that die whatever they carry.
     """
     load_estimators(estimators)  # misspelt names are refused before anything is written
     if not estimators:
-        raise ValueError("estimators: none given; name at least one, for example --estimators ekf,isam2")
+        raise UserError("estimators: none given; name at least one, for example --estimators ekf,isam2")
     if runs < 1:
-        raise ValueError(f"runs: {runs} is no study; give at least 1")
+        raise UserError(f"runs: {runs} is no study; give at least 1")
     if seed < 0:
-        raise ValueError(f"seed: {seed} is negative; use a whole number >= 0")
+        raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     require_free(out, STORE_FILES)
     begin_file(out, STORE)
     begin_store(out / STORE, scenario, seed)
     with open_store(out / STORE, scenario, seed) as store:
-        _carry_out(store, scenario, runs, seed, estimators, executor)
+        refused = _carry_out(store, scenario, runs, seed, estimators, executor)
         loaded = {name: store.load(name, runs) for name in estimators}
         failures = [Failure(*each) for each in store.failures(runs) if each[1] in estimators]
+        failures = sorted(failures + refused, key=lambda failure: (failure.run, failure.estimator))
     return Summary(
         scenario=scenario.name,
         runs=runs,
@@ -64,46 +78,70 @@ def run_study(
 def load_runs(scenario: Scenario, runs: int, seed: int, estimators: Sequence[str], out: Path) -> dict[str, Runs]:
     """What the store in `out` holds of each estimator, for figures and statistics of one's own."""
     if not (out / STORE).exists():
-        raise ValueError(f"{out / STORE}: there is no study; carry one out with run_study")
+        raise UserError(f"{out / STORE}: there is no study; carry one out with run_study")
     with open_store(out / STORE, scenario, seed) as store:
         return {name: store.load(name, runs) for name in estimators}
 
 
 def _carry_out(
     store: StudyStore, scenario: Scenario, runs: int, seed: int, estimators: Sequence[str], executor: Executor
-) -> None:
-    """Hand out the missing runs, and store each as it arrives."""
+) -> list[Failure]:
+    """Hand out the missing runs, and store each as it arrives; what failed and is not stored is returned.
+
+    When a worker dies, all that its pool carried is lost. Those runs are carried out again one at a time, which
+    tells the one that takes its worker with it from the others.
+    """
     stored = store.stored()
     missing = {run: [name for name in estimators if (run, name) not in stored] for run in range(runs)}
     to_do = [(run, names) for run, names in missing.items() if names]
     progress = tqdm(total=runs, initial=runs - len(to_do), disable=None, unit="run", desc=scenario.name)
-    pending: dict[Future[list[Outcome]], int] = {}
-    waiting = iter(to_do)
+    refused: list[Failure] = []
+    lost: list[_Task] = []
+    in_a_row = 0
     with progress:
-        try:
-            while _hand_out(pending, waiting, scenario, seed, executor):
-                done, _ = wait(pending, return_when=FIRST_COMPLETED)
-                for future in done:
-                    run = pending.pop(future)
-                    store.add(run, run_seed(seed, run), future.result())
+        with closing(_carried(to_do, IN_FLIGHT, scenario, seed, executor)) as arriving:
+            for task, done in arriving:
+                if done is None:
+                    lost.append(task)
+                else:
+                    refused += _kept(store, task[0], seed, done)
                     progress.update()
-        finally:
-            for future in pending:
-                future.cancel()
+        with closing(_carried(sorted(lost), 1, scenario, seed, executor)) as arriving:
+            for (run, names), done in arriving:
+                in_a_row = in_a_row + 1 if done is None else 0
+                if in_a_row == MOST_LOST:
+                    raise UserError(
+                        f"a worker process died {MOST_LOST} times in a row, the last time at run {run} alone "
+                        "(out of memory?); make room, and give the same command again"
+                    )
+                error = Outcome("", error="its worker process died (out of memory?)", transient=True)
+                refused += _kept(store, run, seed, done or [replace(error, estimator=name) for name in names])
+                progress.update()
+    return refused
 
 
-def _hand_out(
-    pending: dict[Future[list[Outcome]], int],
-    waiting: Iterator[tuple[int, list[str]]],
-    scenario: Scenario,
-    seed: int,
-    executor: Executor,
-) -> bool:
-    """Top up the runs in flight; False when nothing is left to wait for."""
-    while len(pending) < IN_FLIGHT:
-        following = next(waiting, None)
-        if following is None:
-            break
-        run, names = following
-        pending[executor.submit(run_once, scenario, run_seed(seed, run), names)] = run
-    return bool(pending)
+def _kept(store: StudyStore, run: int, seed: int, outcomes: list[Outcome]) -> list[Failure]:
+    """Store what became of a run, and return the failures that are not stored."""
+    store.add(run, run_seed(seed, run), outcomes)
+    return [Failure(run, each.estimator, f"{each.error} ({AGAIN})") for each in outcomes if each.transient]
+
+
+def _carried(
+    to_do: Sequence[_Task], in_flight: int, scenario: Scenario, seed: int, executor: Executor
+) -> Generator[tuple[_Task, list[Outcome] | None]]:
+    """What became of each run, as it arrives; None if its worker died."""
+    pending: dict[Future[list[Outcome]], _Task] = {}
+    waiting = iter(to_do)
+    try:
+        while True:
+            for run, names in islice(waiting, in_flight - len(pending)):
+                pending[executor.submit(run_once, scenario, run_seed(seed, run), names)] = (run, names)
+            if not pending:
+                return
+            for future in wait(pending, return_when=FIRST_COMPLETED).done:
+                task = pending.pop(future)
+                error = future.exception()
+                yield task, None if error is not None and lost_worker(error) else future.result()
+    finally:
+        for future in pending:
+            future.cancel()

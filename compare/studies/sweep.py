@@ -17,6 +17,7 @@ from slamgauge.compare.storage.result_files import STORE_FILES, STUDY_FILES, SWE
 from slamgauge.compare.studies.store import Runs, digest
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import Failure, Summary, failure_lines, summarise
+from slamgauge.errors import UserError
 
 Finished = Callable[[Path, Summary, dict[str, Runs], float], None]
 
@@ -48,16 +49,16 @@ def split_sweep(text: str) -> tuple[str, tuple[str, ...]]:
     """Key and values of `key=v1,v2,...`.
 
     Raises:
-        ValueError: it is none, a value stands there twice, or is no plain number or word.
+        UserError: it is none, a value stands there twice, or is no plain number or word.
     """
     key, _, rest = text.partition("=")
     values = tuple(value.strip() for value in rest.split(",") if value.strip())
     if not key.strip() or not values:
-        raise ValueError(f"sweep {text!r}: write key=v1,v2,... , for example association.gate=1,9,100")
+        raise UserError(f"sweep {text!r}: write key=v1,v2,... , for example association.gate=1,9,100")
     if any(sign in rest for sign in "[]{}/\\"):
-        raise ValueError(f"sweep {text!r}: lists, tables and paths cannot be swept; write a scenario file for each")
+        raise UserError(f"sweep {text!r}: lists, tables and paths cannot be swept; write a scenario file for each")
     if len(set(values)) < len(values):
-        raise ValueError(f"sweep {text!r}: a value stands there twice; name each once")
+        raise UserError(f"sweep {text!r}: a value stands there twice; name each once")
     return key.strip(), values
 
 
@@ -89,7 +90,7 @@ def run_sweep(
         finished: called when the study of a value is done, with its folder, summary, runs and time step [s].
 
     Raises:
-        ValueError: as `load_scenario` and `run_study`; before anything is run if what is not ours is in the way.
+        UserError: as `load_scenario` and `run_study`; before anything is run if what is not ours is in the way.
     """
     key, values = split_sweep(sweep)
     scenarios = [load_scenario(name_or_path, [*overrides, f"{key}={value}"]) for value in values]
@@ -98,9 +99,9 @@ def run_sweep(
     for value, scenario in zip(values, scenarios, strict=True):
         first = scenarios.index(scenario)
         if values[first] != value:
-            raise ValueError(f"sweep {sweep!r}: {values[first]} and {value} are the same value; name each once")
+            raise UserError(f"sweep {sweep!r}: {values[first]} and {value} are the same value; name each once")
     if not others:
-        raise ValueError("estimators: a sweep needs one beside the optima; add a filter, for example ekf")
+        raise UserError("estimators: a sweep needs one beside the optima; add a filter, for example ekf")
     folders = [f"{key}={value}" for value in values]
     besides = [f"optimum/{digest(informed(scenario), seed)[:12]}" for scenario in scenarios]
     _require_free(out, folders, besides if optima else [])

@@ -39,8 +39,6 @@ def covs_of(estimate: Estimate) -> Float:
 
 def map_of(estimate: Estimate) -> tuple[Int, Float, Float]:
     """Ids in increasing order, landmarks and their covariances."""
-    assert estimate.landmark_ids is not None
-    assert estimate.landmarks is not None
     assert estimate.landmark_covs is not None
     order = np.argsort(estimate.landmark_ids)
     return estimate.landmark_ids[order], estimate.landmarks[order], estimate.landmark_covs[order]

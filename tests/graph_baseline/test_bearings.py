@@ -43,7 +43,6 @@ def small(seed: int = 0) -> tuple[Truth, Recording]:
 
 
 def arrays(estimate: Estimate) -> tuple[Float, Float]:
-    assert estimate.landmarks is not None
     return estimate.poses, estimate.landmarks
 
 

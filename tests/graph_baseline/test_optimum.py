@@ -52,8 +52,6 @@ class Answer(NamedTuple):
 def answer(estimate: Estimate) -> Answer:
     """With landmarks in increasing id order."""
     assert estimate.pose_covs is not None
-    assert estimate.landmark_ids is not None
-    assert estimate.landmarks is not None
     assert estimate.landmark_covs is not None
     order = np.argsort(estimate.landmark_ids)
     return Answer(

@@ -529,7 +529,7 @@ ESTIMATE = "from slamgauge import Estimate\nimport numpy as np\nimport sys\n\nde
         ),
         (
             ESTIMATE + "return Estimate('filtered', np.full((151, 3), np.nan))",
-            r"it raised ValueError: poses\[0\] = \[nan, nan, nan\]: .* \(OWN.py, line 6\); mend it and run again",
+            r"it raised UserError: poses\[0\] = \[nan, nan, nan\]: .* \(OWN.py, line 6\); mend it and run again",
         ),
         (
             ESTIMATE + "recording.odometry[0] = 0.0",

@@ -16,6 +16,7 @@ from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.studies.budget import RUNGS, budget_table, error_budget, rung_errors, summarise_budget
 from slamgauge.compare.studies.run import run_seed
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
@@ -94,7 +95,7 @@ def test_the_costliest_rung_is_named_with_its_share() -> None:
 
 def test_an_estimator_that_fails_is_named_with_the_seed(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(_: Recording) -> Estimate:
-        raise ValueError("no luck")
+        raise UserError("no luck")
 
     monkeypatch.setattr("slamgauge.ekf.ekf", broken)
     with (

@@ -13,6 +13,7 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario
 from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.sweep import run_sweep, split_sweep, sweep_table
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 
 SHORT = ["start=sampled", "trajectory.duration=3"]
@@ -75,7 +76,7 @@ def test_more_values_later_run_no_optimum_again_and_failures_are_shown(tmp_path:
         run_sweep(*sweep, executor)
 
         def broken(*_: object, **__: object) -> Estimate:
-            raise ValueError("no luck")
+            raise UserError("no luck")
 
         monkeypatch.setattr("slamgauge.graph_baseline.isam2", broken)
         monkeypatch.setattr("slamgauge.ekf.ekf", broken)

@@ -1,0 +1,86 @@
+"""Which stores a study goes on with, and what it says of the others."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sqlite3
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from slamgauge import __version__
+from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.studies import store as study_store
+from slamgauge.compare.studies.run import FIGURES, SERIES, Outcome
+from slamgauge.compare.studies.study import run_study
+from slamgauge.errors import UserError
+
+HELD = {1: "b7eca9962967e50e"}  # of each schema number, a digest of the columns
+
+
+def about(folder: Path) -> dict[str, str]:
+    """What the store in the folder says of itself."""
+    with closing(sqlite3.connect(folder / "study.sqlite")) as connection:
+        return dict(connection.execute("SELECT key, value FROM study"))
+
+
+def test_another_version_goes_on_with_the_study(
+    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+    monkeypatch.setattr(study_store, "__version__", "9.9.9")
+    both = run_study(scenario, 2, 0, ("ekf",), tmp_path, thread)
+    assert (first.digest, both.estimators["ekf"].runs) == (both.digest, 2)
+    assert about(tmp_path)["version"] == __version__
+
+
+def test_another_schema_is_refused_in_a_line_with_the_remedy(
+    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+    monkeypatch.setattr(study_store, "SCHEMA", study_store.SCHEMA + 1)
+    message = r"has schema \d+ \(begun by slamgauge .*\), this is schema \d+ .*; finish it with that version, or give"
+    with pytest.raises(UserError, match=message) as caught:
+        run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("version", "schema"), [("0.3.0", "1"), ("0.2.0", "of old")])
+def test_a_store_without_a_schema_number_has_that_of_its_version(
+    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, version: str, schema: str
+) -> None:
+    run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+    with closing(sqlite3.connect(tmp_path / "study.sqlite")) as connection, connection:
+        connection.execute("DELETE FROM study WHERE key = 'schema'")
+        connection.execute("UPDATE study SET value = ? WHERE key = 'version'", (version,))
+    if schema == str(study_store.SCHEMA):
+        assert run_study(scenario, 2, 0, ("ekf",), tmp_path, thread).estimators["ekf"].runs == 2
+        assert about(tmp_path)["version"] == version
+    else:
+        with pytest.raises(UserError, match=f"has schema {schema} .begun by slamgauge {version}"):
+            run_study(scenario, 2, 0, ("ekf",), tmp_path, thread)
+
+
+def test_the_schema_number_is_raised_with_what_a_store_holds(
+    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path
+) -> None:
+    """A figure more or less makes old rows unreadable: raise `SCHEMA`, and note its columns in `HELD`."""
+    run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+    with closing(sqlite3.connect(tmp_path / "study.sqlite")) as connection:
+        tables = connection.execute("SELECT sql FROM sqlite_master WHERE type = 'table' ORDER BY name").fetchall()
+    held = hashlib.sha256(json.dumps([tables, SERIES, FIGURES]).encode()).hexdigest()[:16]
+    assert {study_store.SCHEMA: held} == {study_store.SCHEMA: HELD[study_store.SCHEMA]}
+
+
+def test_a_full_disk_is_no_fault_of_the_store(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path) -> None:
+    run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
+    with (
+        pytest.raises(UserError, match=r"cannot be written \(.*full\); make room, and give the same command again"),
+        study_store.open_store(tmp_path / "study.sqlite", scenario, 0) as store,
+    ):
+        store._connection.execute("PRAGMA max_page_count = 1")  # pyright: ignore[reportPrivateUsage]
+        store.add(1, 0, [Outcome("ekf", series=bytes(1_000_000))])
+    assert run_study(scenario, 2, 0, ("ekf",), tmp_path, thread).estimators["ekf"].runs == 2
