@@ -92,6 +92,19 @@ def test_commands_on_a_page_have_those_options(command: str, capsys: pytest.Capt
         assert not [option for option in options if option.startswith("--") and option not in told]
 
 
+def test_the_walk_of_one_step_goes_where_it_says():
+    """Every name of its table stands in the module that its row, or the last one that has any, names."""
+    walk = PAGES["docs/architecture.md"].partition("## One step")[2]
+    rows = re.findall(r"^\| (?:`([\w.]+)`)? ?\| (`.*?`) \|", walk, re.MULTILINE)
+    assert len(rows) > 12
+    source = ""
+    for module, names in rows:
+        if module:
+            source = (ROOT / f"{module.replace('.', '/')}.py").read_text(encoding="utf-8")
+        for name in re.findall(r"`([\w.]+)`", names):
+            assert re.search(rf"^ *(def |class )?{name.rpartition('.')[2]}\b", source, re.MULTILINE), (module, name)
+
+
 def test_hooks_are_the_checks():
     config = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
     checks = runpy.run_path(str(ROOT / "tests/__main__.py"))["CHECKS"]
