@@ -17,7 +17,7 @@ from scipy.special import chdtri
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.one_by_one import Gates
-from slamgauge.ekf.maps.checks import explain_scan, require_method, require_sensor, rows_of
+from slamgauge.ekf.maps.checks import explain_scan, require_sensor, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import Matcher, update_nearest
 from slamgauge.ekf.maps.members import Members, points
@@ -51,7 +51,6 @@ class AssociatingFilter:
         association: Association = NEAREST_NEIGHBOUR,
     ) -> None:
         require_sensor(sensor, ("range-bearing", "position"))
-        require_method(association)
         self._map = LandmarkMap(sensor, prior_mean, prior_cov, correction, landmarks=32)
         if association.method == "nearest-neighbour":
             sequential_of(self._map.rule)

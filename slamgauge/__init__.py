@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from slamgauge.arrays import Float, Int, Marks
-    from slamgauge.compare.estimators.estimators import load_estimators
+    from slamgauge.compare.estimators.loading import load_estimators
     from slamgauge.compare.figures.error_panels import plot_errors
     from slamgauge.compare.figures.plots import plot_run, save_figure
     from slamgauge.compare.figures.publishing import write_study
@@ -78,7 +78,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
     "compare.scenarios.simulation": "informed simulate",
     "compare.studies.claims": "judge_claims",
     "compare.storage.files": "load_estimate load_recording load_truth save",
-    "compare.estimators.estimators": "load_estimators",
+    "compare.estimators.loading": "load_estimators",
     "compare.studies.study": "load_runs run_study",
     "compare.figures.publishing": "write_study",
     "compare.figures.error_panels": "plot_errors",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from slamgauge.compare.cli.options import (
     Folder,
@@ -11,10 +10,8 @@ from slamgauge.compare.cli.options import (
     results_folder,
     split_names,
 )
+from slamgauge.compare.estimators.registry import BENCHED
 from slamgauge.errors import UserError
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass
@@ -24,7 +21,7 @@ class Bench:
     landmarks: str = "20,100,300,1000"
     """Comma-separated map sizes."""
 
-    estimators: str = "dead-reckoning,ekf,fej-ekf,iekf,riekf,isam2,batch"
+    estimators: str = BENCHED
     """Comma-separated; a plain numpy filter is always measured beside them."""
 
     out: Folder | None = None

@@ -10,6 +10,8 @@ import tyro
 
 from slamgauge.compare.cli.options import (
     ALL_CORES,
+    Estimators,
+    FilterName,
     Folder,
     Overrides,
     carried_by,
@@ -41,9 +43,7 @@ class Study:
     seed: int = 0
     """Root seed, from which the runs' own seeds are spawned."""
 
-    estimators: str = "ekf,riekf,isam2"
-    """Comma-separated: dead-reckoning, ekf, fej-ekf, iekf, riekf, isam2 (causal optimum), batch (hindsight),
-    robust-batch; isam2@ekf is isam2 under the associations that ekf makes."""
+    estimators: Estimators = "ekf,riekf,isam2"
 
     set: Overrides = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
@@ -107,8 +107,7 @@ class Budget:
     out: Folder
     """Folder of budget.json, budget.png and budget.svg."""
 
-    filter: str = "ekf"
-    """The filter whose error is split: ekf, fej-ekf, iekf, riekf."""
+    filter: FilterName = "ekf"
 
     runs: int = 20
     """How many runs."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from slamgauge.compare.cli.options import (
+    Estimators,
     Folder,
     Overrides,
     flattened,
@@ -22,7 +23,8 @@ from slamgauge.compare.cli.options import (
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
-    from slamgauge.compare.scenarios.schema import Association, Beginning
+    from slamgauge.compare.scenarios.schema import Association
+    from slamgauge.ekf.settings.initialisation import Initialisation
     from slamgauge.recording import Recording
     from slamgauge.truth import Truth
 
@@ -43,9 +45,7 @@ class Run:
     seed: int = 0
     """Seed of all noise."""
 
-    estimators: str = DEFAULT_ESTIMATORS
-    """Comma-separated: dead-reckoning, ekf, fej-ekf, iekf, riekf, isam2 (causal optimum), batch (hindsight),
-    robust-batch; isam2@ekf is isam2 under the associations that ekf makes."""
+    estimators: Estimators = DEFAULT_ESTIMATORS
 
     set: Overrides = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
@@ -96,12 +96,11 @@ class Evaluate:
     truth: Path | None = None
     """The truth, if it lies elsewhere."""
 
-    estimators: str = DEFAULT_ESTIMATORS
-    """Comma-separated: dead-reckoning, ekf, fej-ekf, iekf, riekf, isam2 (causal optimum), batch (hindsight),
-    robust-batch; isam2@ekf is isam2 under the associations that ekf makes."""
+    estimators: Estimators = DEFAULT_ESTIMATORS
 
     estimator: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
-    """Your own, as module:attribute ...; a callable Recording -> Estimate. LOADS AND RUNS THAT CODE."""
+    """Your own, as [LABEL=]FILE.py:callable or [LABEL=]module:callable ...; a callable Recording -> Estimate. LOADS
+    AND RUNS THAT CODE."""
 
     association: Literal["nearest-neighbour", "jcbb"] = "nearest-neighbour"
     """How filters associate a recording without ids; jcbb is joint, and manages its map."""
@@ -123,8 +122,9 @@ class Evaluate:
 
     def __call__(self) -> None:
         """Load, grade and, if asked to, write."""
-        from slamgauge.compare.scenarios.schema import Association, Delayed, Fis, InverseDepth, fitted
+        from slamgauge.compare.scenarios.schema import BEGINNINGS, Association
         from slamgauge.compare.storage.files import load_recording, load_truth
+        from slamgauge.ekf.settings.rules import fitted
 
         recording = load_recording(self.recording)
         beside = self.recording.with_name("truth.npz")
@@ -135,8 +135,10 @@ class Evaluate:
             raise UserError(f"gate {self.gate}: gives no bound; give a squared distance > 0, for example 9")
         if not 0 < self.reach < math.inf:
             raise UserError(f"reach {self.reach}: is no distance; give metres > 0, for example 10")
-        chosen = {"fis": Fis, "inverse-depth": InverseDepth, "delayed": Delayed}[self.initialisation]()
-        settings = (Association(method=self.association, gate=self.gate), fitted(chosen, self.reach))
+        settings = (
+            Association(method=self.association, gate=self.gate),
+            fitted(BEGINNINGS[self.initialisation], self.reach),
+        )
         grading = Grading(self.estimators, flattened(self.estimator), self.out, self.json, title, *settings)
         grading.grade(truth, recording)
 
@@ -151,13 +153,13 @@ class Grading:
     as_json: bool
     title: str
     association: Association
-    beginning: Beginning | None = None
+    beginning: Initialisation | None = None
     scenario: str | None = None
     seed: int | None = None
 
     def grade(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> None:
         """Run the estimators, print the table and write the folder."""
-        from slamgauge.compare.estimators.estimators import load_estimators
+        from slamgauge.compare.estimators.loading import load_estimators
         from slamgauge.compare.scoring.comparison import (
             compare_estimators,
             metrics,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from slamgauge.compare.estimators.registry import FILTERS, HELP
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
     from slamgauge.compare.scenarios.scenario import Scenario
 
+Estimators = Annotated[str, tyro.conf.arg(help=HELP)]
+FilterName = Annotated[str, tyro.conf.arg(help=f"The filter whose error is split: {', '.join(FILTERS)}.")]
 Overrides = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
 ALL_CORES = os.cpu_count() or 1
 

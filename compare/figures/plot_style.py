@@ -8,9 +8,11 @@ from typing import Any, NamedTuple
 
 from matplotlib.figure import Figure
 
+from slamgauge.compare.estimators.registry import DEAD_RECKONING as DEAD_RECKONING
+from slamgauge.compare.estimators.registry import REGISTRY
+
 LineStyle = str | tuple[int, tuple[float, ...]]
 
-DEAD_RECKONING = "dead-reckoning"
 TRUTH_COLOR = "#000000"
 MARK_COLOR = "#777777"  # loop closures and other marks that are no data
 
@@ -37,16 +39,8 @@ class Style(NamedTuple):
     dashes: LineStyle
 
 
-# after P. Tol, "Colour schemes" (SRON/EPS/TN/09-002)
-KNOWN = {
-    DEAD_RECKONING: Style("#009988", (0, (1, 1.4))),
-    "ekf": Style("#CC3311", (0, (5, 1.2))),
-    "riekf": Style("#0077BB", (0, (4, 1, 1, 1))),
-    "isam2": Style("#CC9900", (0, (2, 1))),
-    "batch": Style("#882288", (0, (7, 1, 1, 1, 1, 1))),
-    "fej-ekf": Style("#33BBEE", (0, (3, 1, 1, 1, 1, 1))),
-    "iekf": Style("#775522", (0, (9, 2))),
-}
+# of the estimators in the box; those that have none there, and people's own, take the guests'
+KNOWN = {name: Style(*entry.look) for name, entry in REGISTRY.items() if entry.look is not None}
 GUESTS = (
     Style("#332288", (0, (4, 2))),
     Style("#999933", (0, (6, 1, 2, 1))),

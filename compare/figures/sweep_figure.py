@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
+from slamgauge.compare.estimators.registry import entry_of, is_yardstick
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, Style, save_png_and_svg, styles
-from slamgauge.compare.scoring.comparison import YARDSTICKS
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.studies.sweep import Sweep
 
@@ -21,7 +21,6 @@ PANELS = (
     ("position_sigma_m", "reported position sigma [m]"),
     ("landmarks_mapped", "landmarks mapped"),
 )
-OPTIMA = {"isam2": "causal optimum", "batch": "hindsight optimum"}
 WIDE = 4.0  # values that span more than this factor get a logarithmic axis
 
 
@@ -33,7 +32,8 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
         for axes, (key, label) in zip(figure.subplots(2, 2, sharex=True).flat, PANELS, strict=True):
             for name, style in names.items():
                 intervals = [getattr(summary.estimators[name], key) for summary in sweep.summaries]
-                _draw(axes, sweep.values, intervals, OPTIMA.get(name, name), style, line=name in YARDSTICKS)
+                title = entry_of(name).title or name
+                _draw(axes, sweep.values, intervals, title, style, line=is_yardstick(name))
             axes.set_ylabel(label)
             _arrange(axes, sweep.values)
             if key == "nees_pose_per_dof":

@@ -7,7 +7,6 @@ the file and the key.
 
 from __future__ import annotations
 
-import difflib
 import reprlib
 import tomllib
 from collections.abc import Sequence
@@ -34,6 +33,7 @@ from slamgauge.compare.scenarios.schema import (
     Trajectory,
 )
 from slamgauge.errors import UserError
+from slamgauge.near_names import did_you_mean, near_names
 
 __all__ = ["Scenario", "ScenarioError", "load_scenario", "shipped_scenarios"]
 
@@ -89,8 +89,7 @@ def _locate(where: str) -> Traversable:
         return shipped[where]
     if path.suffix == ".toml" or path.is_file():
         return path
-    near = difflib.get_close_matches(where, shipped, n=3)
-    remedy = f"did you mean {' or '.join(near)}?" if near else f"use {', '.join(sorted(shipped))}, or a TOML file"
+    remedy = did_you_mean(where, shipped, f"use {', '.join(sorted(shipped))}, or a TOML file", most=3)
     raise ScenarioError(f"{where}: no such scenario; {remedy}")
 
 
@@ -114,8 +113,7 @@ def _extended(table: Table, where: str) -> Table:
         return table
     name, shipped = table.pop("extends"), _shipped()
     if not isinstance(name, str) or name not in shipped:
-        near = difflib.get_close_matches(str(name), shipped, n=1)
-        remedy = f"did you mean {near[0]}?" if near else f"use {', '.join(sorted(shipped))}"
+        remedy = did_you_mean(str(name), sorted(shipped))
         raise ScenarioError(f"{where}: extends: {name!r} is no shipped scenario; {remedy}")
     base = _extended(_parse(shipped[name], name), name)
     for key, value in table.items():
@@ -162,7 +160,7 @@ def _mistakes(error: ValidationError, table: Table) -> list[str]:
     """One `key: what; remedy` for each mistake; a misspelt key is not reported as missing as well."""
     details = [(_place(detail["loc"], table), detail) for detail in error.errors()]
     unknown = [place for place, detail in details if detail["type"] == "extra_forbidden"]
-    meant = {(*place[:-1], near) for place in unknown for near in _near(place)}
+    meant = {(*place[:-1], near) for place in unknown for near in near_names(str(place[-1]), _keys(place))}
     lines = [_line(place, detail) for place, detail in details if detail["type"] != "missing" or place not in meant]
     return list(dict.fromkeys(lines))
 
@@ -171,10 +169,6 @@ def _place(loc: Place, table: Table) -> Place:
     """The place in the user's own file, where a single segment's keys may stand in [trajectory]."""
     single = loc[:3] == ("trajectory", "segments", 0) and "segments" not in table["trajectory"]
     return ("trajectory", *loc[3:]) if single else loc
-
-
-def _near(place: Place) -> list[str]:
-    return difflib.get_close_matches(str(place[-1]), _keys(place), n=1)
 
 
 def _keys(place: Place) -> tuple[str, ...]:
@@ -186,8 +180,7 @@ def _line(place: Place, detail: ErrorDetails) -> str:
     if detail["type"] == "extra_forbidden":
         if place[-1] in _keys(place):  # only a trajectory's two forms share a table
             return "trajectory: has both forms; give segments, or speed, yaw_rate and duration"
-        near = _near(place)
-        return f"{where}: unknown key; " + (f"did you mean {near[0]}?" if near else f"use {', '.join(_keys(place))}")
+        return f"{where}: unknown key; {did_you_mean(str(place[-1]), _keys(place))}"
     what = detail["msg"].replace("Field required", "missing; add it").replace("Tuple should", "must")
     what = what.replace(" after validation", "").replace("valid tuple", "list")
     if what.startswith("Input should be"):

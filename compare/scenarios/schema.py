@@ -9,8 +9,15 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 from pydantic_core import PydanticCustomError
 
 from slamgauge.arrays import Float
+from slamgauge.compare.scenarios.derived import Number, Whole, rule_of, section_of
+from slamgauge.ekf.settings.association import Association as FilterAssociation
+from slamgauge.ekf.settings.association import MapManagement, Method
+from slamgauge.ekf.settings.initialisation import Delayed as DelayedSettings
+from slamgauge.ekf.settings.initialisation import Initialisation, Rays
+from slamgauge.ekf.settings.initialisation import InverseDepth as InverseDepthSettings
+from slamgauge.ekf.settings.rules import fitted
+from slamgauge.errors import UserError
 
-Number = Annotated[float, Field(strict=True)]
 NonNegative = Annotated[Number, Field(ge=0)]
 Positive = Annotated[Number, Field(gt=0)]
 
@@ -141,80 +148,27 @@ class Association(Section):
 
     `gate` is the largest squared Mahalanobis distance. `map_management` (probation, deletion and merging of
     landmarks, see `ekf.maps.tracks`) is off for `nearest-neighbour`, the practical's bare rule, and on for
-    `jcbb`, unless it is said otherwise.
+    `jcbb`, unless it is said otherwise. The rest is that of `ekf.settings.association.Association`.
     """
 
-    method: Literal["known", "nearest-neighbour", "jcbb"] = "known"
-    gate: Positive = 9.0
+    method: Literal["known", Method] = "known"
+    gate: Annotated[Number, rule_of(FilterAssociation, "gate")] = FilterAssociation.gate
     map_management: Annotated[bool, Field(strict=True)] | None = None
+    node_limit: Annotated[Whole, rule_of(FilterAssociation, "node_limit")] = FilterAssociation.node_limit
+
+    def settings(self) -> FilterAssociation | None:
+        """What filters take; None leaves them theirs, as where they are given the ids."""
+        if self.method == "known":
+            return None
+        managed = self.method == "jcbb" if self.map_management is None else self.map_management
+        return FilterAssociation(self.method, self.gate, MapManagement() if managed else None, self.node_limit)
 
 
-class Fis(Section):
-    """Rays of bearing-only landmarks (`bearings.rays.Rays`): geometric progression, weights, gate, sharing.
-
-    `s_max` is the sensor's range unless it is given, and cannot be shorter.
-    """
-
-    alpha: Number = 0.3
-    beta: Number = 2.0
-    s_min: Positive = 1.0
-    s_max: Positive | None = None
-    threshold: Annotated[Number, Field(gt=0, lt=1)] = 1e-3
-    gate: Positive = 9.0
-    sharing: Literal["federated", "uniform", "none", "best", "weights"] = "federated"
-
-    @field_validator("alpha")
-    @classmethod
-    def _share_of_a_distance(cls, value: float) -> float:
-        if not 0.0 < value < 1.0:
-            text = "is a member's sigma over its distance; choose it in (0, 1), not {value}"
-            raise PydanticCustomError("share", text, {"value": value})
-        return value
-
-    @field_validator("beta")
-    @classmethod
-    def _progression(cls, value: float) -> float:
-        if not value > 1.0:
-            text = "is a member's distance over that of the one before, and {value} leads nowhere; choose it above 1"
-            raise PydanticCustomError("progression", text, {"value": value})
-        return value
-
-
-class InverseDepth(Section):
-    """Bearing-only landmarks in inverse depth (`bearings.inverse_depth.InverseDepth`).
-
-    `mean` and `sigma` of a new landmark's inverse distance [1/m] are 1.5 and 0.5 over the sensor's range unless given.
-    """
-
-    mean: Positive | None = None
-    sigma: Positive | None = None
-    linearity: Positive = 0.1
-    gate: Positive = 9.0
-
-
-class Delayed(Section):
-    """Bearing-only landmarks that wait to be placed (`bearings.delayed`): window of past poses, when to be sure.
-
-    The `spacing` of the poses [m] is a fiftieth of the sensor's range unless it is given.
-    """
-
-    poses: Annotated[int, Field(ge=3, strict=True)] = 30
-    spacing: NonNegative | None = None
-    sure: Positive = 0.1
-
-
-Beginning = Fis | InverseDepth | Delayed
-
-
-def fitted(beginning: Beginning, reach: float) -> Beginning:
-    """The settings with what is not given chosen for a sensor that reaches so far [m]."""
-    if isinstance(beginning, Fis):
-        return beginning.model_copy(update={"s_max": beginning.s_max or reach})
-    if isinstance(beginning, Delayed):
-        spacing = reach / 50.0 if beginning.spacing is None else beginning.spacing
-        return beginning.model_copy(update={"spacing": spacing})
-    mean, sigma = beginning.mean or 1.5 / reach, beginning.sigma or 0.5 / reach
-    return beginning.model_copy(update={"mean": mean, "sigma": sigma})
+# how landmarks begin where there are bearings alone: the keys are the settings' own, defaults and rules included
+Fis = section_of(Rays, Section)
+InverseDepth = section_of(InverseDepthSettings, Section)
+Delayed = section_of(DelayedSettings, Section)
+BEGINNINGS = {"fis": Rays, "inverse-depth": InverseDepthSettings, "delayed": DelayedSettings}
 
 
 class Landmarks(Section):
@@ -242,28 +196,30 @@ class Scenario(Section):
     assumed: Assumed = Assumed()
     association: Association = Association()
     initialisation: Literal["fis", "inverse-depth", "delayed"] = "fis"
-    fis: Fis = Fis()
-    inverse_depth: InverseDepth = InverseDepth()
-    delayed: Delayed = Delayed()
+    fis: Fis = Fis()  # pyright: ignore[reportInvalidTypeForm]
+    inverse_depth: InverseDepth = InverseDepth()  # pyright: ignore[reportInvalidTypeForm]
+    delayed: Delayed = Delayed()  # pyright: ignore[reportInvalidTypeForm]
     landmarks: Landmarks
 
     @property
-    def beginning(self) -> Beginning | None:
+    def beginning(self) -> Initialisation | None:
         """How bearing-only landmarks begin, fitted to the sensor's range where nothing is said; None with ranges."""
         if self.sensor.kind != "bearing":
             return None
-        chosen = {"fis": self.fis, "inverse-depth": self.inverse_depth, "delayed": self.delayed}[self.initialisation]
-        return fitted(chosen, self.sensor.max_range)
+        section: Section = getattr(self, self.initialisation.replace("-", "_"))
+        return fitted(BEGINNINGS[self.initialisation], self.sensor.max_range, **section.model_dump())
 
     @model_validator(mode="after")
     def _rays_reach(self) -> Scenario:
-        s_max = self.fis.s_max or self.sensor.max_range
-        if self.sensor.kind == "bearing" and s_max < self.sensor.max_range:
+        if self.sensor.kind != "bearing":
+            return self
+        try:
+            rays = fitted(Rays, self.sensor.max_range, **self.fis.model_dump())
+        except UserError as error:
+            raise PydanticCustomError("rule", "fis.{mistake}", {"mistake": str(error)}) from None
+        if rays.s_max < self.sensor.max_range:
             text = "fis.s_max = {s_max} m is shorter than sensor.max_range = {reach} m; farther landmarks would be lost"
-            raise PydanticCustomError("short", text, {"s_max": s_max, "reach": self.sensor.max_range})
-        if self.sensor.kind == "bearing" and s_max <= self.fis.s_min:
-            text = "fis.s_min = {s_min} m lies beyond s_max = {s_max} m; choose it nearer"
-            raise PydanticCustomError("order", text, {"s_min": self.fis.s_min, "s_max": s_max})
+            raise PydanticCustomError("short", text, {"s_max": rays.s_max, "reach": self.sensor.max_range})
         return self
 
     @model_validator(mode="after")

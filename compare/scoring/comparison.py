@@ -10,16 +10,14 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from slamgauge.compare.estimators.estimators import run_estimator
+from slamgauge.compare.estimators.loading import entry_behind
+from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.compare.scoring.text_table import aligned
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimate, Estimator
+from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth, require_same_run
-
-OPTIMUM = {"filtered": "isam2", "smoothed": "batch"}
-YARDSTICKS = tuple(OPTIMUM.values())
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,8 @@ def compare_estimators(
     """Run every estimator, then score each against truth and optimum.
 
     Estimators see the recording alone. Two are yardsticks: `isam2`, the optimum of filtered estimates, and `batch`,
-    that of smoothed ones, show what the measurements allow to somebody whom nothing misleads.
+    that of smoothed ones, show what the measurements allow to somebody whom nothing misleads. What makes them so is
+    their entry in the registry of estimators, not the name that they are given here.
 
     Args:
         truth: what is known of it.
@@ -61,16 +60,20 @@ def compare_estimators(
             informed = recording.associated(truth.association)
     estimates: dict[str, Estimate] = {}
     seconds: dict[str, float] = {}
+    optima: dict[Kind, Estimate] = {}
     progress = tqdm(estimators.items(), disable=None, leave=False, unit="estimator")
     for name, estimator in progress:
         progress.set_description(name)
-        seen = informed if name in YARDSTICKS else recording
-        estimates[name], seconds[name] = run_estimator(name, estimator, seen)
+        entry = entry_behind(estimator)
+        is_yardstick = entry is not None and entry.is_yardstick
+        estimates[name], seconds[name] = run_estimator(name, estimator, informed if is_yardstick else recording)
+        if is_yardstick:
+            optima[estimates[name].kind] = estimates[name]
     scores: dict[str, Score] = {}
     for name, estimate in estimates.items():
-        optimum = estimates.get(OPTIMUM[estimate.kind])
+        optimum = optima.get(estimate.kind)
         try:
-            score = evaluate(truth, recording, estimate, optimum, estimates.get("batch"))
+            score = evaluate(truth, recording, estimate, optimum, optima.get("smoothed"))
         except UserError as error:
             raise UserError(f"estimator {name}: {error}") from error
         scores[name] = score if estimate.seconds is not None else replace(score, seconds_total=seconds[name])

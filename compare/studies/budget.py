@@ -15,7 +15,9 @@ import numpy as np
 from tqdm import tqdm
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.estimators import load_estimators, run_estimator
+from slamgauge.compare.estimators.loading import load_estimators
+from slamgauge.compare.estimators.registry import CAUSAL, FILTERS, HINDSIGHT
+from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.schema import Assumed
 from slamgauge.compare.scenarios.simulation import informed, simulate
@@ -23,7 +25,6 @@ from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe, mean_figures, ray_figures
 from slamgauge.compare.scoring.text_table import aligned
 from slamgauge.compare.studies.run import run_seed
-from slamgauge.ekf.estimators import CORRECTIONS
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -83,8 +84,8 @@ def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, exe
     Raises:
         UserError: bad names or numbers, or an estimator that failed, with the run.
     """
-    if filter_name not in CORRECTIONS:
-        raise UserError(f"filter: {filter_name!r} is none whose error can be split; use {', '.join(CORRECTIONS)}")
+    if filter_name not in FILTERS:
+        raise UserError(f"filter: {filter_name!r} is none whose error can be split; use {', '.join(FILTERS)}")
     if runs < 1:
         raise UserError(f"runs: {runs} is no budget; give at least 1")
     if seed < 0:
@@ -122,15 +123,15 @@ def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> tuple[Float,
     believed = recording.associated(truth.association)
     slam = load_estimators([filter_name], association=scenario.association, beginning=scenario.beginning)[filter_name]
     try:
-        hindsight = _run("batch", told)
-        causal = _run("isam2", told)
-        assuming = causal if scenario.assumed == Assumed() else _run("isam2", believed)
+        hindsight = _run(HINDSIGHT, told)
+        causal = _run(CAUSAL, told)
+        assuming = causal if scenario.assumed == Assumed() else _run(CAUSAL, believed)
         estimate = run_estimator(filter_name, slam, recording)[0]
         own = estimate.association
         if own is None or np.array_equal(own, truth.association):
             associating = assuming
         else:
-            associating = _run("isam2", recording.associated(own))
+            associating = _run(CAUSAL, recording.associated(own))
     except UserError as error:
         raise UserError(f"run with seed {seed}: {error}") from error
     errors = np.array([_mse(truth, each) for each in (hindsight, causal, assuming, associating, estimate)])

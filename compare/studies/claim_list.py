@@ -10,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.studies.store import Runs
 from slamgauge.compare.studies.summary import reported_sigma
 
-FILTER, OPTIMUM = "ekf", "isam2"  # the practical's filter, and the causal optimum
+FILTER, OPTIMUM = "ekf", CAUSAL  # the practical's filter, and the causal optimum
 SETTINGS = (
     "q1-short-dense",
     "q1-long-dense",

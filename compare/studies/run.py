@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.estimators import load_estimators, run_estimator
+from slamgauge.compare.estimators.loading import load_estimators
+from slamgauge.compare.estimators.registry import is_yardstick
+from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
-from slamgauge.compare.scoring.comparison import YARDSTICKS
 from slamgauge.compare.scoring.consistency import squared_mahalanobis
 from slamgauge.compare.scoring.defined import number, rms
 from slamgauge.compare.scoring.landmark_identity import landmark_errors, true_landmarks
@@ -87,13 +88,13 @@ def run_once(scenario: Scenario, seed: int, names: Sequence[str]) -> list[Outcom
     """
     try:
         truth, recording = simulate(scenario, seed)
-        told = simulate(informed(scenario), seed)[1] if set(names) & set(YARDSTICKS) else recording
+        told = simulate(informed(scenario), seed)[1] if any(map(is_yardstick, names)) else recording
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
         failed = _failed("", error)
         return [replace(failed, estimator=name, error=f"simulation: {failed.error}") for name in names]
     estimators = load_estimators(names, association=scenario.association, beginning=scenario.beginning)
     return [
-        _outcome(name, estimator, truth, told if name in YARDSTICKS else recording)
+        _outcome(name, estimator, truth, told if is_yardstick(name) else recording)
         for name, estimator in estimators.items()
     ]
 

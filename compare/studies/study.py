@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from slamgauge.compare.estimators.estimators import load_estimators
+from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.storage.manifest import begin_file, require_free
 from slamgauge.compare.storage.result_files import STORE, STORE_FILES

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.scoring.comparison import OPTIMUM
+from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT, YARDSTICKS
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.defined import mean
 from slamgauge.compare.scoring.intervals import Interval, jackknife_interval, mean_interval, ratio_interval
@@ -157,7 +157,7 @@ def _per_step(total: Float, dof: Int, unit: Int) -> PerStep:
 
 def _summarise(runs: Runs, others: Mapping[str, Runs]) -> EstimatorSummary:
     figures, series = runs.figures, runs.series
-    optimum = others.get(OPTIMUM.get(runs.kind, ""))
+    optimum = others.get(YARDSTICKS[runs.kind]) if runs.kind else None
     squares = series["error_x"] ** 2 + series["error_y"] ** 2
     average, low, high = nees_per_step(runs)
     defined = ~np.isnan(average)
@@ -177,8 +177,8 @@ def _summarise(runs: Runs, others: Mapping[str, Runs]) -> EstimatorSummary:
         nees_position_per_dof=_time_mean(series["nees_position"] / 2),
         nees_heading=_time_mean(series["nees_heading"]),
         ratio_to_optimum=_ate_ratio(runs, optimum),
-        ratio_to_causal=_ate_ratio(runs, others.get("isam2")),
-        ratio_to_hindsight=_ate_ratio(runs, others.get("batch")),
+        ratio_to_causal=_ate_ratio(runs, others.get(CAUSAL)),
+        ratio_to_hindsight=_ate_ratio(runs, others.get(HINDSIGHT)),
         position_sigma_m=mean_interval(reported_sigma(runs)),
         wrong_associations=mean_interval(figures["wrong_associations"]),
         landmarks_mapped=mean_interval(figures["landmarks_mapped"]),

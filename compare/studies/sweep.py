@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from slamgauge.compare.estimators.registry import is_yardstick
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import informed
-from slamgauge.compare.scoring.comparison import YARDSTICKS
 from slamgauge.compare.scoring.text_table import aligned, interval_cell
 from slamgauge.compare.storage.manifest import require_folder, require_free
 from slamgauge.compare.storage.result_files import STORE_FILES, STUDY_FILES, SWEEP_FILES
@@ -94,7 +94,7 @@ def run_sweep(
     """
     key, values = split_sweep(sweep)
     scenarios = [load_scenario(name_or_path, [*overrides, f"{key}={value}"]) for value in values]
-    optima = [name for name in estimators if name in YARDSTICKS]
+    optima = [name for name in estimators if is_yardstick(name)]
     others = [name for name in estimators if name not in optima]
     for value, scenario in zip(values, scenarios, strict=True):
         first = scenarios.index(scenario)

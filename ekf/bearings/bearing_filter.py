@@ -18,7 +18,7 @@ from slamgauge.ekf.bearings.ray_association import RayAssociation
 from slamgauge.ekf.bearings.rays import RayInitialiser
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.warm_up import compile_bearings_once
-from slamgauge.ekf.maps.checks import explain_scan, ids_of, require_gate, require_ids, require_method, rows_of
+from slamgauge.ekf.maps.checks import explain_scan, ids_of, require_gate, require_ids, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.members import Members, joined, points
@@ -56,10 +56,8 @@ class BearingFilter:
         association: Association | None = None,
     ) -> None:
         initialisation = Rays() if initialisation is None else initialisation
-        if association is not None:
-            require_method(association)
-            if not isinstance(initialisation, Rays):
-                raise UserError("association: only rays can be associated; give ids, or initialise by ekf.Rays")
+        if association is not None and not isinstance(initialisation, Rays):
+            raise UserError("association: only rays can be associated; give ids, or initialise by ekf.Rays")
         compile_bearings_once()
         self._map = LandmarkMap("bearing", prior_mean, prior_cov, correction, landmarks=32)
         self._provisional = _initialiser(self._map, initialisation)

@@ -6,14 +6,10 @@ On the way of every step only shapes are looked at here; numbers are looked at b
 
 from __future__ import annotations
 
-from difflib import get_close_matches
-from typing import get_args
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.settings.association import Association, Method
 from slamgauge.errors import UserError
 from slamgauge.recording import OBSERVATION_DIM, Observations
 from slamgauge.validation import as_covariances, as_floats, as_ints, require_rows
@@ -35,14 +31,6 @@ def require_sensor(sensor: str, known: tuple[str, ...]) -> None:
     """Refuse a sensor that the filter cannot use."""
     if sensor not in known:
         raise UserError(f"sensor: {sensor!r} does not fit this filter; use one of {', '.join(known)}")
-
-
-def require_method(association: Association) -> None:
-    """Refuse a method of association that does not exist."""
-    if association.method not in get_args(Method):
-        near = get_close_matches(association.method, get_args(Method), n=1)
-        remedy = f"did you mean {near[0]!r}?" if near else f"use one of {', '.join(get_args(Method))}"
-        raise UserError(f"association.method: {association.method!r} is not known; {remedy}")
 
 
 def require_gate(gate: float | None) -> None:

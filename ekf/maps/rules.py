@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from difflib import get_close_matches
 from typing import Literal, NamedTuple, get_args
 
 from slamgauge.arrays import Float, Int
@@ -26,6 +25,7 @@ from slamgauge.ekf.kernels.one_by_one import Sequential
 from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.errors import UserError
+from slamgauge.near_names import did_you_mean
 
 Correction = Literal["standard", "first-estimates", "observability-constrained", "iterated", "right-invariant"]
 Predict = Callable[[Belief, Float, Float], bool]
@@ -98,8 +98,7 @@ def rule_of(correction: Correction | Rule) -> Rule:
     if correction in CORRECTIONS:
         remedy = f"the estimator of that name uses {CORRECTIONS[correction]!r}"
     else:
-        near = get_close_matches(str(correction), RULES, n=1)
-        remedy = f"did you mean {near[0]!r}?" if near else f"use one of {', '.join(RULES)}, or a Rule of your own"
+        remedy = did_you_mean(str(correction), RULES, f"use one of {', '.join(RULES)}, or a Rule of your own")
     raise UserError(f"correction: {correction!r} is not known; {remedy}")
 
 

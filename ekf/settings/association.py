@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from slamgauge.ekf.settings.rules import check, setting
+from slamgauge.errors import UserError
+
 Method = Literal["nearest-neighbour", "jcbb"]
 
 
@@ -26,12 +29,18 @@ class MapManagement:
             known worse may well be two.
     """
 
-    sights: int = 5
-    probation: int = 10
-    margin: float = 6.0
-    new_gate: float = 27.6
-    merge_gate: float = 27.6
-    merge_distance: float = 1.0
+    sights: int = setting(5, lambda n: n >= 1, "{} confirm no track; choose at least 1")
+    probation: int = setting(10, lambda n: n >= 1, "{} scans show no track; choose at least 1")
+    margin: float = setting(6.0, lambda m: m >= 0.0, "{} is no distance; choose it at least 0")
+    new_gate: float = setting(27.6, lambda g: g >= 0.0, "{} is no squared distance; choose it at least 0")
+    merge_gate: float = setting(27.6, lambda g: g >= 0.0, "{} is no squared distance; choose it at least 0")
+    merge_distance: float = setting(1.0, lambda d: d >= 0.0, "{} m is no distance; choose it at least 0")
+
+    def __post_init__(self) -> None:
+        check(self)
+        if self.sights > self.probation:
+            scans = f"{self.probation} scans of probation"
+            raise UserError(f"sights: {self.sights} do not fit into {scans}; choose at most {self.probation}")
 
 
 @dataclass(frozen=True)
@@ -48,9 +57,12 @@ class Association:
     """
 
     method: Method = "nearest-neighbour"
-    gate: float = 9.0
+    gate: float = setting(9.0, lambda g: g > 0.0, "{} lets nothing pass; choose it above 0")
     map_management: MapManagement | None = None
-    node_limit: int = 20_000
+    node_limit: int = setting(20_000, lambda n: n >= 1, "{} pairs are no search; choose at least 1")
+
+    def __post_init__(self) -> None:
+        check(self)
 
 
 NEAREST_NEIGHBOUR = Association()  # the practical's rule and gate

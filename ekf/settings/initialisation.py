@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.ekf.settings.rules import check, setting
 from slamgauge.errors import UserError
 
 Sharing = Literal["federated", "uniform", "none", "best", "weights"]
@@ -24,7 +25,7 @@ class Rays:
         alpha: a member's standard deviation over its distance, below 1.
         beta: distance of a member over that of the one before, above 1.
         s_min: nearest distance of a landmark [m].
-        s_max: farthest distance of a landmark [m]; no shorter than the sensor's range.
+        s_max: farthest distance of a landmark [m]; no shorter than the sensor's range, which it is by default.
         threshold: tau; members with a weight below tau / (number of members at first) go.
         gate: largest squared Mahalanobis distance (1 degree of freedom) of the nearest member.
         lost_after: a ray whose every member fails the gate so many times in a row is deleted.
@@ -32,30 +33,21 @@ class Rays:
             member), `best` (R to the heaviest alone), `weights` (no corrections before the ray is a point).
     """
 
-    alpha: float = 0.3
-    beta: float = 2.0
-    s_min: float = 1.0
-    s_max: float = 10.0
-    threshold: float = 1e-3
-    gate: float = 9.0
-    lost_after: int = 3
+    alpha: float = setting(0.3, lambda a: 0.0 < a < 1.0, "{} is no share of a distance; choose it above 0 and below 1")
+    beta: float = setting(2.0, lambda b: b > 1.0, "{} makes no progression; choose it above 1")
+    s_min: float = setting(1.0, lambda s: s > 0.0, "{} m is no distance; choose it above 0")
+    s_max: float = setting(
+        10.0, lambda s: 0.0 < s < math.inf, "{} m is no distance; choose it above 0 and finite", lambda reach: reach
+    )
+    threshold: float = setting(1e-3, lambda t: 0.0 < t < 1.0, "{} prunes all or nothing; choose it in (0, 1)")
+    gate: float = setting(9.0, lambda g: g > 0.0, "{} lets nothing pass; choose it above 0")
+    lost_after: int = setting(3, lambda n: n >= 1, "{} loses a ray by no failure; choose at least 1")
     sharing: Sharing = "federated"
 
     def __post_init__(self) -> None:
-        rules = (
-            (0.0 < self.alpha < 1.0, f"alpha: {self.alpha} is no share of a distance; choose it above 0 and below 1"),
-            (self.beta > 1.0, f"beta: {self.beta} makes no progression; choose it above 1"),
-            (
-                0.0 < self.s_min < self.s_max < math.inf,
-                f"s_max: {self.s_max} m must be finite and lie beyond s_min, {self.s_min} m, above 0",
-            ),
-            (0.0 < self.threshold < 1.0, f"threshold: {self.threshold} prunes all or nothing; choose it in (0, 1)"),
-            (self.gate > 0.0, f"gate: {self.gate} lets nothing pass; choose it above 0"),
-            (self.lost_after >= 1, f"lost_after: {self.lost_after} loses a ray by no failure; choose at least 1"),
-        )
-        for holds, mistake in rules:
-            if not holds:
-                raise UserError(mistake)
+        check(self)
+        if not self.s_min < self.s_max:
+            raise UserError(f"s_max: {self.s_max} m must lie beyond s_min, {self.s_min} m; choose it farther")
 
     def distances(self) -> Float:
         """Distances (N_g,) of the members [m]."""
@@ -79,23 +71,18 @@ class InverseDepth:
         lost_after: a landmark whose bearing fails the gate so many times in a row is deleted.
     """
 
-    mean: float = 0.15
-    sigma: float = 0.05
-    linearity: float = 0.1
-    gate: float = 9.0
-    lost_after: int = 3
+    mean: float = setting(
+        0.15, lambda m: m > 0.0, "{} 1/m is no inverse distance; choose it above 0", lambda reach: 1.5 / reach
+    )
+    sigma: float = setting(
+        0.05, lambda s: s > 0.0, "{} 1/m leaves nothing to find out; choose it above 0", lambda reach: 0.5 / reach
+    )
+    linearity: float = setting(0.1, lambda x: x > 0.0, "{} is never reached; choose it above 0")
+    gate: float = setting(9.0, lambda g: g > 0.0, "{} lets nothing pass; choose it above 0")
+    lost_after: int = setting(3, lambda n: n >= 1, "{} loses a landmark by no failure; choose at least 1")
 
     def __post_init__(self) -> None:
-        rules = (
-            (self.mean > 0.0, f"mean: {self.mean} 1/m is no inverse distance; choose it above 0"),
-            (self.sigma > 0.0, f"sigma: {self.sigma} 1/m leaves nothing to find out; choose it above 0"),
-            (self.linearity > 0.0, f"linearity: {self.linearity} is never reached; choose it above 0"),
-            (self.gate > 0.0, f"gate: {self.gate} lets nothing pass; choose it above 0"),
-            (self.lost_after >= 1, f"lost_after: {self.lost_after} loses a landmark by no failure; choose at least 1"),
-        )
-        for holds, mistake in rules:
-            if not holds:
-                raise UserError(mistake)
+        check(self)
 
 
 @dataclass(frozen=True)
@@ -108,19 +95,14 @@ class Delayed:
         sure: largest standard deviation of a landmark that is placed, as a share of its distance.
     """
 
-    poses: int = 30
-    spacing: float = 0.2
-    sure: float = 0.1
+    poses: int = setting(30, lambda n: n >= FEWEST, f"{{}} place no landmark; choose at least {FEWEST}")
+    spacing: float = setting(
+        0.2, lambda s: s >= 0.0, "{} m is no way; choose it at least 0", lambda reach: reach / 50.0
+    )
+    sure: float = setting(0.1, lambda s: s > 0.0, "{} is never reached; choose it above 0")
 
     def __post_init__(self) -> None:
-        rules = (
-            (self.poses >= FEWEST, f"poses: {self.poses} place no landmark; choose at least {FEWEST}"),
-            (self.spacing >= 0.0, f"spacing: {self.spacing} m is no way; choose it at least 0"),
-            (self.sure > 0.0, f"sure: {self.sure} is never reached; choose it above 0"),
-        )
-        for holds, mistake in rules:
-            if not holds:
-                raise UserError(mistake)
+        check(self)
 
 
 Initialisation = Rays | InverseDepth | Delayed

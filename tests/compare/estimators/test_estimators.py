@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slamgauge.compare.estimators.estimators import FILTERS, GRAPHS, load_estimators
+from slamgauge.compare.estimators.loading import load_estimators
+from slamgauge.compare.estimators.registry import FILTERS, GRAPHS
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.compare.scenarios.simulation import informed, simulate
@@ -77,7 +78,8 @@ def test_the_optima_are_told_the_true_associations_and_nobody_else():
         return run
 
     truth, recording = simulate(load_scenario("q2-long-dense", SHORT), 0)
-    spies = {name: spy(name, each) for name, each in load_estimators(["ekf", "isam2", "batch", "isam2@ekf"]).items()}
+    loaded = load_estimators(["ekf", "isam2", "batch", "isam2@ekf"])
+    spies = {name: replace(each, estimate=spy(name, each.estimate)) for name, each in loaded.items()}
     comparison = compare_estimators(truth, recording, spies)
     assert seen["ekf"] is seen["isam2@ekf"] is recording
     assert recording.landmark is None

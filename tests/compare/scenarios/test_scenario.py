@@ -10,7 +10,7 @@ import pytest
 
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario, shipped_scenarios
-from slamgauge.compare.scenarios.schema import Delayed, Fis, InverseDepth
+from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
 from slamgauge.se2 import chain
 
 Write = Callable[[str], str]
@@ -290,7 +290,7 @@ def test_mistakes_of_the_association():
     overrides = ("association.method=nearest", "association.gate=0", "association.gat=9")
     assert mistakes("q2-long-dense", *overrides) == [
         "association.method: must be 'known', 'nearest-neighbour' or 'jcbb', not 'nearest'",
-        "association.gate: must be greater than 0, not 0",
+        "association.gate: 0.0 lets nothing pass; choose it above 0",
         "association.gat: unknown key; did you mean gate?",
     ]
 
@@ -335,18 +335,18 @@ def test_questions_2_and_3_are_question_1_with_another_association_and_noise(
             ["association.method=jcbb", "initialisation=delayed"],
             'association.method = "jcbb" needs rays; set initialisation = "fis", or the method "known"',
         ),
-        (["fis.s_min=10"], "fis.s_min = 10.0 m lies beyond s_max = 10.0 m; choose it nearer"),
+        (["fis.s_min=10"], "fis.s_max: 10.0 m must lie beyond s_min, 10.0 m; choose it farther"),
         (
             ["fis.alpha=1"],
-            "fis.alpha: is a member's sigma over its distance; choose it in (0, 1), not 1.0",
+            "fis.alpha: 1.0 is no share of a distance; choose it above 0 and below 1",
         ),
         (
             ["fis.beta=1"],
-            "fis.beta: is a member's distance over that of the one before, and 1.0 leads nowhere; choose it above 1",
+            "fis.beta: 1.0 makes no progression; choose it above 1",
         ),
         (["initialisation=ekf"], "initialisation: must be 'fis', 'inverse-depth' or 'delayed', not 'ekf'"),
-        (["delayed.poses=2"], "delayed.poses: must be greater than or equal to 3, not 2"),
-        (["inverse_depth.mean=0"], "inverse_depth.mean: must be greater than 0, not 0"),
+        (["delayed.poses=2"], "delayed.poses: 2 place no landmark; choose at least 3"),
+        (["inverse_depth.mean=0"], "inverse_depth.mean: 0.0 1/m is no inverse distance; choose it above 0"),
         (["sensor.sigma_range=1"], "sensor.sigma_range: a bearing sensor has none; remove it or change kind"),
     ],
 )
@@ -358,7 +358,7 @@ def test_rays_that_cannot_be(overrides: list[str], mistake: str):
 def test_rays_reach_as_far_as_the_sensor_unless_it_is_said_otherwise():
     for override, s_max in (("sensor.max_range=7", 7.0), ("fis.s_max=20", 20.0)):
         rays = load_scenario("q4-ring", [override]).beginning
-        assert isinstance(rays, Fis)
+        assert isinstance(rays, Rays)
         assert rays.s_max == s_max
     assert load_scenario("q1-long-dense").beginning is None
 

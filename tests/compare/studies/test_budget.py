@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.estimators.estimators import load_estimators
+from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.studies.budget import RUNGS, budget_table, error_budget, rung_errors, summarise_budget

@@ -12,7 +12,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from slamgauge.compare.estimators.estimators import load_estimators
+from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.studies import run as study_run

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.estimators.estimators import load_estimators
+from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.figures.publishing import write_study
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate

@@ -1,0 +1,110 @@
+"""People's own estimators: `[LABEL=]FILE.py:callable` or `[LABEL=]package.module:callable`."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import traceback
+from contextlib import redirect_stdout
+from pathlib import Path
+from types import ModuleType
+from typing import NamedTuple
+
+import slamgauge
+from slamgauge.compare.estimators.private_import import PrivateFolder, public
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimator
+from slamgauge.near_names import did_you_mean
+
+FORM = "write FILE.py:callable or module:callable, for example my_filter.py:estimate"
+SILENT = (Path(slamgauge.__file__).parent, Path(__file__).parent)  # ours, which an error passes through
+
+
+class Address(NamedTuple):
+    """Where an estimator is: `place` is a file or a module, `label` the name that results carry."""
+
+    text: str
+    label: str
+    place: str
+    attribute: str
+
+
+def address(text: str) -> Address:
+    """The parts of `[LABEL=]PLACE:callable`; without a label the text itself is it, a file's folders dropped.
+
+    Raises:
+        UserError: it has another form.
+    """
+    place, _, attribute = text.rpartition(":")
+    label, equals, rest = place.partition("=")
+    if equals and not Path(place).is_file():
+        place = rest
+    else:
+        label = f"{Path(place).name}:{attribute}"
+    if not place or not attribute:
+        raise UserError(f"estimator {text!r}: {FORM}")
+    if place.endswith(".py") and "." in Path(place).stem:
+        raise UserError(f"estimator {text!r}: no Python module can have a dot in its name; rename the file")
+    if not label or set("/\\\0") & set(label):
+        raise UserError(f"estimator {text!r}: label {label!r} names files of results; give a word without slashes")
+    return Address(text, label, place, attribute)
+
+
+def load_own(where: Address) -> Estimator:
+    """Load the module afresh and return its callable. THIS RUNS THAT CODE; what it prints goes to standard error.
+
+    A file's neighbours are its own to import; a module is looked up in the current folder, then among what is
+    installed.
+
+    Raises:
+        UserError: it is not there, cannot be loaded, or is no callable.
+    """
+    try:
+        with redirect_stdout(sys.stderr):
+            module = _module(where.place)
+    except (Exception, SystemExit) as error:
+        if isinstance(error, _MissingError):
+            raise UserError(f"estimator {where.text}: no file {where.place!r} is found; check the path") from None
+        if isinstance(error, ModuleNotFoundError) and _is_asked_for(error.name, where.place):
+            missing, remedy = public(error.name or ""), "run in its folder or install it, or give its file"
+            raise UserError(f"estimator {where.text}: no module {missing!r} is found; {remedy}") from None
+        raise UserError(f"estimator {where.text}: cannot be loaded, {where_it_broke(error)}") from error
+    if not hasattr(module, where.attribute):
+        remedy = did_you_mean(where.attribute, vars(module), "name a callable Recording -> Estimate of that module")
+        raise UserError(f"estimator {where.text}: {where.place} has no {where.attribute!r}; {remedy}")
+    estimator = getattr(module, where.attribute)
+    if not callable(estimator):
+        kind = type(estimator).__name__
+        raise UserError(f"estimator {where.text}: is a {kind}; give a callable Recording -> Estimate")
+    return estimator  # pyright: ignore[reportReturnType]
+
+
+def _module(place: str) -> ModuleType:
+    if place.endswith(".py"):
+        path = Path(place)
+        if not path.is_file():
+            raise _MissingError(place)
+        return PrivateFolder(path.parent).load(path.stem)
+    folder = PrivateFolder(Path.cwd())
+    return folder.load(place) if folder.owns(place) else importlib.import_module(place)
+
+
+class _MissingError(Exception):
+    """A file that is not there."""
+
+
+def _is_asked_for(missing: str | None, place: str) -> bool:
+    """Whether the missing module is the one that was asked for, not one that it imports."""
+    return missing is not None and f"{place}.".startswith(f"{public(missing)}.")
+
+
+def where_it_broke(error: BaseException) -> str:
+    """One line: what was raised, and the last line of the user's code, or of what it called, that it passed through."""
+    what = f"it raised {type(error).__name__}: {' '.join(public(str(error)).split()) or '(no message)'}"
+    if not isinstance(error, SyntaxError):  # its message names the line
+        frames = traceback.extract_tb(error.__traceback__)
+        frames = [frame for frame in frames if frame.filename != importlib.__file__]
+        frames = [frame for frame in frames if Path(frame.filename).parent not in SILENT]
+        frames = [frame for frame in frames if not frame.filename.startswith("<")]
+        what += "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in frames[-1:])
+    return f"{what}; mend it and run again"

@@ -1,0 +1,139 @@
+"""People's own modules, loaded from their folder under private names.
+
+A folder is loaded as a package of a name that nobody has, `_slamgauge_own_1` for instance, and its `filter.py` as
+`_slamgauge_own_1.filter`. Modules in it get an `__import__` of their own, which looks into their folder first: there
+`import random` finds the neighbour `random.py`, as it does in a script of that folder, and nowhere else. Nothing is
+put on `sys.path`, so that whatever people call their files, no other import meets them; two folders, or one folder
+loaded twice, do not meet either. Installed libraries are the same for all.
+"""
+
+from __future__ import annotations
+
+import builtins
+import importlib
+import importlib.util
+import itertools
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.machinery import BuiltinImporter, FrozenImporter, ModuleSpec, PathFinder, SourceFileLoader
+from pathlib import Path
+from types import CodeType, ModuleType
+
+PREFIX = "_slamgauge_own_"
+OURS = "slamgauge"  # what people import by this name is always this program
+
+_numbers = itertools.count(1)
+_folders: dict[str, PrivateFolder] = {}  # by the name of their package
+
+
+class PrivateFolder:
+    """A folder of people's modules, loaded afresh: nothing of it is shared with an earlier loading.
+
+    Args:
+        folder: where their modules lie.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.resolve()
+        self._name = f"{PREFIX}{next(_numbers)}"
+        self._owned: dict[str, bool] = {}
+        self._importlib = ModuleType("importlib")
+        importlib.invalidate_caches()  # a file may be younger than the last look into its folder
+        package = ModuleType(self._name)
+        package.__path__ = [str(self.folder)]
+        sys.modules[self._name] = package
+        _folders[self._name] = self
+        if _Finder not in sys.meta_path:
+            sys.meta_path.insert(0, _Finder)
+
+    def owns(self, name: str) -> bool:
+        """Whether `import name` means a module of the folder, as it would in a script that lies there.
+
+        A folder without Python code counts only where no installed module has that name.
+        """
+        top = name.partition(".")[0]
+        if top not in self._owned:
+            self._owned[top] = self._finds(top)
+        return self._owned[top]
+
+    def load(self, name: str) -> ModuleType:
+        """The module `name` of the folder, run on first use.
+
+        Raises:
+            ImportError: it is not there; and whatever it raises.
+        """
+        return importlib.import_module(self.private(name))
+
+    def private(self, name: str) -> str:
+        """The name under which Python keeps the module."""
+        return f"{self._name}.{name}"
+
+    def builtins(self) -> dict[str, object]:
+        """Python's builtins with the folder's own `__import__`."""
+        return {**vars(builtins), "__import__": self._import}
+
+    def _finds(self, top: str) -> bool:
+        if not top or top == OURS or BuiltinImporter.find_spec(top) or FrozenImporter.find_spec(top):
+            return False
+        found = PathFinder.find_spec(top, [str(self.folder)])
+        if found is None or found.loader is not None:
+            return found is not None
+        return top not in sys.modules and importlib.util.find_spec(top) is None
+
+    def _import(
+        self,
+        name: str,
+        globals: Mapping[str, object] | None = None,
+        locals: Mapping[str, object] | None = None,
+        fromlist: Sequence[str] | None = (),
+        level: int = 0,
+    ) -> ModuleType:
+        if level or not self.owns(name):
+            found = builtins.__import__(name, globals, locals, fromlist or (), level)
+            return self._own_importlib() if found is importlib else found
+        found = builtins.__import__(self.private(name), globals, locals, fromlist or (), 0)
+        return found if fromlist else sys.modules[self.private(name.partition(".")[0])]
+
+    def _own_importlib(self) -> ModuleType:
+        """A stand-in for `importlib` whose `import_module` looks into the folder first, too."""
+        vars(self._importlib).update(vars(importlib))
+        vars(self._importlib)["import_module"] = self._import_module
+        return self._importlib
+
+    def _import_module(self, name: str, package: str | None = None) -> ModuleType:
+        return importlib.import_module(self.private(name) if self.owns(name) else name, package)
+
+
+class _Finder:
+    """Finds the modules of private folders."""
+
+    @staticmethod
+    def find_spec(fullname: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
+        folder = _folders.get(fullname.partition(".")[0])
+        spec = None if folder is None else PathFinder.find_spec(fullname, path, target)
+        if folder is not None and spec is not None and isinstance(spec.loader, SourceFileLoader):
+            spec.loader = _Loader(folder, spec.loader.name, spec.loader.path)
+            spec.cached = None
+        return spec
+
+
+class _Loader(SourceFileLoader):
+    """Runs a module of a private folder: with its own builtins, from its source, leaving no bytecode behind."""
+
+    def __init__(self, folder: PrivateFolder, name: str, path: str) -> None:
+        super().__init__(name, path)
+        self._folder = folder
+
+    def get_code(self, fullname: str) -> CodeType:
+        path = self.get_filename(fullname)
+        return self.source_to_code(self.get_data(path), path)
+
+    def exec_module(self, module: ModuleType) -> None:
+        vars(module)["__builtins__"] = self._folder.builtins()
+        super().exec_module(module)
+
+
+def public(text: str) -> str:
+    """A text, the names of private modules in it replaced by those that people know."""
+    return re.sub(rf"{PREFIX}\d+\.?", "", text)

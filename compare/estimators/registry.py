@@ -1,0 +1,170 @@
+"""All that is said of an estimator of the box, once: to add one is a function and an entry here.
+
+Nothing is imported before it is asked for, so that the help of a command that lists them answers at once.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+from slamgauge.errors import UserError
+from slamgauge.near_names import did_you_mean
+
+if TYPE_CHECKING:
+    from slamgauge.estimate import Estimator, Kind
+
+DEAD_RECKONING = "dead-reckoning"  # what figures show faintly, and pictures of a map leave out
+UNDER = "@"  # isam2@ekf: isam2 under the associations that ekf makes
+
+
+class Look(NamedTuple):
+    """Colour and dashes of an estimator's curves (offset, then lengths on and off, in line widths)."""
+
+    color: str
+    dashes: tuple[int, tuple[float, ...]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """An estimator.
+
+    Attributes:
+        name: what people write, and what results carry.
+        home: where its function stands, `module:attribute`; empty for people's own.
+        kind: of its estimates; None where only they can tell.
+        note: what it is, in a word or two for help texts.
+        is_filter: whether it takes a filter's settings: how it associates, how landmarks begin, at how many steps it
+            keeps its map. Its rule of correction is that of `ekf.maps.rules` for this name.
+        is_graph: whether it can be told associations, as in `isam2@ekf`.
+        is_yardstick: whether it is the optimum that estimates of its kind are compared with. It is told true
+            noise and associations, as nobody else.
+        title: its name as an optimum in figures.
+        is_own: whether it is people's own: what it prints and raises is theirs.
+        is_benched: whether `slamgauge bench` measures it unless it is told otherwise.
+        look: of its curves; None takes a guest's.
+    """
+
+    name: str
+    home: str = ""
+    kind: Kind | None = "filtered"
+    note: str = ""
+    is_filter: bool = False
+    is_graph: bool = False
+    is_yardstick: bool = False
+    title: str = ""
+    is_own: bool = False
+    is_benched: bool = True
+    look: Look | None = None
+
+    def load(self) -> Estimator:
+        """Its function, imported now."""
+        module, _, attribute = self.home.partition(":")
+        return getattr(importlib.import_module(module), attribute)
+
+    def is_home_of(self, estimator: object) -> bool:
+        """Whether `estimator` is its function; nothing is imported to find out."""
+        module, _, attribute = self.home.partition(":")
+        named = getattr(estimator, "__name__", None) == attribute and module in sys.modules
+        return named and getattr(sys.modules[module], attribute, None) is estimator
+
+
+# colours after P. Tol, "Colour schemes" (SRON/EPS/TN/09-002)
+_ENTRIES = (
+    Entry(
+        name=DEAD_RECKONING,
+        home="slamgauge.ekf:dead_reckoning",
+        look=Look("#009988", (0, (1, 1.4))),
+    ),
+    Entry(
+        name="ekf",
+        home="slamgauge.ekf:ekf",
+        is_filter=True,
+        look=Look("#CC3311", (0, (5, 1.2))),
+    ),
+    Entry(
+        name="fej-ekf",
+        home="slamgauge.ekf:fej_ekf",
+        is_filter=True,
+        look=Look("#33BBEE", (0, (3, 1, 1, 1, 1, 1))),
+    ),
+    Entry(
+        name="oc-ekf",
+        home="slamgauge.ekf:oc_ekf",
+        is_filter=True,
+        look=Look("#EE3377", (0, (6, 1, 1, 1, 3, 1))),
+    ),
+    Entry(
+        name="iekf",
+        home="slamgauge.ekf:iekf",
+        is_filter=True,
+        look=Look("#775522", (0, (9, 2))),
+    ),
+    Entry(
+        name="riekf",
+        home="slamgauge.ekf:riekf",
+        is_filter=True,
+        look=Look("#0077BB", (0, (4, 1, 1, 1))),
+    ),
+    Entry(
+        name="isam2",
+        home="slamgauge.graph_baseline:isam2",
+        note="causal optimum",
+        is_graph=True,
+        is_yardstick=True,
+        title="causal optimum",
+        look=Look("#CC9900", (0, (2, 1))),
+    ),
+    Entry(
+        name="batch",
+        home="slamgauge.graph_baseline:batch",
+        kind="smoothed",
+        note="hindsight",
+        is_graph=True,
+        is_yardstick=True,
+        title="hindsight optimum",
+        look=Look("#882288", (0, (7, 1, 1, 1, 1, 1))),
+    ),
+    Entry(
+        name="robust-batch",
+        home="slamgauge.graph_baseline:robust_batch",
+        kind="smoothed",
+        is_graph=True,
+        is_benched=False,
+    ),
+)
+REGISTRY = {entry.name: entry for entry in _ENTRIES}
+FILTERS = tuple(entry.name for entry in _ENTRIES if entry.is_filter)
+GRAPHS = tuple(entry.name for entry in _ENTRIES if entry.is_graph)
+YARDSTICKS = {str(entry.kind): entry.name for entry in _ENTRIES if entry.is_yardstick}  # by the kind they judge
+CAUSAL, HINDSIGHT = YARDSTICKS["filtered"], YARDSTICKS["smoothed"]
+BENCHED = ",".join(entry.name for entry in _ENTRIES if entry.is_benched)
+HELP = (
+    f"Comma-separated: {', '.join(f'{each.name} ({each.note})' if each.note else each.name for each in _ENTRIES)}; "
+    f"{CAUSAL}{UNDER}{FILTERS[0]} is {CAUSAL} under the associations that {FILTERS[0]} makes."
+)
+
+
+def entry_of(name: str) -> Entry:
+    """The entry of a name; a graph under a filter's associations, `isam2@ekf`, has one like any other.
+
+    Raises:
+        UserError: an unknown name.
+    """
+    graph, under, filter_name = name.partition(UNDER)
+    if not under and name in REGISTRY:
+        return REGISTRY[name]
+    if graph in GRAPHS and filter_name in FILTERS:
+        return replace(REGISTRY[graph], name=name, note="", is_yardstick=False, title="", look=None)
+    if under and graph in REGISTRY:
+        remedy = f"write GRAPH@FILTER with one of {', '.join(GRAPHS)} and one of {', '.join(FILTERS)}"
+    else:
+        remedy = did_you_mean(graph, REGISTRY)
+    raise UserError(f"estimator {name!r} is not known; {remedy}")
+
+
+def is_yardstick(name: str) -> bool:
+    """Whether a name, as `load_estimators` takes it, is that of an optimum."""
+    return name in YARDSTICKS.values()

@@ -1,0 +1,57 @@
+"""Running an estimator: what it prints and raises kept apart, what it returns checked."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import nullcontext, redirect_stdout
+from time import perf_counter
+from typing import cast
+
+from slamgauge.compare.estimators.loading import entry_behind
+from slamgauge.compare.estimators.own import where_it_broke
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate, Estimator
+from slamgauge.recording import Recording
+
+
+def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tuple[Estimate, float]:
+    """The estimate, checked against the recording, and the seconds that it took.
+
+    Args:
+        name: what error texts call it.
+        estimator: one of `load_estimators`, or any callable.
+        recording: what it sees.
+
+    Raises:
+        UserError: the estimator raised, or what it returned does not fit the recording.
+    """
+    entry = entry_behind(estimator)
+    is_ours = entry is not None and not entry.is_own
+    start = perf_counter()
+    try:
+        # standard output is for results; ours are silent, and threads of a study must not redirect it
+        with nullcontext() if is_ours else redirect_stdout(sys.stderr):
+            estimate = cast("object", estimator(recording))
+    except (Exception, SystemExit) as error:
+        if is_ours and not isinstance(error, UserError):
+            raise
+        reason = str(error) if is_ours else where_it_broke(error)
+        raise UserError(f"estimator {name}: {reason}") from error
+    seconds = perf_counter() - start
+    return _checked(name, estimate, recording), seconds
+
+
+def _checked(name: str, estimate: object, recording: Recording) -> Estimate:
+    if not isinstance(estimate, Estimate):
+        raise UserError(f"estimator {name}: returned a {type(estimate).__name__}; return a slamgauge.Estimate")
+    if len(estimate.poses) != recording.steps + 1:
+        raise UserError(
+            f"estimator {name}: returned {len(estimate.poses)} poses; "
+            f"return {recording.steps + 1}, one for the start and one for every step"
+        )
+    if estimate.association is not None and len(estimate.association) != len(recording.observation):
+        raise UserError(
+            f"estimator {name}: association has {len(estimate.association)} entries; "
+            f"return {len(recording.observation)}, one for every observation"
+        )
+    return estimate
