@@ -165,9 +165,9 @@ class Association(Section):
 
 
 # how landmarks begin where there are bearings alone: the keys are the settings' own, defaults and rules included
-Fis = section_of(Rays, Section)
-InverseDepth = section_of(InverseDepthSettings, Section)
-Delayed = section_of(DelayedSettings, Section)
+Fis = section_of("Fis", Rays, Section)
+InverseDepth = section_of("InverseDepth", InverseDepthSettings, Section)
+Delayed = section_of("Delayed", DelayedSettings, Section)
 BEGINNINGS = {"fis": Rays, "inverse-depth": InverseDepthSettings, "delayed": DelayedSettings}
 
 
