@@ -158,7 +158,8 @@ def test_threads_import_at_the_same_time(write: Write):
 def test_their_classes_can_be_pickled_and_their_source_read(write: Write):
     write(
         {
-            "own.py": "import dataclasses, inspect, pickle as p\n@dataclasses.dataclass\nclass State:\n    x: 'int' = 1\n"
+            "own.py": "import dataclasses, inspect, pickle as p\n@dataclasses.dataclass\n"
+            "class State:\n    x: 'int' = 1\n"
             "def f(_):\n    return p.loads(p.dumps(State())) == State() and 'x: ' in inspect.getsource(State)\n"
         }
     )
