@@ -1,6 +1,7 @@
 """Association without ids against known association: one table over Monte Carlo runs.
 
-    python benchmarks/association.py [--runs 50] [--seed 0] [--jobs 2] [--filter riekf] [--out results/association]
+    python benchmarks/association.py [--runs 50] [--seed 0] [--jobs 2] [--filter riekf] [--scenarios NAME,…]
+        [--out results/association]
 
 Wrong and rejected associations in per cent of the observations, the share of runs whose map has as many landmarks
 as were there to be seen, ATE, and mean ATE over that with known association on the same measurements.
@@ -29,12 +30,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--filter", default="riekf")
+    parser.add_argument("--scenarios", default=",".join(SCENARIOS))
     parser.add_argument("--out", type=Path, default=Path("results/association"))
     options = parser.parse_args()
     titles = ("wrong %", "rejected %", "right map %", "mapped", "ATE [m]", "x known")
     print(f"{'':44}" + "".join(f"{title:>13}" for title in titles))
     with local_processes(options.jobs) as executor:
-        for name in SCENARIOS:
+        for name in options.scenarios.split(","):
             known = float("nan")
             for method, overrides in METHODS.items():
                 scenario = load_scenario(name, ["start=sampled", *overrides])

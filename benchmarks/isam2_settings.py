@@ -1,9 +1,10 @@
 """iSAM2's relinearisation settings, accuracy against time: one table.
 
-    python benchmarks/isam2_settings.py [--landmarks 20,100]
+    python benchmarks/isam2_settings.py [--landmarks 20,100] [--steps N]
 
 Accuracy is the distance of the newest position from the batch optimum of the measurements up to then,
-in standard deviations, at ten steps spread over the run. The setting in use is marked.
+in standard deviations, at ten steps spread over the run. The setting in use is marked. With --steps a run ends
+after so many steps.
 """
 
 from __future__ import annotations
@@ -26,12 +27,14 @@ from slamgauge.graph_baseline.causal import SETTINGS, causal_optimum
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--landmarks", default="20,100")
+    parser.add_argument("--steps", type=int, default=None)
     options = parser.parse_args()
     print(
         f"{'landmarks':>9} {'threshold':>9} {'every':>6} {'ms a step':>10} {'p95':>8} {'off [sigma]':>12} {'worst':>8}"
     )
     for size in map(int, options.landmarks.split(",")):
         _, recording = simulate(workload(size), 0)
+        recording = recording.first(min(options.steps or recording.steps, recording.steps))
         steps = np.linspace(recording.steps / 10, recording.steps, 10).astype(int)
         optima = [batch(recording.first(int(k))) for k in steps]
         for threshold, every in ((0.1, 1), (0.1, 10), (0.05, 1), (0.05, 10), (0.02, 1), (0.02, 10), (0.01, 10)):

@@ -1,6 +1,6 @@
 """Kill a study with SIGKILL at random moments, start it again each time, and compare with an undisturbed one.
 
-    python benchmarks/kill_a_study.py [--runs 40] [--kills 10] [--seed 0]
+    python benchmarks/kill_a_study.py [--runs 40] [--kills 10] [--seed 0] [--jobs 2]
 
 A kill comes up to 0.05 s after a random number of further runs has been stored, none among them. Prints how
 many runs were stored at each kill; exit status 1 if the summaries differ (computing times apart) or a row
@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-STUDY = ["q1-long-dense", "--estimators", "ekf,riekf", "--jobs", "2"]
+STUDY = ["q1-long-dense", "--estimators", "ekf,riekf"]
 
 
 def main() -> int:
@@ -29,22 +29,23 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=40)
     parser.add_argument("--kills", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         calm, killed = Path(folder) / "calm", Path(folder) / "killed"
-        start_study(calm, options.runs).wait()
+        start_study(calm, options.runs, options.jobs).wait()
         moments = random.Random(options.seed)
         for left in range(options.kills, 0, -1):
             before = stored(killed)
             target = before + moments.randint(0, 2 * (options.runs - before) // (left + 1))
-            process = start_study(killed, options.runs)
+            process = start_study(killed, options.runs, options.jobs)
             while stored(killed) < target and process.poll() is None:
                 time.sleep(0.005)
             time.sleep(moments.uniform(0.0, 0.05))
             process.send_signal(signal.SIGKILL)
             process.wait()
             print(f"killed with {stored(killed)} of {options.runs} runs stored", flush=True)
-        if start_study(killed, options.runs).wait() != 0:
+        if start_study(killed, options.runs, options.jobs).wait() != 0:
             return 1
         same = summary(killed) == summary(calm)
         rows = stored(killed)
@@ -52,8 +53,9 @@ def main() -> int:
     return 0 if same and rows == options.runs else 1
 
 
-def start_study(out: Path, runs: int) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "slamgauge", "study", *STUDY, "--runs", str(runs), "--out", str(out)]
+def start_study(out: Path, runs: int, jobs: int) -> subprocess.Popen[bytes]:
+    size = ["--runs", str(runs), "--jobs", str(jobs)]
+    command = [sys.executable, "-m", "slamgauge", "study", *STUDY, *size, "--out", str(out)]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 

@@ -1,10 +1,11 @@
-"""Every check behind one command: `python -m tests`."""
+"""Every check behind one command: `python -m tests`, or some of them: `python -m tests lint types`."""
 
 from __future__ import annotations
 
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -18,13 +19,21 @@ CHECKS = {
 }
 
 
-def main() -> int:
-    """Run all checks, also after one has failed; the exit status is 0 if every one passed."""
+def main(names: Sequence[str] = ()) -> int:
+    """Run the checks of these names, all if none is given, also after one has failed.
+
+    The exit status is 0 if every one passed, 2 if there is no check of a name.
+    """
+    unknown = [name for name in names if name not in CHECKS]
+    if unknown:
+        print(f"no check is called {unknown[0]!r}; use {', '.join(CHECKS)}", file=sys.stderr)
+        return 2
     link_floors()
     failed: list[str] = []
-    for name, (module, *arguments) in CHECKS.items():
+    for name in names or CHECKS:
+        module, *arguments = CHECKS[name]
         print(f"== {name}: {' '.join([module, *arguments])}", flush=True)
-        if subprocess.run([sys.executable, "-m", module, *arguments], check=False).returncode:
+        if subprocess.run([sys.executable, "-m", module, *arguments], cwd=ROOT, check=False).returncode:
             failed.append(name)
     print(f"failed: {', '.join(failed)}" if failed else "all checks passed")
     return 1 if failed else 0
@@ -40,4 +49,4 @@ def link_floors() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -42,7 +42,8 @@ def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path):
     with ZipFile(wheel) as archive:
         names = {PurePosixPath(name) for name in archive.namelist()}
     program = {name for name in names if not name.parts[0].endswith(".dist-info")}
-    source = {PurePosixPath("slamgauge", file.name) for file in (ROOT / "slamgauge").iterdir() if file.is_file()}
+    source = {PurePosixPath("slamgauge", file.name) for file in (ROOT / "slamgauge").glob("*.py")}
+    source |= {PurePosixPath("slamgauge/py.typed")}
     for floor in FLOORS:
         files = [*(ROOT / floor).rglob("*.py"), *(ROOT / floor).rglob("*.toml")]
         source |= {PurePosixPath("slamgauge", file.relative_to(ROOT).as_posix()) for file in files}

@@ -26,6 +26,8 @@ from slamgauge.errors import UserError
 # of what a store holds: raise it when `_TABLES`, `SERIES` or `FIGURES` change, and when the same scenario and seed
 # give other measurements or a figure another meaning; stores of another number are refused, whatever their version
 SCHEMA = 1
+# keys that scenarios have had since version 0.4, by section; a key that is added later belongs here too
+LATER_KEYS = {"association": ("node_limit",), "fis": ("lost_after",), "inverse_depth": ("lost_after",)}
 _UNNUMBERED = {"0.3.0": "1"}  # the schema of stores that were begun before they carried its number, by version
 # SQLite's errors that are not the file's fault: give the same command again
 _REFUSALS = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_NOMEM)
@@ -66,7 +68,17 @@ class Runs:
 
 def digest(scenario: Scenario, seed: int) -> str:
     """SHA-256 of all that decides the runs: equal digests, equal measurements."""
-    return hashlib.sha256(f"{scenario.model_dump_json()} seed {seed}".encode()).hexdigest()
+    return hashlib.sha256(f"{_as_text(scenario)} seed {seed}".encode()).hexdigest()
+
+
+def _as_text(scenario: Scenario) -> str:
+    """The scenario as JSON, without later keys that have their default: a new key leaves old studies as they are."""
+    sections = {name: getattr(scenario, name) for name in LATER_KEYS}
+    left_out = {
+        name: {key for key in LATER_KEYS[name] if getattr(section, key) == type(section).model_fields[key].default}
+        for name, section in sections.items()
+    }
+    return scenario.model_dump_json(exclude=left_out)
 
 
 class StudyStore:
@@ -124,7 +136,7 @@ def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
         "schema": str(SCHEMA),
         "version": __version__,  # that began it: for information alone
         "digest": digest(scenario, seed),
-        "scenario": scenario.model_dump_json(),
+        "scenario": _as_text(scenario),
         "seed": str(seed),
     }
     with _connected(path) as connection:
@@ -178,5 +190,5 @@ def _require_same(connection: sqlite3.Connection, path: Path, scenario: Scenario
             f"(slamgauge {__version__}); finish it with that version, or give another --out"
         )
     if found["digest"] != digest(scenario, seed):
-        what = "another seed" if found["scenario"] == scenario.model_dump_json() else "another scenario"
+        what = "another seed" if found["scenario"] == _as_text(scenario) else "another scenario"
         raise UserError(f"{path}: holds a study of {what} (digest {found['digest'][:12]}); give another --out")

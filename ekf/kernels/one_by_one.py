@@ -35,7 +35,7 @@ from slamgauge.ekf.kernels.covariance import (
     projected,
     squared_distance,
 )
-from slamgauge.ekf.kernels.linearisation import linearise, subtract_from_innovation
+from slamgauge.ekf.kernels.linearisation import linearise
 from slamgauge.ekf.kernels.models import POSITION
 from slamgauge.ekf.kernels.take_in import are_sound
 from slamgauge.ekf.kernels.workspace import (
@@ -300,9 +300,8 @@ def _gain(scan: Scan, belief: Belief, there: Belief) -> tuple[float, int]:
 @kernel
 def _refer_to_prior(state: Float, place: Float, landmark: int, h: Float, v: Float) -> None:
     """Subtract H (state - place) from the innovation v, which was taken at `place`."""
-    back = np.empty(5)
-    for k in range(3):
-        back[k] = state[k] - place[k]
     for k in range(2):
-        back[3 + k] = state[landmark + k] - place[landmark + k]
-    subtract_from_innovation(back, 3, h, v)
+        for j in range(3):
+            v[k] -= h[k, j] * (state[j] - place[j])
+        for j in range(2):
+            v[k] -= h[k, 3 + j] * (state[landmark + j] - place[landmark + j])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 
@@ -374,3 +375,9 @@ def test_the_other_initialisations_are_fitted_to_the_sensor_too():
     nearer = load_scenario("q4-ring", ["initialisation=delayed", "delayed.spacing=0.1"]).beginning
     assert isinstance(nearer, Delayed)
     assert nearer.spacing == 0.1
+
+
+@pytest.mark.parametrize("name", [name for name, _ in shipped_scenarios()])
+def test_a_scenario_reaches_another_process_as_it_is(name: str) -> None:
+    scenario = load_scenario(name)
+    assert pickle.loads(pickle.dumps(scenario)) == scenario

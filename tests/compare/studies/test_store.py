@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 
 from slamgauge import __version__
-from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.studies import store as study_store
 from slamgauge.compare.studies.run import FIGURES, SERIES, Outcome
+from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import run_study
 from slamgauge.errors import UserError
 
@@ -84,3 +85,10 @@ def test_a_full_disk_is_no_fault_of_the_store(scenario: Scenario, thread: Thread
         store._connection.execute("PRAGMA max_page_count = 1")  # pyright: ignore[reportPrivateUsage]
         store.add(1, 0, [Outcome("ekf", series=bytes(1_000_000))])
     assert run_study(scenario, 2, 0, ("ekf",), tmp_path, thread).estimators["ekf"].runs == 2
+
+
+def test_the_digest_of_a_scenario_is_that_of_version_0_3_0() -> None:
+    """Keys that were added since have their defaults; one that is chosen makes another study."""
+    known = "b499e6de32f9"  # summary.json of `slamgauge study q4-ring --runs 1 --out ...`, version 0.3.0
+    assert digest(load_scenario("q4-ring", ["start=sampled"]), 0).startswith(known)
+    assert not digest(load_scenario("q4-ring", ["start=sampled", "fis.lost_after=4"]), 0).startswith(known)

@@ -1,0 +1,101 @@
+"""The benchmarks: each, at its smallest size, ends well and prints its table; none is forgotten.
+
+CPU seconds of each on one core, with compiled kernels, stand beside it; about 50 for all.
+"""
+
+from __future__ import annotations
+
+import re
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import gtsam
+import numpy as np
+import pytest
+
+from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+
+# arguments, and how a line of what it prints begins and goes on: words, with any space between them
+SMALLEST = {
+    "association": (  # 5 s
+        "--runs 1 --jobs 1 --scenarios q2-short-dense --out results",
+        "wrong % rejected % right map % mapped ATE [m] x known",
+        "q2-short-dense, jcbb 0.0",
+    ),
+    "association_times": ("--landmarks 20 --observations 3", "landmarks jcbb compatibility update", "20 "),  # 2 s
+    "bearing_optimum": (  # 4 s
+        "--scenario q4-three-landmarks --runs 1 --jobs 1",
+        "start failed lower equal higher lowest, relative to batch",
+        "truth 0 0 1 0 ",
+    ),
+    "close_landmarks": ("--runs 2 --distances 1.0 --jobs 1", "distance [m] ekf: ATE NEES/3 lost", "1.0 "),  # 3 s
+    "isam2_settings": ("--landmarks 20 --steps 60", "landmarks threshold every ms a step p95", "20 0.05 10 "),  # 2 s
+    "kill_a_study": ("--runs 2 --kills 1 --jobs 1", "killed with", "the same summary after 1 kills; 2 runs"),  # 10 s
+    "large_maps": (  # 2 s
+        "--landmarks 20",
+        "landmarks filter median [ms] mean [ms] p95 [ms] worst [ms] difference memory/P",
+        "20 compressed ",
+    ),
+    "memory_traffic": ("--landmarks 20", "landmarks k MB moved of it P at bandwidth", "20 12 "),  # 2 s
+    "optimum_times": ("--landmarks 20 --marginals 20", "landmarks build optimise build/opt. finish", "20 "),  # 2 s
+    "study_throughput": ("--runs 2 --many 2", "bare loop:", "2 runs stored by two jobs"),  # 10 s
+    "ukfm_slam2d": (  # 11 s
+        "--runs 1 --jobs 1 --out results",
+        "heading RMSE [deg] position RMSE [m] NEES heading NEES position last sigma / isam2",
+        "riekf - - - - 0.9",
+    ),
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled_kernels() -> None:
+    """The benchmarks may run at the same time, and would each compile them."""
+    compile_once()
+    compile_association_once()
+
+
+def test_every_benchmark_is_run_here():
+    assert {*SMALLEST} == {path.stem for path in BENCHMARKS.glob("*.py")}
+
+
+@pytest.mark.parametrize("name", SMALLEST)
+def test_a_benchmark_prints_its_table(name: str, tmp_path: Path):
+    arguments, *expected = SMALLEST[name]
+    command = [sys.executable, BENCHMARKS / f"{name}.py", *arguments.split()]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    lines = [re.sub(r"\s+", " ", line).strip() + " " for line in done.stdout.splitlines()]
+    found = [next((i for i, line in enumerate(lines) if line.startswith(words)), -1) for words in expected]
+    assert -1 not in found, done.stdout
+    assert found == sorted(found)  # the title above what it stands for
+
+
+@pytest.mark.parametrize("name", SMALLEST)
+def test_a_benchmark_tells_its_options(name: str):
+    """The command in its docstring names every option that it has, and `--help` prints that docstring."""
+    source = (BENCHMARKS / f"{name}.py").read_text(encoding="utf-8")
+    has = {*re.findall(r'add_argument\("(--[a-z]+)"', source)}
+    docstring = source.split('"""')[1]
+    usage = docstring.split("\n\n")[1]
+    assert f"python benchmarks/{name}.py" in usage
+    assert {*re.findall(r"--[a-z]+", usage)} == has
+
+
+def test_an_indeterminate_system_is_a_row():
+    """GTSAM's `Marginals` refuses some constrained systems; that is a figure of the table, not the end of it."""
+    marginals_time = runpy.run_path(str(BENCHMARKS / "optimum_times.py"))["marginals_time"]
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    step = gtsam.Pose2(1.0, 0.0, 0.0)
+    for key in (0, 1):
+        values.insert(key, gtsam.Pose2())
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.ones(3))
+    graph.add(gtsam.BetweenFactorPose2(0, 1, step, noise))  # nothing says where in the world
+    assert marginals_time(graph, values) == "indeterminate"
+    graph.add(gtsam.PriorFactorPose2(0, gtsam.Pose2(), noise))
+    assert float(marginals_time(graph, values)) < 1.0
+    with pytest.raises(RuntimeError, match="key"):
+        marginals_time(graph, gtsam.Values())
