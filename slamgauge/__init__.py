@@ -5,11 +5,9 @@ floors themselves are `slamgauge.ekf` (the textbook filter is `slamgauge.ekf.ekf
 `slamgauge.compare`.
 """
 
-from __future__ import annotations
-
 import importlib
-from typing import TYPE_CHECKING
 
+TYPE_CHECKING = False  # as in `typing`, which is not loaded: `python -m slamgauge` might find a file of that name first
 if TYPE_CHECKING:
     from slamgauge.arrays import Float, Int, Marks
     from slamgauge.compare.estimators.loading import load_estimators

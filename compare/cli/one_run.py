@@ -99,8 +99,8 @@ class Evaluate:
     estimators: Estimators = DEFAULT_ESTIMATORS
 
     estimator: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
-    """Your own, as [LABEL=]FILE.py:callable or [LABEL=]module:callable ...; a callable Recording -> Estimate. LOADS
-    AND RUNS THAT CODE."""
+    """Your own, as [LABEL=]FILE.py:callable or module:callable ... (Recording -> Estimate).
+    LOADS AND RUNS THAT CODE."""
 
     association: Literal["nearest-neighbour", "jcbb"] = "nearest-neighbour"
     """How filters associate a recording without ids; jcbb is joint, and manages its map."""

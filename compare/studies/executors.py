@@ -37,6 +37,7 @@ class _Processes(Executor):
         self._pool = self._begin()
 
     def _begin(self) -> ProcessPoolExecutor:
+        os.environ.setdefault("PYTHONSAFEPATH", "1")  # else workers look for libraries in the current folder first
         context = multiprocessing.get_context("spawn")  # a fork would inherit BLAS threads and locks
         return ProcessPoolExecutor(self._jobs, mp_context=context, initializer=_follow_parent)
 

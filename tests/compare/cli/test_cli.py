@@ -561,8 +561,8 @@ def test_estimators_that_fail(stored: Path, refuse: Refuse, module: Module, sour
     [
         ("nowhere_at_all:estimate", "no module 'nowhere_at_all' is found; run in its folder or install it"),
         ("nowhere.at.all:estimate", "no module 'nowhere' is found; "),
-        ("ekf", "write module:attribute, for example my_filter:estimate"),
-        (":estimate", "write module:attribute, for example my_filter:estimate"),
+        ("ekf", "write FILE.py:callable or module:callable, for example my_filter.py:estimate"),
+        (":estimate", "write FILE.py:callable or module:callable, for example my_filter.py:estimate"),
         (".relative:estimate", "cannot be loaded, it raised TypeError"),
     ],
 )

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from slamgauge.compare.estimators.loading import load_estimators
-from slamgauge.compare.estimators.registry import FILTERS, GRAPHS
+from slamgauge.compare.estimators.loading import entry_behind, load_estimators
+from slamgauge.compare.estimators.registry import FILTERS, GRAPHS, HELP, REGISTRY, entry_of
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.comparison import compare_estimators
 from slamgauge.compare.studies.run import run_once
-from slamgauge.ekf import riekf
+from slamgauge.ekf import ekf, riekf
+from slamgauge.ekf.maps.rules import CORRECTIONS
 from slamgauge.ekf.settings.association import Association as FilterAssociation
 from slamgauge.ekf.settings.association import MapManagement
 from slamgauge.estimate import Estimate
@@ -88,6 +90,53 @@ def test_the_optima_are_told_the_true_associations_and_nobody_else():
         assert np.array_equal(np.asarray(seen[name].landmark), truth.association)
         assert same(comparison.estimates[name], optimum(replace(recording, landmark=truth.association)))
     assert comparison.scores["isam2"].wrong_associations == 0
+
+
+def test_an_optimum_is_known_by_what_it_is_not_by_its_name():
+    seen: list[Recording] = []
+
+    def own(recording: Recording) -> Estimate:
+        seen.append(recording)
+        return riekf(recording)
+
+    truth, recording = simulate(load_scenario("q2-long-dense", SHORT), 0)
+    comparison = compare_estimators(truth, recording, {"batch": own, "isam2": own, "ekf": ekf})
+    assert all(each is recording for each in seen)
+    assert all(score.ratio_to_optimum is None for score in comparison.scores.values())
+    assert all(score.final_distance_to_batch_m is None for score in comparison.scores.values())
+    comparison = compare_estimators(truth, recording, {"ekf": ekf, "hindsight": batch, "causal": isam2})
+    assert comparison.scores["causal"].wrong_associations == comparison.scores["hindsight"].wrong_associations == 0
+    assert comparison.scores["ekf"].ratio_to_optimum is not None
+    assert comparison.scores["ekf"].final_distance_to_batch_m is not None
+
+
+def test_every_entry_leads_to_an_estimator_that_is_known_again():
+    for name, entry in REGISTRY.items():
+        assert entry.name == name
+        assert entry_behind(entry.load()) is entry_behind(load_estimators([name])[name]) is entry
+    assert {*FILTERS} == {*CORRECTIONS}
+    _, recording = simulate(load_scenario("q1-short-dense", SHORT), 0)
+    for name, estimator in load_estimators([*REGISTRY]).items():
+        assert estimator(recording).kind == REGISTRY[name].kind
+
+
+def test_a_graph_under_a_filters_associations_is_no_optimum():
+    entry = entry_of("batch@riekf")
+    assert (entry.name, entry.kind, entry.is_yardstick, entry.look) == ("batch@riekf", "smoothed", False, None)
+
+
+def test_the_box_is_listed_with_all_its_names():
+    assert all(name in HELP for name in REGISTRY)
+    assert "isam2 (causal optimum), batch (hindsight), robust-batch; isam2@ekf is" in HELP
+
+
+def test_people_may_not_take_a_name_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text("def f(recording): ...\n")
+    for own, whose in ((["ekf=own.py:f"], "ekf is one of ours"), (["a=own.py:f", "a=own:f"], "a is two of yours")):
+        with pytest.raises(ValueError, match=f"{whose}; write another LABEL= in front"):
+            load_estimators(["isam2"], own)
+    assert [*load_estimators(["isam2"], ["a=own.py:f", "own:f", "own.py:f"])] == ["isam2", "a", "own:f", "own.py:f"]
 
 
 def test_without_true_associations_the_optima_ask_for_them():

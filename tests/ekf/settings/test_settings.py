@@ -1,0 +1,75 @@
+"""Settings refuse what cannot be, in one line with the value and a remedy, and fit themselves to a sensor."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields
+
+import pytest
+
+from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario
+from slamgauge.ekf.settings.association import Association, MapManagement
+from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
+from slamgauge.ekf.settings.rules import fitted
+
+
+@pytest.mark.parametrize(
+    ("kind", "chosen", "message"),
+    [
+        (Association, {"method": "jccb"}, "method: 'jccb' is not known; did you mean jcbb?"),
+        (Association, {"method": "x"}, "method: 'x' is not known; use nearest-neighbour, jcbb"),
+        (Association, {"gate": -1}, "gate: -1 lets nothing pass; choose it above 0"),
+        (Association, {"gate": float("nan")}, "gate: nan lets nothing pass; choose it above 0"),
+        (Association, {"node_limit": 0}, "node_limit: 0 pairs are no search; choose at least 1"),
+        (
+            MapManagement,
+            {"sights": 11, "probation": 10},
+            "sights: 11 do not fit into 10 scans of probation; choose at most 10",
+        ),
+        (MapManagement, {"sights": 0}, "sights: 0 confirm no track; choose at least 1"),
+        (MapManagement, {"merge_distance": -1.0}, "merge_distance: -1.0 m is no distance; choose it at least 0"),
+        (Rays, {"sharing": "federate"}, "sharing: 'federate' is not known; did you mean federated?"),
+        (Rays, {"s_min": 10.0}, "s_max: 10.0 m must lie beyond s_min, 10.0 m; choose it farther"),
+        (Rays, {"s_max": float("inf")}, "s_max: inf m is no distance; choose it above 0 and finite"),
+    ],
+)
+def test_settings_that_cannot_be(kind: type, chosen: dict[str, object], message: str):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        kind(**chosen)
+
+
+def test_the_tightest_probation_is_legal():
+    assert MapManagement(sights=10, probation=10).sights == 10
+
+
+@pytest.mark.parametrize("kind", [Rays, InverseDepth, Delayed])
+def test_the_defaults_are_those_of_a_sensor_that_reaches_ten_metres(kind: type):
+    assert fitted(kind, 10.0) == kind()
+
+
+def test_what_is_chosen_stays_and_the_rest_is_fitted():
+    assert fitted(InverseDepth, 20.0, sigma=0.5, mean=None) == InverseDepth(mean=0.075, sigma=0.5)
+
+
+@pytest.mark.parametrize(
+    ("section", "kind", "initialisation"),
+    [("fis", Rays, "fis"), ("inverse_depth", InverseDepth, "inverse-depth"), ("delayed", Delayed, "delayed")],
+)
+def test_a_scenario_sets_every_one_of_them(section: str, kind: type, initialisation: str):
+    chosen = {
+        each.name: 2 * getattr(kind(), each.name) for each in fields(kind) if each.name not in ("sharing", "alpha")
+    }
+    overrides = [f"{section}.{key}={value}" for key, value in chosen.items()]
+    scenario = load_scenario("q4-ring", [f"initialisation={initialisation}", *overrides])
+    assert scenario.beginning == kind(**chosen)
+
+
+def test_several_mistakes_of_a_section_have_a_line_each():
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario("q4-ring", ["fis.lost_after=0", "fis.lost_aftr=1", "fis.gate=-1", "association.node_limit=0"])
+    assert str(caught.value).splitlines() == [
+        "q4-ring: association.node_limit: 0 pairs are no search; choose at least 1",
+        "q4-ring: fis.gate: -1.0 lets nothing pass; choose it above 0",
+        "q4-ring: fis.lost_after: 0 loses a ray by no failure; choose at least 1",
+        "q4-ring: fis.lost_aftr: unknown key; did you mean lost_after?",
+    ]
