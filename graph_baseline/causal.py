@@ -28,7 +28,7 @@ class Settings:
     relinearize_every: int  # steps
 
 
-SURE = 0.1  # as in `triangulation`; undamped steps fail from starts as rough as batch can use
+SURE_FOR_UNDAMPED_STEPS = 0.1  # stricter than `triangulation.SURE`: undamped steps fail from starts as rough
 SETTLING = 5  # updates that follow at once where bearings have placed a landmark
 SETTINGS = Settings(relinearize_threshold=0.05, relinearize_every=10)
 
@@ -141,7 +141,7 @@ class _GrowingProblem:
             rows = np.array([*waiting, row])
             seen_from = self._path[recording.observation_step[rows]]
             bearings, variances = recording.observation[rows, 0], recording.observation_cov[rows, 0, 0]
-            found = triangulate(seen_from, bearings, variances, SURE)
+            found = triangulate(seen_from, bearings, variances, SURE_FOR_UNDAMPED_STEPS)
             if not found.placed:
                 waiting.append(row)
                 return False

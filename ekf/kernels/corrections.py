@@ -82,7 +82,7 @@ def update_iterated(sensor: int, belief: Belief, count: int, work: Workspace) ->
 
 @kernel
 def iterate(sensor: int, belief: Belief, count: int, work: Workspace, iterations: int) -> tuple[float, int]:
-    """`update_iterated` with at most so many passes; a single one is the standard update.
+    """`update_iterated` with at most `iterations` passes; a single one is the standard update.
 
     The workspace must take in a whole scan at a time.
     """

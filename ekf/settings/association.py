@@ -16,8 +16,8 @@ class MapManagement:
     """When a track becomes a landmark, and when two become one.
 
     Attributes:
-        sights: a new track is confirmed by its so many-th sight, ...
-        probation: ... and deleted if that has not come after so many scans, the one of its birth included.
+        sights: observations that confirm a new track.
+        probation: scans after which a track that is not confirmed is deleted, the scan of its birth included.
         margin: `jcbb` leaves out observations whose landmarks another association, with a joint squared distance
             larger by less than this, would change: it is at least exp(-margin / 2) times as likely.
         new_gate: an observation within this squared Mahalanobis distance of a landmark that the scan has not

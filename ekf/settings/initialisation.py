@@ -28,7 +28,7 @@ class Rays:
         s_max: farthest distance of a landmark [m]; no shorter than the sensor's range, which it is by default.
         threshold: tau; members with a weight below tau / (number of members at first) go.
         gate: largest squared Mahalanobis distance (1 degree of freedom) of the nearest member.
-        lost_after: a ray whose every member fails the gate so many times in a row is deleted.
+        lost_after: scans in a row in which no member passes the gate, after which a ray is deleted.
         sharing: `federated`; the others are there to see what it is worth: `uniform` shares, `none` (R to every
             member), `best` (R to the heaviest alone), `weights` (no corrections before the ray is a point).
     """
@@ -68,7 +68,7 @@ class InverseDepth:
         sigma: its standard deviation [1/m].
         linearity: index below which a landmark becomes a point.
         gate: largest squared Mahalanobis distance of a bearing (1 degree of freedom).
-        lost_after: a landmark whose bearing fails the gate so many times in a row is deleted.
+        lost_after: bearings in a row that fail the gate, after which a landmark is deleted.
     """
 
     mean: float = setting(
