@@ -4,7 +4,8 @@
 corrections; `bearings` landmarks from bearings alone. Here are the online filters, `filter` (with ids), `association`
 (without), `compressed` (the same for large maps), and `estimators`: a recording in, an estimate out.
 
-Names are imported when they are first used, so that a setting costs no compiler.
+Names are imported when they are first used, so that a setting costs no compiler. The filters as estimators are those
+that `estimators` lists.
 """
 
 from __future__ import annotations
@@ -13,20 +14,34 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from slamgauge.ekf import estimators
     from slamgauge.ekf.association import AssociatingFilter
     from slamgauge.ekf.bearings.bearing_filter import BearingFilter
     from slamgauge.ekf.compressed import CompressedFilter
-    from slamgauge.ekf.estimators import dead_reckoning, ekf, fej_ekf, iekf, oc_ekf, riekf
+    from slamgauge.ekf.estimators import *
     from slamgauge.ekf.filter import SlamFilter
     from slamgauge.ekf.online import OnlineFilter
     from slamgauge.ekf.settings.association import Association, MapManagement
     from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
 
+    __all__ = [
+        "AssociatingFilter",
+        "Association",
+        "BearingFilter",
+        "CompressedFilter",
+        "Delayed",
+        "InverseDepth",
+        "MapManagement",
+        "OnlineFilter",
+        "Rays",
+        "SlamFilter",
+    ]
+    __all__ += estimators.__all__
+
 _NAMES = {  # of each module, as above
     "association": "AssociatingFilter",
     "bearings.bearing_filter": "BearingFilter",
     "compressed": "CompressedFilter",
-    "estimators": "dead_reckoning ekf fej_ekf iekf oc_ekf riekf",
     "filter": "SlamFilter",
     "online": "OnlineFilter",
     "settings.association": "Association MapManagement",
@@ -34,31 +49,18 @@ _NAMES = {  # of each module, as above
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 
-__all__ = [
-    "AssociatingFilter",
-    "Association",
-    "BearingFilter",
-    "CompressedFilter",
-    "Delayed",
-    "InverseDepth",
-    "MapManagement",
-    "OnlineFilter",
-    "Rays",
-    "SlamFilter",
-    "dead_reckoning",
-    "ekf",
-    "fej_ekf",
-    "iekf",
-    "oc_ekf",
-    "riekf",
-]
-
 
 def __getattr__(name: str) -> object:
-    if name not in _HOME:
-        raise AttributeError(f"module 'slamgauge.ekf' has no attribute {name!r}")
-    return getattr(importlib.import_module(f"slamgauge.ekf.{_HOME[name]}"), name)
+    if name in _HOME:
+        return getattr(importlib.import_module(f"slamgauge.ekf.{_HOME[name]}"), name)
+    if name == "__all__" or not name.startswith("_"):
+        estimators = importlib.import_module("slamgauge.ekf.estimators")
+        if name == "__all__":
+            return sorted([*_HOME, *estimators.__all__])
+        if name in estimators.__all__:
+            return getattr(estimators, name)
+    raise AttributeError(f"module 'slamgauge.ekf' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return list(__getattr__("__all__"))  # pyright: ignore[reportArgumentType, reportUnknownVariableType]

@@ -19,6 +19,8 @@ from slamgauge.ekf.settings.initialisation import Initialisation, Rays
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
+__all__ = ["dead_reckoning", "ekf", "fej_ekf", "iekf", "oc_ekf", "riekf"]
+
 FIS = Rays()
 
 

@@ -15,7 +15,8 @@ from typing import ParamSpec, TypeVar, cast
 
 import llvmlite.binding as llvm
 import numpy as np
-from numba import njit, types
+from numba import njit, typeof, types
+from numba.core.dispatcher import Dispatcher
 from numba.core.types import ExternalFunction
 from numba.extending import get_cython_function_address
 
@@ -45,6 +46,17 @@ def kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]
         return njit(cache=True, error_model="numpy")(function)
     except RuntimeError:  # no folder that numba may write to
         return njit(error_model="numpy")(function)
+
+
+def direct(function: Callable[Arguments, Result], *arguments: object) -> Callable[Arguments, Result]:
+    """The machine code of a kernel for arguments of these types, compiled if it is not yet.
+
+    A call then spares numba's look at every argument's type, a microsecond where there are a dozen arrays: they must be
+    of the same types each time. What is no kernel is returned as it is.
+    """
+    if not isinstance(function, Dispatcher):
+        return function
+    return function.compile(tuple(map(typeof, arguments)))
 
 
 def _fortran(library: str, routine: str, arguments: int) -> Callable[..., None]:

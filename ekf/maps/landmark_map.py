@@ -16,6 +16,7 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels import linear, map_edits
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import Belief, allocate_belief, enlarged
+from slamgauge.ekf.kernels.compiled import direct
 from slamgauge.ekf.kernels.models import BEARING, RANGE_BEARING, SENSOR_CODES
 from slamgauge.ekf.kernels.take_in import are_sound
 from slamgauge.ekf.kernels.warm_up import compile_once
@@ -61,6 +62,9 @@ class LandmarkMap:
         self._increment = np.zeros(3)
         self._increment_cov = np.zeros((3, 3))
         self._work = allocate(0, len(self.belief.state), rule.block)
+        self._predict = direct(rule.predict, self.belief, self._increment, self._increment_cov)
+        self._find_slots = direct(rule.find_slots, self.ids, self.ids, self._work.ids, self._work.slots)
+        self._update = direct(rule.update, self.code, self.belief, 0, self._work)
 
     # --- what is believed ------------------------------------------------------------------------
 
@@ -118,7 +122,7 @@ class LandmarkMap:
             UserError: shapes that do not fit, a number that is not finite, or no covariance; nothing has changed.
         """
         load_increment(increment, cov, self._increment, self._increment_cov)
-        if not self.rule.predict(self.belief, self._increment, self._increment_cov):
+        if not self._predict(self.belief, self._increment, self._increment_cov):
             raise explain_increment(self._increment, self._increment_cov)
 
     def are_sound(self, values: Float, covs: Float) -> bool:
@@ -131,12 +135,12 @@ class LandmarkMap:
         """Look up the slots of `count` landmarks for `correct_found`; False if one is not mapped."""
         work = self.room_for(count)
         work.ids[:count] = ids
-        return not self.rule.find_slots(self._sorted_ids, self._sorted_slots, work.ids[:count], work.slots)
+        return not self._find_slots(self._sorted_ids, self._sorted_slots, work.ids[:count], work.slots)
 
     def correct_found(self, values: NDArray[np.generic], covs: NDArray[np.generic]) -> tuple[float, int]:
         """Correct with observations (m, d), (m, d, d) of the landmarks that `find` has found; returns as `correct`."""
         self.load(values, covs)
-        nis, informative = self.rule.update(self.code, self.belief, len(values), self._work)
+        nis, informative = self._update(self.code, self.belief, len(values), self._work)
         if not math.isfinite(nis):
             raise explain_scan(self.sensor, values, covs)
         return nis, informative
