@@ -20,7 +20,7 @@ from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.scoring.text_table import aligned
+from slamgauge.compare.scoring.text_table import aligned, cell
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.maps.rules import CORRECTIONS, RULES, Rule
@@ -148,18 +148,18 @@ def bench_table(result: dict[str, Any]) -> str:
     for name, by_size in result["estimators"].items():
         for size, figures in by_size.items():
             cells = (
-                *(_cell(figures.get(key), "{:.4f}", 1e3) for key in ("median_s", "p95_s", "mean_s")),
-                _cell(figures["runs_per_second"], "{:.3g}"),
-                _cell(figures.get("share_outside_kernels"), "{:.0%}"),
-                _cell(figures.get(f"ratio_to_{YARDSTICK}"), "{:.3f}"),
-                _cell(figures.get(f"ratio_to_{CAUSAL}"), "{:.4f}"),
+                *(_milliseconds(figures.get(key)) for key in ("median_s", "p95_s", "mean_s")),
+                cell(figures["runs_per_second"], "{:.3g}"),
+                cell(figures.get("share_outside_kernels"), "{:.0%}"),
+                cell(figures.get(f"ratio_to_{YARDSTICK}"), "{:.3f}"),
+                cell(figures.get(f"ratio_to_{CAUSAL}"), "{:.4f}"),
             )
             rows.append((name, size, *cells))
     lines += aligned(rows, words=1)
     for name, exponent in result["growth_exponent"].items():
-        lines.append(f"growth of {name}: landmarks^{_cell(exponent, '{:.2f}')}")
+        lines.append(f"growth of {name}: landmarks^{cell(exponent, '{:.2f}')}")
     return "\n".join(lines)
 
 
-def _cell(value: float | None, form: str, scale: float = 1.0) -> str:
-    return "-" if value is None else form.format(scale * value)
+def _milliseconds(seconds: float | None) -> str:
+    return cell(None if seconds is None else 1e3 * seconds, "{:.4f}")

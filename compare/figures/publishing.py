@@ -13,6 +13,7 @@ from slamgauge.compare.figures.ray_strip import save_ray_strip
 from slamgauge.compare.figures.study_figures import save_study_figures
 from slamgauge.compare.figures.sweep_figure import save_sweep_figure
 from slamgauge.compare.scoring.comparison import Comparison
+from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.files import explained, save, write_json, write_tum
 from slamgauge.compare.storage.result_files import (
     BENCH,
@@ -27,7 +28,6 @@ from slamgauge.compare.storage.result_files import (
 )
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.studies.budget import ErrorBudget
-from slamgauge.compare.studies.store import Runs
 from slamgauge.compare.studies.summary import Summary
 from slamgauge.compare.studies.sweep import Sweep
 

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, save_png_and_svg, styles
-from slamgauge.compare.studies.store import Runs
-from slamgauge.compare.studies.summary import BAND_LEVEL, PerStep, Summary, nees_per_step, nis_per_step, paired
+from slamgauge.compare.scoring.over_runs import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
+from slamgauge.compare.scoring.runs import Runs, paired
+from slamgauge.compare.studies.summary import Summary
 
 RUNS_DRAWN = 50  # error curves; more are one grey mass
 COMPONENTS = (("x [m]", "x", 1.0), ("y [m]", "y", 1.0), ("heading [°]", "heading", 180.0 / np.pi))

@@ -31,7 +31,7 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
         names = styles(sweep.summaries[0].estimators)
         for axes, (key, label) in zip(figure.subplots(2, 2, sharex=True).flat, PANELS, strict=True):
             for name, style in names.items():
-                intervals = [getattr(summary.estimators[name], key) for summary in sweep.summaries]
+                intervals = [summary.estimators[name].figure(key) for summary in sweep.summaries]
                 title = entry_of(name).title or name
                 _draw(axes, sweep.values, intervals, title, style, line=is_yardstick(name))
             axes.set_ylabel(label)

@@ -1,7 +1,7 @@
 """Scenarios: what a simulated run consists of, read from TOML files.
 
 A file may begin with `extends = "a shipped name"`: its own keys then come on top of that scenario's.
-The schema stands in `scenario_schema`. Every mistake of a file is reported, each in a line that names
+The schema stands in `schema`. Every mistake of a file is reported, each in a line that names
 the file and the key.
 """
 

@@ -12,8 +12,9 @@ from tqdm import tqdm
 
 from slamgauge.compare.estimators.loading import entry_behind
 from slamgauge.compare.estimators.running import run_estimator
+from slamgauge.compare.scoring.catalogue import columns
 from slamgauge.compare.scoring.scores import Score, evaluate
-from slamgauge.compare.scoring.text_table import aligned
+from slamgauge.compare.scoring.text_table import aligned, cell
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.recording import Recording
@@ -101,27 +102,10 @@ def digest(recording: Recording) -> str:
     return total.hexdigest()
 
 
-_COLUMNS = (
-    ("ATE [m]", "ate_m", "{:.3f}"),
-    ("heading [rad]", "heading_rmse_rad", "{:.4f}"),
-    ("end [m]", "final_position_error_m", "{:.3f}"),
-    ("NEES", "nees_pose", "{:.2f}"),
-    ("NIS/dof", "nis_per_dof", "{:.3f}"),
-    ("map [m]", "landmark_rmse_m", "{:.3f}"),
-    ("mapped", "landmarks_mapped", "{:d}"),
-    ("of", "landmarks_true", "{:d}"),
-    ("wrong", "wrong_associations", "{:d}"),
-    ("x optimum", "ratio_to_optimum", "{:.2f}"),
-    ("d to optimum", "mahalanobis_to_optimum", "{:.3g}"),
-    ("end to batch [m]", "final_distance_to_batch_m", "{:.3f}"),
-    ("time [s]", "seconds_total", "{:.2f}"),
-)
-
-
 def table(comparison: Comparison) -> str:
     """The scores as a text table, filtered estimates before smoothed ones; `-` where none applies."""
-    rows = [["estimator", "kind", *(title for title, _, _ in _COLUMNS)]]
+    found = columns("run")
+    rows = [["estimator", "kind", *(title for title, _, _ in found)]]
     for name, score in sorted(comparison.scores.items(), key=lambda item: item[1].kind):
-        figures = [(getattr(score, key), form) for _, key, form in _COLUMNS]
-        rows.append([name, score.kind, *("-" if value is None else form.format(value) for value, form in figures)])
+        rows.append([name, score.kind, *(cell(score.figure(key), form) for _, key, form in found)])
     return "\n".join(aligned(rows, words=2))

@@ -3,63 +3,32 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.compare.scoring.catalogue import SCORED, measured
 from slamgauge.compare.scoring.consistency import sigma_ratios, squared_mahalanobis
 from slamgauge.compare.scoring.defined import mean, number, rms
 from slamgauge.compare.scoring.landmark_identity import association_figures, landmark_errors, true_landmarks
 from slamgauge.compare.scoring.loop_closures import LoopClosure, closure_steps, describe_closures
 from slamgauge.compare.scoring.ray_figures import RayFigures, ray_figures
-from slamgauge.compare.scoring.trajectory_error import align, pose_errors, step_errors
+from slamgauge.compare.scoring.trajectory_error import align, distances, pose_errors, step_errors
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
-
-NOT_IN_JSON = ("nees", "nis_total", "nis_dof_total")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Score:
     """How good an estimate is; a figure that does not apply is None.
 
-    Attributes:
-        kind: `filtered` (compared with iSAM2) or `smoothed` (compared with batch).
-        ate_m: RMS position error over the poses with truth, without alignment.
-        ate_aligned_m: the same after the best rigid motion in SE(2).
-        heading_rmse_rad: RMS heading error.
-        final_position_error_m: position error of the last pose.
-        final_heading_error_rad: absolute heading error of the last pose.
-        rpe_m: RMS translation error of single steps, in the body frame.
-        nees_pose: mean over time of the pose NEES; a consistent estimate reads about 3.
-        nis_per_dof: NIS over its degrees of freedom; a filter that knows its noise reads about 1.
-        landmark_rmse_m: RMS distance of the mapped landmarks from the true ones.
-        landmark_nees_per_dof: mean NEES of the mapped landmarks over its 2 degrees of freedom.
-        landmarks_mapped: number of landmarks in the map.
-        landmarks_true: number of distinct landmarks that were observed.
-        landmarks_missed: observed landmarks that no mapped one stands for.
-        landmarks_spurious: mapped landmarks that stand for none, doubles among them.
-        wrong_associations: number of observations given to another landmark than their own.
-        observations_rejected: number of observations given to none.
-        track_purity: mean over tracks of the largest share of their observations that come from one landmark.
-        track_purity_min: that share of the least pure track.
-        rays: what became of the rays of a bearing-only estimate.
-        ratio_to_optimum: ATE over the optimum's ATE.
-        sigma_ratio_to_optimum: mean over time of sigma over the optimum's, for x, y and heading.
-        mahalanobis_to_optimum: mean over time of the squared Mahalanobis distance to the optimum, under the
-            optimum's covariance.
-        final_distance_to_batch_m: distance of the last position from batch's.
-        landmark_distance_to_batch_m: RMS distance of the landmarks from batch's.
-        loop_closure: one entry per loop closure.
-        seconds_total: computing time.
-        seconds_per_step_median: its median over the steps.
-        nees: (N+1,) pose NEES of each step, NaN where it is undefined.
-        nis_total: sum of the NIS of all steps.
-        nis_dof_total: its degrees of freedom.
+    What each figure means, and its unit, stands in `catalogue`. `kind` is `filtered` (compared with iSAM2) or
+    `smoothed` (compared with batch), `nees` (N+1,) the pose NEES of each step, NaN where it is undefined, `others`
+    the figures that have no field of their own.
     """
 
     kind: Kind
@@ -93,10 +62,16 @@ class Score:
     nees: Float
     nis_total: float
     nis_dof_total: int
+    others: dict[str, float | None] = field(default_factory=dict)
+
+    def figure(self, key: str) -> Any:
+        """A figure of the catalogue by its key."""
+        return self.others[key] if key in self.others else getattr(self, key)
 
     def to_json(self) -> dict[str, Any]:
         """The estimator's entry in metrics.json: plain numbers, lists and None; `rays` only where there are any."""
-        entry = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in NOT_IN_JSON}
+        keys = [each.name for each in fields(self) if each.name == "kind" or each.name in SCORED]
+        entry: dict[str, Any] = {key: getattr(self, key) for key in keys} | self.others
         if self.sigma_ratio_to_optimum is not None:
             entry["sigma_ratio_to_optimum"] = list(self.sigma_ratio_to_optimum)
         if self.rays is None:
@@ -133,26 +108,26 @@ def evaluate(
     figures |= map_figures(truth, recording, estimate, batch)
     figures |= _optimum_figures(truth, estimate, optimum)
     figures |= filter_figures(estimate)
-    return Score(kind=estimate.kind, **figures)
+    return Score(kind=estimate.kind, **figures, others=measured(truth, recording, estimate))
 
 
 def _path_figures(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, Any]:
     poses, reference, covs = estimate.poses, _true_poses(truth, estimate), pose_covs_of(estimate)
     errors = pose_errors(reference, poses)
-    distances = np.linalg.norm(errors[:, :2], axis=1)
+    off = distances(errors)
     nees = squared_mahalanobis(errors, covs)
     closures = closure_steps(truth, recording)
     sigmas = np.sqrt((covs[:, 0, 0] + covs[:, 1, 1]).clip(min=0))
     return {
-        "ate_m": rms(distances),
+        "ate_m": rms(off),
         "ate_aligned_m": rms(np.linalg.norm(align(poses[:, :2], reference[:, :2]) - reference[:, :2], axis=1)),
         "heading_rmse_rad": rms(errors[:, 2]),
-        "final_position_error_m": number(distances[-1]),
+        "final_position_error_m": number(off[-1]),
         "final_heading_error_rad": number(abs(errors[-1, 2])),
         "rpe_m": rms(step_errors(reference, poses)),
         "nees": nees,
         "nees_pose": mean(nees),
-        "loop_closure": None if closures is None else describe_closures(closures, distances, sigmas),
+        "loop_closure": None if closures is None else describe_closures(closures, off, sigmas),
     }
 
 
@@ -182,7 +157,7 @@ def _optimum_figures(truth: Truth, estimate: Estimate, optimum: Estimate | None)
     if optimum is None:
         return dict.fromkeys(("ratio_to_optimum", "sigma_ratio_to_optimum", "mahalanobis_to_optimum"))
     reference = _true_poses(truth, estimate)
-    ate, optimal = (rms(np.linalg.norm((path.poses - reference)[:, :2], axis=1)) for path in (estimate, optimum))
+    ate, optimal = (rms(distances(pose_errors(reference, path.poses))) for path in (estimate, optimum))
     covs, optimum_covs = pose_covs_of(estimate), pose_covs_of(optimum)
     ratios = tuple(mean(column) for column in sigma_ratios(covs, optimum_covs).T)
     return {

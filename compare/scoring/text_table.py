@@ -19,10 +19,13 @@ def aligned(rows: Sequence[Sequence[str]], words: int) -> list[str]:
     ]
 
 
+def cell(value: float | None, form: str) -> str:
+    """A figure as `form` says, `-` where there is none."""
+    return "-" if value is None else form.format(value)
+
+
 def interval_cell(interval: Interval | None, form: str) -> str:
     """`mean ± half width`, `-` where there is none."""
-    if interval is None:
-        return "-"
-    if interval.low is None or interval.high is None:
-        return form.format(interval.mean)
+    if interval is None or interval.low is None or interval.high is None:
+        return cell(None if interval is None else interval.mean, form)
     return f"{form.format(interval.mean)} ± {form.format((interval.high - interval.low) / 2)}"

@@ -15,6 +15,16 @@ def pose_errors(reference: Float, poses: Float) -> Float:
     return errors
 
 
+def squared_distances(errors: Float) -> Float:
+    """Squared position errors (n,) [m^2] of additive errors (n, 3)."""
+    return np.square(errors[:, :2]).sum(axis=1)
+
+
+def distances(errors: Float) -> Float:
+    """Position errors (n,) [m] of additive errors (n, 3)."""
+    return np.sqrt(squared_distances(errors))
+
+
 def step_errors(reference: Float, poses: Float) -> Float:
     """Translations (n-1,) [m] by which consecutive body-frame steps differ (evo's RPE at a delta of one)."""
     steps = between(poses[:-1], poses[1:]) - between(reference[:-1], reference[1:])

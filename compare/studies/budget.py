@@ -24,6 +24,7 @@ from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe, mean_figures, ray_figures
 from slamgauge.compare.scoring.text_table import aligned
+from slamgauge.compare.scoring.trajectory_error import pose_errors, squared_distances
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -144,7 +145,7 @@ def _run(name: str, recording: Recording) -> Estimate:
 
 def _mse(truth: Truth, estimate: Estimate) -> float:
     assert truth.poses is not None
-    return float(np.square(estimate.poses[:, :2] - truth.poses[:, :2]).sum(axis=1).mean())
+    return float(squared_distances(pose_errors(truth.poses, estimate.poses)).mean())
 
 
 def budget_table(budget: ErrorBudget) -> str:

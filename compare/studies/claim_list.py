@@ -11,8 +11,8 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import CAUSAL
-from slamgauge.compare.studies.store import Runs
-from slamgauge.compare.studies.summary import reported_sigma
+from slamgauge.compare.scoring.over_runs import reported_sigma
+from slamgauge.compare.scoring.runs import Runs
 
 FILTER, OPTIMUM = "ekf", CAUSAL  # the practical's filter, and the causal optimum
 SETTINGS = (

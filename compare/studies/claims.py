@@ -23,16 +23,16 @@ from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.defined import mean, number
-from slamgauge.compare.scoring.text_table import aligned
+from slamgauge.compare.scoring.runs import Runs, paired
+from slamgauge.compare.scoring.text_table import aligned, cell
 from slamgauge.compare.storage.files import write_json
 from slamgauge.compare.storage.manifest import require_folder, require_free
 from slamgauge.compare.storage.result_files import CLAIMS as CLAIMS_FILE
 from slamgauge.compare.storage.result_files import STORE_FILES
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.studies.claim_list import CLAIMS, FILTER, OPTIMUM, SETTINGS, Claim, Figure, ate
-from slamgauge.compare.studies.store import Runs
 from slamgauge.compare.studies.study import load_runs, run_study
-from slamgauge.compare.studies.summary import failure_lines, paired
+from slamgauge.compare.studies.summary import failure_lines
 from slamgauge.errors import UserError
 
 ALPHA = 0.05
@@ -190,7 +190,7 @@ def claims_table(claims: Claims) -> str:
     for claim, evidence, optimum in ((each.claim, each.evidence, each.optimum) for each in claims.judgements):
         interval = f"{_three(evidence.low)} to {_three(evidence.high)}"
         p = "< 0.0001" if evidence.p_value < 1e-4 else f"{evidence.p_value:.4f}"
-        avoidable = "-" if optimum is None else f"{optimum:.0%}"
+        avoidable = cell(optimum, "{:.0%}")
         figures = (_three(evidence.effect), interval, p, evidence.verdict, avoidable, str(evidence.runs))
         rows.append((claim.section, claim.claim, claim.hypothesis, *figures))
     counts = Counter(each.evidence.verdict for each in claims.judgements)
@@ -199,4 +199,4 @@ def claims_table(claims: Claims) -> str:
 
 
 def _three(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"
+    return cell(value, "{:.3g}")

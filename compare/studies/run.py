@@ -15,53 +15,17 @@ from slamgauge.compare.estimators.registry import is_yardstick
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
+from slamgauge.compare.scoring.catalogue import STORED, measured
 from slamgauge.compare.scoring.consistency import squared_mahalanobis
 from slamgauge.compare.scoring.defined import number, rms
 from slamgauge.compare.scoring.landmark_identity import landmark_errors, true_landmarks
 from slamgauge.compare.scoring.ray_figures import RayFigures
 from slamgauge.compare.scoring.scores import filter_figures, map_figures, pose_covs_of
-from slamgauge.compare.scoring.trajectory_error import pose_errors
+from slamgauge.compare.scoring.trajectory_error import distances, pose_errors
 from slamgauge.errors import UserError, refused_by_the_machine
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
-
-# what is kept of every step: errors and sigmas [m, m, rad], NEES, and the NIS with its degrees of freedom
-SERIES = (
-    "error_x",
-    "error_y",
-    "error_heading",
-    "sigma_x",
-    "sigma_y",
-    "sigma_heading",
-    "nees_pose",
-    "nees_position",
-    "nees_heading",
-    "nis",
-    "nis_dof",
-)
-FIGURES = (
-    "ate_m",
-    "final_position_error_m",
-    "nis_total",
-    "nis_dof_total",
-    "landmark_rmse_m",
-    "landmark_nees_per_dof",
-    "landmark_sigma_near_m",
-    "landmark_sigma_far_m",
-    "landmark_error_near_m",
-    "landmark_error_far_m",
-    "observations",
-    "landmarks_mapped",
-    "landmarks_true",
-    "landmarks_missed",
-    "landmarks_spurious",
-    "wrong_associations",
-    "observations_rejected",
-    "track_purity",
-    "seconds_total",
-    *(f"rays_{name}" for name in RayFigures._fields),
-)
 
 
 @dataclass(frozen=True)
@@ -103,16 +67,16 @@ def _outcome(name: str, estimator: Estimator, truth: Truth, recording: Recording
     try:
         estimate, seconds = run_estimator(name, estimator, recording)
         series = step_series(truth, estimate)
-        distances = np.hypot(series[0], series[1])
+        off = distances(series[:3].T)
         known = map_figures(truth, recording, estimate, None) | filter_figures(estimate)
-        known |= near_and_far(truth, recording, estimate)
-        known |= {"ate_m": rms(distances), "final_position_error_m": number(distances[-1])}
+        known |= near_and_far(truth, recording, estimate) | measured(truth, recording, estimate)
+        known |= {"ate_m": rms(off), "final_position_error_m": number(off[-1])}
         known["observations"] = len(recording.observation)
         if estimate.seconds is None:
             known["seconds_total"] = seconds
         rays = known["rays"]
         known |= {f"rays_{name}": None if rays is None else getattr(rays, name) for name in RayFigures._fields}
-        figures = {key: known[key] for key in FIGURES}
+        figures = {key: known[key] for key in STORED}
         return Outcome(name, estimate.kind, figures, series.astype(np.float32).tobytes())
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
         return _failed(name, error)

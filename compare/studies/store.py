@@ -12,18 +12,18 @@ import json
 import sqlite3
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from slamgauge import __version__
-from slamgauge.arrays import Float, Int
 from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.studies.run import FIGURES, SERIES, Outcome
+from slamgauge.compare.scoring.catalogue import STORED
+from slamgauge.compare.scoring.runs import SERIES, Runs
+from slamgauge.compare.studies.run import Outcome
 from slamgauge.errors import UserError
 
-# of what a store holds: raise it when `_TABLES`, `SERIES` or `FIGURES` change, and when the same scenario and seed
+# of what a store holds: raise it when `_TABLES`, `SERIES` or `STORED` change, and when the same scenario and seed
 # give other measurements or a figure another meaning; stores of another number are refused, whatever their version
 SCHEMA = 1
 # keys that scenarios have had since version 0.4, by section; a key that is added later belongs here too
@@ -47,23 +47,6 @@ CREATE TABLE IF NOT EXISTS outcome (
 );
 COMMIT;
 """
-
-
-@dataclass(frozen=True)
-class Runs:
-    """The stored runs of one estimator that did not fail.
-
-    Attributes:
-        run: (R,) numbers of the runs, increasing.
-        kind: `filtered` or `smoothed`.
-        figures: name (`study_run.FIGURES`) to (R,); NaN where a figure is undefined.
-        series: name (`study_run.SERIES`) to (R, N+1); NaN where undefined.
-    """
-
-    run: Int
-    kind: str
-    figures: dict[str, Float]
-    series: dict[str, Float]
 
 
 def digest(scenario: Scenario, seed: int) -> str:
@@ -114,12 +97,12 @@ class StudyStore:
         )
         rows = list(self._connection.execute(query, (estimator, runs)))
         figures = [json.loads(text) for _, _, text, _ in rows]
-        table = np.array([[np.nan if each[key] is None else each[key] for key in FIGURES] for each in figures])
+        table = np.array([[np.nan if each[key] is None else each[key] for key in STORED] for each in figures])
         series = np.array([np.frombuffer(blob, dtype=np.float32) for _, _, _, blob in rows], dtype=np.float64)
         return Runs(
             run=np.array([run for run, _, _, _ in rows], dtype=np.int64),
             kind=rows[0][1] if rows else "",
-            figures=dict(zip(FIGURES, table.reshape(len(rows), len(FIGURES)).T, strict=True)),
+            figures=dict(zip(STORED, table.reshape(len(rows), len(STORED)).T, strict=True)),
             series=dict(zip(SERIES, np.moveaxis(series.reshape(len(rows), len(SERIES), -1), 1, 0), strict=True))
             if rows
             else dict.fromkeys(SERIES, np.zeros((0, 0))),

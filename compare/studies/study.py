@@ -13,11 +13,12 @@ from tqdm import tqdm
 
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.manifest import begin_file, require_free
 from slamgauge.compare.storage.result_files import STORE, STORE_FILES
 from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.run import Outcome, run_once, run_seed
-from slamgauge.compare.studies.store import Runs, StudyStore, begin_store, digest, open_store
+from slamgauge.compare.studies.store import StudyStore, begin_store, digest, open_store
 from slamgauge.compare.studies.summary import Failure, Summary, summarise
 from slamgauge.errors import UserError
 

@@ -11,10 +11,12 @@ from typing import Any
 from slamgauge.compare.estimators.registry import is_yardstick
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import informed
+from slamgauge.compare.scoring.catalogue import columns
+from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_table import aligned, interval_cell
 from slamgauge.compare.storage.manifest import require_folder, require_free
 from slamgauge.compare.storage.result_files import STORE_FILES, STUDY_FILES, SWEEP_FILES
-from slamgauge.compare.studies.store import Runs, digest
+from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import Failure, Summary, failure_lines, summarise
 from slamgauge.errors import UserError
@@ -130,22 +132,13 @@ def _require_free(out: Path, studies: Sequence[str], optima: Sequence[str]) -> N
         require_free(require_folder(out, folder), STORE_FILES)
 
 
-_COLUMNS = (
-    ("ATE [m]", "ate_m", "{:.3f}"),
-    ("x causal", "ratio_to_causal", "{:.3f}"),
-    ("NEES/3", "nees_pose_per_dof", "{:.2f}"),
-    ("sigma [m]", "position_sigma_m", "{:.3f}"),
-    ("mapped", "landmarks_mapped", "{:.1f}"),
-    ("wrong", "wrong_associations", "{:.1f}"),
-)
-
-
 def sweep_table(sweep: Sweep) -> str:
     """A line for each value and estimator: means, with the half width of the 95 % interval."""
-    rows = [[sweep.key, "estimator", *(title for title, _, _ in _COLUMNS)]]
+    found = columns("sweep")
+    rows = [[sweep.key, "estimator", *(title for title, _, _ in found)]]
     for value, summary in zip(sweep.values, sweep.summaries, strict=True):
         for name, entry in summary.estimators.items():
-            rows.append([value, name, *(interval_cell(getattr(entry, key), form) for _, key, form in _COLUMNS)])
+            rows.append([value, name, *(interval_cell(entry.figure(key), form) for _, key, form in found)])
     failed = [
         f"{sweep.key}={value}, {line}"
         for value, summary in zip(sweep.values, sweep.summaries, strict=True)

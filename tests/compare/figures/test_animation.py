@@ -24,6 +24,7 @@ from slamgauge.compare.figures.sightings import NEVER, first_seen, sight_lines
 from slamgauge.compare.storage.files import save
 from slamgauge.compare.storage.manifest import MANIFEST, write_manifest
 from slamgauge.compare.storage.results_folder import Results, load_results
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
 
@@ -196,7 +197,7 @@ def test_who_is_shown(
 
     def look(_: Results, *given: dict[str, Estimate]) -> None:
         asked.extend(list(each) for each in given)
-        raise ValueError("seen enough")
+        raise UserError("seen enough")
 
     monkeypatch.setattr("slamgauge.compare.figures.animation.Scene", look)
     assert animate(tmp_path / "out", *arguments) == 2

@@ -14,10 +14,10 @@ from slamgauge.arrays import Float
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
+from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.studies import claims as module
 from slamgauge.compare.studies.claim_list import CLAIMS, SAME, SETTINGS, Claim, during, stored
 from slamgauge.compare.studies.claims import ALPHA, Claims, claims_table, judge, weigh
-from slamgauge.compare.studies.store import Runs
 
 ABOVE_ONE, BELOW_ONE, ALIKE = (1.0, math.inf), (0.0, 1.0), (1 / SAME, SAME)
 

@@ -13,8 +13,10 @@ import pytest
 
 from slamgauge import __version__
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
+from slamgauge.compare.scoring.catalogue import STORED
+from slamgauge.compare.scoring.runs import SERIES
 from slamgauge.compare.studies import store as study_store
-from slamgauge.compare.studies.run import FIGURES, SERIES, Outcome
+from slamgauge.compare.studies.run import Outcome
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import run_study
 from slamgauge.errors import UserError
@@ -72,7 +74,7 @@ def test_the_schema_number_is_raised_with_what_a_store_holds(
     run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
     with closing(sqlite3.connect(tmp_path / "study.sqlite")) as connection:
         tables = connection.execute("SELECT sql FROM sqlite_master WHERE type = 'table' ORDER BY name").fetchall()
-    held = hashlib.sha256(json.dumps([tables, SERIES, FIGURES]).encode()).hexdigest()[:16]
+    held = hashlib.sha256(json.dumps([tables, SERIES, STORED]).encode()).hexdigest()[:16]
     assert {study_store.SCHEMA: held} == {study_store.SCHEMA: HELD[study_store.SCHEMA]}
 
 

@@ -19,13 +19,14 @@ from slamgauge.compare.figures.publishing import write_study
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.consistency import chi2_band
+from slamgauge.compare.scoring.over_runs import FIRST_STEP
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.storage.manifest import MANIFEST, begin_file, write_manifest
 from slamgauge.compare.studies import run as study_run
 from slamgauge.compare.studies.executors import dask_cluster, local_processes
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.compare.studies.study import load_runs, run_study
-from slamgauge.compare.studies.summary import FIRST_STEP, Summary
+from slamgauge.compare.studies.summary import Summary
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording

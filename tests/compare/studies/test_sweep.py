@@ -90,7 +90,7 @@ def test_more_values_later_run_no_optimum_again_and_failures_are_shown(tmp_path:
 
 def test_mistakes_are_found_before_anything_is_run(tmp_path: Path):
     with ThreadPoolExecutor(1) as executor:
-        with pytest.raises(ScenarioError, match="greater than 0"):
+        with pytest.raises(ScenarioError, match="choose it above 0"):
             run_sweep("q2-long-dense", SHORT, "association.gate=9,-1", 1, 0, ["ekf"], tmp_path, executor)
         with pytest.raises(ValueError, match=r"9 and 9\.0 are the same value"):
             run_sweep("q2-long-dense", SHORT, "association.gate=9,9.0", 1, 0, ["ekf"], tmp_path, executor)

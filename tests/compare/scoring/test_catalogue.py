@@ -1,0 +1,85 @@
+"""Every figure is catalogued once, and a further one needs nothing but its entry."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from slamgauge.compare.estimators.loading import load_estimators
+from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.compare.scoring import catalogue, comparison, scores
+from slamgauge.compare.scoring.comparison import compare_estimators, table
+from slamgauge.compare.scoring.over_runs import mean_of
+from slamgauge.compare.scoring.quantity import Column, Quantity
+from slamgauge.compare.scoring.runs import SERIES, Runs
+from slamgauge.compare.scoring.scores import Score
+from slamgauge.compare.studies import run, summary
+from slamgauge.compare.studies.run import run_once
+from slamgauge.compare.studies.summary import EstimatorSummary, Summary, summarise, summary_table
+
+SHORT = ["start=sampled", "trajectory.duration=2"]
+WORKED_OUT = {"kind", "nees", "nis_total", "nis_dof_total", "others"}  # what a score keeps beside its figures
+
+
+def test_every_figure_is_catalogued_once():
+    keys = [each.key for each in catalogue.CATALOGUE]
+    assert len({*keys}) == len(keys)
+    assert {each.name for each in fields(Score)} - WORKED_OUT == {*catalogue.SCORED}
+    assert {each.name for each in fields(EstimatorSummary)} - {"kind", "runs", "others"} == {*catalogue.SUMMED_UP}
+    assert all(each.help and each.help[-1] != "." for each in catalogue.CATALOGUE)
+    for suffix, unit in (("_m", "m"), ("_rad", "rad")):
+        assert all(each.unit == unit for each in catalogue.CATALOGUE if each.key.endswith(suffix))
+
+
+@pytest.mark.parametrize(
+    ("where", "titles"),
+    [
+        ("run", "ATE [m],heading [rad],end [m],NEES,NIS/dof,map [m],mapped,of,wrong,x optimum,d to optimum,"),
+        ("study", "ATE [m],x causal,x hindsight,heading [rad],end [m],NEES/3,NIS/dof,map NEES/2,wrong,mapped"),
+        ("sweep", "ATE [m],x causal,NEES/3,sigma [m],mapped,wrong"),
+    ],
+)
+def test_columns_stand_in_their_places(where: catalogue.Table, titles: str):
+    assert ",".join(title for title, _, _ in catalogue.columns(where)).startswith(titles)
+
+
+def test_a_further_score_needs_its_entry_alone(monkeypatch: pytest.MonkeyPatch):
+    further = Quantity(
+        key="way_m",
+        unit="m",
+        help="length of the estimated way",
+        scored=True,
+        stored=True,
+        over_runs=mean_of("way_m"),
+        column=Column(title="way [m]", form="{:.1f}", run=99, study=99),
+        measure=lambda _truth, _recording, estimate: float(np.linalg.norm(np.diff(estimate.poses[:, :2], axis=0))),
+    )
+    monkeypatch.setattr(catalogue, "CATALOGUE", (*catalogue.CATALOGUE, further))
+    # what is read off the catalogue when it is imported
+    monkeypatch.setattr(run, "STORED", (*catalogue.STORED, "way_m"))
+    monkeypatch.setattr(summary, "SUMMED_UP", {**catalogue.SUMMED_UP, "way_m": further.over_runs})
+    assert comparison.columns is catalogue.columns
+    assert scores.measured is catalogue.measured
+
+    scenario = load_scenario("q1-short-dense", SHORT)
+    found = compare_estimators(*simulate(scenario, 0), load_estimators(["dead-reckoning"]))
+    way = found.scores["dead-reckoning"].figure("way_m")
+    assert found.scores["dead-reckoning"].to_json()["way_m"] == way > 0
+    assert table(found).splitlines()[0].endswith("way [m]")
+    assert table(found).splitlines()[1].endswith(f"{way:.1f}")
+
+    outcomes = [run_once(scenario, seed, ["dead-reckoning"])[0] for seed in (0, 1)]
+    ways = [each.figures["way_m"] for each in outcomes]
+    assert ways[0] == way
+    figures = {
+        key: np.array([each.figures[key] for each in outcomes], dtype=float) for key in (*catalogue.STORED, "way_m")
+    }
+    series = np.array([np.frombuffer(each.series, dtype=np.float32) for each in outcomes], dtype=float)
+    rows = np.moveaxis(series.reshape(2, len(SERIES), -1), 1, 0)
+    runs = Runs(np.arange(2), "filtered", figures, dict(zip(SERIES, rows, strict=True)))
+    entries = summarise({"dead-reckoning": runs})
+    assert entries["dead-reckoning"].to_json()["way_m"]["mean"] == pytest.approx(np.mean(ways))  # pyright: ignore[reportArgumentType, reportCallIssue]
+    assert "way [m]" in summary_table(Summary("x", 2, 0, "", (), entries)).splitlines()[0]
