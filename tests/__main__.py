@@ -8,6 +8,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from slamgauge.compare.studies.executors import pin_blas_threads
+
 ROOT = Path(__file__).parents[1]
 FLOORS = ("ekf", "graph_baseline", "compare")
 
@@ -29,6 +31,7 @@ def main(names: Sequence[str] = ()) -> int:
         print(f"no check is called {unknown[0]!r}; use {', '.join(CHECKS)}", file=sys.stderr)
         return 2
     link_floors()
+    pin_blas_threads()  # the tests run on all cores already
     failed: list[str] = []
     for name in names or CHECKS:
         module, *arguments = CHECKS[name]
