@@ -18,7 +18,7 @@ from slamgauge import load_scenario
 from slamgauge.compare.studies.executors import local_processes
 from slamgauge.compare.studies.study import run_study
 
-NAMES = ("ekf", "fej-ekf", "iekf", "riekf")
+NAMES = ("ekf", "fej-ekf", "oc-ekf", "iekf", "riekf")
 
 
 def main() -> None:

@@ -27,7 +27,6 @@ from slamgauge.errors import UserError, refused_by_the_machine
 DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
 REFUSED = 71  # EX_OSERR
 
-
 Command = (
     Annotated[Scenarios, tyro.conf.subcommand(name="scenarios")]
     | Annotated[Run, tyro.conf.subcommand(name="run")]
@@ -39,10 +38,6 @@ Command = (
     | Annotated[Animate, tyro.conf.subcommand(name="animate")]
     | Annotated[Bench, tyro.conf.subcommand(name="bench")]
 )
-
-
-DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
-REFUSED = 71  # EX_OSERR
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

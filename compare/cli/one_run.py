@@ -28,10 +28,7 @@ if TYPE_CHECKING:
     from slamgauge.recording import Recording
     from slamgauge.truth import Truth
 
-
 DEFAULT_ESTIMATORS = "ekf,riekf,isam2,batch"
-
-
 FRAMES = 240  # maps that filters keep for pictures
 
 

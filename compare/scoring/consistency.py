@@ -7,7 +7,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 
-SINGULAR = 1e-9  # smallest eigenvalue of a correlation matrix that is more than rounding (as in slam2d)
+SINGULAR = 1e-9  # smallest eigenvalue of a correlation matrix that is more than rounding (as in `slamgauge.validation`)
 
 
 def squared_mahalanobis(errors: Float, covs: Float) -> Float:
