@@ -10,6 +10,8 @@ The id of a landmark is the number of its track, 0, 1, 2, ... in the order of bi
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
@@ -24,6 +26,7 @@ from slamgauge.ekf.maps.members import Members, points
 from slamgauge.ekf.maps.rules import Correction, Rule, sequential_of
 from slamgauge.ekf.maps.tracks import Tracks
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
+from slamgauge.errors import UserError
 from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
 
@@ -52,6 +55,8 @@ class AssociatingFilter:
     ) -> None:
         require_sensor(sensor, ("range-bearing", "position"))
         self._map = LandmarkMap(sensor, prior_mean, prior_cov, correction, landmarks=32)
+        if not isinstance(cast("object", association), Association):
+            raise UserError(f"association: {association!r} is none; give Association(method, gate)")
         if association.method == "nearest-neighbour":
             sequential_of(self._map.rule)
         self._association = association

@@ -151,6 +151,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 _FLOORS = ("compare", "ekf", "graph_baseline")
+_VOCABULARY = {module for module in _NAMES if "." not in module} | {"near_names", "validation"}
 
 
 def __getattr__(name: str) -> object:
@@ -160,6 +161,8 @@ def __getattr__(name: str) -> object:
         return getattr(importlib.import_module(f"slamgauge.{_HOME[name]}"), name)
     if name == "__all__":
         return sorted([*_HOME, *_filters(), "__version__"])
+    if name in _VOCABULARY:
+        return importlib.import_module(f"slamgauge.{name}")
     if not name.startswith("_") and name in _filters():
         return getattr(importlib.import_module("slamgauge.ekf.estimators"), name)
     raise AttributeError(f"module 'slamgauge' has no attribute {name!r}")

@@ -23,6 +23,7 @@ from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.text_table import aligned, cell
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.estimators import drive
+from slamgauge.ekf.kernels.compiled import direct
 from slamgauge.ekf.maps.rules import CORRECTIONS, RULES, Rule
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -106,10 +107,13 @@ def _share_outside_kernels(recording: Recording, rule: Rule) -> float:
     inside, total = 0.0, 0.0
 
     def timed(kernel: Callable[..., Any]) -> Callable[..., Any]:
+        fast = None
+
         def call(*arguments: object) -> object:
-            nonlocal inside
+            nonlocal inside, fast
+            fast = fast or direct(kernel, *arguments)  # as the filter calls it
             start = perf_counter()
-            result = kernel(*arguments)
+            result = fast(*arguments)
             inside += perf_counter() - start
             return result
 

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import tyro
 
 from slamgauge.compare.cli.options import (
     Folder,
 )
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import tyro
 
@@ -21,9 +20,6 @@ from slamgauge.compare.cli.options import (
     sampled_scenario,
     split_names,
 )
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass

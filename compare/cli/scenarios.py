@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from slamgauge.compare.cli.options import (
     print_result,
 )
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass

@@ -19,7 +19,7 @@ from secrets import token_hex
 from typing import Any, cast
 
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.storage.result_files import SQLITE_SIDE_FILES
+from slamgauge.compare.storage.result_files import SQLITE_SIDE_FILES, can_be_named
 from slamgauge.errors import UserError
 
 MANIFEST = ".slamgauge.json"
@@ -62,14 +62,14 @@ def require_free(folder: Path, names: Iterable[str], remedy: str = REMEDY) -> No
         for above in _folders_above(name):
             require_folder(folder, above, remedy)
         if os.path.lexists(folder / name) and name not in ours:
-            raise UserError(f"{folder / name}: is in the way and was not written by slamgauge; {remedy}")
+            raise UserError(f"{folder / name}: is in the way and not noted as slamgauge's own; {remedy}")
 
 
 def require_folder(folder: Path, name: str, remedy: str = REMEDY) -> Path:
     """The folder `name` in `folder`, there or not; `UserError` if a file or a link bears that name."""
     path = folder / name
     if os.path.lexists(path) and (path.is_symlink() or not path.is_dir()):
-        raise UserError(f"{path}: is in the way and was not written by slamgauge; {remedy}")
+        raise UserError(f"{path}: is in the way and not noted as slamgauge's own; {remedy}")
     return path
 
 
@@ -125,7 +125,7 @@ def _parsed(path: Path) -> tuple[set[str], dict[str, list[str]]]:
 
 def _is_name(value: object) -> bool:
     """Whether it is the plain relative name of a file in a folder or below it."""
-    if not isinstance(value, str) or not value.isprintable():
+    if not isinstance(value, str) or not can_be_named(value):
         return False
     name = PurePosixPath(value)
     return str(name) == value and not name.is_absolute() and ".." not in name.parts and value not in {".", MANIFEST}

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Iterable
 
 SQLITE_SIDE_FILES = ("-journal", "-shm", "-wal")  # SQLite makes and removes them beside a store
+
+
+def can_be_named(name: str) -> bool:
+    """Whether a file may bear this name: it has no control characters, and nothing that is no text."""
+    return not any(unicodedata.category(character) in ("Cc", "Cs") for character in name)
 
 
 def pictures(*names: str) -> tuple[str, ...]:

@@ -7,6 +7,8 @@ provisional ones have their turn.
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -24,7 +26,7 @@ from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.members import Members, joined, points
 from slamgauge.ekf.maps.rules import Correction, Rule
 from slamgauge.ekf.settings.association import Association
-from slamgauge.ekf.settings.initialisation import Initialisation, InverseDepth, Rays
+from slamgauge.ekf.settings.initialisation import Delayed, Initialisation, InverseDepth, Rays
 from slamgauge.errors import UserError
 from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
@@ -154,7 +156,7 @@ class BearingFilter:
         else:
             ids = self._without_outliers(np.asarray(known), values, covs, gate)
         result = self._take_in(ids.tolist(), values, covs)
-        self._associated = ids
+        self._associated = ids.copy()
         if self._association is not None:
             for landmark in self._association.false_starts({*self._provisional.counts, *self._points}):
                 self._forget(landmark)
@@ -235,4 +237,6 @@ def _initialiser(landmarks: LandmarkMap, initialisation: Initialisation) -> Init
         return RayInitialiser(landmarks, initialisation)
     if isinstance(initialisation, InverseDepth):
         return InverseDepthInitialiser(landmarks, initialisation)
-    return DelayedInitialiser(landmarks, initialisation)
+    if isinstance(cast("object", initialisation), Delayed):
+        return DelayedInitialiser(landmarks, initialisation)
+    raise UserError(f"initialisation: {initialisation!r} is none; give Rays(), InverseDepth() or Delayed()")

@@ -84,11 +84,13 @@ def update_iterated(sensor: int, belief: Belief, count: int, work: Workspace) ->
 def iterate(sensor: int, belief: Belief, count: int, work: Workspace, iterations: int) -> tuple[float, int]:
     """`update_iterated` with at most `iterations` passes; a single one is the standard update.
 
-    The workspace must take in a whole scan at a time.
+    The workspace must take in a whole scan at a time; if it does not, there is no update.
     """
     state, size = belief.state, belief.size
     dx, place, back = work.scratch[CORRECTION], work.scratch[PLACE], work.scratch[WAY_BACK]
     there, slots = at_place(belief, place), work.slots[:count]
+    if 2 * count > len(work.W):
+        return math.nan, 0
     place[:size] = state[:size]
     first_nis, first_informative = 0.0, 0
     for iteration in range(iterations):

@@ -87,7 +87,7 @@ def ids_of(observations: Observations) -> Int:
     if observations.landmark is None:
         raise UserError("landmark: this filter needs known association; give the ids of the observations")
     ids = np.asarray(observations.landmark)
-    if ids.ndim != 1 or ids.dtype.kind not in "iu":
+    if ids.ndim != 1 or ids.dtype != np.int64:
         ids = as_ints("landmark", ids, (None,))
     if len(ids) != len(observations.value):
         raise UserError(f"landmark: {len(ids)} ids for {len(observations.value)} observations; give one for each")

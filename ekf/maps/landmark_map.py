@@ -62,9 +62,22 @@ class LandmarkMap:
         self._increment = np.zeros(3)
         self._increment_cov = np.zeros((3, 3))
         self._work = allocate(0, len(self.belief.state), rule.block)
+        self._compile()
+
+    def _compile(self) -> None:
+        """Machine code of a step, for the types of these arrays."""
+        rule = self.rule
         self._predict = direct(rule.predict, self.belief, self._increment, self._increment_cov)
         self._find_slots = direct(rule.find_slots, self.ids, self.ids, self._work.ids, self._work.slots)
         self._update = direct(rule.update, self.code, self.belief, 0, self._work)
+
+    def __getstate__(self) -> dict[str, object]:
+        """All but the machine code, which is of this process."""
+        return {key: value for key, value in vars(self).items() if key not in ("_predict", "_find_slots", "_update")}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        vars(self).update(state)
+        self._compile()
 
     # --- what is believed ------------------------------------------------------------------------
 
@@ -244,9 +257,9 @@ class LandmarkMap:
 
     def name(self, ids: Int) -> None:
         """Note the ids in the order of slots, and sorted for `find`."""
-        self.ids = ids
-        self._sorted_slots = np.argsort(ids)
-        self._sorted_ids = ids[self._sorted_slots]
+        self.ids = np.ascontiguousarray(ids, dtype=np.int64)  # what the kernel that looks them up is compiled for
+        self._sorted_slots = np.argsort(self.ids)
+        self._sorted_ids = self.ids[self._sorted_slots]
 
     def resize(self, size: int) -> None:
         """Note how many entries are in use."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, cast, get_args
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels import slots
@@ -92,7 +92,13 @@ def rule_of(correction: Correction | Rule) -> Rule:
         UserError: there is none of that name.
     """
     if isinstance(correction, Rule):
+        if correction.block < 1:
+            raise UserError(f"correction: a rule with block={correction.block} takes nothing in; give at least 1")
+        if correction.update is update_iterated and correction.block != WHOLE_SCAN:
+            raise UserError("correction: the iterated update takes in a whole scan at a time; give block=WHOLE_SCAN")
         return correction
+    if not isinstance(cast("object", correction), str):
+        raise UserError(f"correction: {correction!r} is none; use one of {', '.join(RULES)}, or a Rule of your own")
     if correction in RULES:
         return RULES[correction]
     if correction in CORRECTIONS:

@@ -54,7 +54,7 @@ def choices(owner: type) -> dict[str, tuple[str, ...]]:
 
 
 def check(settings: Any) -> None:
-    """Refuse settings that break a field's rule.
+    """Refuse settings that break a field's rule; a whole number where a float is meant becomes one.
 
     Raises:
         UserError: naming the field, its value and a remedy.
@@ -63,6 +63,9 @@ def check(settings: Any) -> None:
         mistake = mistake_of(each, type(settings), getattr(settings, each.name))
         if mistake:
             raise UserError(f"{each.name}: {mistake}")
+        value = getattr(settings, each.name)
+        if isinstance(each.default, float) and type(value) is int:  # kernels would be compiled anew for it
+            object.__setattr__(settings, each.name, float(value))
 
 
 def is_fitted(each: Field[Any]) -> bool:

@@ -161,7 +161,7 @@ def test_databases_of_others_are_refused_and_stay_as_they_are(
             connection.execute(f"CREATE TABLE {table}")
         connection.close()
         before = path.read_bytes()
-        with pytest.raises(ValueError, match=r"study.sqlite: is in the way and was not written by slamgauge; move it"):
+        with pytest.raises(ValueError, match=r"study.sqlite: is in the way and not noted as slamgauge's own; move it"):
             run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
         with pytest.raises(ValueError, match=r"no such table|holds no study"):
             load_runs(scenario, 1, 0, ("ekf",), tmp_path)
