@@ -19,7 +19,7 @@ from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from slamgauge.arrays import Float
-from slamgauge.errors import UserError, refused_by_the_machine
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
@@ -45,15 +45,10 @@ _BROKEN = (
 
 @contextmanager
 def explained(path: str | Path, verb: str) -> Generator[None]:
-    """Turn the operating system's refusal to have `path` "read" or "written" into a one-line `UserError`.
-
-    A full disk is not the user's mistake, and passes.
-    """
+    """Turn the operating system's refusal to have `path` "read" or "written" into a one-line `UserError`."""
     try:
         yield
     except OSError as error:
-        if refused_by_the_machine(error):
-            raise
         reason = error.strerror or str(error)
         raise UserError(f"{path}: cannot be {verb} ({reason}); check the path and its permissions") from None
 
