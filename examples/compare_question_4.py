@@ -24,8 +24,8 @@ FILTERS = (("ekf", "fis"), ("riekf", "fis"), ("riekf", "inverse-depth"), ("riekf
 def estimators_for(scenario_name: str) -> dict[str, Estimator]:
     estimators: dict[str, Estimator] = {}
     for name, initialisation in FILTERS:
-        beginning = load_scenario(scenario_name, [f"initialisation={initialisation}"]).beginning
-        estimators[f"{name}, {initialisation}"] = load_estimators([name], beginning=beginning)[name]
+        settings = load_scenario(scenario_name, [f"initialisation={initialisation}"]).initialisation_settings
+        estimators[f"{name}, {initialisation}"] = load_estimators([name], initialisation=settings)[name]
     return estimators | load_estimators(["isam2"])
 
 

@@ -12,7 +12,7 @@ from slamgauge.se2 import wrap
 GAUSS_NEWTON_STEPS = 8
 
 
-SETTLED = 0.1  # standard deviations: a landmark that moves less has been found
+FOUND = 0.1  # standard deviations: a landmark that moves less has been found
 
 
 class Triangulation(NamedTuple):
@@ -54,5 +54,5 @@ def triangulate(poses: Float, bearings: Float, variances: Float, sure: float) ->
         gradient = np.column_stack([-offset[:, 1], offset[:, 0]]) / squared[:, None]
         residual = wrap(angle - np.arctan2(offset[:, 1], offset[:, 0]))
     ahead = float(np.mean((offset * along).sum(axis=1) > 0.0))
-    settled = step < SETTLED * sigma < SETTLED * sure * float(np.sqrt(squared.min()))
+    settled = step < FOUND * sigma < FOUND * sure * float(np.sqrt(squared.min()))
     return Triangulation(landmark, sigma, placed=bool(ahead > 0.5 and settled))

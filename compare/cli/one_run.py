@@ -73,7 +73,7 @@ class Run:
             self.json,
             title,
             scenario.association,
-            scenario.beginning,
+            scenario.initialisation_settings,
             scenario.name,
             self.seed,
         )
@@ -119,7 +119,7 @@ class Evaluate:
 
     def __call__(self) -> None:
         """Load, grade and, if asked to, write."""
-        from slamgauge.compare.scenarios.schema import BEGINNINGS, Association
+        from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
         from slamgauge.compare.storage.files import load_recording, load_truth
         from slamgauge.ekf.settings.rules import fitted
 
@@ -134,7 +134,7 @@ class Evaluate:
             raise UserError(f"reach {self.reach}: is no distance; give metres > 0, for example 10")
         settings = (
             Association(method=self.association, gate=self.gate),
-            fitted(BEGINNINGS[self.initialisation], self.reach),
+            fitted(INITIALISATIONS[self.initialisation], self.reach),
         )
         grading = Grading(self.estimators, flattened(self.estimator), self.out, self.json, title, *settings)
         grading.grade(truth, recording)
@@ -150,7 +150,7 @@ class Grading:
     as_json: bool
     title: str
     association: Association
-    beginning: Initialisation | None = None
+    initialisation: Initialisation | None = None
     scenario: str | None = None
     seed: int | None = None
 
@@ -166,7 +166,7 @@ class Grading:
         from slamgauge.compare.storage.result_files import METRICS, OUTDATED, comparison_files
 
         names = split_names(self.estimators)
-        estimators = load_estimators(names, self.own, self.association, self.beginning, FRAMES)
+        estimators = load_estimators(names, self.own, self.association, self.initialisation, FRAMES)
         if not estimators:
             raise UserError("estimators: none given; name at least one, for example --estimators ekf,batch")
         with results_folder(self.out, comparison_files(estimators), METRICS, OUTDATED) as folder:

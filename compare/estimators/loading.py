@@ -31,7 +31,7 @@ def load_estimators(
     names: Sequence[str],
     own: Sequence[str] = (),
     association: Association | None = None,
-    beginning: Initialisation | None = None,
+    initialisation: Initialisation | None = None,
     frames: int = 0,
 ) -> dict[str, LoadedEstimator]:
     """Estimators by the name that results carry.
@@ -43,13 +43,13 @@ def load_estimators(
             code found there, with the file's folder, or the current one, searched first.
         association: how filters associate a recording without ids; theirs by default is the nearest neighbour at
             gate 9. With `method` known, too: there they have ids.
-        beginning: how filters begin landmarks where the recording has bearings alone.
+        initialisation: how filters initialise landmarks where the recording has bearings alone.
         frames: at how many steps filters keep their map, for pictures.
 
     Raises:
         UserError: an unknown name, one that stands there twice, or an own one that leads to no callable.
     """
-    settings = _settings(association, beginning)
+    settings = _settings(association, initialisation)
     entries = {name: entry_of(name) for name in names}
     addresses = [address(text) for text in own]
     for where in addresses:
@@ -80,9 +80,9 @@ def _own(where: Address) -> LoadedEstimator:
     return LoadedEstimator(Entry(name=where.label, kind=None, is_own=True, is_benched=False), load_own(where))
 
 
-def _settings(association: Association | None, beginning: Initialisation | None) -> dict[str, object]:
+def _settings(association: Association | None, initialisation: Initialisation | None) -> dict[str, object]:
     """A scenario's settings as a filter takes them."""
-    chosen = {"association": None if association is None else association.settings(), "initialisation": beginning}
+    chosen = {"association": None if association is None else association.settings(), "initialisation": initialisation}
     return {key: value for key, value in chosen.items() if value is not None}
 
 

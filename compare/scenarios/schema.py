@@ -168,7 +168,7 @@ class Association(Section):
 Fis = section_of("Fis", Rays, Section)
 InverseDepth = section_of("InverseDepth", InverseDepthSettings, Section)
 Delayed = section_of("Delayed", DelayedSettings, Section)
-BEGINNINGS = {"fis": Rays, "inverse-depth": InverseDepthSettings, "delayed": DelayedSettings}
+INITIALISATIONS = {"fis": Rays, "inverse-depth": InverseDepthSettings, "delayed": DelayedSettings}
 
 
 class Landmarks(Section):
@@ -202,12 +202,12 @@ class Scenario(Section):
     landmarks: Landmarks
 
     @property
-    def beginning(self) -> Initialisation | None:
+    def initialisation_settings(self) -> Initialisation | None:
         """How bearing-only landmarks begin, fitted to the sensor's range where nothing is said; None with ranges."""
         if self.sensor.kind != "bearing":
             return None
         section: Section = getattr(self, self.initialisation.replace("-", "_"))
-        return fitted(BEGINNINGS[self.initialisation], self.sensor.max_range, **section.model_dump())
+        return fitted(INITIALISATIONS[self.initialisation], self.sensor.max_range, **section.model_dump())
 
     @model_validator(mode="after")
     def _rays_reach(self) -> Scenario:

@@ -122,7 +122,9 @@ def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> tuple[Float,
     told = simulate(informed(scenario), seed)[1]
     assert truth.association is not None
     believed = recording.associated(truth.association)
-    slam = load_estimators([filter_name], association=scenario.association, beginning=scenario.beginning)[filter_name]
+    slam = load_estimators(
+        [filter_name], association=scenario.association, initialisation=scenario.initialisation_settings
+    )[filter_name]
     try:
         hindsight = _run(HINDSIGHT, told)
         causal = _run(CAUSAL, told)

@@ -56,7 +56,9 @@ def run_once(scenario: Scenario, seed: int, names: Sequence[str]) -> list[Outcom
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
         failed = _failed("", error)
         return [replace(failed, estimator=name, error=f"simulation: {failed.error}") for name in names]
-    estimators = load_estimators(names, association=scenario.association, beginning=scenario.beginning)
+    estimators = load_estimators(
+        names, association=scenario.association, initialisation=scenario.initialisation_settings
+    )
     return [
         _outcome(name, estimator, truth, told if is_yardstick(name) else recording)
         for name, estimator in estimators.items()

@@ -36,7 +36,9 @@ def _scores(
     name: str, filters: tuple[str, ...], runs: int, overrides: tuple[str, ...], *, graded: bool
 ) -> dict[str, list[Score]]:
     scenario = load_scenario(name, ["start=sampled", *overrides])
-    estimators = load_estimators(filters, association=scenario.association, beginning=scenario.beginning)
+    estimators = load_estimators(
+        filters, association=scenario.association, initialisation=scenario.initialisation_settings
+    )
     told = informed(scenario).model_dump_json()
     found: dict[str, list[Score]] = {each: [] for each in filters}
     for seed in range(runs):

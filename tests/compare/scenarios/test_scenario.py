@@ -358,21 +358,21 @@ def test_rays_that_cannot_be(overrides: list[str], mistake: str):
 
 def test_rays_reach_as_far_as_the_sensor_unless_it_is_said_otherwise():
     for override, s_max in (("sensor.max_range=7", 7.0), ("fis.s_max=20", 20.0)):
-        rays = load_scenario("q4-ring", [override]).beginning
+        rays = load_scenario("q4-ring", [override]).initialisation_settings
         assert isinstance(rays, Rays)
         assert rays.s_max == s_max
-    assert load_scenario("q1-long-dense").beginning is None
+    assert load_scenario("q1-long-dense").initialisation_settings is None
 
 
 def test_the_other_initialisations_are_fitted_to_the_sensor_too():
     far = ["sensor.max_range=20"]
-    depth = load_scenario("q4-ring", [*far, "initialisation=inverse-depth"]).beginning
+    depth = load_scenario("q4-ring", [*far, "initialisation=inverse-depth"]).initialisation_settings
     assert isinstance(depth, InverseDepth)
     assert (depth.mean, depth.sigma) == (0.075, 0.025)
-    delayed = load_scenario("q4-ring", [*far, "initialisation=delayed"]).beginning
+    delayed = load_scenario("q4-ring", [*far, "initialisation=delayed"]).initialisation_settings
     assert isinstance(delayed, Delayed)
     assert delayed.spacing == 0.4
-    nearer = load_scenario("q4-ring", ["initialisation=delayed", "delayed.spacing=0.1"]).beginning
+    nearer = load_scenario("q4-ring", ["initialisation=delayed", "delayed.spacing=0.1"]).initialisation_settings
     assert isinstance(nearer, Delayed)
     assert nearer.spacing == 0.1
 

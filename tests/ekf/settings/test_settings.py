@@ -61,7 +61,7 @@ def test_a_scenario_sets_every_one_of_them(section: str, kind: type, initialisat
     }
     overrides = [f"{section}.{key}={value}" for key, value in chosen.items()]
     scenario = load_scenario("q4-ring", [f"initialisation={initialisation}", *overrides])
-    assert scenario.beginning == kind(**chosen)
+    assert scenario.initialisation_settings == kind(**chosen)
 
 
 def test_several_mistakes_of_a_section_have_a_line_each():
