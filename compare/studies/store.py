@@ -129,6 +129,9 @@ def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
             connection.execute("BEGIN IMMEDIATE")  # another process may be about to claim it too
             if not connection.execute("SELECT 1 FROM study").fetchone():
                 connection.executemany("INSERT INTO study VALUES (?, ?)", ours.items())
+            for number in _UNNUMBERED.items():
+                note = "INSERT OR IGNORE INTO study SELECT 'schema', ?2 FROM study WHERE key = 'version' AND value = ?1"
+                connection.execute(note, number)
 
 
 @contextmanager

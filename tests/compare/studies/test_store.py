@@ -61,7 +61,7 @@ def test_a_store_without_a_schema_number_has_that_of_its_version(
         connection.execute("UPDATE study SET value = ? WHERE key = 'version'", (version,))
     if schema == str(study_store.SCHEMA):
         assert run_study(scenario, 2, 0, ("ekf",), tmp_path, thread).estimators["ekf"].runs == 2
-        assert about(tmp_path)["version"] == version
+        assert about(tmp_path) | {"schema": schema, "version": version} == about(tmp_path)
     else:
         with pytest.raises(UserError, match=f"has schema {schema} .begun by slamgauge {version}"):
             run_study(scenario, 2, 0, ("ekf",), tmp_path, thread)
