@@ -10,6 +10,7 @@ from slamgauge.arrays import Float, Marks
 from slamgauge.ekf.kernels.compiled import kernel
 
 ROBOT = 3  # entries of the robot: x, y, heading
+AT_POINT = 0  # form of Jacobians: as they are at a belief's `point`
 
 
 class Belief(NamedTuple):
@@ -23,16 +24,16 @@ class Belief(NamedTuple):
     cov: Float  # (capacity, capacity) upper triangle, and the whole of the robot's block
     points: Marks  # (capacity // 2,) slots that hold a position in the plane, which turns with the map
     size: int  # entries in use: 3 + 2L
-    observable: bool  # Jacobians at `state`, projected on what is observable at `point` (see `corrections`)
+    form: int  # of the Jacobians of observations: AT_POINT, or another of `linearisation`
 
 
-def allocate_belief(landmarks: int, *, first_estimates: bool = False, observable: bool = False) -> Belief:
+def allocate_belief(landmarks: int, *, first_estimates: bool = False, form: int = AT_POINT) -> Belief:
     """A robot at the origin, known exactly, with room for that many landmarks."""
     capacity = ROBOT + 2 * landmarks
     state = np.zeros(capacity)
     point = state.copy() if first_estimates else state
     marks = np.ones(capacity // 2, dtype=np.bool_)
-    return Belief(state, point, np.zeros((capacity, capacity)), marks, ROBOT, observable)
+    return Belief(state, point, np.zeros((capacity, capacity)), marks, ROBOT, form)
 
 
 def enlarged(belief: Belief, size: int) -> Belief:
@@ -45,16 +46,16 @@ def enlarged(belief: Belief, size: int) -> Belief:
     cov[:used, :used] = belief.cov[:used, :used]
     marks = np.ones(capacity // 2, dtype=np.bool_)
     marks[: len(belief.points)] = belief.points
-    return Belief(state, point, cov, marks, used, belief.observable)
+    return Belief(state, point, cov, marks, used, belief.form)
 
 
 @kernel
 def resized(belief: Belief, size: int) -> Belief:
     """The same arrays with `size` entries in use."""
-    return Belief(belief.state, belief.point, belief.cov, belief.points, size, belief.observable)
+    return Belief(belief.state, belief.point, belief.cov, belief.points, size, belief.form)
 
 
 @kernel
 def at_place(belief: Belief, place: Float) -> Belief:
     """The same covariance about another place (capacity,), at which Jacobians are taken too."""
-    return Belief(place, place, belief.cov, belief.points, belief.size, False)
+    return Belief(place, place, belief.cov, belief.points, belief.size, AT_POINT)

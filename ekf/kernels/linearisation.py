@@ -11,16 +11,18 @@ from slamgauge.ekf.kernels.covariance import noise, projected
 from slamgauge.ekf.kernels.models import observe, wrap_innovation
 from slamgauge.ekf.kernels.workspace import Workspace
 
+PROJECTED = 1  # form of Jacobians (`Belief.form`): at the belief's state, then projected
+
 
 @kernel
 def linearise(sensor: int, belief: Belief, slots: Int, observation: Float, innovation: Float, jacobian: Float) -> int:
     """Innovations (2m,) at the belief's state, and compact Jacobians (2m, 5).
 
     Columns: robot x, y, heading, landmark x, y; H = A R(heading)' [-I, -J (l - p), I], taken at the belief's `point`,
-    or at its state and then projected (see `Belief.observable`). Returns the number of rows that carry information.
+    or at its state and then projected (see `project_on_observable`). Returns the number of rows that carry information.
     """
     state = belief.state
-    at = state if belief.observable else belief.point
+    at = state if belief.form == PROJECTED else belief.point
     c, s = math.cos(at[2]), math.sin(at[2])
     c_now, s_now = math.cos(state[2]), math.sin(state[2])
     informative = 0
@@ -43,7 +45,7 @@ def linearise(sensor: int, belief: Belief, slots: Int, observation: Float, innov
             else:
                 innovation[k] = wrap_innovation(sensor, row, observation[i, row] - predicted)
                 informative += 1
-            if belief.observable:
+            if belief.form == PROJECTED:
                 project_on_observable(belief.point, landmark, jacobian[k])
     return informative
 

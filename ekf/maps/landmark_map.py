@@ -51,9 +51,7 @@ class LandmarkMap:
         self.code = SENSOR_CODES[sensor]
         self.dim = 1 if self.code == BEARING else 2
         rule = self.rule
-        self.belief: Belief = allocate_belief(
-            landmarks, first_estimates=rule.first_estimates, observable=rule.observable
-        )
+        self.belief: Belief = allocate_belief(landmarks, first_estimates=rule.first_estimates, form=rule.form)
         self.belief.state[:3] = self.belief.point[:3] = mean
         self.belief.cov[:3, :3] = cov
         self.ids: Int = np.zeros(0, dtype=np.int64)  # in the order of slots

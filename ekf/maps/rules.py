@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple, cast, get_args
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels import slots
-from slamgauge.ekf.kernels.belief import Belief
+from slamgauge.ekf.kernels.belief import AT_POINT, Belief
 from slamgauge.ekf.kernels.corrections import (
     MAX_ITERATIONS,
     retract_right_invariant,
@@ -21,6 +21,7 @@ from slamgauge.ekf.kernels.corrections import (
     update_right_invariant,
     update_standard,
 )
+from slamgauge.ekf.kernels.linearisation import PROJECTED
 from slamgauge.ekf.kernels.one_by_one import Sequential
 from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.workspace import Workspace
@@ -44,7 +45,7 @@ class Rule(NamedTuple):
         update: takes in a scan.
         retract: moves the state by a correction that is not an observation's (see `kernels.map_edits`).
         first_estimates: whether the belief keeps first estimates, for the prediction and for Jacobians.
-        observable: whether Jacobians of observations are taken at the state, and projected (`Belief.observable`).
+        form: of the Jacobians of observations (`Belief.form`).
         block: observations to take in at a time.
         sequential: how it corrects with one observation after the other; None if it cannot.
         predict: moves the robot.
@@ -55,7 +56,7 @@ class Rule(NamedTuple):
     update: Update
     retract: Retract = retract_standard
     first_estimates: bool = False
-    observable: bool = False
+    form: int = AT_POINT
     block: int = BLOCK
     sequential: Sequential | None = None
     predict: Predict = predict
@@ -73,7 +74,7 @@ TABLE: dict[Correction, Row] = {
     "standard": Row("ekf", Rule(update_standard, sequential=Sequential())),
     "first-estimates": Row("fej-ekf", Rule(update_standard, first_estimates=True, sequential=Sequential())),
     "observability-constrained": Row(
-        "oc-ekf", Rule(update_standard, first_estimates=True, observable=True, sequential=Sequential())
+        "oc-ekf", Rule(update_standard, first_estimates=True, form=PROJECTED, sequential=Sequential())
     ),
     "iterated": Row("iekf", Rule(update_iterated, block=WHOLE_SCAN, sequential=Sequential(passes=MAX_ITERATIONS))),
     "right-invariant": Row(

@@ -17,7 +17,8 @@ from typing import Literal
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.ekf.kernels.belief import Belief
+from slamgauge.ekf.kernels.belief import AT_POINT, Belief
+from slamgauge.ekf.kernels.linearisation import PROJECTED
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation, wrap
@@ -124,7 +125,8 @@ def _run(recording: Recording, kind: str) -> Estimate:
 
 def belief_of(x: Float, P: Float, point: Float | None = None, *, observable: bool = False) -> Belief:
     """What the kernels take for that state and covariance, which they change in place."""
-    return Belief(x, x if point is None else point, P, np.ones(len(x) // 2, dtype=np.bool_), len(x), observable)
+    form = PROJECTED if observable else AT_POINT
+    return Belief(x, x if point is None else point, P, np.ones(len(x) // 2, dtype=np.bool_), len(x), form)
 
 
 def additive_from_invariant(x: Float) -> Float:
