@@ -7,13 +7,15 @@ the covariance carried over at the measured point; `smoother` then finishes on t
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, Marks
 from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.triangulation import triangulate_all
 from slamgauge.graph_baseline.undetermined import undetermined_variable
 from slamgauge.recording import Recording
@@ -91,7 +93,7 @@ class GraphBuilder:
     """Factors of a recording, step by step.
 
     Args:
-        recording: known association; of bearings alone, landmarks that they place (see `placed_alone`).
+        recording: known association; of bearings alone, landmarks that they place (see `are_placed`).
         lent: share of a step's largest standard deviation that its directions of zero variance are lent
             (those of the start: of its own or the first step's); 0 keeps them as hard constraints.
 
@@ -183,18 +185,22 @@ def least_known_landmark(recording: Recording) -> tuple[int, float]:
     return int(landmark_ids[worst]), float(1.0 / np.sqrt(max(weakest[worst], 1e-300)))
 
 
-def placed_alone(recording: Recording) -> Int | None:
-    """Association (M,) of a bearing-only recording without the landmarks that its bearings do not place; else None.
+def are_placed(recording: Recording, path: Float) -> Marks:
+    """Which observations (M,) are of landmarks that can be placed; with ranges all are.
 
-    A landmark seen once, or without parallax, tells nothing about the path: what it is left out of loses nothing.
+    Bearings alone, taken from a path (N+1, 3), may not place a landmark: one seen once, or without parallax, tells
+    next to nothing about the path.
     """
     if recording.sensor != "bearing":
-        return None
-    path = chain(recording.prior_mean, recording.odometry)
+        return np.ones(len(recording.observation), dtype=bool)
     ids, _, sigmas = triangulate_all(recording, path)
-    landmark = require_known_landmarks(recording)
-    placed = np.isin(landmark, ids[np.isfinite(sigmas)])
-    return None if placed.all() else np.where(placed, landmark, -1)
+    return np.isin(require_known_landmarks(recording), ids[np.isfinite(sigmas)])
+
+
+def among_mapped(estimate: Estimate, association: Int) -> Estimate:
+    """The estimate for an association (M,) of its own; -1 for what was given to landmarks that are not mapped."""
+    mapped = np.isin(association, np.asarray(estimate.landmark_ids))
+    return replace(estimate, association=np.where(mapped, association, -1))
 
 
 def first_sights(recording: Recording) -> tuple[Int, Int]:

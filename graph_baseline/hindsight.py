@@ -1,18 +1,19 @@
 """The hindsight optimum: all measurements at once, every pose and landmark with its covariance.
 
-1. GTSAM's Levenberg-Marquardt runs from dead reckoning. A cost that the stated noise explains (two-sided
-   chi-square band of its degrees of freedom) ends the search; otherwise, as on Victoria Park, where dead
-   reckoning ends in a local minimum, it also runs from a start that is grown portion by portion, and the
-   lower cost is kept. Motion directions of zero variance are lent a small slip for this, because damping
-   and hard constraints do not agree: damped steps leave the constraint and stop early.
-2. Exact Newton steps through the Schur complement (see `smoother`) finish on the recording's own model,
-   zero variances and all, until a step is negligible against the standard deviations it has found.
-   The gradient vanishes there, and positive definite information makes it a minimum.
+1. GTSAM's Levenberg-Marquardt runs from dead reckoning, with a small slip lent to motions of zero variance, since its
+   damped steps would leave hard constraints and stop early.
+2. Exact steps (`descent`) lead from there to a minimum of the recording's own cost, zero variances and all.
+3. A cost that the stated noise explains (two-sided chi-square band of its degrees of freedom) ends the search.
+   Otherwise further starts are tried, and the lowest minimum is kept: exact steps from dead reckoning itself, a start
+   that is grown portion by portion, and the causal optimum's path.
+
+Bearings alone: a landmark that they do not place from the path at hand is left out at first, and taken in as soon as
+they place it from the optimum without it.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Iterator
 
 import gtsam
 import numpy as np
@@ -20,24 +21,25 @@ from scipy.special import chdtr
 
 from slamgauge.arrays import Float, Int
 from slamgauge.estimate import Estimate
+from slamgauge.graph_baseline.chain import carried_on, keyed
+from slamgauge.graph_baseline.descent import Merit, Minimum, descend
 from slamgauge.graph_baseline.factors import (
     LENT_SLIP,
+    among_mapped,
+    are_placed,
     build_graph,
     first_sights,
     landmarks_at_first_sight,
     make_values,
-    placed_alone,
     read_values,
     require_known_landmarks,
 )
-from slamgauge.graph_baseline.smoother import Solution, solve_at
+from slamgauge.graph_baseline.incremental import causal_values
 from slamgauge.graph_baseline.undetermined import UndeterminedError, explained
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain, wrap
+from slamgauge.se2 import chain
 
 PORTIONS = 8  # of the recording, in the grown start
-MAX_NEWTON_STEPS = 30
-NEGLIGIBLE = 1e-6  # of a standard deviation
 OUTSIDE_BAND = 1e-3  # probability that true noise makes a cost that is taken for unexplained
 
 
@@ -55,109 +57,118 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
     """
     if association is not None:
         return among_mapped(batch(recording.associated(association)), association)
-    placed = placed_alone(recording)
-    if placed is not None:
-        return batch(recording, placed)
-    landmark_ids = first_sights(recording)[0]
-    poses, landmarks = minimise(recording, build_graph(recording, LENT_SLIP))
-    poses, landmarks, solution = finish(recording, landmark_ids, poses, landmarks)
+    taken, found = _with_all_that_is_placed(recording)
     return Estimate(
         kind="smoothed",
-        poses=poses,
-        pose_covs=solution.pose_covs,
-        landmark_ids=landmark_ids,
-        landmarks=landmarks,
-        landmark_covs=solution.landmark_covs,
-        association=recording.landmark,
+        poses=found.poses,
+        pose_covs=found.solution.pose_covs,
+        landmark_ids=np.unique(taken[taken >= 0]),
+        landmarks=found.landmarks,
+        landmark_covs=found.solution.landmark_covs,
+        association=taken,
     )
 
 
-def among_mapped(estimate: Estimate, association: Int) -> Estimate:
-    """The estimate for an association (M,) of its own; -1 for what was given to landmarks that are not mapped."""
-    mapped = np.isin(association, np.asarray(estimate.landmark_ids))
-    return replace(estimate, association=np.where(mapped, association, -1))
+def _with_all_that_is_placed(recording: Recording) -> tuple[Int, Minimum]:
+    """Association (M,), -1 for what bearings alone do not place, and the minimum without that."""
+    ids = require_known_landmarks(recording)
+    path, taken = chain(recording.prior_mean, recording.odometry), np.full(len(ids), -1)
+    found = None
+    while True:
+        placed = np.where(are_placed(recording, path) | (taken >= 0), ids, -1)
+        if found is not None and np.array_equal(placed, taken):
+            return taken, found
+        taken = placed
+        part = recording if (taken >= 0).all() else recording.associated(taken)
+        found = lowest_minimum(part, path)
+        path = found.poses
 
 
-def minimise(recording: Recording, graph: gtsam.NonlinearFactorGraph) -> tuple[Float, Float]:
-    """Poses and landmarks of the lowest Levenberg-Marquardt solution of `graph`, slip lent."""
-    with explained():
-        solution = levenberg_marquardt(graph, _extended(recording, np.zeros((0, 3)), {}))
-        if not _as_noise_allows(recording, graph.error(solution)):
-            second = levenberg_marquardt(graph, _grown_start(recording))
-            solution = min(solution, second, key=graph.error)
-    return read_values(solution)
+def lowest_minimum(recording: Recording, path: Float) -> Minimum:
+    """The lowest of the minima that several starts lead to, the first of them at `path` (N+1, 3).
 
-
-def _as_noise_allows(recording: Recording, cost: float) -> bool:
-    """Whether twice the optimum's cost lies in the two-sided band of its chi-square distribution.
-
-    Rows less unknowns is the rows of every observation less two for every landmark.
+    Raises:
+        UndeterminedError: no start leads to one; says what is wrong with the first.
     """
-    freedom = recording.observation.size - 2 * len(first_sights(recording)[0])
-    return OUTSIDE_BAND / 2 < chdtr(freedom, 2.0 * cost) < 1.0 - OUTSIDE_BAND / 2
-
-
-def _grown_start(recording: Recording) -> gtsam.Values:
-    """A few iterations on the first portion of the recording, then on more and more of it."""
-    poses, known = np.zeros((0, 3)), dict[int, Float]()
-    for portion in range(1, PORTIONS):
-        part = recording.first(recording.steps * portion // PORTIONS)
-        placed = placed_alone(part)
-        part = part if placed is None else part.associated(placed)
-        values = _extended(part, poses, known)
-        poses, landmarks = read_values(levenberg_marquardt(build_graph(part, LENT_SLIP), values, iterations=2))
-        known = dict(zip(first_sights(part)[0].tolist(), landmarks, strict=True))
-    return _extended(recording, poses, known)
-
-
-def _extended(recording: Recording, poses: Float, known: dict[int, Float]) -> gtsam.Values:
-    """The first `poses` carried on by odometry, with landmarks that are not `known` at their first sight."""
-    done = len(poses)
-    last = poses[-1] if done else recording.prior_mean
-    path = np.concatenate([poses[:-1], chain(last, recording.odometry[max(done - 1, 0) :])])
     landmark_ids = first_sights(recording)[0]
-    landmarks = landmarks_at_first_sight(recording, path)
-    for slot, name in enumerate(landmark_ids.tolist()):
-        landmarks[slot] = known.get(name, landmarks[slot])
-    return make_values(path, landmark_ids, landmarks)
+    best, mistake = None, None
+    for start in _starts(recording, path):
+        try:
+            with explained():
+                found = descend(recording, landmark_ids, *start())
+        except UndeterminedError as error:
+            mistake = mistake or error
+            continue
+        best = found if best is None or found.cost < best.cost else best
+        if explains(recording, best.cost):
+            break
+    if best is None:
+        assert mistake is not None
+        raise mistake
+    return best
+
+
+def explains(recording: Recording, cost: float) -> bool:
+    """Whether the recording's noise explains half the squared residuals at the optimum: two-sided chi-square band."""
+    freedom = degrees_of_freedom(recording)
+    return OUTSIDE_BAND / 2 < chdtr(freedom, 2.0 * cost) < 1.0 - OUTSIDE_BAND / 2 if freedom > 0 else cost < 1e-6
+
+
+def degrees_of_freedom(recording: Recording) -> int:
+    """Rows less unknowns: the rows of every observation less two for every landmark."""
+    return recording.observation.size - 2 * len(first_sights(recording)[0])
+
+
+def _starts(recording: Recording, path: Float) -> Iterator[Callable[[], tuple[Float, Float]]]:
+    """Ways to poses (N+1, 3) and landmarks (L, 2) from which to descend, the likeliest first."""
+    yield lambda: searched(recording, path)
+    yield lambda: (path, landmarks_at_first_sight(recording, path))
+    yield lambda: _grown(recording)
+    yield lambda: causal_values(recording)
+
+
+def searched(recording: Recording, path: Float) -> tuple[Float, Float]:
+    """Where GTSAM's Levenberg-Marquardt leads from a path (N+1, 3), slip lent, on the poses that see something."""
+    short, key = keyed(recording)
+    values = make_values(path[key], first_sights(recording)[0], landmarks_at_first_sight(recording, path))
+    with explained():
+        poses, landmarks = read_values(levenberg_marquardt(build_graph(short, LENT_SLIP), values))
+    return carried_on(recording, key, poses), landmarks
+
+
+def first_guess(recording: Recording) -> tuple[Float, Float]:
+    """Poses (N+1, 3) and landmarks (L, 2): the lower of GTSAM's minima from dead reckoning and the grown start."""
+    landmark_ids = first_sights(recording)[0]
+    merit = Merit(recording, np.searchsorted(landmark_ids, require_known_landmarks(recording)))
+    found = searched(recording, chain(recording.prior_mean, recording.odometry))
+    return found if explains(recording, merit(*found)) else min(found, _grown(recording), key=lambda each: merit(*each))
 
 
 def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int = 100) -> gtsam.Values:
-    """The minimum that GTSAM's Levenberg-Marquardt reaches from `values`, to be finished by exact steps (`finish`)."""
+    """The minimum that GTSAM's Levenberg-Marquardt reaches from `values`, to be finished by exact steps (`descent`)."""
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setRelativeErrorTol(1e-5)
     parameters.setMaxIterations(iterations)
     return gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
 
 
-def finish(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Solution]:
-    """Newton steps on the exact model until they are negligible; the solution's covariances with it."""
-    for _ in range(MAX_NEWTON_STEPS):
-        solution = solve_at(recording, landmark_ids, poses, landmarks)
-        poses, landmarks = poses + solution.dx, landmarks + solution.dm
-        poses[:, 2] = wrap(poses[:, 2])
-        if _relative_size(solution) < NEGLIGIBLE:
-            return poses, landmarks, solution
-    positions = landmarks[np.searchsorted(landmark_ids, require_known_landmarks(recording))]
-    raise UndeterminedError(_why_no_minimum(recording, poses, positions))
-
-
-def _why_no_minimum(recording: Recording, poses: Float, positions: Float) -> str:
-    """One line, where the observed landmarks lie at `positions` (M, 2)."""
-    seen = require_known_landmarks(recording)
-    distance = np.hypot(*(positions - poses[recording.observation_step, :2]).T)
-    row = int(np.argmin(distance))
-    return (
-        f"batch: no minimum after {MAX_NEWTON_STEPS} exact steps; check associations and covariances, or drop "
-        f"observation {row}: it sees landmark {seen[row]} from {distance[row]:.2g} m, the nearest of all, and on the "
-        "robot itself neither range nor bearing is smooth"
-    )
-
-
-def _relative_size(solution: Solution) -> float:
-    """Largest component of the step in units of its own standard deviation."""
-    sizes = [0.0]
-    for step, covs in ((solution.dx, solution.pose_covs), (solution.dm, solution.landmark_covs)):
-        sigma = np.sqrt(np.maximum(np.diagonal(covs, axis1=1, axis2=2), 0.0))
-        sizes.append(float(np.max(np.abs(step) / np.where(sigma > 1e-9, sigma, np.inf), initial=0.0)))
-    return max(sizes)
+def _grown(recording: Recording) -> tuple[Float, Float]:
+    """A few iterations on the first portion of the recording, then on more and more of it."""
+    short, key = keyed(recording)
+    poses, known = short.prior_mean[None], dict[int, Float]()
+    for portion in range(1, PORTIONS + 1):
+        part = short.first(short.steps * portion // PORTIONS)
+        path = np.concatenate([poses[:-1], chain(poses[-1], part.odometry[len(poses) - 1 :])])
+        part = part.only(are_placed(part, path))
+        ids = first_sights(part)[0]
+        landmarks = landmarks_at_first_sight(part, path)
+        for slot, name in enumerate(ids.tolist()):
+            landmarks[slot] = known.get(name, landmarks[slot])
+        values = make_values(path, ids, landmarks)
+        with explained():
+            poses, landmarks = read_values(levenberg_marquardt(build_graph(part, LENT_SLIP), values, iterations=3))
+        known = dict(zip(ids.tolist(), landmarks, strict=True))
+    found = landmarks_at_first_sight(short, poses)
+    for slot, name in enumerate(first_sights(short)[0].tolist()):
+        found[slot] = known.get(name, found[slot])
+    return carried_on(recording, key, poses), found

@@ -60,26 +60,44 @@ def linearise(recording: Recording, slot: Int, poses: Float, landmarks: Float) -
 
 def _observations(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Float]:
     """Whitened Jacobians by pose (M, d, 3) and landmark (M, d, 2), and whitened residuals h - z (M, d)."""
-    pose = poses[recording.observation_step]
-    offset = landmarks[slot] - pose[:, :2]
-    to_body = rotation(pose[:, 2]).swapaxes(1, 2)
-    delta = np.einsum("mij,mj->mi", to_body, offset)
+    offset, to_body, delta = _in_body(recording, slot, poses, landmarks)
     if recording.sensor == "position":
-        residual = delta - recording.observation
         H = to_body
     else:
         distance = np.hypot(*delta.T)
-        bearing = np.arctan2(delta[:, 1], delta[:, 0])
         rows = slice(2 - recording.observation.shape[1], 2)  # the bearing alone, or range and bearing
-        residual = np.column_stack([distance, bearing])[:, rows] - recording.observation
-        residual[:, -1] = wrap(residual[:, -1])
         across = np.column_stack([-delta[:, 1], delta[:, 0]]) / distance[:, None] ** 2
         H = np.stack([delta / distance[:, None], across], axis=1)[:, rows] @ to_body
     whitener = _inverse_cholesky(recording.observation_cov)
     Hm = whitener @ H
     lever = np.column_stack([-offset[:, 1], offset[:, 0]])
     Hx = np.concatenate([-Hm, -np.einsum("mij,mj->mi", Hm, lever)[:, :, None]], axis=2)
-    return Hx, Hm, np.einsum("mij,mj->mi", whitener, residual)
+    return Hx, Hm, np.einsum("mij,mj->mi", whitener, _residuals(recording, delta))
+
+
+def whitened_residuals(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> Float:
+    """Residuals h - z (M, d) of the observations, in units of their standard deviations."""
+    delta = _in_body(recording, slot, poses, landmarks)[2]
+    return np.einsum("mij,mj->mi", _inverse_cholesky(recording.observation_cov), _residuals(recording, delta))
+
+
+def _in_body(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Float]:
+    """Offsets (M, 2) of the observed landmarks, rotations (M, 2, 2) into the body frame, offsets there (M, 2)."""
+    pose = poses[recording.observation_step]
+    offset = landmarks[slot] - pose[:, :2]
+    to_body = rotation(pose[:, 2]).swapaxes(1, 2)
+    return offset, to_body, np.einsum("mij,mj->mi", to_body, offset)
+
+
+def _residuals(recording: Recording, delta: Float) -> Float:
+    """Predicted less measured (M, d), for landmarks at `delta` (M, 2) in the body frame."""
+    if recording.sensor == "position":
+        return delta - recording.observation
+    rows = slice(2 - recording.observation.shape[1], 2)  # the bearing alone, or range and bearing
+    polar = np.column_stack([np.hypot(*delta.T), np.arctan2(delta[:, 1], delta[:, 0])])
+    residual = polar[:, rows] - recording.observation
+    residual[:, -1] = wrap(residual[:, -1])
+    return residual
 
 
 def _inverse_cholesky(covariance: Float) -> Float:
@@ -103,7 +121,7 @@ def cost(recording: Recording, poses: Float, landmark_ids: Int, landmarks: Float
     """
     order = np.argsort(landmark_ids)
     slot = order[np.searchsorted(landmark_ids, require_known_landmarks(recording), sorter=order)]
-    observed = _observations(recording, slot, poses, landmarks)[2]
+    observed = whitened_residuals(recording, slot, poses, landmarks)
     prior = log_se2(between(recording.prior_mean, poses[0])[None])
     motion = log_se2(between(recording.odometry, between(poses[:-1], poses[1:])))
     squares = _mahalanobis(prior, prior_cov_in_body(recording)[None]) + _mahalanobis(motion, recording.odometry_cov)

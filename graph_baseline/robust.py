@@ -12,17 +12,19 @@ import numpy as np
 
 from slamgauge.arrays import Int
 from slamgauge.estimate import Estimate
+from slamgauge.graph_baseline.chain import keyed
 from slamgauge.graph_baseline.factors import (
     LENT_SLIP,
+    are_placed,
     build_graph,
     first_sights,
     make_values,
-    placed_alone,
     require_known_landmarks,
 )
-from slamgauge.graph_baseline.hindsight import batch, minimise
+from slamgauge.graph_baseline.hindsight import batch, first_guess
 from slamgauge.graph_baseline.undetermined import explained
 from slamgauge.recording import Recording
+from slamgauge.se2 import chain
 
 TRUSTED = 0.999  # probability with which a true observation's cost stays below the truncation
 
@@ -38,18 +40,18 @@ def robust_batch(recording: Recording, association: Int | None = None) -> Estima
         UserError: as `batch`.
     """
     given = np.array(require_known_landmarks(recording) if association is None else association)
-    placed = placed_alone(recording.associated(given))
-    if placed is not None:
-        given[given >= 0] = placed
+    path = chain(recording.prior_mean, recording.odometry)
+    given[given >= 0] = np.where(are_placed(recording.associated(given), path), given[given >= 0], -1)
     seen = recording.associated(given)
-    graph = build_graph(seen, LENT_SLIP)
-    rows = seen.observation_step + 1 + np.arange(len(seen.observation))  # in the graph: after each step's motion
+    short, key = keyed(seen)
+    graph = build_graph(short, LENT_SLIP)
+    rows = short.observation_step + 1 + np.arange(len(short.observation))  # in the graph: after each step's motion
     parameters = gtsam.GncLMParams()
     parameters.setLossType(gtsam.GncLossType.TLS)
     parameters.setKnownInliers(np.setdiff1d(np.arange(graph.size()), rows).tolist())
-    poses, landmarks = minimise(seen, graph)
+    poses, landmarks = first_guess(seen)
     with explained():
-        optimizer = gtsam.GncLMOptimizer(graph, make_values(poses, first_sights(seen)[0], landmarks), parameters)
+        optimizer = gtsam.GncLMOptimizer(graph, make_values(poses[key], first_sights(seen)[0], landmarks), parameters)
         optimizer.setInlierCostThresholdsAtProbability(TRUSTED)
         optimizer.optimize()
     rejected = np.flatnonzero(given >= 0)[np.asarray(optimizer.getWeights())[rows] < 0.5]

@@ -15,18 +15,23 @@ Source: Bierman, "Factorization methods for discrete sequential estimation" (197
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from slamgauge.arrays import Float, Int
+from slamgauge.graph_baseline.chain import Chain, shear, shorten
 from slamgauge.graph_baseline.factors import least_known_landmark, require_known_landmarks
 from slamgauge.graph_baseline.linearisation import LinearModel, linearise
 from slamgauge.graph_baseline.undetermined import undetermined_variable
 from slamgauge.recording import Recording
 
 CHUNK = 128  # steps whose rows, a few megabytes, are handled together
+
+
+EXHAUSTED = 1e-12  # share of a landmark's information that rounding hides
 
 
 class Solution(NamedTuple):
@@ -36,6 +41,28 @@ class Solution(NamedTuple):
     dm: Float  # (L, 2)
     pose_covs: Float  # (N+1, 3, 3)
     landmark_covs: Float  # (L, 2, 2)
+
+
+class Damping(NamedTuple):
+    """Information that holds the poses with scans and the landmarks where they are (Levenberg and Marquardt)."""
+
+    pose: Float  # (3,) [1/m^2, 1/m^2, 1/rad^2]
+    landmark: float  # [1/m^2]
+
+
+NOT_DAMPED = Damping(np.zeros(3), 0.0)
+
+
+class Elimination(NamedTuple):
+    """The keys of a chain as affine maps of (dm, 1), and what the landmarks know."""
+
+    A: Float  # (K, 3, 2L+1) predicted
+    P: Float  # (K, 3, 3) their covariances, given the landmarks
+    updated: Float  # (K, 3, 3) the same with the key's own scan
+    adjoint: Float  # (K, 3, 2L+1) smoothed A: A - P adjoint
+    adjoint_cov: Float  # (K, 3, 3) smoothed P: P - P adjoint_cov P
+    factor: Float  # (2L, 2L) lower triangular: information of the landmarks
+    dm: Float  # (2L,)
 
 
 def solve_at(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> Solution:
@@ -57,10 +84,32 @@ def solve(model: LinearModel, landmarks: int) -> Solution:
     Raises:
         numpy.linalg.LinAlgError: the observations do not determine the landmarks.
     """
-    G, X = _compressed_scans(model, landmarks)
+    chain = shorten(model)
+    eliminated = _eliminate(chain, landmarks, NOT_DAMPED)
+    pose_covs = np.empty((len(model.F) + 1, 3, 3))
+    for poses, A, P in _smoothed_maps(chain, eliminated):
+        maps = A[:, :, :-1].reshape(3 * len(A), 2 * landmarks)
+        spread = solve_triangular(eliminated.factor, maps.T, lower=True, check_finite=False, overwrite_b=True)
+        spread = spread.T.reshape(len(A), 3, 2 * landmarks)
+        pose_covs[poses] = P + spread @ _transposed(spread)
+    dx, dm = _newton_step(chain, eliminated)
+    return Solution(dx, dm, pose_covs, _own_blocks_of_inverse(eliminated.factor))
+
+
+def damped_step(model: LinearModel, landmarks: int, damping: Damping) -> tuple[Float, Float]:
+    """The step (N+1, 3), (L, 2) alone, held back by `damping`; raises as `solve`."""
+    chain = shorten(model)
+    return _newton_step(chain, _eliminate(chain, landmarks, damping))
+
+
+def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Elimination:
+    model = chain.model
+    G, X = _compressed_scans(model, landmarks, damping)
     joint = _landmarks_alone(model, landmarks)
+    joint[np.diag_indices(2 * landmarks)] += damping.landmark
+    own = np.diag(joint)[:-1].copy()
     _subtract_scans(joint, X, model)
-    P, carry, gain = _filter_covariances(model, G)
+    P, updated, carry, gain = _filter_covariances(model, G)
     A = _filter_maps(model, X, carry, gain)
     whitener = np.linalg.inv(np.linalg.cholesky(np.eye(3) + G @ P @ _transposed(G)))
     observed = whitener @ G
@@ -68,17 +117,66 @@ def solve(model: LinearModel, landmarks: int) -> Solution:
         innovation = whitener[steps] @ (G[steps] @ A[steps] + X[steps])
         joint += _gram(innovation)
         X[steps] = _transposed(observed[steps]) @ innovation
-    _smooth(A, P, carry, observed, adjoint=X)
-
+    adjoint_cov = _transposed(observed) @ observed
+    for k in range(len(A) - 2, -1, -1):  # modified Bryson-Frazier
+        X[k] += carry[k].T @ X[k + 1]
+        adjoint_cov[k] += carry[k].T @ adjoint_cov[k + 1] @ carry[k]
     factor = np.asarray(np.linalg.cholesky(joint[:-1, :-1]), dtype=np.float64)
+    if (np.square(np.diag(factor)) < EXHAUSTED * own).any():
+        raise np.linalg.LinAlgError("what poses leave of a landmark's information is rounding")
     dm = -cho_solve((factor, True), joint[:-1, -1])
-    dx = A[:, :, :-1] @ dm + A[:, :, -1]
-    for steps in _chunks(len(A)):
-        maps = A[steps, :, :-1].reshape(3 * len(A[steps]), 2 * landmarks)
-        spread = solve_triangular(factor, maps.T, lower=True, check_finite=False, overwrite_b=True)
-        spread = spread.T.reshape(len(A[steps]), 3, 2 * landmarks)
-        P[steps] += spread @ _transposed(spread)
-    return Solution(dx, dm.reshape(-1, 2), P, _own_blocks_of_inverse(factor))
+    return Elimination(A, P, updated, X, adjoint_cov, factor, dm)
+
+
+def _newton_step(chain: Chain, eliminated: Elimination) -> tuple[Float, Float]:
+    """The step of all poses (N+1, 3) and landmarks (L, 2)."""
+    at = np.append(eliminated.dm, 1.0)
+    predicted, adjoint = eliminated.A @ at, eliminated.adjoint @ at
+    dx = np.empty((chain.key[-1] + 1, 3))
+    dx[chain.key] = predicted - np.einsum("kij,kj->ki", eliminated.P, adjoint)
+    between = chain.between
+    if len(between.pose):
+        before, P = between.key - 1, _predicted_between(chain, eliminated, slice(None))
+        start = predicted[between.key] - chain.model.c[before]
+        start[:, :2] -= between.lever_to * start[:, 2:]
+        pull = adjoint[between.key]
+        pull[:, 2] += (between.lever_to * pull[:, :2]).sum(axis=1)
+        dx[between.pose] = start + between.c - np.einsum("kij,kj->ki", P, pull)
+    return dx, eliminated.dm.reshape(-1, 2)
+
+
+def _smoothed_maps(chain: Chain, eliminated: Elimination) -> Iterator[tuple[Int, Float, Float]]:
+    """Poses (n,), chunk by chunk, their smoothed maps (n, 3, 2L+1), and covariances (n, 3, 3) given the landmarks."""
+    for part in _chunks(len(chain.key)):
+        P, adjoint = eliminated.P[part], eliminated.adjoint[part]
+        yield chain.key[part], eliminated.A[part] - P @ adjoint, _smoothed_covariances(P, eliminated.adjoint_cov[part])
+    between = chain.between
+    for part in _chunks(len(between.pose)):
+        key, lever = between.key[part], between.lever_to[part]
+        P = _predicted_between(chain, eliminated, part)
+        A = eliminated.A[key]
+        A[:, :, -1] -= chain.model.c[key - 1]
+        A[:, :2] -= lever[:, :, None] * A[:, 2:]
+        A[:, :, -1] += between.c[part]
+        adjoint = eliminated.adjoint[key]
+        adjoint[:, 2] += np.einsum("ki,kij->kj", lever, adjoint[:, :2])
+        adjoint_cov = eliminated.adjoint_cov[key]
+        adjoint_cov[:, 2, :] += np.einsum("ki,kij->kj", lever, adjoint_cov[:, :2, :])
+        adjoint_cov[:, :, 2] += np.einsum("ki,kji->kj", lever, adjoint_cov[:, :, :2])
+        yield between.pose[part], A - P @ adjoint, _smoothed_covariances(P, adjoint_cov)
+
+
+def _smoothed_covariances(P: Float, adjoint_cov: Float) -> Float:
+    smoothed = P - P @ adjoint_cov @ P
+    return (smoothed + _transposed(smoothed)) / 2
+
+
+def _predicted_between(chain: Chain, eliminated: Elimination, part: slice) -> Float:
+    """Covariances (n, 3, 3) of poses between keys, predicted from the key before."""
+    between = chain.between
+    P = eliminated.updated[between.key[part] - 1]
+    shear(P, between.lever_from[part])
+    return P + between.W[part]
 
 
 def _chunks(steps: int) -> list[slice]:
@@ -94,11 +192,11 @@ def _own_blocks_of_inverse(factor: Float) -> Float:
     return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
 
 
-def _compressed_scans(model: LinearModel, landmarks: int) -> tuple[Float, Float]:
+def _compressed_scans(model: LinearModel, landmarks: int, damping: Damping) -> tuple[Float, Float]:
     """Three equations a scan, G dx + X (dm, 1) = unit noise: G (N+1, 3, 3), X (N+1, 3, 2L+1)."""
     poses = len(model.F) + 1
     by_pose = _transposed(model.Hx)
-    value, axes = np.linalg.eigh(_sum_by(model.step, by_pose @ model.Hx, poses))
+    value, axes = np.linalg.eigh(_sum_by(model.step, by_pose @ model.Hx, poses) + np.diag(damping.pose))
     value[value < 1e-13 * value[:, -1:]] = 0.0
     root = np.sqrt(value)
     inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0)
@@ -130,9 +228,13 @@ def _subtract_scans(joint: Float, X: Float, model: LinearModel) -> None:
         joint[np.ix_(columns, columns)] -= _gram(X[steps][:, :, columns])
 
 
-def _filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Float]:
-    """Kalman filter of a pose given the landmarks: predicted covariances P (N+1, 3, 3), carry F (I - K G), gain F K."""
-    P, carry, gain = (np.empty((len(G), 3, 3)) for _ in range(3))
+def _filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Float, Float]:
+    """Kalman filter of a pose given the landmarks.
+
+    Returns:
+        Predicted and updated covariances P (N+1, 3, 3), carry F (I - K G), gain F K.
+    """
+    P, updated, carry, gain = (np.empty((len(G), 3, 3)) for _ in range(4))
     P[0] = model.start_cov
     identity = np.eye(3)
     moves = np.concatenate([model.F, identity[None]])
@@ -142,10 +244,11 @@ def _filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Flo
         K = PG @ np.linalg.inv(identity + g @ PG)
         gain[k] = F @ K
         carry[k] = F - gain[k] @ g
+        updated[k] = P[k] - K @ PG.T
         if k + 1 < len(G):
-            following = F @ (P[k] - K @ PG.T) @ F.T + W
+            following = F @ updated[k] @ F.T + W
             P[k + 1] = (following + following.T) / 2
-    return P, carry, gain
+    return P, updated, carry, gain
 
 
 def _filter_maps(model: LinearModel, X: Float, carry: Float, gain: Float) -> Float:
@@ -158,21 +261,6 @@ def _filter_maps(model: LinearModel, X: Float, carry: Float, gain: Float) -> Flo
     for k in range(len(A) - 1):
         A[k + 1] += carry[k] @ A[k]
     return A
-
-
-def _smooth(A: Float, P: Float, carry: Float, observed: Float, adjoint: Float) -> None:
-    """Turn predicted maps A and covariances P into smoothed ones, in place (modified Bryson-Frazier).
-
-    `adjoint` holds each scan's own part, observed' innovation, and is overwritten.
-    """
-    adjoint_cov = _transposed(observed) @ observed
-    for k in range(len(A) - 2, -1, -1):
-        adjoint[k] += carry[k].T @ adjoint[k + 1]
-        adjoint_cov[k] += carry[k].T @ adjoint_cov[k + 1] @ carry[k]
-    for steps in _chunks(len(A)):
-        A[steps] -= P[steps] @ adjoint[steps]
-        smoothed = P[steps] - P[steps] @ adjoint_cov[steps] @ P[steps]
-        P[steps] = (smoothed + _transposed(smoothed)) / 2
 
 
 def _sum_by(group: Int, rows: Float, groups: int) -> Float:

@@ -1,0 +1,175 @@
+"""From a start to the minimum of a recording's exact cost: Levenberg and Marquardt, then Newton steps alone.
+
+A step comes from the Schur complement (`smoother`), which takes zero variances as what they are: constraints. Whether
+it is taken is judged by the cost with `LENT_SLIP` in their place, so that a long step may leave the constraint a
+little; the following ones return to it, since each fulfils it to first order.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.linalg import LinAlgError
+
+from slamgauge.arrays import Float, Int
+from slamgauge.graph_baseline.factors import LENT_SLIP, prior_cov_in_body, require_known_landmarks
+from slamgauge.graph_baseline.linearisation import LinearModel, linearise, log_se2, whitened_residuals
+from slamgauge.graph_baseline.smoother import Damping, Solution, damped_step, solve_at
+from slamgauge.graph_baseline.undetermined import UndeterminedError
+from slamgauge.recording import Recording
+from slamgauge.se2 import between, wrap
+
+MAX_STEPS = 200
+SETTLED = 1e-9  # relative decrease of the cost after which Newton steps alone go on
+TOO_NEAR = 1e-4  # m
+NEGLIGIBLE = 1e-6  # of a standard deviation
+MAX_NEWTON_STEPS = 20
+GENTLE, STRONGER, WEAKER, UNDAMPED = 1e-4, 10.0, 0.1, 1e-8  # damping over the mean information of a scan
+
+
+class Minimum(NamedTuple):
+    """Poses (N+1, 3), landmarks (L, 2) in increasing id order, covariances, and half the squared residuals."""
+
+    poses: Float
+    landmarks: Float
+    solution: Solution
+    cost: float
+
+
+class Merit:
+    """The cost of paths and maps of a recording, with slip lent to motions of zero variance."""
+
+    def __init__(self, recording: Recording, slot: Int) -> None:
+        self._recording = recording
+        self._slot = slot
+        covs = np.concatenate([prior_cov_in_body(recording)[None], recording.odometry_cov])
+        largest = covs.max(axis=(1, 2))
+        if recording.steps:
+            largest[0] = max(largest[0], largest[1])
+        variances, axes = np.linalg.eigh(covs)
+        lent = np.maximum(LENT_SLIP**2 * largest, np.finfo(float).tiny)
+        self._whitener = axes.swapaxes(1, 2) / np.sqrt(np.maximum(variances, lent[:, None]))[:, :, None]
+
+    def __call__(self, poses: Float, landmarks: Float) -> float:
+        """Half the sum of squares; infinite where it is not defined."""
+        recording = self._recording
+        with np.errstate(all="ignore"):
+            start = between(recording.prior_mean, poses[0])[None]
+            motion = between(recording.odometry, between(poses[:-1], poses[1:]))
+            moved = np.einsum("nij,nj->ni", self._whitener, log_se2(np.concatenate([start, motion])))
+            seen = whitened_residuals(recording, self._slot, poses, landmarks)
+            cost = 0.5 * (float(np.square(moved).sum()) + float(np.square(seen).sum()))
+        return cost if np.isfinite(cost) else np.inf
+
+
+def descend(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> Minimum:
+    """The minimum that a start leads to.
+
+    Args:
+        recording: known association.
+        landmark_ids: (L,) all of its landmarks, increasing.
+        poses: (N+1, 3).
+        landmarks: (L, 2).
+
+    Raises:
+        UndeterminedError: there is none, or rounding hides it.
+    """
+    slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
+    merit = Merit(recording, slot)
+    cost, factor = merit(poses, landmarks), 0.0
+    for _ in range(MAX_STEPS):
+        model = linearise(recording, slot, poses, landmarks)
+        scale = _mean_information(model, len(landmarks))
+        while True:
+            tried = _tried(model, poses, landmarks, scale, factor)
+            found = np.inf if tried is None else merit(*tried)
+            if found <= cost or factor > 1.0 / UNDAMPED:
+                break
+            factor = max(STRONGER * factor, GENTLE)
+        if tried is None or found > cost:
+            break
+        decrease, cost, (poses, landmarks) = cost - found, found, tried
+        was_damped, factor = factor > 0.0, WEAKER * factor if factor > UNDAMPED else 0.0
+        if not was_damped and decrease <= SETTLED * (1.0 + cost):
+            break
+    _refuse_landmarks_at_poses(recording, slot, poses, landmarks)
+    return _settle(recording, landmark_ids, merit, poses, landmarks)
+
+
+def _tried(
+    model: LinearModel, poses: Float, landmarks: Float, scale: Damping, factor: float
+) -> tuple[Float, Float] | None:
+    """Where a step damped by `factor` leads; None if there is no such step."""
+    try:
+        dx, dm = damped_step(model, len(landmarks), Damping(factor * scale.pose, factor * scale.landmark))
+    except LinAlgError:
+        return None
+    return _moved(poses, dx), landmarks + dm
+
+
+def _moved(poses: Float, dx: Float) -> Float:
+    moved = poses + dx
+    moved[:, 2] = wrap(moved[:, 2])
+    return moved
+
+
+def _mean_information(model: LinearModel, landmarks: int) -> Damping:
+    """What a scan says of its pose, and all scans of a landmark, in the mean."""
+    poses = max(len(np.unique(model.step)), 1)
+    by_pose = np.square(model.Hx).sum(axis=(0, 1)) / poses
+    by_landmark = np.square(model.Hm).sum() / (2 * max(landmarks, 1))
+    return Damping(np.array([by_pose[:2].mean(), by_pose[:2].mean(), by_pose[2]]), float(by_landmark))
+
+
+def _settle(recording: Recording, landmark_ids: Int, merit: Merit, poses: Float, landmarks: Float) -> Minimum:
+    """Newton steps until they are negligible against the standard deviations that they find."""
+    size = np.inf
+    for _ in range(MAX_NEWTON_STEPS):
+        solution = solve_at(recording, landmark_ids, poses, landmarks)
+        poses, landmarks = _moved(poses, solution.dx), landmarks + solution.dm
+        size = relative_size(solution)
+        if size < NEGLIGIBLE:
+            return Minimum(poses, landmarks, solution, merit(poses, landmarks))
+        if not size < np.inf:
+            break
+    raise UndeterminedError(_why_no_minimum(recording, landmark_ids, poses, landmarks, size))
+
+
+def relative_size(solution: Solution) -> float:
+    """Largest component of the step in units of its own standard deviation."""
+    sizes = [0.0]
+    for step, covs in ((solution.dx, solution.pose_covs), (solution.dm, solution.landmark_covs)):
+        sigma = np.sqrt(np.maximum(np.diagonal(covs, axis1=1, axis2=2), 0.0))
+        sizes.append(float(np.max(np.abs(step) / np.where(sigma > 1e-9, sigma, np.inf), initial=0.0)))
+    return max(sizes)
+
+
+def _refuse_landmarks_at_poses(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> None:
+    """Raise where a landmark has come to lie on a pose that sees it: there range and bearing are not smooth."""
+    if recording.sensor == "position" or not len(slot):
+        return
+    distance = np.hypot(*(landmarks[slot] - poses[recording.observation_step, :2]).T)
+    row = int(np.argmin(distance))
+    if distance[row] < TOO_NEAR:
+        raise UndeterminedError(
+            f"batch: no minimum, landmark {require_known_landmarks(recording)[row]} comes to lie {distance[row]:.2g} m "
+            f"from pose {recording.observation_step[row]} that sees it, where range and bearing are not smooth; "
+            "check ids and covariances"
+        )
+
+
+def _why_no_minimum(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float, size: float) -> str:
+    """One line: what stands out where the descent ended."""
+    ids = require_known_landmarks(recording)
+    slot = np.searchsorted(landmark_ids, ids)
+    with np.errstate(all="ignore"):
+        misfit = np.sqrt(np.square(whitened_residuals(recording, slot, poses, landmarks)).sum(axis=1))
+    opening = f"batch: no minimum, the last step is of {size:.2g} sigma"
+    worst = int(np.argmax(np.nan_to_num(misfit, nan=np.inf))) if len(misfit) else -1
+    if worst >= 0 and not misfit[worst] < 6.0:
+        return (
+            f"{opening}; observation {worst} of landmark {ids[worst]} is {misfit[worst]:.2g} sigma off, most of all: "
+            "check ids and covariances, or run robust-batch"
+        )
+    return f"{opening}: double precision cannot resolve these covariances; bring their sizes nearer to each other"
