@@ -68,7 +68,7 @@ def _observations(recording: Recording, slot: Int, poses: Float, landmarks: Floa
         rows = slice(2 - recording.observation.shape[1], 2)  # the bearing alone, or range and bearing
         across = np.column_stack([-delta[:, 1], delta[:, 0]]) / distance[:, None] ** 2
         H = np.stack([delta / distance[:, None], across], axis=1)[:, rows] @ to_body
-    whitener = _inverse_cholesky(recording.observation_cov)
+    whitener = inverse_cholesky(recording.observation_cov)
     Hm = whitener @ H
     lever = np.column_stack([-offset[:, 1], offset[:, 0]])
     Hx = np.concatenate([-Hm, -np.einsum("mij,mj->mi", Hm, lever)[:, :, None]], axis=2)
@@ -78,7 +78,7 @@ def _observations(recording: Recording, slot: Int, poses: Float, landmarks: Floa
 def whitened_residuals(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> Float:
     """Residuals h - z (M, d) of the observations, in units of their standard deviations."""
     delta = _in_body(recording, slot, poses, landmarks)[2]
-    return np.einsum("mij,mj->mi", _inverse_cholesky(recording.observation_cov), _residuals(recording, delta))
+    return np.einsum("mij,mj->mi", inverse_cholesky(recording.observation_cov), _residuals(recording, delta))
 
 
 def _in_body(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Float]:
@@ -100,7 +100,7 @@ def _residuals(recording: Recording, delta: Float) -> Float:
     return residual
 
 
-def _inverse_cholesky(covariance: Float) -> Float:
+def inverse_cholesky(covariance: Float) -> Float:
     """Lower triangular L^-1 (M, d, d) of covariances L L' (M, d, d)."""
     if covariance.shape[1] == 1:
         return 1.0 / np.sqrt(covariance)

@@ -27,14 +27,18 @@ def triangulate_all(recording: Recording, poses: Float) -> tuple[Int, Float, Flo
     assert recording.landmark is not None
     ids = np.unique(recording.landmark)
     landmarks, sigmas = np.zeros((len(ids), 2)), np.full(len(ids), np.inf)
-    variances = recording.observation_cov[:, 0, 0]
     for slot, name in enumerate(ids.tolist()):
-        rows = np.flatnonzero(recording.landmark == name)
-        for chosen in (*tracks(recording, rows), rows):
-            seen_from = poses[recording.observation_step[chosen]]
-            found = triangulate(seen_from, recording.observation[chosen, 0], variances[chosen], SURE)
-            landmarks[slot] = found.landmark
-            if found.placed:
-                sigmas[slot] = found.sigma
-                break
+        landmarks[slot], sigmas[slot] = triangulate_one(recording, np.flatnonzero(recording.landmark == name), poses)
     return ids, landmarks, sigmas
+
+
+def triangulate_one(recording: Recording, rows: Int, poses: Float) -> tuple[Float, float]:
+    """The landmark (2,) and sigma [m], as in `triangulate_all`, that the bearings in `rows` are of."""
+    landmark, bearings, variances = np.zeros(2), recording.observation[:, 0], recording.observation_cov[:, 0, 0]
+    for chosen in (*tracks(recording, rows), rows):
+        seen_from = poses[recording.observation_step[chosen]]
+        found = triangulate(seen_from, bearings[chosen], variances[chosen], SURE)
+        landmark = found.landmark
+        if found.placed:
+            return landmark, found.sigma
+    return landmark, np.inf

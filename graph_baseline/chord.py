@@ -1,0 +1,459 @@
+"""Compiled recursions of an optimum that grows pose by pose: what poses leave to the landmarks, and chord steps.
+
+Given the landmarks, the poses are a Markov chain. With x_k = the error of pose k (world, additive), N(., P_k) what the
+steps before say of it, and M_k its sensitivity to the landmarks m,
+
+    predict  M <- F M,  P <- F P F' + W;   scan  B = Hx M + Hm, S = I + Hx P Hx', Lambda <- Lambda + B' S^-1 B,
+             M <- M - K B,  P <- P - K S K',  K = P Hx' S^-1
+
+leave the information Lambda of the landmarks, the Schur complement of the poses. No covariance is inverted, so that
+motions of zero variance and a fixed start are exact, and nothing is subtracted from Lambda.
+
+A chord step takes the gradient of the exact cost where the path and the map stand, and the matrices where they were
+taken in (`linearised`): it costs a few hundred operations a pose instead of a product of L x L matrices, and where it
+comes to rest the gradient is zero, so that stale matrices cost steps but no accuracy. In place of the gradient by the
+poses, which zero variances make infinite, it takes the multipliers l_k of the steps that lead to them, and what the
+step's noise w_k lacks of W_k l_k. Poses without a scan cost some ten times less than those with one.
+
+Source: the recursions are those of a fixed-interval smoother with unknown parameters (Bierman, "Factorization methods
+for discrete sequential estimation", 1977, chapter X); the step that keeps its matrix is Shamanskii's (1967).
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.compiled import drop_outdated, kernel
+
+drop_outdated(Path(__file__).parent)
+
+RANGE_BEARING, POSITION, BEARING = range(3)
+CHUNK = 384  # rows whose products are taken together
+SENSORS = {"range-bearing": RANGE_BEARING, "position": POSITION, "bearing": BEARING}
+
+
+class Measured(NamedTuple):
+    """A recording as the kernels take it; `slot` is -1 for an observation that is not taken in yet."""
+
+    sensor: int
+    start: Float  # (3,) prior mean
+    motion: Float  # (N+1, 3) increment that leads to pose k; 0 for the first
+    motion_cov: Float  # (N+1, 3, 3) in the body frame; the prior's for the first
+    first: Int  # (N+2,) row of pose k's first observation
+    value: Float  # (M, d)
+    whitener: Float  # (M, d, d) lower triangular L^-1 of the covariance L L'
+    slot: Int  # (M,)
+
+
+class Place(NamedTuple):
+    """A path and a map; those in use come first."""
+
+    poses: Float  # (N+1, 3)
+    landmarks: Float  # (L, 2)
+
+
+class Linear(NamedTuple):
+    """Matrices of the poses that have been taken in, linearised where `at` says."""
+
+    at: Place
+    lever: Float  # (N+1, 2) of F = [I, lever; 0, 1], which leads to pose k
+    P: Float  # (N+1, 3, 3) predicted
+    N: Float  # (N+1, 3, 3) Hx' Hx of the scan
+    G: Float  # (N+1, 3, 3) (I + P N)^-1
+    Hx: Float  # (M, d, 3) whitened
+    Hm: Float  # (M, d, 2) whitened
+    M: Float  # (3, 2L) of the newest pose, with its scan
+    newest_cov: Float  # (3, 3) the same of P
+    information: Float  # (2L, 2L) Lambda
+    pull: Float  # (2L,) on the landmarks, of the newest scan's residuals
+    kick: Float  # (3,) on the newest pose, given the landmarks
+
+
+class Chord(NamedTuple):
+    """A step: of each pose (N+1, 3) and landmark (L, 2); rooms of its recursions."""
+
+    pose: Float
+    landmark: Float
+    defect: Float  # (N+1, 3) W l - w
+    mean: Float  # (N+1, 3)
+
+
+@kernel
+def log_se2(x: float, y: float, t: float) -> tuple[float, float]:
+    """Translation of the logarithm of the increment (x, y, t) of SE(2)."""
+    half = 0.5 * t
+    cotangent = 1.0 - half * half / 3.0 if abs(half) < 1e-4 else half / math.tan(half)
+    return cotangent * x + half * y, cotangent * y - half * x
+
+
+@kernel
+def wrap(angle: float) -> float:
+    """The angle [rad] in [-pi, pi]."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+@kernel
+def step_noise(start: Float, motion: Float, Q: Float, end: Float, w: Float, W: Float) -> None:
+    """The noise w (3,) of a step from pose `start` to `end`, and its covariance W (3, 3), both in the world.
+
+    The residual Log(measured^-1 between) ~ N(0, Q) is carried to the world by B = R(end) times SE(2)'s right Jacobian.
+    """
+    c, s = math.cos(start[2]), math.sin(start[2])
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    x, y = c * dx + s * dy - motion[0], c * dy - s * dx - motion[1]
+    turn = wrap(end[2] - start[2] - motion[2])
+    c, s = math.cos(motion[2]), math.sin(motion[2])
+    rx, ry = log_se2(c * x + s * y, c * y - s * x, turn)
+    c, s = math.cos(end[2]), math.sin(end[2])
+    w[0], w[1], w[2] = c * rx - s * ry, s * rx + c * ry, turn
+    B = np.empty((3, 3))
+    if abs(turn) < 1e-2:
+        sine = 1.0 - turn * turn / 6.0 + turn**4 / 120.0
+        versine = 0.5 * turn - turn**3 / 24.0
+        b = 0.5 - turn * turn / 24.0
+        a = turn / 6.0 - turn**3 / 120.0
+    else:
+        sine, versine = math.sin(turn) / turn, 2.0 * math.sin(0.5 * turn) ** 2 / turn
+        b, a = versine / turn, (turn - math.sin(turn)) / (turn * turn)
+    j02, j12 = a * rx - b * ry, b * rx + a * ry
+    B[0, 0], B[0, 1], B[0, 2] = c * sine + s * versine, c * versine - s * sine, c * j02 - s * j12
+    B[1, 0], B[1, 1], B[1, 2] = s * sine - c * versine, s * versine + c * sine, s * j02 + c * j12
+    B[2, 0], B[2, 1], B[2, 2] = 0.0, 0.0, 1.0
+    for i in range(3):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(3):
+                for n in range(3):
+                    total += B[i, k] * Q[k, n] * B[j, n]
+            W[i, j] = W[j, i] = total
+
+
+@kernel
+def observe(measured: Measured, row: int, pose: Float, m: Float, r: Float, Hx: Float, Hm: Float) -> None:
+    """Whitened residual h - z (d,) and Jacobians (d, 3), (d, 2) of an observation of the landmark m from a pose."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    ex, ey = m[0] - pose[0], m[1] - pose[1]
+    x, y = c * ex + s * ey, c * ey - s * ex
+    z, whitener = measured.value[row], measured.whitener[row]
+    squared = x * x + y * y
+    distance = math.sqrt(squared)
+    if measured.sensor == POSITION:
+        r0, r1, a00, a01, a10, a11 = x - z[0], y - z[1], 1.0, 0.0, 0.0, 1.0
+    elif measured.sensor == RANGE_BEARING:
+        r0, r1 = distance - z[0], wrap(math.atan2(y, x) - z[1])
+        a00, a01, a10, a11 = x / distance, y / distance, -y / squared, x / squared
+    else:
+        r0, r1, a00, a01, a10, a11 = wrap(math.atan2(y, x) - z[0]), 0.0, -y / squared, x / squared, 0.0, 0.0
+    for i in range(len(z)):
+        w0 = whitener[i, 0]
+        w1 = whitener[i, 1] if i == 1 else 0.0
+        r[i] = w0 * r0 + w1 * r1
+        ax, ay = w0 * a00 + w1 * a10, w0 * a01 + w1 * a11
+        Hm[i, 0], Hm[i, 1] = ax * c - ay * s, ax * s + ay * c
+        Hx[i, 0], Hx[i, 1] = -Hm[i, 0], -Hm[i, 1]
+        Hx[i, 2] = Hm[i, 0] * ey - Hm[i, 1] * ex
+
+
+@kernel
+def take_in(
+    measured: Measured, linear: Linear, place: Place, base: Place, landmarks: int, since: int, until: int
+) -> None:
+    """Take in the poses since..until-1 and their scans, linearised where `linear.at` says.
+
+    Leaves in `pull` and `kick` what the residuals of the last of them do, which are taken at `place`.
+    """
+    width = 2 * landmarks
+    M, P = linear.M, linear.newest_cov
+    rows, used = np.empty((CHUNK, width)), 0
+    for k in range(since, until):
+        linear.pull[:width] = 0.0
+        linear.kick[:] = 0.0
+        predict(measured, linear, width, k)
+        linear.P[k] = P
+        scan, slots = compressed_scan(measured, linear, place, base, k)
+        if len(slots) == 0:
+            linear.N[k] = 0.0
+            linear.G[k] = np.eye(3)
+            continue
+        add_landmarks_alone(linear, scan, slots)
+        T, y = np.ascontiguousarray(scan[:3, :3]), scan[:3, -1].copy()
+        linear.N[k] = T.T @ T
+        linear.G[k] = np.linalg.inv(np.eye(3) + P @ linear.N[k])
+        gain = P @ T.T
+        root = np.linalg.cholesky(np.eye(3) + T @ gain)
+        if used + 3 > CHUNK:
+            linear.information[:width, :width] += rows[:used].T @ rows[:used]
+            used = 0
+        B = rows[used : used + 3]
+        used += 3
+        for i in range(3):
+            for j in range(width):
+                B[i, j] = T[i, 0] * M[0, j] + T[i, 1] * M[1, j] + T[i, 2] * M[2, j]
+            for n in range(len(slots)):
+                B[i, 2 * slots[n]] += scan[i, 3 + 2 * n]
+                B[i, 2 * slots[n] + 1] += scan[i, 4 + 2 * n]
+        for i in range(3):  # whiten: B, y and the gain by the root of S
+            for j in range(i):
+                B[i] -= root[i, j] * B[j]
+                y[i] -= root[i, j] * y[j]
+                gain[:, i] -= root[i, j] * gain[:, j]
+            B[i] /= root[i, i]
+            y[i] /= root[i, i]
+            gain[:, i] /= root[i, i]
+        for i in range(3):
+            for n in range(3):
+                for j in range(width):
+                    M[i, j] -= gain[i, n] * B[n, j]
+                for j in range(3):
+                    P[i, j] -= gain[i, n] * gain[j, n]
+        for n in range(3):
+            for j in range(width):
+                linear.pull[j] -= B[n, j] * y[n]
+            for i in range(3):
+                linear.kick[i] -= gain[i, n] * y[n]
+    linear.information[:width, :width] += rows[:used].T @ rows[:used]
+
+
+@kernel
+def predict(measured: Measured, linear: Linear, width: int, k: int) -> None:
+    """M <- F M, P <- F P F' + W of the step that leads to pose k."""
+    poses, M, P = linear.at.poses, linear.M, linear.newest_cov
+    w, W = np.empty(3), np.empty((3, 3))
+    if k == 0:
+        step_noise(measured.start, measured.motion[0], measured.motion_cov[0], poses[0], w, W)
+        P[:] = W
+        M[:] = 0.0
+        return
+    step_noise(poses[k - 1], measured.motion[k], measured.motion_cov[k], poses[k], w, W)
+    fx, fy = poses[k - 1, 1] - poses[k, 1], poses[k, 0] - poses[k - 1, 0]
+    linear.lever[k, 0], linear.lever[k, 1] = fx, fy
+    for j in range(3):
+        P[0, j] += fx * P[2, j]
+        P[1, j] += fy * P[2, j]
+    for i in range(3):
+        P[i, 0] += fx * P[i, 2]
+        P[i, 1] += fy * P[i, 2]
+    P += W
+    for j in range(width):
+        M[0, j] += fx * M[2, j]
+        M[1, j] += fy * M[2, j]
+
+
+@kernel
+def compressed_scan(measured: Measured, linear: Linear, place: Place, base: Place, k: int) -> tuple[Float, Int]:
+    """Rows [Hx, Hm of each landmark seen, residual] of a scan, turned so that from the fourth on Hx is zero; slots."""
+    first, last, d = measured.first[k], measured.first[k + 1], measured.value.shape[1]
+    slots, taken = np.empty(last - first, dtype=np.int64), 0
+    for row in range(first, last):
+        if measured.slot[row] >= 0:
+            slots[taken] = measured.slot[row]
+            taken += 1
+    scan = np.zeros((max(3, d * taken), 4 + 2 * taken))
+    r, n = np.empty(2), 0
+    for row in range(first, last):
+        slot = measured.slot[row]
+        if slot < 0:
+            continue
+        observe(measured, row, place.poses[k], place.landmarks[slot], r, linear.Hx[row], linear.Hm[row])
+        residual = r.copy()
+        observe(measured, row, linear.at.poses[k], linear.at.landmarks[slot], r, linear.Hx[row], linear.Hm[row])
+        for i in range(d):
+            for j in range(3):
+                residual[i] += linear.Hx[row, i, j] * (base.poses[k, j] - place.poses[k, j])
+            for j in range(2):
+                residual[i] += linear.Hm[row, i, j] * (base.landmarks[slot, j] - place.landmarks[slot, j])
+            scan[d * n + i, :3] = linear.Hx[row, i]
+            scan[d * n + i, 3 + 2 * n : 5 + 2 * n] = linear.Hm[row, i]
+            scan[d * n + i, -1] = residual[i]
+        n += 1
+    if d * taken > 3:
+        for j in range(3):
+            reflect(scan[j:], j)
+    return scan, slots[:taken]
+
+
+@kernel
+def reflect(rows: Float, column: int) -> None:
+    """Turn the rows by a Householder reflection, so that of the column only the first entry is not zero."""
+    v = rows[:, column].copy()
+    norm = math.sqrt((v * v).sum())
+    if norm == 0.0:
+        return
+    v[0] += norm if v[0] >= 0.0 else -norm
+    squared = (v * v).sum()
+    for j in range(rows.shape[1]):
+        along = 2.0 * (v * rows[:, j]).sum() / squared
+        for i in range(len(v)):
+            rows[i, j] -= along * v[i]
+    rows[1:, column] = 0.0
+
+
+@kernel
+def add_landmarks_alone(linear: Linear, scan: Float, slots: Int) -> None:
+    """Add what a scan says about its landmarks among themselves: its rows from the fourth on."""
+    alone = np.ascontiguousarray(scan[3:, 3:])
+    gram = alone.T @ alone
+    for n in range(len(slots)):
+        for i in range(2):
+            for o in range(len(slots)):
+                for j in range(2):
+                    linear.information[2 * slots[n] + i, 2 * slots[o] + j] += gram[2 * n + i, 2 * o + j]
+            linear.pull[2 * slots[n] + i] -= gram[2 * n + i, 2 * len(slots)]
+
+
+@kernel
+def multipliers(measured: Measured, linear: Linear, place: Place, newest: int, chord: Chord) -> tuple[float, float]:
+    """Leave in `chord` the defect of every step and the gradient by the landmarks, both of the exact cost at `place`.
+
+    Returns squared norms: how far the observations' Jacobians have moved from the linear ones, and of these.
+    """
+    poses, places = place
+    chord.landmark[:] = 0.0
+    r, Hx, Hm = np.empty(2), np.empty((2, 3)), np.empty((2, 2))
+    w, W = np.empty(3), np.empty((3, 3))
+    l0, l1, l2 = 0.0, 0.0, 0.0
+    moved, norm = 0.0, 0.0
+    for k in range(newest, -1, -1):
+        if k < newest:
+            l2 += (poses[k, 1] - poses[k + 1, 1]) * l0 + (poses[k + 1, 0] - poses[k, 0]) * l1
+        for row in range(measured.first[k], measured.first[k + 1]):
+            slot = measured.slot[row]
+            if slot < 0:
+                continue
+            observe(measured, row, poses[k], places[slot], r, Hx, Hm)
+            for i in range(measured.value.shape[1]):
+                l0 -= Hx[i, 0] * r[i]
+                l1 -= Hx[i, 1] * r[i]
+                l2 -= Hx[i, 2] * r[i]
+                chord.landmark[slot, 0] -= Hm[i, 0] * r[i]
+                chord.landmark[slot, 1] -= Hm[i, 1] * r[i]
+                for j in range(2):
+                    moved += (Hm[i, j] - linear.Hm[row, i, j]) ** 2
+                    norm += Hm[i, j] ** 2
+        if k == 0:
+            step_noise(measured.start, measured.motion[0], measured.motion_cov[0], poses[0], w, W)
+        else:
+            step_noise(poses[k - 1], measured.motion[k], measured.motion_cov[k], poses[k], w, W)
+        for i in range(3):
+            chord.defect[k, i] = W[i, 0] * l0 + W[i, 1] * l1 + W[i, 2] * l2 - w[i]
+    return moved, norm
+
+
+@kernel
+def respond(measured: Measured, linear: Linear, newest: int, with_landmarks: bool, chord: Chord) -> None:
+    """The poses' part of a chord step: to the defects, or `with_landmarks` to the landmarks' step instead.
+
+    Without, the landmarks' gradient is left with what the poses' step adds to it.
+    """
+    mean, G, P, N = chord.mean, linear.G, linear.P, linear.N
+    d = measured.value.shape[1]
+    pull = np.zeros(3)
+    m = np.zeros(3)
+    for k in range(newest + 1):
+        if k > 0:
+            fx, fy = linear.lever[k]
+            m[0] += fx * m[2]
+            m[1] += fy * m[2]
+        if with_landmarks:
+            pull[:] = 0.0
+            pull_of_landmarks(measured, linear, k, chord.landmark, pull)
+        else:
+            for i in range(3):
+                m[i] += chord.defect[k, i]
+        mean[k] = m
+        if measured.first[k] < measured.first[k + 1]:
+            a0, a1, a2 = m[0], m[1], m[2]
+            if with_landmarks:
+                a0 += P[k, 0, 0] * pull[0] + P[k, 0, 1] * pull[1] + P[k, 0, 2] * pull[2]
+                a1 += P[k, 1, 0] * pull[0] + P[k, 1, 1] * pull[1] + P[k, 1, 2] * pull[2]
+                a2 += P[k, 2, 0] * pull[0] + P[k, 2, 1] * pull[1] + P[k, 2, 2] * pull[2]
+            for i in range(3):
+                m[i] = G[k, i, 0] * a0 + G[k, i, 1] * a1 + G[k, i, 2] * a2
+    l = np.zeros(3)
+    x = np.zeros(3)
+    for k in range(newest, -1, -1):
+        if k < newest:
+            fx, fy = linear.lever[k + 1]
+            l[2] += fx * l[0] + fy * l[1]
+        sees = measured.first[k] < measured.first[k + 1]
+        if with_landmarks and sees:
+            pull_of_landmarks(measured, linear, k, chord.landmark, l)
+        a0 = mean[k, 0] + P[k, 0, 0] * l[0] + P[k, 0, 1] * l[1] + P[k, 0, 2] * l[2]
+        a1 = mean[k, 1] + P[k, 1, 0] * l[0] + P[k, 1, 1] * l[1] + P[k, 1, 2] * l[2]
+        a2 = mean[k, 2] + P[k, 2, 0] * l[0] + P[k, 2, 1] * l[1] + P[k, 2, 2] * l[2]
+        if sees:
+            for i in range(3):
+                x[i] = G[k, i, 0] * a0 + G[k, i, 1] * a1 + G[k, i, 2] * a2
+            for i in range(3):
+                l[i] -= N[k, i, 0] * x[0] + N[k, i, 1] * x[1] + N[k, i, 2] * x[2]
+        else:
+            x[0], x[1], x[2] = a0, a1, a2
+        if with_landmarks:
+            for i in range(3):
+                chord.pose[k, i] += x[i]
+            continue
+        chord.pose[k] = x
+        for row in range(measured.first[k], measured.first[k + 1]):
+            slot = measured.slot[row]
+            if slot < 0:
+                continue
+            for i in range(d):
+                h = linear.Hx[row, i]
+                seen = h[0] * x[0] + h[1] * x[1] + h[2] * x[2]
+                chord.landmark[slot, 0] -= linear.Hm[row, i, 0] * seen
+                chord.landmark[slot, 1] -= linear.Hm[row, i, 1] * seen
+
+
+@kernel
+def pull_of_landmarks(measured: Measured, linear: Linear, k: int, step: Float, pull: Float) -> None:
+    """Subtract from `pull` (3,) what a step (L, 2) of the landmarks does to pose k's gradient: Hx' Hm step."""
+    for row in range(measured.first[k], measured.first[k + 1]):
+        slot = measured.slot[row]
+        if slot < 0:
+            continue
+        for i in range(measured.value.shape[1]):
+            seen = linear.Hm[row, i, 0] * step[slot, 0] + linear.Hm[row, i, 1] * step[slot, 1]
+            for j in range(3):
+                pull[j] -= linear.Hx[row, i, j] * seen
+
+
+@kernel
+def move(measured: Measured, linear: Linear, place: Place, newest: int, landmarks: int, chord: Chord) -> float:
+    """Move path and map by a chord step, each point by V(turn) step, V(t) = (R(t) - I) / (t J).
+
+    A turn of everything about any point then keeps all distances, which an additive step would stretch. A landmark
+    turns as do, in the mean, the poses that see it.
+    """
+    turns, seen, observed = np.zeros(landmarks), np.zeros(landmarks), 0.0
+    for k in range(newest + 1):
+        turn = chord.pose[k, 2]
+        for row in range(measured.first[k], measured.first[k + 1]):
+            slot = measured.slot[row]
+            if slot < 0:
+                continue
+            turns[slot] += turn
+            seen[slot] += 1.0
+            for i in range(measured.value.shape[1]):
+                change = linear.Hm[row, i, 0] * chord.landmark[slot, 0] + linear.Hm[row, i, 1] * chord.landmark[slot, 1]
+                for j in range(3):
+                    change += linear.Hx[row, i, j] * chord.pose[k, j]
+                observed += change * change
+        move_point(place.poses[k], chord.pose[k], turn)
+        place.poses[k, 2] = wrap(place.poses[k, 2] + turn)
+    for slot in range(landmarks):
+        move_point(place.landmarks[slot], chord.landmark[slot], turns[slot] / max(seen[slot], 1.0))
+    return math.sqrt(observed)
+
+
+@kernel
+def move_point(point: Float, step: Float, turn: float) -> None:
+    """point <- point + V(turn) step."""
+    along = math.sin(turn) / turn if turn != 0.0 else 1.0
+    across = 2.0 * math.sin(0.5 * turn) ** 2 / turn if turn != 0.0 else 0.0
+    point[0] += along * step[0] - across * step[1]
+    point[1] += across * step[0] + along * step[1]

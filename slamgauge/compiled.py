@@ -1,0 +1,48 @@
+"""Compilation of kernels: by numba on first use, kept on disk for later processes.
+
+The machine code of a kernel includes that of the kernels it calls, but numba compares its age with its own source file
+alone: an edited kernel would live on in its callers. A folder that holds kernels therefore drops, when it is imported,
+machine code older than any of its sources (`drop_outdated`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+from numba import njit, typeof
+from numba.core.dispatcher import Dispatcher
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+
+def drop_outdated(package: Path) -> None:
+    """Remove numba's indices in the package's cache that are older than its newest source."""
+    newest = max((source.stat().st_mtime for source in package.rglob("*.py")), default=0.0)
+    for index in package.rglob("__pycache__/*.nbi"):
+        try:
+            if index.stat().st_mtime < newest:
+                index.unlink()
+        except OSError:  # another process was first, or the folder is not ours to write to
+            continue
+
+
+def kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Compile `function` on first call; machine code is cached on disk where that is possible."""
+    try:
+        return njit(cache=True, error_model="numpy")(function)
+    except RuntimeError:  # no folder that numba may write to
+        return njit(error_model="numpy")(function)
+
+
+def direct(function: Callable[Arguments, Result], *arguments: object) -> Callable[Arguments, Result]:
+    """The machine code of a kernel for arguments of these types, compiled if it is not yet.
+
+    A call then spares numba's look at every argument's type, a microsecond where there are a dozen arrays: they must be
+    of the same types each time. What is no kernel is returned as it is.
+    """
+    if not isinstance(function, Dispatcher):
+        return function
+    return function.compile(tuple(map(typeof, arguments)))
