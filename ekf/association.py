@@ -19,7 +19,7 @@ from scipy.special import chdtri
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.one_by_one import Gates
-from slamgauge.ekf.maps.checks import explain_scan, require_sensor, rows_of
+from slamgauge.ekf.maps.checks import require_sensor, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import Matcher, update_nearest
 from slamgauge.ekf.maps.members import Members, points
@@ -127,12 +127,11 @@ class AssociatingFilter:
             UserError: an update that has no solution; see `SlamFilter.update`.
         """
         given, given_covs = rows_of(observations, self._map.dim)
-        self._associated = self._associated[:0]
         if not len(given):
+            self._associated = self._associated[:0]
             return 0.0, 0
         values, covs = np.array(given, dtype=np.float64), np.array(given_covs, dtype=np.float64)
-        if not self._map.are_sound(values, covs):
-            raise explain_scan(self._map.sensor, values, covs)
+        self._map.require_sound(values, covs)
         associate = self._jointly if self._association.method == "jcbb" else self._one_by_one
         self._associated, nis, dof = associate(values, covs)
         self._tracks.close_scan(self._associated)

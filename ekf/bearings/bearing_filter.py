@@ -20,7 +20,7 @@ from slamgauge.ekf.bearings.ray_association import RayAssociation
 from slamgauge.ekf.bearings.rays import RayInitialiser
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.warm_up import compile_bearings_once
-from slamgauge.ekf.maps.checks import explain_scan, ids_of, require_gate, require_ids, rows_of
+from slamgauge.ekf.maps.checks import ids_of, require_gate, require_ids, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.members import Members, joined, points
@@ -58,6 +58,8 @@ class BearingFilter:
         association: Association | None = None,
     ) -> None:
         initialisation = Rays() if initialisation is None else initialisation
+        if not (association is None or isinstance(cast("object", association), Association)):
+            raise UserError(f"association: {association!r} is none; give Association(method, gate), or None")
         if association is not None and not isinstance(initialisation, Rays):
             raise UserError("association: only rays can be associated; give ids, or initialise by ekf.Rays")
         compile_bearings_once()
@@ -144,13 +146,12 @@ class BearingFilter:
         """
         require_gate(gate)
         given, given_covs = rows_of(observations, 1)
-        known = None if self._association is not None else ids_of(observations)
-        self._associated = self._associated[:0]
+        known = None if self._association is not None else ids_of(observations, len(given))
         if not len(given):
+            self._associated = self._associated[:0]
             return 0.0, 0
         values, covs = np.asarray(given, np.float64), np.asarray(given_covs, np.float64)
-        if not self._map.are_sound(values, covs):
-            raise explain_scan("bearing", values, covs)
+        self._map.require_sound(values, covs)
         if self._association is not None:
             ids = self._association.associate(self._owners(), values, covs)
         else:
