@@ -22,16 +22,15 @@ from slamgauge.ekf.kernels.one_by_one import Gates
 from slamgauge.ekf.maps.checks import require_sensor, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import Matcher, update_nearest
-from slamgauge.ekf.maps.members import Members, points
 from slamgauge.ekf.maps.rules import Correction, Rule, sequential_of
 from slamgauge.ekf.maps.tracks import Tracks
+from slamgauge.ekf.online import PointFilter
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.errors import UserError
-from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
 
 
-class AssociatingFilter:
+class AssociatingFilter(PointFilter):
     """`SlamFilter` for observations without ids.
 
     Args:
@@ -98,19 +97,6 @@ class AssociatingFilter:
     def standing(self, ids: Int) -> Int:
         """What has become of ids given earlier: merged ones have their survivor's, unconfirmed or deleted ones -1."""
         return self._tracks.standing(ids)
-
-    def whole_map(self) -> Members:
-        """Every confirmed landmark is a point."""
-        return points(self.landmark_ids, self.landmarks, self.landmark_covs)
-
-    def ray_log(self, members: Int) -> RayLog | None:  # noqa: ARG002
-        """None: there are no rays."""
-        return None
-
-    @property
-    def member_count(self) -> int:
-        """No landmark has members."""
-        return 0
 
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
         """Move by a body-frame increment; see `SlamFilter.predict`."""

@@ -33,13 +33,12 @@ from slamgauge.ekf.maps.checks import (
     rows_of,
     start_of,
 )
-from slamgauge.ekf.maps.members import Members, points
 from slamgauge.ekf.maps.rules import WHOLE_SCAN, Rule
-from slamgauge.estimate import RayLog
+from slamgauge.ekf.online import PointFilter
 from slamgauge.recording import OBSERVATION_DIM, Observations
 
 
-class CompressedFilter:
+class CompressedFilter(PointFilter):
     """Standard EKF-SLAM with known association; equal to `SlamFilter`, faster on large maps.
 
     Args:
@@ -122,23 +121,6 @@ class CompressedFilter:
     def associated(self) -> Int:
         """(m,) ids of the current step's observations, -1 where one was left out."""
         return self._local.associated
-
-    def standing(self, ids: Int) -> Int:
-        """What has become of ids given earlier: they are the user's own, and stay."""
-        return ids
-
-    def whole_map(self) -> Members:
-        """Every landmark is a point; settles the account of the area."""
-        return points(self.landmark_ids, self.landmarks, self.landmark_covs)
-
-    def ray_log(self, members: Int) -> RayLog | None:  # noqa: ARG002
-        """None: there are no rays."""
-        return None
-
-    @property
-    def member_count(self) -> int:
-        """No landmark has members."""
-        return 0
 
     def _account_for_new_landmarks(self, pose: Float, landmarks: Float) -> None:
         """Rows of T for landmarks (2L,) that have been mapped since: J_r times the robot's rows."""

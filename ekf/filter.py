@@ -9,17 +9,16 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.maps.checks import ids_of, require_gate, require_ids, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import are_within
-from slamgauge.ekf.maps.members import Members, points
 from slamgauge.ekf.maps.rules import Correction, Rule
+from slamgauge.ekf.online import PointFilter
 from slamgauge.errors import UserError
-from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
 
 LEFT_OUT = -1  # id of an observation that was beyond the gate
 NOTHING_SEEN: Int = np.zeros(0, dtype=np.int64)
 
 
-class SlamFilter:
+class SlamFilter(PointFilter):
     """Landmark EKF-SLAM with known association and one blocked update per step.
 
     Args:
@@ -118,23 +117,6 @@ class SlamFilter:
     def associated(self) -> Int:
         """(m,) ids of the current step's observations, -1 where one was left out."""
         return self._associated
-
-    def standing(self, ids: Int) -> Int:
-        """What has become of ids given earlier: they are the user's own, and stay."""
-        return ids
-
-    def whole_map(self) -> Members:
-        """Every landmark is a point."""
-        return points(self.map.ids, self.map.positions, self.map.position_covs)
-
-    def ray_log(self, members: Int) -> RayLog | None:  # noqa: ARG002
-        """None: there are no rays."""
-        return None
-
-    @property
-    def member_count(self) -> int:
-        """No landmark has members."""
-        return 0
 
     def _update(self, ids: Int, values: NDArray[np.generic], covs: NDArray[np.generic]) -> tuple[float, int]:
         if not len(ids):
