@@ -41,7 +41,7 @@ class AssociatingFilter(PointFilter):
         association: how observations find their landmarks.
 
     Raises:
-        UserError: a sensor, correction or method that does not exist or does not fit, or a prior that is none.
+        UserError: a sensor, correction or method that does not exist or does not fit, or an invalid prior.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class AssociatingFilter(PointFilter):
         require_sensor(sensor, ("range-bearing", "position"))
         self._map = LandmarkMap(sensor, prior_mean, prior_cov, correction, landmarks=32)
         if not isinstance(cast("object", association), Association):
-            raise UserError(f"association: {association!r} is none; give Association(method, gate)")
+            raise UserError(f"association: {association!r} is not one; give Association(method, gate)")
         if association.method == "nearest-neighbour":
             sequential_of(self._map.rule)
         self._association = association

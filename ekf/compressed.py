@@ -49,7 +49,7 @@ class CompressedFilter(PointFilter):
             third of that distance away; one and a half times the sensor's range serves well.
 
     Raises:
-        UserError: a sensor that does not exist or fit, a prior that is none, or no radius.
+        UserError: a sensor that does not exist or fit, an invalid prior, or an invalid radius.
     """
 
     def __init__(self, sensor: str, prior_mean: ArrayLike, prior_cov: ArrayLike, area_radius: float) -> None:

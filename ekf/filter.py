@@ -33,7 +33,7 @@ class SlamFilter(PointFilter):
         map: the belief and what else can be done with it (see `maps.landmark_map`); a robot needs none of it.
 
     Raises:
-        UserError: a sensor or correction that does not exist, a prior that is none, or no number of landmarks.
+        UserError: a sensor or correction that does not exist, an invalid prior, or an invalid number of landmarks.
     """
 
     def __init__(

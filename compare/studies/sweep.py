@@ -52,7 +52,7 @@ def split_sweep(text: str) -> tuple[str, tuple[str, ...]]:
     """Key and values of `key=v1,v2,...`.
 
     Raises:
-        UserError: it is none, a value stands there twice, or is no plain number or word.
+        UserError: the text has another form, a value appears twice, or is not a plain number or word.
     """
     key, _, rest = text.partition("=")
     values = tuple(value.strip() for value in rest.split(",") if value.strip())
@@ -93,7 +93,7 @@ def run_sweep(
         finished: called when the study of a value is done, with its folder, summary, runs and time step [s].
 
     Raises:
-        UserError: as `load_scenario` and `run_study`; before anything is run if what is not ours is in the way.
+        UserError: as `load_scenario` and `run_study`; before any run if a file that is not ours would be replaced.
     """
     key, values = split_sweep(sweep)
     scenarios = [load_scenario(name_or_path, [*overrides, f"{key}={value}"]) for value in values]
@@ -136,7 +136,7 @@ def _require_different(sweep: str, values: Sequence[str], scenarios: Sequence[Sc
 
 
 def _require_free(out: Path, studies: Sequence[str], optima: Sequence[str]) -> None:
-    """Refuse what is not ours in the way of any file of a sweep with studies and optima in these folders."""
+    """Refuse a sweep with studies and optima in these folders if it would replace a file that is not ours."""
     require_free(out, SWEEP_FILES)
     for folder in studies:
         require_free(require_folder(out, folder), STUDY_FILES)

@@ -26,7 +26,7 @@ def start_of(prior_mean: ArrayLike, prior_cov: ArrayLike) -> tuple[Float, Float]
     """Start pose (3,) and its covariance (3, 3).
 
     Raises:
-        UserError: they are none.
+        UserError: they are not a pose and a covariance.
     """
     return as_floats("prior_mean", prior_mean, (3,)), as_covariances("prior_cov", prior_cov, (3, 3))
 
@@ -44,14 +44,14 @@ def require_room(landmarks: int) -> int:
     except TypeError:
         count = -1
     if count < 0 or isinstance(landmarks, bool):
-        raise UserError(f"landmarks: {landmarks!r} is no number of landmarks; give a whole number, at least 0")
+        raise UserError(f"landmarks: {landmarks!r} is not a number of landmarks; give a whole number, at least 0")
     return count
 
 
 def require_radius(area_radius: float) -> None:
     """Refuse a radius that is no distance."""
     if not (is_number(area_radius) and area_radius > 0.0):
-        raise UserError(f"area_radius: {area_radius!r} m is no distance; choose it above 0")
+        raise UserError(f"area_radius: {area_radius!r} m is not a distance; choose it above 0")
 
 
 def require_gate(gate: float | None) -> None:
@@ -125,7 +125,9 @@ def rows_of(observations: Observations, dim: int) -> tuple[NDArray[np.generic], 
         values, covs = observations.value, observations.cov
     except AttributeError:
         kind = type(observations).__name__
-        raise UserError(f"observations: a {kind} is none; give slamgauge.Observations(landmark, value, cov)") from None
+        raise UserError(
+            f"observations: a {kind} is not a scan; give slamgauge.Observations(landmark, value, cov)"
+        ) from None
     if (
         isinstance(values, np.ndarray)  # pyright: ignore[reportUnnecessaryIsInstance]
         and isinstance(covs, np.ndarray)  # pyright: ignore[reportUnnecessaryIsInstance]

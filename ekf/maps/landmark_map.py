@@ -44,7 +44,7 @@ class LandmarkMap:
         landmarks: how many to make room for at first; the map grows beyond that by itself.
 
     Raises:
-        UserError: a sensor or correction that does not exist, a prior that is none, or no number of landmarks.
+        UserError: a sensor or correction that does not exist, an invalid prior, or an invalid number of landmarks.
     """
 
     def __init__(

@@ -65,7 +65,7 @@ class Association:
         check(self)
         managed = cast("object", self.map_management)
         if not (managed is None or isinstance(managed, MapManagement)):
-            raise UserError(f"map_management: {managed!r} is none; give MapManagement(), or None to go without")
+            raise UserError(f"map_management: {managed!r} is not one; give MapManagement(), or None to go without")
 
 
 NEAREST_NEIGHBOUR = Association()  # the practical's rule and gate

@@ -45,7 +45,7 @@ def gate_setting() -> float:
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is a real number; True and False are none."""
+    """Whether a value is a real number; True and False are not."""
     return not isinstance(value, bool) and isinstance(value, Real)
 
 
@@ -62,9 +62,9 @@ def mistake_of(each: Field[Any], owner: type, value: object) -> str:
     remedy = mistake.partition("; ")[2]
     if isinstance(each.default, float):
         if not (is_number(value) and math.isfinite(value)):  # pyright: ignore[reportArgumentType]
-            return f"{value!r} is no finite number; {remedy}"
+            return f"{value!r} is not a finite number; {remedy}"
     elif not (is_number(value) and isinstance(value, Integral)):
-        return f"{value!r} is no whole number; {remedy}"
+        return f"{value!r} is not a whole number; {remedy}"
     return "" if holds(value) else mistake.format(value)
 
 
@@ -112,7 +112,7 @@ def fitted(kind: type[Settings], reach: float, **chosen: object) -> Settings:
         UserError: the settings break a rule, or `reach` is no distance.
     """
     if not (is_number(reach) and 0.0 < reach < math.inf):
-        raise UserError(f"reach: {reach!r} is no distance; give metres above 0, for example 10")
+        raise UserError(f"reach: {reach!r} is not a distance; give metres above 0, for example 10")
     given = {key: value for key, value in chosen.items() if value is not None}
     suited = {each.name: each.metadata[_FITTED](reach) for each in fields(kind) if is_fitted(each)}  # pyright: ignore[reportArgumentType]
     return kind(**{**suited, **given})

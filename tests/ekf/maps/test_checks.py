@@ -242,7 +242,7 @@ def test_ids_that_are_no_numbers(kind: str, given: object) -> None:
 @EVERY
 @pytest.mark.parametrize("given", [None, 3, [[1.0, 2.0]], (np.arange(3), np.zeros((3, 2)))], ids=str)
 def test_what_is_no_scan(kind: str, given: object) -> None:
-    refusal = r"^observations: a \w+ is none; give slamgauge.Observations\(landmark, value, cov\)$"
+    refusal = r"^observations: a \w+ is not a scan; give slamgauge.Observations\(landmark, value, cov\)$"
     assert_refused(kind, lambda slam: slam.update(given), refusal)  # pyright: ignore[reportArgumentType]
 
 
@@ -334,7 +334,7 @@ def test_priors_that_are_none(mean: object, cov: object, match: str) -> None:
 
 @pytest.mark.parametrize("landmarks", [-1, 1.5, 3.0, "3", None, True, [3]], ids=str)
 def test_numbers_of_landmarks_that_are_none(landmarks: object) -> None:
-    refusal = r"^landmarks: \S+ is no number of landmarks; give a whole number, at least 0$"
+    refusal = r"^landmarks: \S+ is not a number of landmarks; give a whole number, at least 0$"
     with pytest.raises(UserError, match=refusal):
         SlamFilter("position", *START, landmarks=landmarks)  # pyright: ignore[reportArgumentType]
 
@@ -355,7 +355,7 @@ def test_associations_that_are_none() -> None:
         lambda: AssociatingFilter("position", *START, association="jcbb"),  # pyright: ignore[reportArgumentType]
         lambda: BearingFilter(*START, association="jcbb"),  # pyright: ignore[reportArgumentType]
     ):
-        with pytest.raises(UserError, match=r"^association: 'jcbb' is none; give Association\(method, gate\)"):
+        with pytest.raises(UserError, match=r"^association: 'jcbb' is not one; give Association\(method, gate\)"):
             make()
 
 
@@ -394,7 +394,7 @@ def test_other_unknown_names() -> None:
     ):
         AssociatingFilter("bearing", *START)
     for radius in (-1.0, 0.0, np.nan, "5", None, True):
-        with pytest.raises(UserError, match=r"^area_radius: \S+ m is no distance; choose it above 0$"):
+        with pytest.raises(UserError, match=r"^area_radius: \S+ m is not a distance; choose it above 0$"):
             CompressedFilter("position", *START, area_radius=radius)  # pyright: ignore[reportArgumentType]
 
 
@@ -468,7 +468,7 @@ def test_gates_that_are_none(kind: str, gate: object) -> None:
         assert isinstance(slam, (SlamFilter, CompressedFilter, BearingFilter))
         slam.update(scan(kind), gate=gate)  # pyright: ignore[reportArgumentType]
 
-    assert_refused(kind, act, r"^gate: \S+ (lets nothing pass|is no finite number); choose it above 0$")
+    assert_refused(kind, act, r"^gate: \S+ (lets nothing pass|is not a finite number); choose it above 0$")
     with pytest.raises(UserError) as refusal:
         Association(gate=gate)  # pyright: ignore[reportArgumentType]
     assert_refused(kind, act, f"^{re.escape(str(refusal.value))}$")  # one rule
