@@ -19,19 +19,18 @@ from scipy.special import chdtri
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.one_by_one import Gates
-from slamgauge.ekf.maps.checks import explain_scan, require_sensor, rows_of
+from slamgauge.ekf.maps.checks import require_sensor, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import Matcher, update_nearest
-from slamgauge.ekf.maps.members import Members, points
 from slamgauge.ekf.maps.rules import Correction, Rule, sequential_of
 from slamgauge.ekf.maps.tracks import Tracks
+from slamgauge.ekf.online import PointFilter
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.errors import UserError
-from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
 
 
-class AssociatingFilter:
+class AssociatingFilter(PointFilter):
     """`SlamFilter` for observations without ids.
 
     Args:
@@ -42,7 +41,7 @@ class AssociatingFilter:
         association: how observations find their landmarks.
 
     Raises:
-        UserError: a sensor, correction or method that does not exist or does not fit, or a prior that is none.
+        UserError: a sensor, correction or method that does not exist or does not fit, or an invalid prior.
     """
 
     def __init__(
@@ -56,7 +55,7 @@ class AssociatingFilter:
         require_sensor(sensor, ("range-bearing", "position"))
         self._map = LandmarkMap(sensor, prior_mean, prior_cov, correction, landmarks=32)
         if not isinstance(cast("object", association), Association):
-            raise UserError(f"association: {association!r} is none; give Association(method, gate)")
+            raise UserError(f"association: {association!r} is not one; give Association(method, gate)")
         if association.method == "nearest-neighbour":
             sequential_of(self._map.rule)
         self._association = association
@@ -99,19 +98,6 @@ class AssociatingFilter:
         """What has become of ids given earlier: merged ones have their survivor's, unconfirmed or deleted ones -1."""
         return self._tracks.standing(ids)
 
-    def whole_map(self) -> Members:
-        """Every confirmed landmark is a point."""
-        return points(self.landmark_ids, self.landmarks, self.landmark_covs)
-
-    def ray_log(self, members: Int) -> RayLog | None:  # noqa: ARG002
-        """None: there are no rays."""
-        return None
-
-    @property
-    def member_count(self) -> int:
-        """No landmark has members."""
-        return 0
-
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
         """Move by a body-frame increment; see `SlamFilter.predict`."""
         self._map.predict(increment, cov)
@@ -127,12 +113,11 @@ class AssociatingFilter:
             UserError: an update that has no solution; see `SlamFilter.update`.
         """
         given, given_covs = rows_of(observations, self._map.dim)
-        self._associated = self._associated[:0]
         if not len(given):
+            self._associated = self._associated[:0]
             return 0.0, 0
         values, covs = np.array(given, dtype=np.float64), np.array(given_covs, dtype=np.float64)
-        if not self._map.are_sound(values, covs):
-            raise explain_scan(self._map.sensor, values, covs)
+        self._map.require_sound(values, covs)
         associate = self._jointly if self._association.method == "jcbb" else self._one_by_one
         self._associated, nis, dof = associate(values, covs)
         self._tracks.close_scan(self._associated)

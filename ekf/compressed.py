@@ -24,15 +24,21 @@ from slamgauge.ekf.kernels.area_account import account_for_update
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.corrections import update_standard
 from slamgauge.ekf.kernels.workspace import Workspace
-from slamgauge.ekf.maps.checks import ids_of, require_sensor, rows_of, start_of
-from slamgauge.ekf.maps.members import Members, points
+from slamgauge.ekf.maps.checks import (
+    ids_of,
+    require_gate,
+    require_ids,
+    require_radius,
+    require_sensor,
+    rows_of,
+    start_of,
+)
 from slamgauge.ekf.maps.rules import WHOLE_SCAN, Rule
-from slamgauge.errors import UserError
-from slamgauge.estimate import RayLog
+from slamgauge.ekf.online import PointFilter
 from slamgauge.recording import OBSERVATION_DIM, Observations
 
 
-class CompressedFilter:
+class CompressedFilter(PointFilter):
     """Standard EKF-SLAM with known association; equal to `SlamFilter`, faster on large maps.
 
     Args:
@@ -43,13 +49,12 @@ class CompressedFilter:
             third of that distance away; one and a half times the sensor's range serves well.
 
     Raises:
-        UserError: a sensor that does not exist or fit, a prior that is none, or no radius.
+        UserError: a sensor that does not exist or fit, an invalid prior, or an invalid radius.
     """
 
     def __init__(self, sensor: str, prior_mean: ArrayLike, prior_cov: ArrayLike, area_radius: float) -> None:
         require_sensor(sensor, ("range-bearing", "position"))
-        if not area_radius > 0.0:
-            raise UserError(f"area_radius: {area_radius} m is no distance; choose it above 0")
+        require_radius(area_radius)
         self._sensor = sensor
         self._area_radius = area_radius
         self._ids: Int = np.zeros(0, dtype=np.int64)
@@ -99,11 +104,14 @@ class CompressedFilter:
 
     def update(self, observations: Observations, gate: float | None = None) -> tuple[float, int]:
         """Correct with all observations of one step, then map new landmarks; see `SlamFilter.update`."""
-        ids = ids_of(observations)
-        rows_of(observations, OBSERVATION_DIM[self._sensor])
+        values, covs = rows_of(observations, OBSERVATION_DIM[self._sensor])
+        ids = ids_of(observations, len(values))
+        require_gate(gate)
         outside = np.isin(ids, self._ids) & ~np.isin(ids, self._local.landmark_ids)
         travelled = np.hypot(*(self._local.pose - self._entry)[:2])
         if outside.any() or travelled > self._area_radius / 3.0:
+            require_ids(ids)
+            self._local.map.require_sound(values, covs)
             self._settle(ids)
         result = self._local.update(observations, gate)
         self._account_for_new_landmarks(self._local.pose, self._local.landmarks.ravel())
@@ -113,23 +121,6 @@ class CompressedFilter:
     def associated(self) -> Int:
         """(m,) ids of the current step's observations, -1 where one was left out."""
         return self._local.associated
-
-    def standing(self, ids: Int) -> Int:
-        """What has become of ids given earlier: they are the user's own, and stay."""
-        return ids
-
-    def whole_map(self) -> Members:
-        """Every landmark is a point; settles the account of the area."""
-        return points(self.landmark_ids, self.landmarks, self.landmark_covs)
-
-    def ray_log(self, members: Int) -> RayLog | None:  # noqa: ARG002
-        """None: there are no rays."""
-        return None
-
-    @property
-    def member_count(self) -> int:
-        """No landmark has members."""
-        return 0
 
     def _account_for_new_landmarks(self, pose: Float, landmarks: Float) -> None:
         """Rows of T for landmarks (2L,) that have been mapped since: J_r times the robot's rows."""

@@ -6,20 +6,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.maps.checks import explain_scan, ids_of, require_gate, require_ids, rows_of
+from slamgauge.ekf.maps.checks import ids_of, require_gate, require_ids, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import are_within
-from slamgauge.ekf.maps.members import Members, points
 from slamgauge.ekf.maps.rules import Correction, Rule
+from slamgauge.ekf.online import PointFilter
 from slamgauge.errors import UserError
-from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
 
 LEFT_OUT = -1  # id of an observation that was beyond the gate
 NOTHING_SEEN: Int = np.zeros(0, dtype=np.int64)
 
 
-class SlamFilter:
+class SlamFilter(PointFilter):
     """Landmark EKF-SLAM with known association and one blocked update per step.
 
     Args:
@@ -34,7 +33,7 @@ class SlamFilter:
         map: the belief and what else can be done with it (see `maps.landmark_map`); a robot needs none of it.
 
     Raises:
-        UserError: a sensor or correction that does not exist, or a prior that is none.
+        UserError: a sensor or correction that does not exist, an invalid prior, or an invalid number of landmarks.
     """
 
     def __init__(
@@ -106,11 +105,10 @@ class SlamFilter:
                 that is not positive definite; the filter is then unchanged, unless it had diverged (its own covariance
                 no longer positive definite).
         """
-        ids = ids_of(observations)
         values, covs = rows_of(observations, self.map.dim)
+        ids = ids_of(observations, len(values))
         if gate is not None:
             return self._update_gated(ids, values, covs, gate)
-        self._associated = NOTHING_SEEN
         result = self._update(ids, values, covs)
         self._associated = ids.copy()
         return result
@@ -119,23 +117,6 @@ class SlamFilter:
     def associated(self) -> Int:
         """(m,) ids of the current step's observations, -1 where one was left out."""
         return self._associated
-
-    def standing(self, ids: Int) -> Int:
-        """What has become of ids given earlier: they are the user's own, and stay."""
-        return ids
-
-    def whole_map(self) -> Members:
-        """Every landmark is a point."""
-        return points(self.map.ids, self.map.positions, self.map.position_covs)
-
-    def ray_log(self, members: Int) -> RayLog | None:  # noqa: ARG002
-        """None: there are no rays."""
-        return None
-
-    @property
-    def member_count(self) -> int:
-        """No landmark has members."""
-        return 0
 
     def _update(self, ids: Int, values: NDArray[np.generic], covs: NDArray[np.generic]) -> tuple[float, int]:
         if not len(ids):
@@ -153,8 +134,7 @@ class SlamFilter:
         require_ids(ids)
         if self.map.dim == 1:
             raise UserError("landmark: a bearing alone places no landmark; use slamgauge.ekf.BearingFilter")
-        if not self.map.are_sound(values, covs):
-            raise explain_scan(self.map.sensor, values, covs)
+        self.map.require_sound(values, covs)
         mapped = np.isin(ids, self.map.ids)
         first = np.zeros(len(ids), dtype=bool)
         first[np.unique(ids, return_index=True)[1]] = True
@@ -174,12 +154,10 @@ class SlamFilter:
     ) -> tuple[float, int]:
         require_gate(gate)
         values, covs = np.asarray(values, np.float64), np.asarray(covs, np.float64)
-        if not self.map.are_sound(values, covs):
-            raise explain_scan(self.map.sensor, values, covs)
+        self.map.require_sound(values, covs)
         kept = np.ones(len(ids), dtype=bool)
         rows = np.flatnonzero(np.isin(ids, self.map.ids))
         kept[rows] = are_within(self.map, self.map.slots_of(ids[rows]), values[rows], covs[rows], gate)
-        self._associated = NOTHING_SEEN
         result = self._update(ids[kept], values[kept], covs[kept])
         self._associated = np.where(kept, ids, LEFT_OUT)
         return result

@@ -1,4 +1,4 @@
-"""What all online filters have in common."""
+"""What all online filters have in common, and those among them of which every landmark is a point."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Protocol
 from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.maps.members import Members
+from slamgauge.ekf.maps.members import Members, points
 from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
 
@@ -69,3 +69,27 @@ class OnlineFilter(Protocol):
     def ray_log(self, members: Int) -> RayLog | None:
         """What became of rays, with the number of members (N+1,) after each step; None without rays."""
         ...
+
+
+class PointFilter(OnlineFilter, Protocol):
+    """An online filter of which every landmark is a point: there are no rays, and no members.
+
+    What ids become is what it is with known association: they are the user's own, and stay.
+    """
+
+    @property
+    def member_count(self) -> int:
+        """No landmark has members."""
+        return 0
+
+    def standing(self, ids: Int) -> Int:
+        """What has become of ids given earlier: they stay."""
+        return ids
+
+    def whole_map(self) -> Members:
+        """Every landmark is a point."""
+        return points(self.landmark_ids, self.landmarks, self.landmark_covs)
+
+    def ray_log(self, members: Int) -> RayLog | None:  # noqa: ARG002
+        """None: there are no rays."""
+        return None

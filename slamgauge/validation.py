@@ -14,6 +14,8 @@ from slamgauge.arrays import Float, Int
 from slamgauge.errors import UserError
 from slamgauge.se2 import wrap
 
+REAL = "fiu"  # kinds of numpy types that are real numbers
+
 
 def store(instance: object, **fields: object) -> None:
     """Store checked fields in a frozen dataclass; arrays become read-only."""
@@ -38,13 +40,21 @@ def _same(one: object, other: object) -> bool:
 
 def as_array(name: str, value: object, shape: tuple[int | None, ...]) -> Float:
     """A float64 copy of `value` with the given shape (None: any length)."""
-    try:
-        array = np.array(value, dtype=np.float64, order="C")
-    except (TypeError, ValueError):
-        raise UserError(f"{name}: not an array of numbers; give shape {_spell(shape)}") from None
+    array = as_numbers(name, value, f"give shape {_spell(shape)}")
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
         raise UserError(f"{name}: shape {array.shape} does not fit; give shape {_spell(shape)}")
     return array
+
+
+def as_numbers(name: str, value: object, remedy: str) -> Float:
+    """A float64 copy of `value` with whatever shape it has; letters are no numbers, nor are complex ones real."""
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind in f"{REAL}bO":  # of objects each is looked at as it becomes a float
+            return np.array(given, dtype=np.float64, order="C")
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise UserError(f"{name}: not an array of numbers; {remedy}")
 
 
 def _spell(shape: tuple[int | None, ...]) -> str:

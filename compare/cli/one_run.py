@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -121,17 +120,15 @@ class Evaluate:
         """Load, grade and, if asked to, write."""
         from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
         from slamgauge.compare.storage.files import load_recording, load_truth
-        from slamgauge.ekf.settings.rules import fitted
+        from slamgauge.ekf.settings.association import Association as FilterAssociation
+        from slamgauge.ekf.settings.rules import fitted, require
 
         recording = load_recording(self.recording)
         beside = self.recording.with_name("truth.npz")
         path = self.truth or (beside if beside.exists() else None)
         truth = None if path is None else load_truth(path)
         title = f"{self.recording.parent.resolve().name}/{self.recording.name}"
-        if not 0 < self.gate < math.inf:
-            raise UserError(f"gate {self.gate}: gives no bound; give a squared distance > 0, for example 9")
-        if not 0 < self.reach < math.inf:
-            raise UserError(f"reach {self.reach}: is no distance; give metres > 0, for example 10")
+        require(FilterAssociation, "gate", self.gate)
         settings = (
             Association(method=self.association, gate=self.gate),
             fitted(INITIALISATIONS[self.initialisation], self.reach),

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import slamgauge
 from slamgauge.compare.estimators.private_import import PrivateFolder, public
-from slamgauge.compare.storage.result_files import can_be_named
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 from slamgauge.near_names import did_you_mean
@@ -46,8 +45,9 @@ def address(text: str) -> Address:
         raise UserError(f"estimator {text!r}: {FORM}")
     if place.endswith(".py") and "." in Path(place).stem:
         raise UserError(f"estimator {text!r}: no Python module can have a dot in its name; rename the file")
-    if not label or set("/\\") & set(label) or not can_be_named(label):
-        raise UserError(f"estimator {text!r}: label {label!r} names files of results; give a word without slashes")
+    if not label.strip() or set("/\\") & set(label) or not label.isprintable():
+        remedy = "give a word without slashes, and with no blanks but plain ones"
+        raise UserError(f"estimator {text!r}: label {label!r} names files of results; {remedy}")
     return Address(text, label, place, attribute)
 
 

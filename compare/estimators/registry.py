@@ -1,4 +1,4 @@
-"""All that is said of an estimator of the box, once: to add one is a function and an entry here.
+"""Every built-in estimator, described once: adding one takes a function and an entry here.
 
 Nothing is imported before it is asked for, so that the help of a command that lists them answers at once.
 """

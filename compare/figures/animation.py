@@ -48,7 +48,7 @@ def animate(folder: Path, name: str | None, seconds: float, fps: int) -> str | N
 
     Raises:
         UserError: there are no results, no such estimate, the length makes no sense, or an animation that is not
-            ours is in the way.
+            ours would be replaced.
     """
     results = load_results(folder)
     shown, mapped = _chosen(results.estimates, name)

@@ -57,7 +57,7 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
 
     Args:
         name_or_path: A shipped name, or the path of a TOML file; a shipped name wins.
-        overrides: Each value is read as TOML, or as a bare string where it is none.
+        overrides: Each value is read as TOML, or as a bare string where it is not valid TOML.
 
     Raises:
         ScenarioError: With one line `where: key: what; remedy` for each mistake.

@@ -1,4 +1,4 @@
-"""Bounds on an estimator's errors as one assertion, for the tests of whoever writes a filter."""
+"""Bounds on an estimator's errors as one assertion, for the tests of anyone who writes a filter."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def compare_estimators(
     their entry in the registry of estimators, not the name that they are given here.
 
     Args:
-        truth: what is known of it.
+        truth: as much of the truth as is known.
         recording: what estimators see.
         estimators: by name.
         informed: the same measurements with their true noise and associations, which the yardsticks see; by

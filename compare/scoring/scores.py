@@ -93,7 +93,7 @@ def evaluate(
     """Score an estimate against the truth, the optimum of its own kind and the hindsight optimum.
 
     Args:
-        truth: what is known of it; None on real data without ground truth.
+        truth: as much of the truth as is known; None on real data without ground truth.
         recording: what the estimator was given.
         estimate: what it returned.
         optimum: iSAM2's estimate for a filtered one, batch's for a smoothed one.

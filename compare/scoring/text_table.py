@@ -20,7 +20,7 @@ def aligned(rows: Sequence[Sequence[str]], words: int) -> list[str]:
 
 
 def cell(value: float | None, form: str) -> str:
-    """A figure as `form` says, `-` where there is none."""
+    """A figure formatted by `form`, `-` where there is none."""
     return "-" if value is None else form.format(value)
 
 

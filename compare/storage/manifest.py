@@ -32,7 +32,7 @@ def owned(folder: Path) -> set[str]:
     """Names, relative to `folder`, of the files in it that are ours.
 
     Raises:
-        UserError: the manifest cannot be read, or is none that we have written.
+        UserError: the manifest cannot be read, or is not one that we have written.
     """
     path = folder / MANIFEST
     with explained(path, "read"):
@@ -52,24 +52,24 @@ def owned(folder: Path) -> set[str]:
 
 
 def require_free(folder: Path, names: Iterable[str], remedy: str = REMEDY) -> None:
-    """Refuse to write files of these names, relative to `folder`, if what is not ours is in the way of one.
+    """Refuse to write files of these names, relative to `folder`, if one would replace a file that is not ours.
 
     Raises:
-        UserError: the first such file, folder or link; or the manifest is none that we have written.
+        UserError: the first such file, folder or link; or the manifest is not one that we have written.
     """
     ours = owned(folder)
     for name in names:
         for above in _folders_above(name):
             require_folder(folder, above, remedy)
         if os.path.lexists(folder / name) and name not in ours:
-            raise UserError(f"{folder / name}: is in the way and not noted as slamgauge's own; {remedy}")
+            raise UserError(f"{folder / name}: exists already, and slamgauge has not written it; {remedy}")
 
 
 def require_folder(folder: Path, name: str, remedy: str = REMEDY) -> Path:
     """The folder `name` in `folder`, there or not; `UserError` if a file or a link bears that name."""
     path = folder / name
     if os.path.lexists(path) and (path.is_symlink() or not path.is_dir()):
-        raise UserError(f"{path}: is in the way and not noted as slamgauge's own; {remedy}")
+        raise UserError(f"{path}: exists already, and slamgauge has not written it; {remedy}")
     return path
 
 
@@ -85,10 +85,10 @@ def write_manifest(folder: Path, files: Iterable[str], moving: Mapping[str, Iter
 
 
 def begin_file(folder: Path, name: str) -> None:
-    """Make an empty file of ours, to be written in place, if there is none; ours it is from then on by its name.
+    """Make an empty file of ours, to be written in place, if there is none; from then on it is ours by its name.
 
     Raises:
-        UserError: what is not ours is in the way, or nothing can be written there.
+        UserError: a file that is not ours would be replaced, or nothing can be written there.
     """
     require_free(folder, [name])
     with explained(folder, "written"):
@@ -107,7 +107,7 @@ def digest_of(path: Path) -> str:
 
 
 def _parsed(path: Path) -> tuple[set[str], dict[str, list[str]]]:
-    """Names, and digests by name, of a manifest; everything in it is checked, as anybody may have written it."""
+    """Names, and digests by name, of a manifest; everything in it is checked, since anybody may have written it."""
     try:
         content: Any = json.loads(path.read_bytes())
     except (ValueError, RecursionError):

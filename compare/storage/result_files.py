@@ -1,4 +1,4 @@
-"""The names of the files that commands write, so that what is in the way is found before work starts."""
+"""The names of the files that commands write, so that a file that would be overwritten is found before work starts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ SQLITE_SIDE_FILES = ("-journal", "-shm", "-wal")  # SQLite makes and removes the
 
 
 def can_be_named(name: str) -> bool:
-    """Whether a file may bear this name: it has no control characters, and nothing that is no text."""
+    """Whether a file may bear this name: it has no control characters and no unpaired surrogates."""
     return not any(unicodedata.category(character) in ("Cc", "Cs") for character in name)
 
 

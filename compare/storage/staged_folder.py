@@ -20,8 +20,8 @@ def staged_folder(
 ) -> Generator[Path]:
     """A temporary folder whose files are published in `out` when the block ends, and dropped when it fails.
 
-    Only files that the manifest in `out` calls ours are replaced or removed; anything else in the way is refused and
-    left as it is. A new `out` appears in one atomic rename. In an existing one files are replaced one by one: if the
+    Only files that the manifest in `out` calls ours are replaced or removed; other files of these names are refused and
+    left as they are. A new `out` appears in one atomic rename. In an existing one files are replaced one by one: if the
     block wrote the file `last`, the old one is removed before and the new one put in place after all others, so that a
     folder which holds it is whole.
 

@@ -86,7 +86,7 @@ def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, exe
         UserError: bad names or numbers, or an estimator that failed, with the run.
     """
     if filter_name not in FILTERS:
-        raise UserError(f"filter: {filter_name!r} is none whose error can be split; use {', '.join(FILTERS)}")
+        raise UserError(f"filter: {filter_name!r} is not a filter whose error can be split; use {', '.join(FILTERS)}")
     if runs < 1:
         raise UserError(f"runs: {runs} is no budget; give at least 1")
     if seed < 0:

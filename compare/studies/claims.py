@@ -107,7 +107,7 @@ def judge_claims(runs: int, seed: int, out: Path, executor: Executor) -> Claims:
     """Carry out the studies that the claims need and `out` lacks, then judge every claim.
 
     Raises:
-        UserError: bad numbers, a store in `out` that holds another study, or what is not ours in the way of a file.
+        UserError: bad numbers, a store in `out` that holds another study, or a file that is not ours would be replaced.
     """
     if runs < 2:
         raise UserError(f"runs: {runs} show no spread; give at least 2")

@@ -56,7 +56,7 @@ class _Processes(Executor):
 
 
 def lost_worker(error: BaseException) -> bool:
-    """Whether a run did not end because the process that carried it did."""
+    """Whether a run is missing because the process that carried it has died."""
     scheduler = sys.modules.get("distributed.scheduler")  # loaded where a cluster carries the runs
     return isinstance(error, BrokenExecutor) or (scheduler is not None and isinstance(error, scheduler.KilledWorker))
 
@@ -66,7 +66,7 @@ def local_processes(jobs: int) -> Generator[Executor]:
     """Worker processes of this machine, each with one BLAS thread; they end with their parent, however it ends.
 
     Raises:
-        UserError: a worker died, and whoever waited for it did not go on without.
+        UserError: a worker died, and the caller did not carry on without it.
     """
     pin_blas_threads()
     others = set(multiprocessing.active_children())

@@ -85,7 +85,7 @@ def _outcome(name: str, estimator: Estimator, truth: Truth, recording: Recording
 
 
 def _failed(name: str, error: Exception) -> Outcome:
-    """What is known of a failure, in a line: a mistake, a refusal of the machine, or a defect and where it shows."""
+    """What is known of a failure, in one line: a mistake, a refusal of the machine, or a defect and where it shows."""
     if isinstance(error, UserError):
         return Outcome(name, error=str(error), transient=refused_by_the_machine(error))
     what = f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -75,7 +75,7 @@ class StudyStore:
         return set(self._connection.execute("SELECT run, estimator FROM outcome"))
 
     def add(self, run: int, seed: int, outcomes: Sequence[Outcome]) -> None:
-        """Store a run whole, without what may succeed another time; what is stored already stays."""
+        """Store a run whole, except for what may succeed another time; what is stored already stays."""
         rows = [
             (run, each.estimator, seed, each.kind, each.error, json.dumps(each.figures), each.series)
             for each in outcomes

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from slamgauge.compare.estimators.registry import is_yardstick
-from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.catalogue import columns
 from slamgauge.compare.scoring.runs import Runs
@@ -22,6 +22,7 @@ from slamgauge.compare.studies.summary import Failure, Summary, failure_lines, s
 from slamgauge.errors import UserError
 
 Finished = Callable[[Path, Summary, dict[str, Runs], float], None]
+Part = tuple[Scenario, list[str], Path]  # a study: its scenario, its estimators and its folder
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ def split_sweep(text: str) -> tuple[str, tuple[str, ...]]:
     """Key and values of `key=v1,v2,...`.
 
     Raises:
-        UserError: it is none, a value stands there twice, or is no plain number or word.
+        UserError: the text has another form, a value appears twice, or is not a plain number or word.
     """
     key, _, rest = text.partition("=")
     values = tuple(value.strip() for value in rest.split(",") if value.strip())
@@ -92,16 +93,13 @@ def run_sweep(
         finished: called when the study of a value is done, with its folder, summary, runs and time step [s].
 
     Raises:
-        UserError: as `load_scenario` and `run_study`; before anything is run if what is not ours is in the way.
+        UserError: as `load_scenario` and `run_study`; before any run if a file that is not ours would be replaced.
     """
     key, values = split_sweep(sweep)
     scenarios = [load_scenario(name_or_path, [*overrides, f"{key}={value}"]) for value in values]
+    _require_different(sweep, values, scenarios)
     optima = [name for name in estimators if is_yardstick(name)]
     others = [name for name in estimators if name not in optima]
-    for value, scenario in zip(values, scenarios, strict=True):
-        first = scenarios.index(scenario)
-        if values[first] != value:
-            raise UserError(f"sweep {sweep!r}: {values[first]} and {value} are the same value; name each once")
     if not others:
         raise UserError("estimators: a sweep needs one beside the optima; add a filter, for example ekf")
     folders = [f"{key}={value}" for value in values]
@@ -109,21 +107,36 @@ def run_sweep(
     _require_free(out, folders, besides if optima else [])
     summaries: list[Summary] = []
     for scenario, folder, beside in zip(scenarios, map(out.joinpath, folders), map(out.joinpath, besides), strict=True):
-        failures, loaded = tuple[Failure, ...](), dict[str, Runs]()
-        told = informed(scenario)
-        for part, names, where in ((scenario, others, folder), (told, optima, beside)):
-            if names:
-                failures += run_study(part, runs, seed, names, where, executor).failures
-                loaded |= load_runs(part, runs, seed, names, where)
-        summary = Summary(scenario.name, runs, seed, digest(scenario, seed), failures, summarise(loaded))
+        parts = ((scenario, others, folder), (informed(scenario), optima, beside))
+        summary, loaded = _run_parts(scenario, parts, runs, seed, executor)
         if finished is not None:
             finished(folder, summary, loaded, scenario.trajectory.step)
         summaries.append(summary)
     return Sweep(scenarios[0].name, key, runs, seed, values, tuple(summaries))
 
 
+def _run_parts(
+    scenario: Scenario, parts: Iterable[Part], runs: int, seed: int, executor: Executor
+) -> tuple[Summary, dict[str, Runs]]:
+    """Run the studies that make up one value of a sweep; their summary under `scenario`, and their runs."""
+    failures, loaded = tuple[Failure, ...](), dict[str, Runs]()
+    for told, names, where in parts:
+        if names:
+            failures += run_study(told, runs, seed, names, where, executor).failures
+            loaded |= load_runs(told, runs, seed, names, where)
+    return Summary(scenario.name, runs, seed, digest(scenario, seed), failures, summarise(loaded)), loaded
+
+
+def _require_different(sweep: str, values: Sequence[str], scenarios: Sequence[Scenario]) -> None:
+    """Refuse values that make the same scenario, such as 1 and 1.0."""
+    for value, scenario in zip(values, scenarios, strict=True):
+        first = values[scenarios.index(scenario)]
+        if first != value:
+            raise UserError(f"sweep {sweep!r}: {first} and {value} are the same value; name each once")
+
+
 def _require_free(out: Path, studies: Sequence[str], optima: Sequence[str]) -> None:
-    """Refuse what is not ours in the way of any file of a sweep with studies and optima in these folders."""
+    """Refuse a sweep with studies and optima in these folders if it would replace a file that is not ours."""
     require_free(out, SWEEP_FILES)
     for folder in studies:
         require_free(require_folder(out, folder), STUDY_FILES)

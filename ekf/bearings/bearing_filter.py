@@ -1,6 +1,6 @@
 """The online filter for bearings alone: provisional landmarks are the initialiser's, points are the map's.
 
-A landmark starts provisional, in the way of the chosen initialisation: as a ray of members (`rays`), in inverse depth
+A landmark starts as provisional, in the form of its initialisation: as a ray of members (`rays`), in inverse depth
 (`inverse_depth`), or waiting to be placed (`delayed`). What a scan sees of points corrects first, all at once; then the
 provisional ones have their turn.
 """
@@ -20,7 +20,7 @@ from slamgauge.ekf.bearings.ray_association import RayAssociation
 from slamgauge.ekf.bearings.rays import RayInitialiser
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.warm_up import compile_bearings_once
-from slamgauge.ekf.maps.checks import explain_scan, ids_of, require_gate, require_ids, rows_of
+from slamgauge.ekf.maps.checks import ids_of, require_gate, require_ids, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.members import Members, joined, points
@@ -45,7 +45,7 @@ class BearingFilter:
         association: how bearings find their landmarks; None where they have ids.
 
     Raises:
-        UserError: a correction or method that does not exist, a prior that is none, or an association for landmarks
+        UserError: a correction or method that does not exist, an invalid prior, or an association for landmarks
             that do not start as rays.
     """
 
@@ -58,6 +58,8 @@ class BearingFilter:
         association: Association | None = None,
     ) -> None:
         initialisation = Rays() if initialisation is None else initialisation
+        if not (association is None or isinstance(cast("object", association), Association)):
+            raise UserError(f"association: {association!r} is not one; give Association(method, gate), or None")
         if association is not None and not isinstance(initialisation, Rays):
             raise UserError("association: only rays can be associated; give ids, or initialise by ekf.Rays")
         compile_bearings_once()
@@ -85,7 +87,7 @@ class BearingFilter:
 
     @property
     def landmark_ids(self) -> Int:
-        """(L,) ids of the landmarks: points, and provisional ones of which something can be said."""
+        """(L,) ids of the landmarks: points, and provisional ones whose position can be stated."""
         return self._landmarks().landmark
 
     @property
@@ -100,7 +102,7 @@ class BearingFilter:
 
     @property
     def provisional(self) -> dict[int, int]:
-        """Landmarks that are no points yet, and how many members each has."""
+        """Landmarks that are not points yet, and how many members each has."""
         return self._provisional.counts
 
     @property
@@ -114,7 +116,7 @@ class BearingFilter:
         return self._associated
 
     def standing(self, ids: Int) -> Int:
-        """What has become of ids given earlier: -1 where the landmark is none any more, or not one yet."""
+        """What has become of ids given earlier: -1 where the landmark has been deleted, or is not confirmed yet."""
         return np.where(np.isin(ids, self.landmark_ids), ids, NONE)
 
     def ray_log(self, members: Int) -> RayLog | None:
@@ -144,13 +146,12 @@ class BearingFilter:
         """
         require_gate(gate)
         given, given_covs = rows_of(observations, 1)
-        known = None if self._association is not None else ids_of(observations)
-        self._associated = self._associated[:0]
+        known = None if self._association is not None else ids_of(observations, len(given))
         if not len(given):
+            self._associated = self._associated[:0]
             return 0.0, 0
         values, covs = np.asarray(given, np.float64), np.asarray(given_covs, np.float64)
-        if not self._map.are_sound(values, covs):
-            raise explain_scan("bearing", values, covs)
+        self._map.require_sound(values, covs)
         if self._association is not None:
             ids = self._association.associate(self._owners(), values, covs)
         else:
@@ -239,4 +240,4 @@ def _initialiser(landmarks: LandmarkMap, initialisation: Initialisation) -> Init
         return InverseDepthInitialiser(landmarks, initialisation)
     if isinstance(cast("object", initialisation), Delayed):
         return DelayedInitialiser(landmarks, initialisation)
-    raise UserError(f"initialisation: {initialisation!r} is none; give Rays(), InverseDepth() or Delayed()")
+    raise UserError(f"initialisation: {initialisation!r} is not one; give Rays(), InverseDepth() or Delayed()")

@@ -80,7 +80,7 @@ class DelayedInitialiser:
         return points
 
     def members(self) -> Members:
-        """None: nothing is said of a landmark before it is placed."""
+        """None: a landmark has no position before it is placed."""
         return NO_MEMBERS
 
     def member_ids(self) -> dict[int, Int]:

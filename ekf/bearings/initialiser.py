@@ -1,4 +1,4 @@
-"""What the initialisations of bearing-only landmarks have in common: they keep the landmarks that are no points yet."""
+"""What all initialisations of bearing-only landmarks share: they keep the landmarks that are not points yet."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Initialiser(Protocol):
         ...
 
     def members(self) -> Members:
-        """Where the landmarks may be; those of which nothing can be said have no row."""
+        """Where the landmarks may be; those whose position cannot be stated have no row."""
         ...
 
     def member_ids(self) -> dict[int, Int]:

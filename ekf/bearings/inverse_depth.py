@@ -59,7 +59,7 @@ class InverseDepthInitialiser:
         return dict.fromkeys(self._depths, 1)
 
     def observe(self, step: int, ids: list[int], values: Float, covs: Float) -> dict[int, int]:
-        """Correct with all bearings in one update, turn into points what is known well, initialise what is new."""
+        """Correct with all bearings in one update, turn well-known landmarks into points, initialise new ones."""
         seen = [row for row, landmark in enumerate(ids) if landmark in self._depths]
         if seen:
             self._correct(step, [ids[row] for row in seen], values[seen, 0], covs[seen, 0, 0])
@@ -107,7 +107,7 @@ class InverseDepthInitialiser:
                 self.forget(step, landmark)
 
     def _settle(self, step: int, landmark: int, points: dict[int, int]) -> None:
-        """Make a point of a landmark whose depth is known well enough, lose one that lies beyond infinity."""
+        """Make a point of a landmark whose depth is known well enough, drop one that lies beyond infinity."""
         if landmark not in self._depths:
             return
         depth = self._depths[landmark]

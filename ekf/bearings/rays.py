@@ -30,7 +30,7 @@ from slamgauge.ekf.settings.initialisation import Rays
 
 @dataclass
 class Ray:
-    """Members of a landmark that is no point yet: ids in the map, log weights (normalised), numbers at birth."""
+    """Members of a landmark that is not a point yet: ids in the map, log weights (normalised), numbers at birth."""
 
     members: Int
     log_weights: Float

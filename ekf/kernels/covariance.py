@@ -10,6 +10,16 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.compiled import kernel
 
 TILE = 64  # rows of `cov` that a strided pass keeps in cache
+ROUNDING = 1e-8  # of a correlation: ten times what `slamgauge.validation` allows, so that nothing it takes is refused
+
+
+@kernel
+def is_symmetric(one: float, other: float, product: float, largest: float) -> bool:
+    """Whether two opposite entries of a covariance are equal, but for rounding.
+
+    `product` is that of their variances, and `largest` the largest entry of the matrix.
+    """
+    return abs(one - other) <= ROUNDING * math.sqrt(abs(product)) + 1e-14 * largest
 
 
 @kernel

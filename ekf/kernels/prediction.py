@@ -11,10 +11,8 @@ import math
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.compiled import kernel
-from slamgauge.ekf.kernels.covariance import mirror_robot_block
+from slamgauge.ekf.kernels.covariance import ROUNDING, is_symmetric, mirror_robot_block
 from slamgauge.ekf.kernels.models import wrap
-
-ROUNDING = 1e-8  # of products of standard deviations; no stricter than `slamgauge.validation`
 
 
 @kernel
@@ -49,22 +47,37 @@ def predict(belief: Belief, increment: Float, increment_cov: Float) -> bool:
 
 @kernel
 def is_semidefinite(Q: Float) -> bool:
-    """Whether Q (3, 3) is symmetric with no negative eigenvalue, but for rounding; zero is legal."""
-    largest = max(abs(Q[0, 0]), abs(Q[1, 1]), abs(Q[2, 2]))
-    tiny = 1e-12 * largest
+    """Whether Q (3, 3) is symmetric with no negative eigenvalue, but for rounding; zero is legal.
+
+    The rule of `slamgauge.validation`, with more room for rounding: of the correlations, and of the entries themselves
+    where a variance is not positive, the smallest eigenvalue is at least -ROUNDING.
+    """
+    largest = 0.0
     for i in range(3):
-        if not Q[i, i] >= -tiny:
+        for j in range(3):
+            largest = max(largest, abs(Q[i, j]))
+    for i in range(3):
+        if not Q[i, i] >= -1e-11 * largest:
             return False
         for j in range(i):
-            product = abs(Q[i, i] * Q[j, j])
-            if Q[i, j] * Q[i, j] > product * (1.0 + ROUNDING) + tiny * largest:
+            if not is_symmetric(Q[i, j], Q[j, i], Q[i, i] * Q[j, j], largest):
                 return False
-            if abs(Q[i, j] - Q[j, i]) > ROUNDING * math.sqrt(product) + tiny:
-                return False
-    determinant = Q[0, 0] * (Q[1, 1] * Q[2, 2] - Q[1, 2] * Q[1, 2])
-    determinant -= Q[0, 1] * (Q[0, 1] * Q[2, 2] - Q[1, 2] * Q[0, 2])
-    determinant += Q[0, 2] * (Q[0, 1] * Q[1, 2] - Q[1, 1] * Q[0, 2])
-    return determinant >= -ROUNDING * abs(Q[0, 0] * Q[1, 1] * Q[2, 2]) - tiny * largest * largest
+    sx, sy, st = _unit(Q[0, 0]), _unit(Q[1, 1]), _unit(Q[2, 2])
+    xy, xt, yt = 0.5 * (Q[0, 1] + Q[1, 0]), 0.5 * (Q[0, 2] + Q[2, 0]), 0.5 * (Q[1, 2] + Q[2, 1])
+    xy, xt, yt = xy / (sx * sy), xt / (sx * st), yt / (sy * st)
+    xx, yy, tt = Q[0, 0] / (sx * sx) + ROUNDING, Q[1, 1] / (sy * sy) + ROUNDING, Q[2, 2] / (st * st) + ROUNDING
+    if not xx > 0.0:
+        return False
+    yy -= xy * xy / xx  # one variable eliminated after the other: all that is left must be positive
+    yt -= xy * xt / xx
+    tt -= xt * xt / xx
+    return yy > 0.0 and tt - yt * yt / yy > 0.0
+
+
+@kernel
+def _unit(variance: float) -> float:
+    """The standard deviation, 1 where there is none."""
+    return math.sqrt(variance) if variance > 0.0 else 1.0
 
 
 @kernel

@@ -7,12 +7,10 @@ import math
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.compiled import cholesky, combine_rows, kernel, solve_factor, subtract_gram
-from slamgauge.ekf.kernels.covariance import innovation_covariance, mirror_robot_block, project_covariance
+from slamgauge.ekf.kernels.covariance import innovation_covariance, is_symmetric, mirror_robot_block, project_covariance
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
 from slamgauge.ekf.kernels.models import RANGE_BEARING
 from slamgauge.ekf.kernels.workspace import BLOCK_CORRECTION, CORRECTION, Workspace
-
-ROUNDING = 1e-17  # of products of variances; no stricter than `slamgauge.validation`
 
 
 @kernel
@@ -85,6 +83,6 @@ def are_sound(sensor: int, values: Float, covs: Float) -> bool:
         product = R[0, 0] * R[1, 1]
         if not (R[0, 0] > 0.0 and product - R[0, 1] * R[1, 0] > 0.0 and math.isfinite(R[0, 0] + R[1, 1])):
             return False
-        if (R[0, 1] - R[1, 0]) ** 2 > ROUNDING * product:
+        if not is_symmetric(R[0, 1], R[1, 0], product, max(R[0, 0], R[1, 1])):
             return False
     return True

@@ -1,18 +1,22 @@
 """What online filters refuse at their boundary, in one line: what, where, remedy.
 
-On the way of every step only shapes are looked at here; numbers are looked at by the kernels (`take_in.are_sound`,
-`prediction.predict`), which leave everything as it was when they refuse. Why they did is found out afterwards.
+At every step only types and shapes are looked at here; the numbers are looked at by the kernels (`take_in.are_sound`,
+`prediction.predict`), which leave everything as it was when they refuse. Why they refused is found out afterwards.
 """
 
 from __future__ import annotations
+
+import operator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf.settings.association import Association
+from slamgauge.ekf.settings.rules import is_number, require
 from slamgauge.errors import UserError
 from slamgauge.recording import OBSERVATION_DIM, Observations
-from slamgauge.validation import as_covariances, as_floats, as_ints, require_rows
+from slamgauge.validation import REAL, as_covariances, as_floats, as_ints, as_numbers, require_rows
 
 DIVERGED = "every value is sound, so the filter has diverged; raise its noise, or start it anew"
 INCREMENT = "give an increment (dx, dy, dtheta) of the body frame in m, m, rad"
@@ -22,47 +26,64 @@ def start_of(prior_mean: ArrayLike, prior_cov: ArrayLike) -> tuple[Float, Float]
     """Start pose (3,) and its covariance (3, 3).
 
     Raises:
-        UserError: they are none.
+        UserError: they are not a pose and a covariance.
     """
     return as_floats("prior_mean", prior_mean, (3,)), as_covariances("prior_cov", prior_cov, (3, 3))
 
 
 def require_sensor(sensor: str, known: tuple[str, ...]) -> None:
     """Refuse a sensor that the filter cannot use."""
-    if sensor not in known:
+    if not isinstance(sensor, str) or sensor not in known:  # pyright: ignore[reportUnnecessaryIsInstance]
         raise UserError(f"sensor: {sensor!r} does not fit this filter; use one of {', '.join(known)}")
 
 
+def require_room(landmarks: int) -> int:
+    """How many landmarks to make room for, if that is a number of landmarks."""
+    try:
+        count = operator.index(landmarks)
+    except TypeError:
+        count = -1
+    if count < 0 or isinstance(landmarks, bool):
+        raise UserError(f"landmarks: {landmarks!r} is not a number of landmarks; give a whole number, at least 0")
+    return count
+
+
+def require_radius(area_radius: float) -> None:
+    """Refuse a radius that is no distance."""
+    if not (is_number(area_radius) and area_radius > 0.0):
+        raise UserError(f"area_radius: {area_radius!r} m is not a distance; choose it above 0")
+
+
 def require_gate(gate: float | None) -> None:
-    """Refuse a gate that is no squared distance."""
-    if gate is not None and not gate > 0.0:
-        raise UserError(f"gate: {gate} lets nothing pass; give a squared Mahalanobis distance above 0")
+    """Refuse a gate that `Association` would refuse; None is no gate."""
+    if gate is not None:
+        require(Association, "gate", gate)
 
 
 def load_increment(increment: ArrayLike, cov: ArrayLike, to: Float, cov_to: Float) -> None:
     """Copy an increment and its covariance into arrays (3,) and (3, 3).
 
     Raises:
-        UserError: they have other shapes.
+        UserError: they have other shapes, or are no real numbers.
     """
     if (
         isinstance(increment, np.ndarray)
         and increment.shape == (3,)
+        and increment.dtype.kind in REAL
         and isinstance(cov, np.ndarray)
         and cov.shape == (3, 3)
+        and cov.dtype.kind in REAL
     ):  # the way of almost every step
         to[:] = increment
         cov_to[:] = cov
         return
-    try:
-        given, given_cov = np.asarray(increment, dtype=np.float64), np.asarray(cov, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise UserError(f"increment: not an array of numbers; {INCREMENT}, and its covariance (3, 3)") from None
+    given = as_numbers("increment", increment, INCREMENT)
     if given.shape != (3,):
         controls = "; of controls (v, omega) over dt that is (v dt, 0, omega dt)" if given.size == 2 else ""
         raise UserError(f"increment: shape {given.shape} does not fit; {INCREMENT}{controls}")
+    remedy = "give shape (3, 3), of variances alone numpy.diag"
+    given_cov = as_numbers("increment_cov", cov, remedy)
     if given_cov.shape != (3, 3):
-        remedy = "give shape (3, 3), of variances alone numpy.diag"
         raise UserError(f"increment_cov: shape {given_cov.shape} does not fit; {remedy}")
     to[:] = given
     cov_to[:] = given_cov
@@ -78,36 +99,62 @@ def explain_increment(increment: Float, cov: Float) -> UserError:
     return UserError(f"increment_cov: {cov.tolist()} is no covariance; use (P + P.T) / 2, or raise its variances")
 
 
-def ids_of(observations: Observations) -> Int:
-    """Ids (m,) of the observations.
+def ids_of(observations: Observations, count: int) -> Int:
+    """Ids (m,) of `count` observations that `rows_of` has taken.
 
     Raises:
-        UserError: they have none, or these are no whole numbers.
+        UserError: they have none, these are no whole numbers, or there are more or fewer.
     """
-    if observations.landmark is None:
+    ids = observations.landmark
+    if ids is None:
         raise UserError("landmark: this filter needs known association; give the ids of the observations")
-    ids = np.asarray(observations.landmark)
-    if ids.ndim != 1 or ids.dtype != np.int64:
+    if not isinstance(ids, np.ndarray) or ids.ndim != 1 or ids.dtype != np.int64:  # pyright: ignore[reportUnnecessaryIsInstance]
         ids = as_ints("landmark", ids, (None,))
-    if len(ids) != len(observations.value):
-        raise UserError(f"landmark: {len(ids)} ids for {len(observations.value)} observations; give one for each")
+    if len(ids) != count:
+        raise UserError(f"landmark: {len(ids)} ids for {count} observations; give one for each")
     return ids
 
 
 def rows_of(observations: Observations, dim: int) -> tuple[NDArray[np.generic], NDArray[np.generic]]:
-    """Values (m, dim) and covariances (m, dim, dim) of the observations; only their shapes are looked at.
+    """Values (m, dim) and covariances (m, dim, dim) of the observations; empty lists are no observations.
 
     Raises:
-        UserError: they have other shapes.
+        UserError: they have other shapes, or are no real numbers.
     """
-    values, covs = np.asarray(observations.value), np.asarray(observations.cov)
-    count = len(values)
-    if values.shape != (count, dim):
-        raise UserError(f"observation: shape {values.shape} does not fit this sensor; give shape ({count}, {dim})")
-    if covs.shape != (count, dim, dim):
-        shapes = f"shape {covs.shape} does not fit {count} observations"
-        raise UserError(f"observation_cov: {shapes}; give shape ({count}, {dim}, {dim})")
-    return values, covs
+    try:
+        values, covs = observations.value, observations.cov
+    except AttributeError:
+        kind = type(observations).__name__
+        raise UserError(
+            f"observations: a {kind} is not a scan; give slamgauge.Observations(landmark, value, cov)"
+        ) from None
+    if (
+        isinstance(values, np.ndarray)  # pyright: ignore[reportUnnecessaryIsInstance]
+        and isinstance(covs, np.ndarray)  # pyright: ignore[reportUnnecessaryIsInstance]
+        and values.dtype.kind in REAL
+        and covs.dtype.kind in REAL
+        and values.shape[1:] == (dim,)
+        and covs.shape == (len(values), dim, dim)
+    ):  # the way of almost every step
+        return values, covs
+    return _rows_of_anything(values, covs, dim)
+
+
+def _rows_of_anything(values: ArrayLike, covs: ArrayLike, dim: int) -> tuple[Float, Float]:
+    """What `rows_of` gives, of lists and other things that numpy can make arrays of."""
+    given = as_numbers("observation", values, f"give shape (any, {dim})")
+    if given.shape == (0,):
+        given = given.reshape(0, dim)
+    count = len(given) if given.ndim else 1
+    if given.shape != (count, dim):
+        raise UserError(f"observation: shape {given.shape} does not fit this sensor; give shape ({count}, {dim})")
+    remedy = f"give shape ({count}, {dim}, {dim})"
+    given_covs = as_numbers("observation_cov", covs, remedy)
+    if count == 0 and given_covs.shape == (0,):
+        given_covs = given_covs.reshape(0, dim, dim)
+    if given_covs.shape != (count, dim, dim):
+        raise UserError(f"observation_cov: shape {given_covs.shape} does not fit {count} observations; {remedy}")
+    return given, given_covs
 
 
 def explain_scan(sensor: str, values: ArrayLike, covs: ArrayLike) -> UserError:

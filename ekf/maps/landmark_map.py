@@ -21,7 +21,14 @@ from slamgauge.ekf.kernels.models import BEARING, RANGE_BEARING, SENSOR_CODES
 from slamgauge.ekf.kernels.take_in import are_sound
 from slamgauge.ekf.kernels.warm_up import compile_once
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
-from slamgauge.ekf.maps.checks import explain_increment, explain_scan, load_increment, require_sensor, start_of
+from slamgauge.ekf.maps.checks import (
+    explain_increment,
+    explain_scan,
+    load_increment,
+    require_room,
+    require_sensor,
+    start_of,
+)
 from slamgauge.ekf.maps.rules import Correction, Rule, rule_of
 from slamgauge.errors import UserError
 
@@ -37,7 +44,7 @@ class LandmarkMap:
         landmarks: how many to make room for at first; the map grows beyond that by itself.
 
     Raises:
-        UserError: a sensor or correction that does not exist, or a prior that is none.
+        UserError: a sensor or correction that does not exist, an invalid prior, or an invalid number of landmarks.
     """
 
     def __init__(
@@ -46,12 +53,13 @@ class LandmarkMap:
         require_sensor(sensor, tuple(SENSOR_CODES))
         self.rule = rule_of(correction)
         mean, cov = start_of(prior_mean, prior_cov)
+        room = require_room(landmarks)
         compile_once()
         self.sensor = sensor
         self.code = SENSOR_CODES[sensor]
         self.dim = 1 if self.code == BEARING else 2
         rule = self.rule
-        self.belief: Belief = allocate_belief(landmarks, first_estimates=rule.first_estimates, form=rule.form)
+        self.belief: Belief = allocate_belief(room, first_estimates=rule.first_estimates, form=rule.form)
         self.belief.state[:3] = self.belief.point[:3] = mean
         self.belief.cov[:3, :3] = cov
         self.ids: Int = np.zeros(0, dtype=np.int64)  # in the order of slots
@@ -136,11 +144,12 @@ class LandmarkMap:
         if not self._predict(self.belief, self._increment, self._increment_cov):
             raise explain_increment(self._increment, self._increment_cov)
 
-    def are_sound(self, values: Float, covs: Float) -> bool:
-        """Whether observations (m, d), (m, d, d) are such as a `Recording` may have."""
+    def require_sound(self, values: NDArray[np.generic], covs: NDArray[np.generic]) -> None:
+        """Refuse observations (m, d), (m, d, d) that a `Recording` could not have; nothing has changed."""
         work = self.room_for(len(values))
         self.load(values, covs)
-        return are_sound(self.code, work.observation[: len(values)], work.observation_cov[: len(values)])
+        if not are_sound(self.code, work.observation[: len(values)], work.observation_cov[: len(values)]):
+            raise explain_scan(self.sensor, values, covs)
 
     def find(self, ids: ArrayLike, count: int) -> bool:
         """Look up the slots of `count` landmarks for `correct_found`; False if one is not mapped."""

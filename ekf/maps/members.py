@@ -13,7 +13,7 @@ POINT = -1  # number of a landmark that has no members
 
 
 class Members(NamedTuple):
-    """A row for every point, and for every member of a landmark that is none yet."""
+    """A row for every point, and for every member of a landmark that is not a point yet."""
 
     landmark: Int  # (k,) id
     number: Int  # (k,) along the ray, from 0; POINT for a landmark that is a point

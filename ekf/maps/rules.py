@@ -1,4 +1,4 @@
-"""The corrections that there are: one table, from which their names, estimators and checks are derived.
+"""The table of corrections, from which their names, estimators and checks are derived.
 
 A new correction is a row here, with its kernel in `kernels.corrections` or `kernels.linearisation`, a callable in
 `slamgauge.ekf.estimators`, and its entry in the registry of `slamgauge.compare.estimators`.
@@ -90,7 +90,7 @@ def rule_of(correction: Correction | Rule) -> Rule:
     """The rule of that name, or the rule itself.
 
     Raises:
-        UserError: there is none of that name.
+        UserError: there is no correction of that name.
     """
     if isinstance(correction, Rule):
         if correction.block < 1:
@@ -99,7 +99,9 @@ def rule_of(correction: Correction | Rule) -> Rule:
             raise UserError("correction: the iterated update takes in a whole scan at a time; give block=WHOLE_SCAN")
         return correction
     if not isinstance(cast("object", correction), str):
-        raise UserError(f"correction: {correction!r} is none; use one of {', '.join(RULES)}, or a Rule of your own")
+        raise UserError(
+            f"correction: {correction!r} is not a correction; use one of {', '.join(RULES)}, or a Rule of your own"
+        )
     if correction in RULES:
         return RULES[correction]
     if correction in CORRECTIONS:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
-from slamgauge.ekf.settings.rules import check, setting
+from slamgauge.ekf.settings.rules import check, gate_setting, setting
 from slamgauge.errors import UserError
 
 Method = Literal["nearest-neighbour", "jcbb"]
@@ -57,12 +57,15 @@ class Association:
     """
 
     method: Method = "nearest-neighbour"
-    gate: float = setting(9.0, lambda g: g > 0.0, "{} lets nothing pass; choose it above 0")
+    gate: float = gate_setting()
     map_management: MapManagement | None = None
     node_limit: int = setting(20_000, lambda n: n >= 1, "{} pairs are no search; choose at least 1")
 
     def __post_init__(self) -> None:
         check(self)
+        managed = cast("object", self.map_management)
+        if not (managed is None or isinstance(managed, MapManagement)):
+            raise UserError(f"map_management: {managed!r} is not one; give MapManagement(), or None to go without")
 
 
 NEAREST_NEIGHBOUR = Association()  # the practical's rule and gate

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.ekf.settings.rules import check, setting
+from slamgauge.ekf.settings.rules import check, gate_setting, setting
 from slamgauge.errors import UserError
 
 Sharing = Literal["federated", "uniform", "none", "best", "weights"]
@@ -36,11 +36,9 @@ class Rays:
     alpha: float = setting(0.3, lambda a: 0.0 < a < 1.0, "{} is no share of a distance; choose it above 0 and below 1")
     beta: float = setting(2.0, lambda b: b > 1.0, "{} makes no progression; choose it above 1")
     s_min: float = setting(1.0, lambda s: s > 0.0, "{} m is no distance; choose it above 0")
-    s_max: float = setting(
-        10.0, lambda s: 0.0 < s < math.inf, "{} m is no distance; choose it above 0 and finite", lambda reach: reach
-    )
+    s_max: float = setting(10.0, lambda s: s > 0.0, "{} m is no distance; choose it above 0", lambda reach: reach)
     threshold: float = setting(1e-3, lambda t: 0.0 < t < 1.0, "{} prunes all or nothing; choose it in (0, 1)")
-    gate: float = setting(9.0, lambda g: g > 0.0, "{} lets nothing pass; choose it above 0")
+    gate: float = gate_setting()
     lost_after: int = setting(3, lambda n: n >= 1, "{} loses a ray by no failure; choose at least 1")
     sharing: Sharing = "federated"
 
@@ -78,7 +76,7 @@ class InverseDepth:
         0.05, lambda s: s > 0.0, "{} 1/m leaves nothing to find out; choose it above 0", lambda reach: 0.5 / reach
     )
     linearity: float = setting(0.1, lambda x: x > 0.0, "{} is never reached; choose it above 0")
-    gate: float = setting(9.0, lambda g: g > 0.0, "{} lets nothing pass; choose it above 0")
+    gate: float = gate_setting()
     lost_after: int = setting(3, lambda n: n >= 1, "{} loses a landmark by no failure; choose at least 1")
 
     def __post_init__(self) -> None:

@@ -5,9 +5,11 @@ A field's rule is kept in its metadata, so that readers of files can apply it to
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import Field, field, fields
 from functools import cache
+from numbers import Integral, Real
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from slamgauge.errors import UserError
@@ -37,13 +39,33 @@ def setting(
     return field(default=default, metadata=metadata)  # pyright: ignore[reportReturnType]
 
 
+def gate_setting() -> float:
+    """A field for the largest squared Mahalanobis distance at which an observation is a landmark's."""
+    return setting(9.0, lambda g: g > 0.0, "{} lets nothing pass; choose it above 0")
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is a real number; True and False are not."""
+    return not isinstance(value, bool) and isinstance(value, Real)
+
+
 def mistake_of(each: Field[Any], owner: type, value: object) -> str:
     """What is wrong with a value of a field, and a remedy; nothing if it can be."""
     words = choices(owner).get(each.name)
     if words is not None:
-        return "" if value in words else f"{value!r} is not known; {did_you_mean(str(value), words)}"
-    holds: Callable[[object], bool] | None = each.metadata.get(_HOLDS)
-    return "" if holds is None or holds(value) else each.metadata[_MISTAKE].format(value)
+        known = isinstance(value, str) and value in words
+        return "" if known else f"{value!r} is not known; {did_you_mean(str(value), words)}"
+    if _HOLDS not in each.metadata:
+        return ""
+    holds: Callable[[object], bool] = each.metadata[_HOLDS]
+    mistake: str = each.metadata[_MISTAKE]
+    remedy = mistake.partition("; ")[2]
+    if isinstance(each.default, float):
+        if not (is_number(value) and math.isfinite(value)):  # pyright: ignore[reportArgumentType]
+            return f"{value!r} is not a finite number; {remedy}"
+    elif not (is_number(value) and isinstance(value, Integral)):
+        return f"{value!r} is not a whole number; {remedy}"
+    return "" if holds(value) else mistake.format(value)
 
 
 @cache
@@ -53,19 +75,29 @@ def choices(owner: type) -> dict[str, tuple[str, ...]]:
     return {key: get_args(hint) for key, hint in hints.items() if get_origin(hint) is Literal}
 
 
+def require(owner: type, key: str, value: object) -> None:
+    """Refuse a value that the field `key` of a dataclass of settings cannot have.
+
+    Raises:
+        UserError: naming the field, the value and a remedy.
+    """
+    (each,) = (each for each in fields(owner) if each.name == key)
+    mistake = mistake_of(each, owner, value)
+    if mistake:
+        raise UserError(f"{key}: {mistake}")
+
+
 def check(settings: Any) -> None:
-    """Refuse settings that break a field's rule; a whole number where a float is meant becomes one.
+    """Refuse settings that break a field's rule; numbers become plain ones of the field's own type.
 
     Raises:
         UserError: naming the field, its value and a remedy.
     """
     for each in fields(settings):
-        mistake = mistake_of(each, type(settings), getattr(settings, each.name))
-        if mistake:
-            raise UserError(f"{each.name}: {mistake}")
         value = getattr(settings, each.name)
-        if isinstance(each.default, float) and type(value) is int:  # kernels would be compiled anew for it
-            object.__setattr__(settings, each.name, float(value))
+        require(type(settings), each.name, value)
+        if _HOLDS in each.metadata:  # kernels would be compiled anew for another type
+            object.__setattr__(settings, each.name, type(each.default)(value))
 
 
 def is_fitted(each: Field[Any]) -> bool:
@@ -77,8 +109,10 @@ def fitted(kind: type[Settings], reach: float, **chosen: object) -> Settings:
     """Settings of a dataclass for a sensor that sees `reach` [m]: what is not chosen, or None, follows from it.
 
     Raises:
-        UserError: the settings break a rule.
+        UserError: the settings break a rule, or `reach` is no distance.
     """
+    if not (is_number(reach) and 0.0 < reach < math.inf):
+        raise UserError(f"reach: {reach!r} is not a distance; give metres above 0, for example 10")
     given = {key: value for key, value in chosen.items() if value is not None}
     suited = {each.name: each.metadata[_FITTED](reach) for each in fields(kind) if is_fitted(each)}  # pyright: ignore[reportArgumentType]
     return kind(**{**suited, **given})

@@ -78,7 +78,7 @@ def test_evaluate_associates_as_it_is_told(folder: Path, capsys: pytest.CaptureF
 
 def test_what_is_refused(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert run("evaluate", folder / "recording.npz", "--gate", 0) == 2
-    assert "gate 0.0: gives no bound" in capsys.readouterr().err
+    assert "gate: 0.0 lets nothing pass; choose it above 0" in capsys.readouterr().err
     alone = tmp_path / "recording.npz"
     alone.write_bytes((folder / "recording.npz").read_bytes())
     assert run("evaluate", alone, "--estimators", "ekf,batch") == 2

@@ -130,7 +130,7 @@ def test_files_in_the_way_are_refused_before_any_work(
         monkeypatch.setattr(f"slamgauge.compare.{work}", lambda *_, **__: pytest.fail("work was begun"))  # pyright: ignore[reportUnknownLambdaType]
     assert command(name, tmp_path) == 2
     remedy = "move it away" if name == "animate" else "move it away or give another --out"
-    refusal = f"slamgauge: {path}: is in the way and not noted as slamgauge's own; {remedy}\n"
+    refusal = f"slamgauge: {path}: exists already, and slamgauge has not written it; {remedy}\n"
     assert capsys.readouterr() == ("", refusal)
     assert contents(tmp_path) == before
 
@@ -187,5 +187,5 @@ def test_no_store_is_written_through_a_link(
     (out / place).parent.mkdir(parents=True)
     (out / place).symlink_to(elsewhere / "study.sqlite" if name == "study" else elsewhere)
     assert command(name, out) == 2
-    assert f"{out / place}: is in the way and not noted as slamgauge's own" in capsys.readouterr().err
+    assert f"{out / place}: exists already, and slamgauge has not written it" in capsys.readouterr().err
     assert list(elsewhere.iterdir()) == []

@@ -122,7 +122,7 @@ def test_a_failure_removes_no_outdated_file(tmp_path: Path):
 
 
 def in_the_way(path: Path) -> str:
-    return f"^{path}: is in the way and not noted as slamgauge's own; move it away or give another --out$"
+    return f"^{path}: exists already, and slamgauge has not written it; move it away or give another --out$"
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -11,9 +13,12 @@ from random_recordings import random_covariances
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import AssociatingFilter, Association, BearingFilter, CompressedFilter, OnlineFilter, SlamFilter
 from slamgauge.ekf.kernels.corrections import update_standard
+from slamgauge.ekf.kernels.models import RANGE_BEARING
 from slamgauge.ekf.kernels.prediction import is_semidefinite
+from slamgauge.ekf.kernels.take_in import are_sound
 from slamgauge.ekf.maps.rules import CORRECTIONS, RULES, Rule
-from slamgauge.recording import Observations
+from slamgauge.errors import UserError
+from slamgauge.recording import Observations, Recording
 from slamgauge.validation import as_covariances
 
 START = (np.array([0.1, 0.2, 0.3]), 1e-4 * np.eye(3))
@@ -41,22 +46,24 @@ def scan(kind: str, count: int = 3, first: int = 0) -> Observations:
 
 
 def started(kind: str) -> OnlineFilter:
-    """A filter on its way, with landmarks."""
+    """A filter on its way, with landmarks, some of which it has just seen."""
     slam = FILTERS[kind]()
     for _ in range(3):
         slam.update(scan(kind))
         slam.predict([0.1, 0.0, 0.01], np.diag([1e-4, 0.0, 1e-6]))
+    slam.update(scan(kind, count=2))
     return slam
 
 
 def belief_of(slam: OnlineFilter) -> list[Float | Int]:
-    return [slam.pose, slam.pose_cov, slam.landmark_ids, slam.landmarks, slam.landmark_covs]
+    return [slam.pose, slam.pose_cov, slam.landmark_ids, slam.landmarks, slam.landmark_covs, slam.associated]
 
 
 def assert_refused(kind: str, act: Callable[[OnlineFilter], object], match: str) -> None:
     slam = started(kind)
     before = belief_of(slam)
-    with pytest.raises(ValueError, match=match) as refusal:
+    with warnings.catch_warnings(), pytest.raises(UserError, match=match) as refusal:
+        warnings.simplefilter("error")
         act(slam)
     assert "\n" not in str(refusal.value)
     for now, then in zip(belief_of(slam), before, strict=True):
@@ -92,20 +99,74 @@ def test_increments_that_are_none(kind: str, increment: object, cov: object, mat
     assert_refused(kind, lambda slam: slam.predict(increment, cov), match)  # pyright: ignore[reportArgumentType]
 
 
-def test_increments_that_a_recording_may_have_are_taken() -> None:
-    """Singular ones, ones of rank one, and rounding: the kernel refuses none that `validation` lets pass."""
-    rng, taken = np.random.default_rng(0), 0
-    for _ in range(3000):
-        root = rng.normal(size=(3, int(rng.integers(1, 4)))) * 10 ** rng.uniform(-6, 1, (3, 1))
-        root[rng.random(3) < 0.2] = 0.0
-        Q = root @ root.T + 1e-13 * rng.normal(size=(3, 3)) * np.sqrt((root**2).sum(1) @ np.ones(3)) ** 2
-        try:
-            Q = as_covariances("Q", Q[None], (1, 3, 3))[0]
-        except ValueError:
-            continue
-        assert is_semidefinite(Q)
-        taken += 1
-    assert taken > 300
+# of every kind numpy can make of what people give; each stands for an increment (3,), a covariance, values or ids
+NO_NUMBERS: dict[str, object] = {
+    "letters": np.array(["a", "b", "c"]),
+    "digits": np.array(["1", "2", "3"]),
+    "list of letters": ["a", "b", "c"],
+    "complex": np.array([1.0 + 2.0j, 0.0, 0.0]),
+    "list of complex": [1.0 + 2.0j, 0.0, 0.0],
+    "ragged": [[1.0, 2.0], [3.0]],
+    "dates": np.array(["2020-01-01"] * 3, dtype="datetime64[s]"),
+    "scalar": 1.0,
+    "none": None,
+    "objects": np.array([1.0, None, "c"], dtype=object),
+    "a table": {"x": 1.0},
+}
+
+
+@EVERY
+@pytest.mark.parametrize("given", NO_NUMBERS.values(), ids=NO_NUMBERS)
+def test_increments_that_are_no_numbers(kind: str, given: object) -> None:
+    refusal = r"^increment: (not an array of numbers|shape \(\) does not fit); give an increment \(dx, dy, dtheta\)"
+    assert_refused(kind, lambda slam: slam.predict(given, np.eye(3)), refusal)  # pyright: ignore[reportArgumentType]
+    square = np.tile(given, (3, 1)) if isinstance(given, np.ndarray) else given
+    refusal = r"^increment_cov: (not an array of numbers|shape \(\) does not fit); give shape \(3, 3\)"
+    assert_refused(kind, lambda slam: slam.predict(np.zeros(3), square), refusal)  # pyright: ignore[reportArgumentType]
+
+
+def spoiled(rng: np.random.Generator, dim: int) -> Float:
+    """A matrix that is a covariance but for rounding, a variance that is zero, or an entry that should not be there."""
+    root = rng.normal(size=(dim, int(rng.integers(1, dim + 1)))) * 10 ** rng.uniform(-6, 3, (dim, 1))
+    root[rng.random(dim) < 0.3] = 0.0
+    P, noise = root @ root.T, rng.normal(size=(dim, dim)) * 10 ** rng.uniform(-14, -3)
+    noise += noise.T if rng.random() < 0.7 else 0.0
+    scale = np.sqrt(np.outer(np.diag(P), np.diag(P))) if rng.random() < 0.5 else 1.0
+    return P + noise * scale * (rng.random((dim, dim)) < 0.5)
+
+
+def is_taken(P: Float, *, definite: bool) -> bool:
+    try:
+        as_covariances("P", P[None], (1, *P.shape), definite=definite)
+    except UserError:
+        return False
+    return True
+
+
+def test_covariances_that_a_recording_may_have_are_taken() -> None:
+    """The kernels refuse none that `validation` lets pass, and of those that it refuses by far the most."""
+    rng, taken, refused = np.random.default_rng(0), 0, 0
+    for _ in range(5000):
+        Q, R = spoiled(rng, 3), spoiled(rng, 2)
+        good = is_taken(Q, definite=False)
+        assert is_semidefinite(Q) or not good
+        assert are_sound(RANGE_BEARING, np.ones((1, 2)), R[None]) or not is_taken(R, definite=True)
+        taken, refused = taken + good, refused + (not good and not is_semidefinite(Q))
+    assert taken > 1000
+    assert refused > 1000
+    assert taken + refused > 4500
+
+
+@EVERY
+def test_an_entry_beside_a_zero_variance_is_judged_as_by_a_recording(kind: str) -> None:
+    Q = np.diag([0.01, 0.0, 1e-4])
+    Q[1, 2] = Q[2, 1] = 1e-8
+    odometry = np.array([[0.1, 0.0, 0.01]])
+    empty = np.zeros(0, dtype=np.int64)
+    recording = Recording(
+        np.arange(2.0), *START, odometry, Q[None], "position", empty, np.zeros((0, 2)), np.zeros((0, 2, 2)), empty
+    )
+    started(kind).predict(recording.odometry[0], recording.odometry_cov[0])
 
 
 def test_covariances_that_are_clearly_none_are_told_from_those_that_are() -> None:
@@ -155,6 +216,66 @@ def test_observations_that_are_none(kind: str, mapped: bool, break_it: str) -> N
     assert_refused(kind, lambda slam: slam.update(broken), match)
 
 
+@EVERY
+@pytest.mark.parametrize("given", NO_NUMBERS.values(), ids=NO_NUMBERS)
+def test_observations_that_are_no_numbers(kind: str, given: object) -> None:
+    ids, values, covs = scan(kind)
+    dim = values.shape[1]
+    rows = np.tile(given, (dim, 1)).T if isinstance(given, np.ndarray) else given
+    refusal = r"^observation: (not an array of numbers; give|shape \(\) does not fit this sensor; give) shape"
+    broken = Observations(ids, rows, covs)  # pyright: ignore[reportArgumentType]
+    assert_refused(kind, lambda slam: slam.update(broken), refusal)
+    squares = np.tile(given, (dim, dim, 1)).T if isinstance(given, np.ndarray) else given
+    refusal = r"^observation_cov: (not an array of numbers|shape \(\) does not fit 3 observations); give shape \(3, "
+    broken_covs = Observations(ids, values, squares)  # pyright: ignore[reportArgumentType]
+    assert_refused(kind, lambda slam: slam.update(broken_covs), refusal)
+
+
+@pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
+@pytest.mark.parametrize("given", [*NO_NUMBERS.values(), 7], ids=[*NO_NUMBERS, "one"])
+def test_ids_that_are_no_numbers(kind: str, given: object) -> None:
+    broken = scan(kind)._replace(landmark=given)  # pyright: ignore[reportArgumentType]
+    refusal = r"^landmark: (not an array of numbers|shape \(\) does not fit|this filter needs known association); give"
+    assert_refused(kind, lambda slam: slam.update(broken), refusal)
+
+
+@EVERY
+@pytest.mark.parametrize("given", [None, 3, [[1.0, 2.0]], (np.arange(3), np.zeros((3, 2)))], ids=str)
+def test_what_is_no_scan(kind: str, given: object) -> None:
+    refusal = r"^observations: a \w+ is not a scan; give slamgauge.Observations\(landmark, value, cov\)$"
+    assert_refused(kind, lambda slam: slam.update(given), refusal)  # pyright: ignore[reportArgumentType]
+
+
+@EVERY
+@pytest.mark.parametrize("empty", [[], np.zeros(0), ()], ids=["list", "array", "tuple"])
+def test_empty_lists_are_no_observations(kind: str, empty: object) -> None:
+    slam = started(kind)
+    before = belief_of(slam)
+    assert slam.update(Observations(empty, empty, empty)) == (0.0, 0)  # pyright: ignore[reportArgumentType]
+    for now, then in zip(belief_of(slam)[:-1], before[:-1], strict=True):
+        np.testing.assert_array_equal(now, then)
+    assert len(slam.associated) == 0
+
+
+def test_a_refused_scan_does_not_end_the_account_of_an_area() -> None:
+    """A compressed filter settles its account when it leaves an area: not for a scan that it refuses."""
+    slam = CompressedFilter("position", *START, area_radius=0.3)
+    slam.update(Observations(np.arange(1), np.ones((1, 2)), np.eye(2)[None]))
+    slam.predict([0.2, 0.0, 0.1], 1e-4 * np.eye(3))
+    before = {key: np.copy(value) for key, value in vars(slam).items() if isinstance(value, np.ndarray)}
+    good = Observations(np.arange(2), np.ones((2, 2)), np.tile(np.eye(2), (2, 1, 1)))
+    broken = [good._replace(landmark=np.array([0, -1])), good._replace(cov=-good.cov), good._replace(value=good.cov)]
+    for each in broken:
+        with pytest.raises(UserError):
+            slam.update(each)
+    with pytest.raises(UserError):
+        slam.update(good, gate=-1.0)
+    for key, value in before.items():
+        np.testing.assert_array_equal(getattr(slam, key), value)
+    slam.update(good)
+    assert not np.array_equal(before["_entry"], vars(slam)["_entry"])
+
+
 @pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
 @pytest.mark.parametrize(
     ("ids", "match"),
@@ -192,16 +313,49 @@ def test_lists_and_whole_numbers_of_any_type_are_taken(kind: str) -> None:
         ([0.0, np.inf, 0.0], np.eye(3), r"^prior_mean\[1\] = inf: every number must be finite$"),
         (np.zeros(3), [0.1, 0.2, 0.3], r"^prior_cov: shape \(3,\) does not fit; give shape \(3, 3\)$"),
         (np.zeros(3), -np.eye(3), r"^prior_cov\[0\] = .*: a covariance must not have a negative variance$"),
+        (["a", "b", "c"], np.eye(3), r"^prior_mean: not an array of numbers; give shape \(3,\)$"),
+        (["1", "2", "3"], np.eye(3), r"^prior_mean: not an array of numbers; give shape \(3,\)$"),
+        (np.zeros(3) * 1j, np.eye(3), r"^prior_mean: not an array of numbers; give shape \(3,\)$"),
+        (None, np.eye(3), r"^prior_mean: shape \(\) does not fit; give shape \(3,\)$"),
+        (np.zeros(3), "large", r"^prior_cov: not an array of numbers; give shape \(3, 3\)$"),
+        (np.zeros(3), [[1.0], [0.0, 1.0]], r"^prior_cov: not an array of numbers; give shape \(3, 3\)$"),
     ],
 )
-def test_priors_that_are_none(mean: Float, cov: Float, match: str) -> None:
+def test_priors_that_are_none(mean: object, cov: object, match: str) -> None:
     for make in (
-        lambda: SlamFilter("position", mean, cov),
-        lambda: CompressedFilter("position", mean, cov, 5.0),
-        lambda: AssociatingFilter("position", mean, cov),
-        lambda: BearingFilter(mean, cov),
+        lambda: SlamFilter("position", mean, cov),  # pyright: ignore[reportArgumentType]
+        lambda: CompressedFilter("position", mean, cov, 5.0),  # pyright: ignore[reportArgumentType]
+        lambda: AssociatingFilter("position", mean, cov),  # pyright: ignore[reportArgumentType]
+        lambda: BearingFilter(mean, cov),  # pyright: ignore[reportArgumentType]
     ):
-        with pytest.raises(ValueError, match=match):
+        with pytest.raises(UserError, match=match):
+            make()
+
+
+@pytest.mark.parametrize("landmarks", [-1, 1.5, 3.0, "3", None, True, [3]], ids=str)
+def test_numbers_of_landmarks_that_are_none(landmarks: object) -> None:
+    refusal = r"^landmarks: \S+ is not a number of landmarks; give a whole number, at least 0$"
+    with pytest.raises(UserError, match=refusal):
+        SlamFilter("position", *START, landmarks=landmarks)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("sensor", [None, ["position"], np.array(["position", "position"]), "sonar"], ids=str)
+def test_sensors_that_are_none(sensor: object) -> None:
+    for make in (
+        lambda: SlamFilter(sensor, *START),  # pyright: ignore[reportArgumentType]
+        lambda: CompressedFilter(sensor, *START, 5.0),  # pyright: ignore[reportArgumentType]
+        lambda: AssociatingFilter(sensor, *START),  # pyright: ignore[reportArgumentType]
+    ):
+        with pytest.raises(UserError, match=r"^sensor: .* does not fit this filter; use one of range-bearing, [^\n]*$"):
+            make()
+
+
+def test_associations_that_are_none() -> None:
+    for make in (
+        lambda: AssociatingFilter("position", *START, association="jcbb"),  # pyright: ignore[reportArgumentType]
+        lambda: BearingFilter(*START, association="jcbb"),  # pyright: ignore[reportArgumentType]
+    ):
+        with pytest.raises(UserError, match=r"^association: 'jcbb' is not one; give Association\(method, gate\)"):
             make()
 
 
@@ -239,8 +393,9 @@ def test_other_unknown_names() -> None:
         ValueError, match=r"^sensor: 'bearing' does not fit this filter; use one of range-bearing, position$"
     ):
         AssociatingFilter("bearing", *START)
-    with pytest.raises(ValueError, match=r"^area_radius: -1.0 m is no distance; choose it above 0$"):
-        CompressedFilter("position", *START, area_radius=-1.0)
+    for radius in (-1.0, 0.0, np.nan, "5", None, True):
+        with pytest.raises(UserError, match=r"^area_radius: \S+ m is not a distance; choose it above 0$"):
+            CompressedFilter("position", *START, area_radius=radius)  # pyright: ignore[reportArgumentType]
 
 
 # --- rules of one's own --------------------------------------------------------------------------
@@ -280,7 +435,7 @@ def test_observations_beyond_the_gate_are_left_out(kind: str) -> None:
     result = gated.update(Observations(ids, values, covs), gate=20.0)
     assert result == told.update(Observations(ids[kept], values[kept], covs[kept]))
     assert gated.associated.tolist() == [0, -1, 2, 3, 4]
-    for one, other in zip(belief_of(gated), belief_of(told), strict=True):
+    for one, other in zip(belief_of(gated)[:-1], belief_of(told)[:-1], strict=True):
         np.testing.assert_array_equal(one, other)
 
 
@@ -307,13 +462,16 @@ def test_bearings_of_points_beyond_the_gate_are_left_out() -> None:
 
 
 @pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
-@pytest.mark.parametrize("gate", [0.0, -1.0, np.nan])
-def test_gates_that_are_none(kind: str, gate: float) -> None:
+@pytest.mark.parametrize("gate", [0.0, -1.0, np.nan, np.inf, "9", [9.0], True], ids=str)
+def test_gates_that_are_none(kind: str, gate: object) -> None:
     def act(slam: OnlineFilter) -> None:
         assert isinstance(slam, (SlamFilter, CompressedFilter, BearingFilter))
-        slam.update(scan(kind), gate=gate)
+        slam.update(scan(kind), gate=gate)  # pyright: ignore[reportArgumentType]
 
-    assert_refused(kind, act, r"^gate: \S+ lets nothing pass; give a squared Mahalanobis distance above 0$")
+    assert_refused(kind, act, r"^gate: \S+ (lets nothing pass|is not a finite number); choose it above 0$")
+    with pytest.raises(UserError) as refusal:
+        Association(gate=gate)  # pyright: ignore[reportArgumentType]
+    assert_refused(kind, act, f"^{re.escape(str(refusal.value))}$")  # one rule
 
 
 def test_a_wide_gate_changes_nothing() -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from dataclasses import fields
 
+import numpy as np
 import pytest
 
 from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario
 from slamgauge.ekf.settings.association import Association, MapManagement
 from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
 from slamgauge.ekf.settings.rules import fitted
+from slamgauge.errors import UserError
 
 
 @pytest.mark.parametrize(
@@ -19,7 +21,16 @@ from slamgauge.ekf.settings.rules import fitted
         (Association, {"method": "jccb"}, "method: 'jccb' is not known; did you mean jcbb?"),
         (Association, {"method": "x"}, "method: 'x' is not known; use nearest-neighbour, jcbb"),
         (Association, {"gate": -1}, "gate: -1 lets nothing pass; choose it above 0"),
-        (Association, {"gate": float("nan")}, "gate: nan lets nothing pass; choose it above 0"),
+        (Association, {"gate": float("nan")}, "gate: nan is not a finite number; choose it above 0"),
+        (Association, {"gate": "9"}, "gate: '9' is not a finite number; choose it above 0"),
+        (Association, {"gate": True}, "gate: True is not a finite number; choose it above 0"),
+        (Association, {"gate": None}, "gate: None is not a finite number; choose it above 0"),
+        (Association, {"method": ["jcbb"]}, "method: ['jcbb'] is not known; did you mean jcbb?"),
+        (
+            Association,
+            {"map_management": True},
+            "map_management: True is not one; give MapManagement(), or None to go without",
+        ),
         (Association, {"node_limit": 0}, "node_limit: 0 pairs are no search; choose at least 1"),
         (
             MapManagement,
@@ -30,12 +41,44 @@ from slamgauge.ekf.settings.rules import fitted
         (MapManagement, {"merge_distance": -1.0}, "merge_distance: -1.0 m is no distance; choose it at least 0"),
         (Rays, {"sharing": "federate"}, "sharing: 'federate' is not known; did you mean federated?"),
         (Rays, {"s_min": 10.0}, "s_max: 10.0 m must lie beyond s_min, 10.0 m; choose it farther"),
-        (Rays, {"s_max": float("inf")}, "s_max: inf m is no distance; choose it above 0 and finite"),
+        (Rays, {"s_max": float("inf")}, "s_max: inf is not a finite number; choose it above 0"),
+        (Rays, {"s_max": -1.0}, "s_max: -1.0 m is no distance; choose it above 0"),
+        (Rays, {"lost_after": 2.5}, "lost_after: 2.5 is not a whole number; choose at least 1"),
+        (InverseDepth, {"mean": float("inf")}, "mean: inf is not a finite number; choose it above 0"),
+        (InverseDepth, {"sigma": float("inf")}, "sigma: inf is not a finite number; choose it above 0"),
+        (Delayed, {"spacing": float("inf")}, "spacing: inf is not a finite number; choose it at least 0"),
+        (Delayed, {"poses": "many"}, "poses: 'many' is not a whole number; choose at least 3"),
+        (MapManagement, {"sights": 2.5}, "sights: 2.5 is not a whole number; choose at least 1"),
+        (MapManagement, {"sights": True}, "sights: True is not a whole number; choose at least 1"),
     ],
 )
 def test_settings_that_cannot_be(kind: type, chosen: dict[str, object], message: str):
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         kind(**chosen)
+
+
+@pytest.mark.parametrize("kind", [Association, MapManagement, Rays, InverseDepth, Delayed])
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1, "1", True, None, 1j, [1.0]], ids=str)
+def test_no_number_of_a_setting_can_be_just_anything(kind: type, value: object):
+    numbers = [each.name for each in fields(kind) if isinstance(each.default, (int, float))]
+    assert numbers
+    for key in numbers:
+        with pytest.raises(UserError, match=rf"^{key}: [^\n]*; [^\n]*$"):
+            kind(**{key: value})
+
+
+def test_numbers_of_other_types_become_plain_ones():
+    """Kernels would be compiled anew for them."""
+    chosen = Association(gate=np.float32(4.0), node_limit=np.int64(7))  # pyright: ignore[reportArgumentType]
+    assert (type(chosen.gate), type(chosen.node_limit)) == (float, int)
+    assert chosen == Association(gate=4, node_limit=7)
+
+
+@pytest.mark.parametrize("reach", [0.0, -1.0, float("nan"), float("inf"), "10", None, True], ids=str)
+@pytest.mark.parametrize("kind", [Rays, InverseDepth, Delayed])
+def test_reaches_that_are_none(kind: type, reach: object):
+    with pytest.raises(UserError, match=r"^reach: \S+ is not a distance; give metres above 0, for example 10$"):
+        fitted(kind, reach)  # pyright: ignore[reportArgumentType]
 
 
 def test_the_tightest_probation_is_legal():
