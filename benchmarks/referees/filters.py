@@ -28,6 +28,7 @@ from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import rotation, wrap
 
 SPACINGS = 16
+ANOTHER_MINIMUM = 1e-3  # sigma; what differs by less has come to the same one, and not near enough
 
 Filter = Callable[[Recording], Estimate]
 
@@ -60,6 +61,8 @@ def judge_filters(recording: Recording) -> list[Outcome]:
 def _unless_a_minimum(outcome: Outcome, minimum: Outcome) -> Outcome:
     """Where iekf ends in minima of its own cost, though not in the referee's, nobody is wrong."""
     if outcome.estimator != "iekf" or outcome.verdict != "worse" or minimum.verdict != "agrees":
+        return outcome
+    if outcome.difference < ANOTHER_MINIMUM:
         return outcome
     return replace(outcome, verdict="undecided", note=f"other minima than the referee's; {outcome.note}")
 
