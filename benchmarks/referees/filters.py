@@ -90,7 +90,8 @@ def judge_filter(recording: Recording, name: str) -> Outcome:
         return Outcome(name, "undecided", to_twin, "not even extended precision has an answer")
     lost = math.inf if twin is None else difference(twin, referee, recording)
     if isinstance(estimate, str):
-        return Outcome(name, "failed" if lost <= FILTER_BAR else "undecided", math.inf, estimate)
+        exhausted = twin is not None and lost > FILTER_BAR  # a twin without an answer proves nothing
+        return Outcome(name, "undecided" if exhausted else "failed", math.inf, estimate)
     found = _apart(estimate, referee, recording)
     if found <= FILTER_BAR:
         return Outcome(name, "agrees", found, "the textbook form loses digits")
