@@ -88,20 +88,23 @@ def _run(recording: Recording, kind: str) -> Estimate:
             x, P = predict(x, point, P, recording.odometry[k - 1], recording.odometry_cov[k - 1])
             first[:3] = x[:3]
         assert scan.landmark is not None
-        old = [i for i, name in enumerate(scan.landmark) if name in ids]
+        names = scan.landmark.tolist()
+        old = [i for i, name in enumerate(names) if name in ids]
+        new = [i for i, name in enumerate(names) if name not in ids and name not in names[:i]]
+        again = [i for i in range(len(names)) if i not in old + new]  # of a landmark that is new in this scan
         nis.append(0.0)
-        dof.append(2 * len(old))
-        if old:
-            slots = [ids.index(scan.landmark[i]) for i in old]
-            z, R = scan.value[old], scan.cov[old]
-            if kind == "iterated":
-                x, P, nis[-1] = update_iterated(recording.sensor, x, P, slots, z, R)
-            else:
+        dof.append(2 * len(old + again))
+        for rows, then_new in ((old, new), (again, [])):
+            slots, z, R = [ids.index(names[i]) for i in rows], scan.value[rows], scan.cov[rows]
+            if rows and kind == "iterated":
+                x, P, own = update_iterated(recording.sensor, x, P, slots, z, R)
+                nis[-1] += own
+            elif rows:
                 point = first if kind in KEEP_FIRST else x
-                x, P, nis[-1] = update(recording.sensor, x, point, P, slots, z, R, kind=jacobians)
-        for i, name in enumerate(scan.landmark):
-            if name not in ids:
-                ids.append(name)
+                x, P, own = update(recording.sensor, x, point, P, slots, z, R, kind=jacobians)
+                nis[-1] += own
+            for i in then_new:
+                ids.append(names[i])
                 point = first if kind in KEEP_FIRST else x
                 x, P = augment(recording.sensor, x, point, P, scan.value[i], scan.cov[i], invariant=invariant)
                 first = np.concatenate([first, x[-2:]])

@@ -1,0 +1,100 @@
+"""Whether the estimators are right on recordings that nobody has chosen: each against a referee; one table.
+
+    python benchmarks/agreement.py [--recordings 200] [--seed 0] [--only 17] [--jobs 2] [--worst 3] [--save D] [--check]
+
+Draws recordings of every kind (see `referees/recordings.py`). Filters are held against textbook filters and extended
+precision, and iekf against the gradient of its own cost; batch against a damped least-squares solver that starts from
+several places; isam2, at every step, against the optimum of what had been measured by then. With bearings alone the
+filters' rays have no twin: they must run.
+
+`undecided` are those on which the referee has no answer either: double precision is exhausted, or there is no minimum.
+Of the worst cases number, seed and tags are told, `--only` makes one of them alone, and `--save` writes their
+recordings and truths. `--check` ends with status 1 if a bar is missed. An interrupt ends with the table so far.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+
+from referees.judge import judge
+from referees.recordings import draw
+from referees.table import bars_missed, describe, messages, table, worst_cases
+from referees.verdicts import Judged, Outcome
+from tqdm import tqdm
+
+from slamgauge import local_processes
+from slamgauge.compare.storage.files import save
+
+INTERRUPTED = 130
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--recordings", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", type=int)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--worst", type=int, default=3)
+    parser.add_argument("--save", type=Path)
+    parser.add_argument("--check", action="store_true")
+    options = parser.parse_args()
+    numbers = range(options.recordings) if options.only is None else [options.only]
+    judged: list[Judged] = []
+    status = 0
+    try:
+        for each in tqdm(_all(options.seed, numbers, options.jobs), total=len(numbers), disable=None):
+            judged.append(each)  # noqa: PERF402  an interrupt keeps what is there
+    except KeyboardInterrupt:
+        status = INTERRUPTED
+        print("interrupted")
+    worst = worst_cases(judged, options.worst)
+    _print_all(judged, worst)
+    missed = bars_missed(judged)
+    print("\nbars missed:" if missed else "\nbars missed: none", *missed, sep="\n  ")
+    if options.save is not None:
+        _save(options.save, worst)
+    return status or int(options.check and bool(missed))
+
+
+def _all(seed: int, numbers: Sequence[int], jobs: int) -> Iterator[Judged]:
+    """The recordings of these numbers, judged, in their order; by this process alone if one job is all there is."""
+    with ExitStack() as stack:
+        if jobs == 1 or len(numbers) == 1:
+            yield from map(partial(judge, seed), numbers)
+        else:
+            yield from stack.enter_context(local_processes(jobs)).map(partial(judge, seed), numbers)
+
+
+def _print_all(judged: Sequence[Judged], worst: Sequence[tuple[Judged, Outcome]]) -> None:
+    seconds = sum(each.seconds for each in judged)
+    print(f"{len(judged)} recordings, {seconds / max(1, len(judged)):.2f} s each\n")
+    print(table(judged))
+    failed = messages(judged)
+    if failed:
+        print("\nfailed:", *failed, sep="\n")
+    if worst:
+        print("\nworst cases:", *(describe(*each) for each in worst), sep="\n")
+    if len(judged) == 1:
+        print("\nall of it:", *(describe(judged[0], each) for each in judged[0].outcomes), sep="\n")
+
+
+def _save(folder: Path, worst: Sequence[tuple[Judged, Outcome]]) -> None:
+    """Write recording and truth of each worst case."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for seed, number in sorted({(each.seed, each.number) for each, _ in worst}):
+        drawn = draw(seed, number)
+        save(folder / f"recording-{seed}-{number}.npz", drawn.recording)
+        save(folder / f"truth-{seed}-{number}.npz", drawn.truth)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,270 @@
+"""The optimum by damped dense least squares, independent of GTSAM and of the project's solvers.
+
+Unknowns are what drives the poses, unit-variance coordinates a, w_k of the start's and of each motion's noise,
+x_0 = mean Exp(B_0 a), x_k = x_{k-1} u_k Exp(B_k w_k) with B B' = Q, and the landmarks. A direction without variance has
+no unknown, so singular noise is exact and needs no tricks. The model is the graph's: Log(u^-1 between) ~ N(0, Q).
+
+With g_j the world-frame effect (3, r_j) of noise j on pose j, a landmark l seen from any later pose moves, as that pose
+sees it, by -R'[I, J (l - p_j)] g_j: every Jacobian has a closed form without sums along the path.
+
+Everything is relative to the prior's mean, so that no digits are lost far from the origin.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from optimum import exp_se2, square_root
+from scipy.linalg import solve_triangular
+
+from slamgauge.arrays import Float, Int
+from slamgauge.recording import Recording
+from slamgauge.se2 import between, compose, rotation, wrap
+
+ARRIVED = 1e-8  # of a standard deviation, over all unknowns at once
+MAX_ITERATIONS = 200
+GIVE_UP = 1e12  # damping, of columns of unit length
+
+
+class Minimum(NamedTuple):
+    """A minimum, and its distance in sigmas to where the next undamped step leads."""
+
+    unknowns: Float
+    cost: float
+    distance: float
+
+
+class NoMinimumError(Exception):
+    """The solver ended where the gradient does not vanish."""
+
+
+class Model:
+    """The maximum a posteriori problem of a recording with known association, with the prior's mean as origin."""
+
+    def __init__(self, recording: Recording) -> None:
+        assert recording.landmark is not None
+        self.recording = recording
+        self.origin = recording.prior_mean[:2].copy()
+        self.ids, self.first, self.slot = np.unique(recording.landmark, return_index=True, return_inverse=True)
+        turn = np.eye(3)
+        turn[:2, :2] = rotation(recording.prior_mean[2])
+        covs = [turn.T @ recording.prior_cov @ turn, *recording.odometry_cov]
+        self.roots = np.zeros((len(covs), 3, 3))  # filled up by columns of zeros
+        self.free = np.zeros((len(covs), 3), dtype=bool)
+        for root, free, cov in zip(self.roots, self.free, covs, strict=True):
+            columns = square_root(cov)
+            root[:, : columns.shape[1]], free[: columns.shape[1]] = columns, True
+        self.noises = int(self.free.sum())
+        self.whitener = np.linalg.inv(np.linalg.cholesky(recording.observation_cov))
+        self._at = recording.observation_step
+        self._increments = np.concatenate([[[0.0, 0.0, recording.prior_mean[2]]], recording.odometry])
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.noises + 2 * len(self.ids)
+
+    def tangents(self, unknowns: Float) -> Float:
+        """What start and motion deviate by (N+1, 3), in the body frame."""
+        noise = np.zeros(self.free.shape)
+        noise[self.free] = unknowns[: self.noises]
+        return np.einsum("nij,nj->ni", self.roots, noise)
+
+    def poses(self, unknowns: Float) -> Float:
+        """(N+1, 3) relative to the origin."""
+        steps = compose(self._increments, exp_se2(self.tangents(unknowns)))
+        headings = np.cumsum(steps[:, 2])
+        moves = np.einsum("nij,nj->ni", rotation(np.concatenate([[0.0], headings[:-1]])), steps[:, :2])
+        return np.column_stack([np.cumsum(moves, axis=0), wrap(headings)])
+
+    def landmarks(self, unknowns: Float) -> Float:
+        """(L, 2) relative to the origin, in the order of `ids`."""
+        return unknowns[self.noises :].reshape(-1, 2)
+
+    def residuals(self, unknowns: Float) -> Float:
+        """(noises + dM,) of unit variance."""
+        error = self._observed(self.poses(unknowns), self.landmarks(unknowns))[0]
+        white = np.einsum("mij,mj->mi", self.whitener, error)
+        return np.concatenate([unknowns[: self.noises], white.ravel()])
+
+    def _observed(self, poses: Float, landmarks: Float) -> tuple[Float, Float]:
+        """Errors h - z (M, d), and Jacobians (M, d, 2) of h by the landmark in the world frame."""
+        recording, pose = self.recording, poses[self._at]
+        to_body = rotation(pose[:, 2]).swapaxes(1, 2)
+        delta = np.einsum("mij,mj->mi", to_body, landmarks[self.slot] - pose[:, :2])
+        if recording.sensor == "position":
+            return delta - recording.observation, to_body
+        distance = np.maximum(np.hypot(*delta.T), 1e-12)
+        rows = slice(2 - recording.observation.shape[1], 2)  # the bearing alone, or range and bearing
+        predicted = np.column_stack([distance, np.arctan2(delta[:, 1], delta[:, 0])])[:, rows]
+        error = predicted - recording.observation
+        error[:, -1] = wrap(error[:, -1])
+        along = delta / distance[:, None]
+        across = np.column_stack([-along[:, 1], along[:, 0]]) / distance[:, None]
+        return error, np.stack([along, across], axis=1)[:, rows] @ to_body
+
+    def jacobian(self, unknowns: Float) -> Float:
+        """(noises + dM, size) of the residuals."""
+        poses, landmarks = self.poses(unknowns), self.landmarks(unknowns)
+        H = self.whitener @ self._observed(poses, landmarks)[1]
+        count, dim = H.shape[:2]
+        effects = self._effects(poses, unknowns)
+        lever = landmarks[self.slot][:, None] - poses[None, :, :2]
+        lever = np.stack([-lever[:, :, 1], lever[:, :, 0]], axis=-1)  # J (l - p_j) (M, N+1, 2)
+        moved = effects[None, :, :2] + lever[..., None] * effects[None, :, 2:]
+        moved[self._at[:, None] < np.arange(len(poses))] = 0.0
+        by_noise = -np.einsum("mdi,mnir->mdnr", H, moved)[:, :, self.free]
+        full = np.zeros((self.noises + count * dim, self.size))
+        full[: self.noises, : self.noises] = np.eye(self.noises)
+        full[self.noises :, : self.noises] = by_noise.reshape(count * dim, self.noises)
+        by_landmark = full[self.noises :, self.noises :].reshape(count, dim, len(self.ids), 2)
+        by_landmark[np.arange(count), :, self.slot] = H
+        return full
+
+    def _effects(self, poses: Float, unknowns: Float) -> Float:
+        """What each noise does to its own pose, in the world frame: g (N+1, 3, 3)."""
+        tangents = self.tangents(unknowns)
+        begin = np.concatenate([[0.0], poses[:-1, 2]]) + self._increments[:, 2]
+        to_world = np.zeros((len(poses), 3, 3))
+        to_world[:, :2, :2], to_world[:, 2, 2] = rotation(begin), 1.0
+        return to_world @ _exp_jacobian(tangents) @ self.roots
+
+    def newest_cov(self, unknowns: Float, factor: Float) -> Float:
+        """Covariance (3, 3) of the newest pose, additive, from the factor R'R of the information."""
+        poses = self.poses(unknowns)
+        effects = self._effects(poses, unknowns)
+        lever = poses[-1, :2] - poses[:, :2]
+        effects[:, 0] -= lever[:, 1:] * effects[:, 2]
+        effects[:, 1] += lever[:, :1] * effects[:, 2]
+        by_unknown = np.zeros((3, self.size))
+        by_unknown[:, : self.noises] = np.moveaxis(effects, 1, 0)[:, self.free]
+        spread = solve_triangular(factor.T, by_unknown.T, lower=True)
+        return spread.T @ spread
+
+    def unknowns(self, poses: Float, landmarks: Float) -> Float:
+        """Of poses (N+1, 3) and landmarks (L, 2) relative to the origin; what the noise cannot do is left out."""
+        before = np.concatenate([np.zeros((1, 3)), poses[:-1]])
+        tangents = _log_se2(between(compose(before, self._increments), poses))
+        noise = np.einsum("nij,nj->ni", np.linalg.pinv(self.roots), tangents)
+        return np.concatenate([noise[self.free], landmarks.ravel()])
+
+    def relative(self, poses: Float) -> Float:
+        """World poses (..., 3) or points (..., 2) relative to the origin."""
+        moved = np.array(poses, dtype=np.float64)
+        moved[..., :2] -= self.origin
+        return moved
+
+    def start(self, poses: Float) -> Float:
+        """Unknowns at relative poses (N+1, 3), with every landmark where its first sight, or two bearings, put it."""
+        return self.unknowns(poses, self.sighted(self.poses(self.unknowns(poses, np.zeros((len(self.ids), 2))))))
+
+    def sighted(self, poses: Float) -> Float:
+        """Landmarks (L, 2) as seen from relative poses (N+1, 3)."""
+        z = self.recording.observation
+        if self.recording.sensor == "bearing":
+            crossed = [self._crossed(poses, np.flatnonzero(self.slot == s)) for s in range(len(self.ids))]
+            return np.array(crossed).reshape(-1, 2)
+        if self.recording.sensor == "range-bearing":
+            z = z[:, :1] * np.column_stack([np.cos(z[:, 1]), np.sin(z[:, 1])])
+        seen = np.column_stack([z, np.zeros(len(z))])[self.first]
+        return compose(poses[self._at[self.first]], seen)[:, :2].reshape(-1, 2)
+
+    def _crossed(self, poses: Float, rows: Int) -> Float:
+        """The point (2,) nearest to lines of sight; ahead of the middle one where they hardly cross."""
+        seen_from = poses[self._at[rows]]
+        angle = seen_from[:, 2] + self.recording.observation[rows, 0]
+        normal = np.column_stack([-np.sin(angle), np.cos(angle)])
+        ahead = seen_from[len(rows) // 2, :2] + 4.0 * np.array(
+            [np.cos(angle[len(rows) // 2]), np.sin(angle[len(rows) // 2])]
+        )
+        held = 1e-4 * np.eye(2)
+        information = normal.T @ normal + held
+        return np.linalg.solve(information, normal.T @ np.sum(normal * seen_from[:, :2], axis=1) + held @ ahead)
+
+    def cost(self, unknowns: Float) -> float:
+        """Half the sum of squares."""
+        residuals = self.residuals(unknowns)
+        return 0.5 * float(residuals @ residuals)
+
+    def factored(self, unknowns: Float) -> tuple[Float, Float]:
+        """R (size, size) of the Jacobian J = QR, and Q'r (size,)."""
+        stacked = np.column_stack([self.jacobian(unknowns), self.residuals(unknowns)])
+        if len(stacked) < self.size:
+            raise NoMinimumError("fewer observations than unknowns")
+        factor = triangle(stacked)
+        return factor[: self.size, : self.size], factor[: self.size, -1]
+
+    def minimum(self, start: Float, iterations: int = MAX_ITERATIONS) -> Minimum:
+        """Levenberg-Marquardt from `start` until a full step is shorter than `ARRIVED`.
+
+        Raises:
+            NoMinimumError: it did not come that far, by more than a thousandth of a sigma.
+        """
+        at, cost, damping, distance = start, self.cost(start), 1e-4, np.inf
+        for _ in range(iterations):
+            R, projected = self.factored(at)
+            distance = float(np.linalg.norm(projected))
+            if distance < ARRIVED:
+                break
+            trial = 0.0 if distance < 1e-2 else damping
+            rounding = 1e-12 * cost if distance < 1e-5 else 0.0
+            after = at + _damped_step(R, projected, trial)
+            while not (self.cost(after) < cost + rounding) and trial < GIVE_UP:
+                trial = max(4.0 * trial, 1e-15)
+                after = at + _damped_step(R, projected, trial)
+            if trial >= GIVE_UP:
+                break
+            at, cost, damping = after, self.cost(after), max(trial / 10.0, 1e-15)
+        if distance > 1e-3:
+            raise NoMinimumError(f"{distance:.1e} sigma from where the next step leads")
+        return Minimum(at, cost, distance)
+
+
+def placed_only(recording: Recording, ids: Int) -> Recording:
+    """The recording with its sights of the landmarks `ids` alone."""
+    assert recording.landmark is not None
+    return recording.only(np.isin(recording.landmark, ids))
+
+
+def triangle(matrix: Float) -> Float:
+    """R of matrix = Q R."""
+    return np.asarray(np.linalg.qr(matrix, mode="r"), dtype=np.float64)
+
+
+def _damped_step(R: Float, projected: Float, damping: float) -> Float:
+    """The step -(R'R + damping diag(R'R))^-1 R' projected, by QR."""
+    scale = np.linalg.norm(R, axis=0)
+    scale[scale == 0.0] = 1.0
+    stacked, right = R / scale, projected
+    if damping > 0.0:
+        stacked = np.vstack([stacked, np.sqrt(damping) * np.eye(len(R))])
+        right = np.concatenate([projected, np.zeros(len(R))])
+    factor = triangle(np.column_stack([stacked, right]))
+    size = len(R)
+    diagonal = np.abs(np.diag(factor[:size, :size]))
+    if diagonal.min(initial=1.0) < 1e-15:
+        return np.zeros(size)
+    return -solve_triangular(factor[:size, :size], factor[:size, -1]) / scale
+
+
+def _exp_jacobian(tangent: Float) -> Float:
+    """Derivatives (n, 3, 3) of the coordinates of Exp by those of the tangent (n, 3)."""
+    x, y, t = tangent.T
+    small = np.abs(t) < 1e-3
+    safe = np.where(small, 1.0, t)
+    s = np.where(small, 1 - t**2 / 6, np.sin(safe) / safe)
+    c = np.where(small, t / 2 - t**3 / 24, (1 - np.cos(safe)) / safe)
+    ds = np.where(small, -t / 3 + t**3 / 30, (np.cos(safe) - s) / safe)
+    dc = np.where(small, 0.5 - t**2 / 8, (np.sin(safe) - c) / safe)
+    zero, one = np.zeros_like(t), np.ones_like(t)
+    rows = [[s, -c, ds * x - dc * y], [c, s, dc * x + ds * y], [zero, zero, one]]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def _log_se2(increment: Float) -> Float:
+    """Tangents (n, 3) whose Exp are the increments (n, 3)."""
+    x, y, t = increment.T
+    s, c = np.sinc(t / np.pi), np.sin(t / 2) * np.sinc(t / 2 / np.pi)
+    squared = s**2 + c**2
+    return np.column_stack([(s * x + c * y) / squared, (s * y - c * x) / squared, t])

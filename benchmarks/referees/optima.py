@@ -1,0 +1,256 @@
+"""Batch against an independent least-squares solver, and isam2 at every step against the optimum of what it had seen.
+
+The referee runs from several starts and keeps its lowest cost. Which landmarks bearings place is a matter of
+definition: it is asked about those that batch has placed, on the whole recording or on its first steps. What batch
+leaves out though the true path places it well is told beside that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from referees.least_squares import MAX_ITERATIONS, Minimum, Model, NoMinimumError, placed_only
+from referees.recordings import Drawn
+from referees.verdicts import COST_BAR, STEP_BAR, Outcome, attempt
+from slamgauge.arrays import Float, Int
+from slamgauge.ekf import riekf
+from slamgauge.estimate import Estimate
+from slamgauge.graph_baseline import batch, isam2
+from slamgauge.se2 import chain, wrap
+
+WELL_PLACED = 0.05  # sigma over distance of a landmark that its bearings from the true path place beyond question
+SMALLEST_SIGMA = 1e-6  # m or rad; what is known better, or exactly, counts as known that well
+PERTURBED = 3  # starts
+PREFIX_ITERATIONS = 50
+
+
+def judge_optima(drawn: Drawn) -> list[Outcome]:
+    """Outcomes of batch and isam2; of batch on bearings, also whether it left out landmarks that it should not."""
+    batched = attempt(batch, drawn.recording)
+    recording = drawn.recording
+    outcomes: list[Outcome] = []
+    if recording.sensor == "bearing":
+        left = [] if isinstance(batched, str) else _left_out(drawn, batched)
+        worse = f"{len(left)} landmarks are not mapped though the true path places them"
+        outcomes.append(Outcome("batch mapped", "worse" if left else "agrees", len(left), worse if left else ""))
+        placed = _well_placed(drawn) if isinstance(batched, str) else batched.landmark_ids
+        recording = placed_only(recording, placed)
+    model = Model(recording)
+    minimum = lowest(model, starts(model, drawn, batched))
+    outcomes.append(_judge_batch(model, minimum, batched))
+    outcomes.append(_judge_isam2(drawn, model, minimum))
+    return outcomes
+
+
+# --- the referee's minimum -------------------------------------------------------------------------
+
+
+def starts(model: Model, drawn: Drawn, batched: Estimate | str) -> Iterator[Float]:
+    """Unknowns to begin at: dead reckoning, the truth and near it, the right-invariant filter, and batch's result."""
+    yield from own_starts(model, drawn.truth.poses)
+    if not isinstance(batched, str) and np.array_equal(np.sort(batched.landmark_ids), model.ids):
+        yield of_estimate(model, batched)
+
+
+def own_starts(model: Model, truth: Float | None) -> Iterator[Float]:
+    """`starts` that need no estimate: of a recording's first steps, too."""
+    recording = model.recording
+    yield model.start(model.relative(chain(recording.prior_mean, recording.odometry)))
+    true = None if truth is None else model.start(model.relative(truth[: recording.steps + 1]))
+    if true is not None:
+        yield true
+    filtered = attempt(riekf, recording)
+    if not isinstance(filtered, str):
+        yield model.start(model.relative(filtered.poses))
+    if true is not None:
+        rng = np.random.default_rng(len(true))
+        for _ in range(PERTURBED):
+            yield np.concatenate([0.5 * rng.normal(size=model.noises), true[model.noises :]])
+
+
+def of_estimate(model: Model, estimate: Estimate) -> Float:
+    """The unknowns of an estimate that has all landmarks of the model."""
+    order = np.argsort(estimate.landmark_ids)
+    return model.unknowns(model.relative(estimate.poses), model.relative(estimate.landmarks)[order])
+
+
+def lowest(model: Model, begin: Iterable[Float], iterations: int = MAX_ITERATIONS) -> Minimum | None:
+    """The lowest minimum that any of the starts leads to; None if none leads to any."""
+    found: list[Minimum] = []
+    for start in begin:
+        try:
+            found.append(model.minimum(start, iterations))
+        except (NoMinimumError, np.linalg.LinAlgError, ValueError):
+            continue
+    return min(found, key=lambda each: each.cost, default=None)
+
+
+# --- batch -----------------------------------------------------------------------------------------
+
+
+def _judge_batch(model: Model, minimum: Minimum | None, batched: Estimate | str) -> Outcome:
+    if isinstance(batched, str):
+        verdict = "undecided" if minimum is None else "failed"
+        return Outcome("batch", verdict, math.inf, batched)
+    if minimum is None:
+        return Outcome("batch", "undecided", math.nan, "the referee found no minimum")
+    unknowns = of_estimate(model, batched)
+    cost = model.cost(unknowns)
+    higher = (cost - minimum.cost) / max(minimum.cost, 1.0)
+    assert batched.pose_covs is not None
+    apart = _in_sigmas(model, model.relative(batched.poses), model.poses(minimum.unknowns), batched.pose_covs)
+    note = f"cost {cost:.6g}, referee {minimum.cost:.6g}, poses {apart:.1e} sigma, {fit(model, minimum)}"
+    return Outcome("batch", "worse" if not higher <= COST_BAR else "agrees", higher, note)
+
+
+def fit(model: Model, minimum: Minimum) -> str:
+    """Chi-square of the optimum over its degrees of freedom, in words."""
+    freedom = model.recording.observation.size - 2 * len(model.ids)
+    return f"chi2/dof {2 * minimum.cost / freedom:.3g}" if freedom else "no degrees of freedom"
+
+
+def _in_sigmas(model: Model, poses: Float, others: Float, covs: Float) -> float:
+    """Largest |d_i| / sigma_i over poses (n, 3) of covariances (n, 3, 3)."""
+    apart = poses - others
+    apart[:, 2] = wrap(apart[:, 2])
+    sigma = np.sqrt(np.maximum(np.diagonal(covs, axis1=-2, axis2=-1), 0.0))
+    floor = max(SMALLEST_SIGMA, 1e3 * float(np.spacing(np.abs(model.origin).max())))
+    return float((np.abs(apart) / np.maximum(sigma, floor)).max())
+
+
+def _left_out(drawn: Drawn, batched: Estimate) -> list[int]:
+    """Landmarks that the true path places well and batch has not mapped."""
+    return sorted({*_well_placed(drawn).tolist()} - {*batched.landmark_ids.tolist()})
+
+
+def _well_placed(drawn: Drawn) -> Int:
+    """Landmarks whose bearings from the true path place them."""
+    truth, recording = drawn.truth, drawn.recording
+    assert truth.poses is not None and truth.landmarks is not None and recording.landmark is not None
+    found: list[int] = []
+    for name in np.unique(recording.landmark).tolist():
+        rows = recording.landmark == name
+        offset = truth.landmarks[name] - truth.poses[recording.observation_step[rows], :2]
+        squared = (offset**2).sum(axis=1)
+        across = np.column_stack([-offset[:, 1], offset[:, 0]]) / squared[:, None]
+        information = across.T @ (across / recording.observation_cov[rows, 0])
+        weakest = float(np.linalg.eigvalsh(information)[0])
+        if weakest * WELL_PLACED**2 * float(squared.min()) > 1.0:
+            found.append(name)
+    return np.array(found, dtype=np.int64)
+
+
+# --- isam2 -----------------------------------------------------------------------------------------
+
+
+@dataclass
+class _Steps:
+    """What is known of isam2's steps so far.
+
+    Attributes:
+        look_again: the step from which on an optimum that isam2 is off from is sought from all starts again. One that
+            has just been confirmed is carried on for a while: it hardly ever stops being the lowest.
+    """
+
+    compared: int = 0
+    off: int = 0
+    worst: float = 0.0
+    at: int = 0
+    look_again: int = 0
+
+    def add(self, step: int, apart: float) -> None:
+        self.compared += 1
+        self.off += not apart <= STEP_BAR
+        if not apart <= self.worst:
+            self.worst, self.at = apart, step
+
+
+def stated_check(estimate: Estimate) -> float:
+    """How far the estimate says it is from its own yardstick [sigma]; nan where it says nothing."""
+    return float(getattr(estimate, "optimum_check", None) or math.nan)
+
+
+def _judge_isam2(drawn: Drawn, model: Model, minimum: Minimum | None) -> Outcome:
+    estimate = attempt(isam2, drawn.recording)
+    if isinstance(estimate, str):
+        if minimum is None:
+            return Outcome("isam2", "undecided", math.inf, estimate)
+        count = drawn.recording.steps + 1  # it has none of them
+        return Outcome("isam2", "failed", math.inf, estimate, count, count)
+    steps = _Steps()
+    warm: tuple[Model, Float] | None = None
+    for k in range(drawn.recording.steps + 1):
+        whole = model if k == drawn.recording.steps else None
+        part = whole or _prefix(drawn, k)
+        if part is None:
+            continue
+        warm = _judge_step(drawn, part, warm, estimate, steps, minimum if whole else None)
+    if not steps.compared:
+        return Outcome("isam2", "undecided", math.nan, "the referee found no minimum at any step")
+    verdict = "worse" if steps.off else "agrees"
+    said = stated_check(estimate)
+    unflagged = steps.off if not said > STEP_BAR else 0
+    note = f"worst at step {steps.at} of {drawn.recording.steps}, {steps.off} of {steps.compared} off"
+    return Outcome("isam2", verdict, steps.worst, note, steps.compared, steps.off, unflagged)
+
+
+def _prefix(drawn: Drawn, steps: int) -> Model | None:
+    """The problem of the first steps; with bearings alone of the landmarks that batch places there, if it can."""
+    part = drawn.recording.first(steps)
+    if part.sensor != "bearing":
+        return Model(part)
+    batched = attempt(batch, part)
+    return None if isinstance(batched, str) else Model(placed_only(part, batched.landmark_ids))
+
+
+def _judge_step(
+    drawn: Drawn,
+    part: Model,
+    warm: tuple[Model, Float] | None,
+    estimate: Estimate,
+    steps: _Steps,
+    known: Minimum | None,
+) -> tuple[Model, Float] | None:
+    """Compare the newest pose with the prefix's optimum, which is the start of the next one."""
+    step = part.recording.steps
+    minimum = known or lowest(part, [carried(part, warm)], PREFIX_ITERATIONS)
+    apart = math.inf if minimum is None else _newest_apart(part, minimum, estimate)
+    if apart > STEP_BAR and known is None and (minimum is None or step >= steps.look_again):
+        more = lowest(part, own_starts(part, drawn.truth.poses), PREFIX_ITERATIONS)
+        confirmed = minimum is not None and (more is None or more.cost > minimum.cost * (1.0 - COST_BAR))
+        steps.look_again = step + 1 + step // 4 if confirmed else step + 1
+        minimum = min((each for each in (minimum, more) if each), key=lambda each: each.cost, default=None)
+        apart = math.inf if minimum is None else _newest_apart(part, minimum, estimate)
+    if minimum is None:
+        return warm
+    steps.add(step, apart)
+    return part, minimum.unknowns
+
+
+def carried(part: Model, warm: tuple[Model, Float] | None) -> Float:
+    """A start from the optimum of fewer steps: odometry goes on, new landmarks lie where they are seen."""
+    recording = part.recording
+    if warm is None:
+        return part.start(part.relative(chain(recording.prior_mean, recording.odometry)))
+    before, unknowns = warm
+    noise = np.concatenate([unknowns[: before.noises], np.zeros(part.noises - before.noises)])
+    bare = np.concatenate([noise, np.zeros(2 * len(part.ids))])
+    landmarks = part.sighted(part.poses(bare))
+    known = np.isin(part.ids, before.ids)
+    landmarks[known] = before.landmarks(unknowns)[np.searchsorted(before.ids, part.ids[known])]
+    return np.concatenate([noise, landmarks.ravel()])
+
+
+def _newest_apart(part: Model, minimum: Minimum, estimate: Estimate) -> float:
+    """In sigmas of the optimum."""
+    step = part.recording.steps
+    try:
+        cov = part.newest_cov(minimum.unknowns, part.factored(minimum.unknowns)[0])
+    except np.linalg.LinAlgError:
+        return math.inf
+    pose = part.relative(estimate.poses[step : step + 1])
+    return _in_sigmas(part, pose, part.poses(minimum.unknowns)[-1:], cov[None])

@@ -1,0 +1,325 @@
+"""What `benchmarks/agreement.py` rests on: recordings that state their own noise, and referees that are right."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import agreement
+import numpy as np
+import pytest
+from optimum import ExactProblem, square_root
+from random_recordings import random_recording
+from referees.extended import DIGITS_GAINED, extended
+from referees.filters import PAIRS, difference, judge_filters, judge_minimum
+from referees.least_squares import Model, NoMinimumError
+from referees.optima import judge_optima, lowest, own_starts, stated_check
+from referees.recordings import MOTIONS, PRIORS, SENSORS, Drawn, draw
+from referees.table import bars_missed, table, worst_cases
+from referees.verdicts import Judged, Outcome, Verdict
+from scipy.stats import chi2
+
+from slamgauge.arrays import Float
+from slamgauge.compare.storage.files import load_recording, load_truth
+from slamgauge.estimate import Estimate
+from slamgauge.se2 import between, rotation, wrap
+
+FALSE_ALARM = 1e-4  # of each chi-square test, both sides together
+
+
+@cache
+def drawn(number: int) -> Drawn:
+    return draw(7, number)
+
+
+# --- the recordings ----------------------------------------------------------------------------------
+
+
+def test_a_recording_can_be_made_alone():
+    for number in (0, 5, 17):
+        again = draw(7, number)
+        assert again.recording == drawn(number).recording
+        assert again.truth == drawn(number).truth
+        assert again.tags == drawn(number).tags
+    assert draw(7, 1).recording != draw(7, 2).recording
+    assert draw(7, 1).recording != draw(8, 1).recording
+
+
+def test_all_kinds_are_drawn():
+    found = {tag for number in range(300) for tag in drawn(number).tags}
+    kinds = {f"motion {kind}" for kind in (*MOTIONS, "mixed", "zero in steps")} | {f"prior {kind}" for kind in PRIORS}
+    others = {"additive", "exponential", "far", "clusters", "twice in a scan", "blind stretch", "close", "nothing seen"}
+    assert found == {*SENSORS} | kinds | others
+    steps = [drawn(number).recording.steps for number in range(300)]
+    assert min(steps) == 2
+    assert max(steps) > 90
+
+
+def test_tags_are_true():
+    for number in range(100):
+        recording, tags = drawn(number).recording, drawn(number).tags
+        assert recording.landmark is not None
+        assert recording.sensor == tags[0]
+        sights = np.column_stack([recording.observation_step, recording.landmark])
+        assert (len(np.unique(sights, axis=0)) < len(sights)) == ("twice in a scan" in tags)
+        assert (np.abs(recording.prior_mean[:2]).max() > 100.0) == ("far" in tags)
+        assert (not recording.prior_cov.any()) == ("prior zero" in tags)
+        assert (len(recording.observation) == 0) == ("nothing seen" in tags)
+
+
+def noise_of(each: Drawn) -> Iterator[tuple[str, Float, Float]]:
+    """Every noise that was drawn, with the covariance that the recording states."""
+    recording, truth = each.recording, each.truth
+    assert truth.poses is not None and truth.landmarks is not None and recording.landmark is not None
+    start = truth.poses[0] - recording.prior_mean
+    yield "start", np.append(start[:2], wrap(start[2])), recording.prior_cov
+    moves = between(truth.poses[:-1], truth.poses[1:])
+    for odometry, move, cov in zip(recording.odometry, moves, recording.odometry_cov, strict=True):
+        if "additive" in each.tags:
+            yield "motion", np.append((move - odometry)[:2], wrap(move[2] - odometry[2])), cov
+        else:
+            yield "motion", log_se2(between(odometry, move)), cov
+    pose = truth.poses[recording.observation_step]
+    delta = np.einsum("mji,mj->mi", rotation(pose[:, 2]), truth.landmarks[recording.landmark] - pose[:, :2])
+    exact = (
+        delta if recording.sensor == "position" else np.column_stack([np.hypot(*delta.T), np.arctan2(*delta.T[::-1])])
+    )
+    error = recording.observation - exact[:, -recording.observation.shape[1] :]
+    if recording.sensor != "position":
+        error[:, -1] = wrap(error[:, -1])
+    for own, cov in zip(error, recording.observation_cov, strict=True):
+        yield recording.sensor, own, cov
+
+
+def log_se2(increment: Float) -> Float:
+    """Logarithm, by solving V(t) v = p."""
+    t = increment[2]
+    s, c = np.sinc(t / np.pi), (1 - np.cos(t)) / t if t else 0.0
+    return np.array([*np.linalg.solve(np.array([[s, -c], [c, s]]), increment[:2]), t], dtype=np.float64)
+
+
+def test_every_recording_is_drawn_from_the_noise_that_it_states():
+    """Two-sided, for start, motion and each sensor; and no noise leaves the range of its covariance."""
+    squares, freedom = (
+        dict.fromkeys(("start", "motion", *SENSORS), 0.0),
+        dict.fromkeys(("start", "motion", *SENSORS), 0),
+    )
+    for number in range(300):
+        for kind, noise, cov in noise_of(drawn(number)):
+            root = square_root(cov)
+            white = np.linalg.pinv(root) @ noise
+            assert np.abs(noise - root @ white).max() < 1e-9  # spacing of doubles at 100 km is 1.5e-11 m
+            squares[kind] += float(white @ white)
+            freedom[kind] += root.shape[1]
+    for kind, square in squares.items():
+        assert freedom[kind] > 300
+        assert FALSE_ALARM / 2 < chi2.cdf(square, freedom[kind]) < 1 - FALSE_ALARM / 2, kind
+
+
+# --- the referees ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+@pytest.mark.parametrize("slip", [True, False], ids=["slip", "no slip"])
+def test_least_squares_finds_the_minimum_that_another_solver_finds(sensor: str, slip: bool):
+    _, recording = random_recording(3, sensor=sensor, slip=slip, steps=20, prior_sigmas=(0.1, 0.1, 0.02))
+    other = ExactProblem(recording)
+    theirs = other.solve(other.start())
+    model = Model(recording)
+    ours = lowest(model, own_starts(model, None))
+    assert ours is not None
+    assert ours.cost == pytest.approx(other.cost(theirs), rel=1e-9)
+    expected = model.relative(other.poses(theirs))
+    np.testing.assert_allclose(model.poses(ours.unknowns), expected, atol=1e-7)
+    cov = model.newest_cov(ours.unknowns, model.factored(ours.unknowns)[0])
+    np.testing.assert_allclose(cov, other.covariances(theirs)[0][-1], rtol=1e-4, atol=1e-9)
+
+
+@pytest.mark.parametrize("number", range(12))
+def test_least_squares_has_the_jacobian_of_its_residuals(number: int):
+    """Central differences, along a random direction."""
+    each = drawn(number)
+    model = Model(each.recording)
+    assert each.truth.poses is not None
+    at = model.start(model.relative(each.truth.poses))
+    direction = 1e-6 * np.random.default_rng(number).normal(size=model.size)
+    expected = (model.residuals(at + direction) - model.residuals(at - direction)) / 2
+    atol = 1e-6 * np.abs(expected).max(initial=1e-9)
+    np.testing.assert_allclose(model.jacobian(at) @ direction, expected, atol=atol)
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("motion", [*MOTIONS])
+def test_least_squares_finds_the_truth_where_there_is_no_noise(sensor: str, motion: str):
+    """The noise as stated, however singular, but what was measured is exact: the minimum is the truth and costs 0."""
+    each = next(
+        d
+        for d in map(drawn, range(300))
+        if {sensor, f"motion {motion}"} <= {*d.tags} and len(d.recording.observation) > 30
+    )
+    assert each.truth.poses is not None and each.truth.landmarks is not None
+    recording = replace(each.recording, prior_mean=each.truth.poses[0])
+    moves = between(each.truth.poses[:-1], each.truth.poses[1:])
+    recording = replace(recording, odometry=moves)
+    model = Model(recording)
+    true = model.unknowns(model.relative(each.truth.poses), model.relative(each.truth.landmarks[model.ids]))
+    exact = model.residuals(true)[model.noises :].reshape(recording.observation.shape)
+    errors = np.linalg.solve(model.whitener, exact[..., None])[..., 0]
+    model = Model(replace(recording, observation=recording.observation + errors))
+    assert model.cost(true) < 1e-9
+    shaken = true + np.concatenate([np.full(model.noises, 0.1), np.full(len(true) - model.noises, 1e-4)])
+    try:
+        found = model.minimum(shaken)
+    except NoMinimumError:  # bearings that place nothing
+        assert sensor == "bearing"
+        return
+    assert found.cost < 1e-9
+    np.testing.assert_allclose(found.unknowns[: model.noises], 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", PAIRS)
+@pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+def test_extended_precision_is_the_textbook_where_that_keeps_its_digits(name: str, sensor: str):
+    _, recording = random_recording(1, sensor=sensor, steps=25)
+    moved = replace(recording, prior_mean=np.array([0.0, 0.0, recording.prior_mean[2]]))
+    twin = PAIRS[name].twin(moved)
+    assert twin.pose_covs is not None
+    found = extended(recording, name)
+    np.testing.assert_allclose(found.poses, twin.poses, atol=1e-10)
+    np.testing.assert_allclose(found.sigmas**2, np.diagonal(twin.pose_covs, axis1=1, axis2=2), rtol=1e-8)
+    assert difference(found, found, recording) == 0.0
+    worse = found._replace(poses=found.poses + 0.5 * found.sigmas)
+    assert difference(worse, found, recording) == pytest.approx(0.5)
+
+
+def test_extended_precision_is_extended():
+    """Where it is not, `undecided` is all that the referee says of a filter that differs from its twin."""
+    assert DIGITS_GAINED >= 1.0
+    if sys.platform == "linux":
+        assert DIGITS_GAINED > 1000.0
+
+
+def test_one_pass_is_not_the_minimum_of_the_iterated_filter():
+    _, recording = random_recording(2, steps=15)
+    assert judge_minimum(recording, "iterated").verdict == "agrees"
+    one_pass = judge_minimum(recording, "standard")
+    assert one_pass.verdict == "worse"
+    assert one_pass.difference > 1e-4
+
+
+def test_an_optimum_that_is_wrong_is_told(monkeypatch: pytest.MonkeyPatch):
+    """Batch and isam2 that return dead reckoning in place of what they found."""
+    each = next(
+        d
+        for d in map(drawn, range(300))
+        if {"position", "motion full"} <= {*d.tags} and len(d.recording.observation) > 30
+    )
+    right = {outcome.estimator: outcome for outcome in judge_optima(each)}
+    assert right["batch"].verdict == "agrees"
+    assert right["isam2"].steps == each.recording.steps + 1
+    for name in ("batch", "isam2"):
+        theirs = getattr(sys.modules["referees.optima"], name)
+
+        def shifted(recording: object, theirs: object = theirs) -> Estimate:
+            estimate = theirs(recording)  # pyright: ignore[reportCallIssue]
+            sigma = np.sqrt(np.diagonal(estimate.pose_covs, axis1=1, axis2=2))
+            return replace(estimate, poses=estimate.poses + 0.5 * sigma)
+
+        monkeypatch.setattr(f"referees.optima.{name}", shifted)
+    wrong = {outcome.estimator: outcome for outcome in judge_optima(each)}
+    assert wrong["batch"].verdict == "worse"
+    assert wrong["isam2"].steps_off > 0.9 * each.recording.steps
+    assert wrong["isam2"].difference > 0.3
+
+
+def test_what_a_yardstick_says_of_itself_is_read_once_it_is_there():
+    class Flagged(Estimate):
+        optimum_check = 0.3
+
+    poses = np.zeros((1, 3))
+    assert np.isnan(stated_check(Estimate("filtered", poses))) or hasattr(Estimate, "optimum_check")
+    assert stated_check(Flagged("filtered", poses)) == 0.3
+
+
+# --- the table ---------------------------------------------------------------------------------------
+
+
+def judged(*outcomes: Outcome, number: int = 0) -> Judged:
+    return Judged(1, number, 10, ("position",), [*outcomes], 0.1)
+
+
+def several(good: Outcome, bad: Outcome, share: float) -> list[Judged]:
+    return [judged(bad if k < 1000 * share else good, number=k) for k in range(1000)]
+
+
+@pytest.mark.parametrize("verdict", ["worse", "failed"])
+def test_bars_of_filters_allow_one_in_two_hundred(verdict: Verdict):
+    good, bad = Outcome("riekf", "agrees", 1e-9), Outcome("riekf", verdict, 1.0, "why")
+    assert bars_missed(several(good, bad, 0.004)) == []
+    assert bars_missed(several(good, bad, 0.006)) == ["riekf: 6 of 1000 recordings worse than 1e-06 sigma, or failed"]
+
+
+def test_bars_of_the_optima():
+    good = judged(Outcome("batch", "agrees"), Outcome("isam2", "worse", 0.1, "", 100, 1))
+    assert bars_missed([good]) == []
+    assert bars_missed([judged(Outcome("batch", "undecided", np.inf, "no optimum"))]) == []
+    assert len(bars_missed([good, judged(Outcome("batch", "failed"))])) == 1
+    assert len(bars_missed([judged(Outcome("batch mapped", "worse", 2.0))])) == 1
+    assert len(bars_missed([judged(Outcome("isam2", "worse", 0.1, "", 100, 2))])) == 1
+    assert len(bars_missed([judged(Outcome("isam2", "worse", 0.1, "", 100, 1, 1))])) == 1
+
+
+def test_the_table_counts_and_the_worst_come_first():
+    rows = [judged(Outcome("ekf", "worse", 10.0**-k), number=k) for k in range(5)]
+    rows += [judged(Outcome("ekf", "failed", np.inf, "no covariance")), judged(Outcome("ekf", "agrees", 1e-9))]
+    line = table(rows).splitlines()[1].split()
+    assert line == ["ekf", "1", "5", "1", "0", "0", "1.0e+00", "sigma"]
+    worst = worst_cases(rows, 3)
+    assert [outcome.difference for _, outcome in worst] == [np.inf, 1.0, 0.1]
+
+
+def test_bearings_have_no_twin_and_must_run():
+    each = next(d for d in map(drawn, range(300)) if "bearing" in d.tags and d.recording.steps < 10)
+    assert {outcome.verdict for outcome in judge_filters(each.recording)} == {"not compared"}
+
+
+# --- the program -------------------------------------------------------------------------------------
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["agreement.py", *arguments])
+    return agreement.main()
+
+
+def interrupted(*_: object) -> Iterator[Judged]:
+    yield judged(Outcome("ekf", "worse", 0.5, "textbook"), number=3)
+    raise KeyboardInterrupt
+
+
+def test_an_interrupt_ends_with_the_table_so_far(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    monkeypatch.setattr(agreement, "_all", interrupted)
+    assert run(monkeypatch, "--check") == agreement.INTERRUPTED
+    told = capsys.readouterr().out
+    assert "1 recordings" in told
+    assert "--seed 1 --only 3" in told
+
+
+def test_check_and_save(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    def one_case(*_: object) -> list[Judged]:
+        return [judged(Outcome("ekf", "worse", 0.5, "textbook"), number=3)]
+
+    monkeypatch.setattr(agreement, "_all", one_case)
+    assert run(monkeypatch, "--save", str(tmp_path / "cases")) == 0
+    assert run(monkeypatch, "--check") == 1
+    assert "ekf: 1 of 1" in capsys.readouterr().out
+    assert load_recording(tmp_path / "cases/recording-1-3.npz") == draw(1, 3).recording
+    assert load_truth(tmp_path / "cases/truth-1-3.npz") == draw(1, 3).truth
+
+
+def test_one_recording_alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    number = next(k for k in range(300) if drawn(k).recording.steps < 6)
+    run(monkeypatch, "--seed", "7", "--only", str(number))
+    assert f"--seed 7 --only {number}: {drawn(number).recording.steps} steps" in capsys.readouterr().out
