@@ -3,8 +3,8 @@
 A slot is the place of a landmark in the state, counted from 0, and a row of `positions`. It stays the landmark's own
 until `remove` or `merge`. Whoever adds landmarks gives them their ids.
 
-Positions of the belief are relative to where the prior puts the robot, `origin`, so that they keep their digits wherever
-in the world that is. `pose` and `positions` are in the world frame, and so is what `replace` takes.
+Positions of the belief are relative to where the prior puts the robot, `origin`, so that they keep their digits
+wherever in the world that is. `pose` and `positions` are in the world frame, and so is what `replace` takes.
 """
 
 from __future__ import annotations

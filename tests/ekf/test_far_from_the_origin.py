@@ -1,4 +1,4 @@
-"""Wherever in the world a run takes place, its results relative to the start are the same: robots give UTM positions."""
+"""Wherever in the world a run takes place, its results relative to the start are the same: robots log UTM positions."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def test_a_compressed_map() -> None:
 
 def test_a_map_that_is_replaced_is_given_in_the_world_frame() -> None:
     slam = SlamFilter("position", FAR, np.eye(3))
-    landmarks = FAR[:2] + [[1.0, 2.0], [3.0, -4.0]]
+    landmarks = FAR[:2] + np.array([[1.0, 2.0], [3.0, -4.0]])
     slam.map.replace(np.arange(2), landmarks, np.eye(7))
     np.testing.assert_array_equal(slam.landmarks, landmarks)
     np.testing.assert_array_equal(slam.map.entries(np.arange(3, 7)), [1.0, 2.0, 3.0, -4.0])
