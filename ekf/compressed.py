@@ -58,13 +58,13 @@ class CompressedFilter(PointFilter):
         self._sensor = sensor
         self._area_radius = area_radius
         self._ids: Int = np.zeros(0, dtype=np.int64)
-        self._mean, self._cov = start_of(prior_mean, prior_cov)
+        self._origin, self._mean, self._cov = start_of(prior_mean, prior_cov)
         self._enter_area(self._ids)
 
     @property
     def pose(self) -> Float:
         """(3,) x, y [m], heading [rad] in the world frame."""
-        return self._local.pose
+        return self._local.pose + np.append(self._origin, 0.0)
 
     @property
     def pose_cov(self) -> Float:
@@ -80,7 +80,7 @@ class CompressedFilter(PointFilter):
     def landmarks(self) -> Float:
         """(L, 2) their positions [m]; settles the account of the area."""
         self._settle(self._local.landmark_ids)
-        return self._mean[3:].reshape(-1, 2).copy()
+        return self._mean[3:].reshape(-1, 2) + self._origin
 
     @property
     def landmark_covs(self) -> Float:

@@ -452,7 +452,7 @@ def move(measured: Measured, linear: Linear, place: Place, newest: int, landmark
 
 @kernel
 def move_point(point: Float, step: Float, turn: float) -> None:
-    """point <- point + V(turn) step."""
+    """Point <- point + V(turn) step."""
     along = math.sin(turn) / turn if turn != 0.0 else 1.0
     across = 2.0 * math.sin(0.5 * turn) ** 2 / turn if turn != 0.0 else 0.0
     point[0] += along * step[0] - across * step[1]

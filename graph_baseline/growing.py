@@ -25,7 +25,7 @@ from slamgauge.graph_baseline.chord import (
     take_in,
 )
 from slamgauge.graph_baseline.descent import descend
-from slamgauge.graph_baseline.factors import landmarks_at_first_sight, prior_cov_in_body, require_known_landmarks
+from slamgauge.graph_baseline.factors import prior_cov_in_body, require_known_landmarks
 from slamgauge.graph_baseline.linearisation import inverse_cholesky
 from slamgauge.graph_baseline.triangulation import triangulate_one
 from slamgauge.graph_baseline.undetermined import UndeterminedError, undetermined_variable
@@ -78,9 +78,7 @@ class GrowingOptimum:
             np.zeros(2 * landmarks),
             np.zeros(3),
         )
-        self._chord = Chord(
-            np.zeros((poses, 3)), np.zeros((landmarks, 2)), np.zeros((poses, 3)), np.zeros((poses, 3))
-        )
+        self._chord = Chord(np.zeros((poses, 3)), np.zeros((landmarks, 2)), np.zeros((poses, 3)), np.zeros((poses, 3)))
         self._base = Place(np.zeros((poses, 3)), np.zeros((landmarks, 2)))
         self._slot: dict[int, int] = {}
         self._newest = -1

@@ -96,7 +96,7 @@ class DelayedInitialiser:
         if not self._clones:
             return True
         last = self._map.entries(self._columns(self._clones[-1])[:2])
-        return bool(np.hypot(*(self._map.pose[:2] - last)) >= self._settings.spacing)
+        return bool(np.hypot(*(self._map.robot[:2] - last)) >= self._settings.spacing)
 
     def _clone_pose(self) -> int:
         """Append the pose as two slots: the position, and the heading with an entry that is always zero."""
@@ -104,7 +104,7 @@ class DelayedInitialiser:
         jacobian[:3] = np.eye(3)
         ids = self._ids.take(2)
         self._map.add_linear(
-            ids, np.append(self._map.pose, 0.0), np.arange(3), jacobian, np.zeros((4, 4)), [True, False]
+            ids, np.append(self._map.robot, 0.0), np.arange(3), jacobian, np.zeros((4, 4)), [True, False]
         )
         self._clones.append(int(ids[0]))
         return int(ids[0])

@@ -115,7 +115,7 @@ class InverseDepthInitialiser:
         state, sigma = self._map.entries(columns), np.sqrt(self._map.block(columns)[3, 3])
         if state[3] < -BEYOND_INFINITY * sigma:
             self.forget(step, landmark)
-        elif state[3] > 0.0 and linearity_index(state, sigma, self._map.pose) < self._settings.linearity:
+        elif state[3] > 0.0 and linearity_index(state, sigma, self._map.robot) < self._settings.linearity:
             position, jacobian = locate_depth(state)
             new = self._ids.take(1)
             self._map.add_linear(new, position, columns, jacobian, np.zeros((2, 2)), [True])
@@ -125,7 +125,7 @@ class InverseDepthInitialiser:
 
     def _begin(self, step: int, landmark: int, bearing: float, variance: float) -> None:
         """Anchor a new landmark at the robot."""
-        x, y, heading = self._map.pose
+        x, y, heading = self._map.robot
         jacobian = np.zeros((4, 3))
         jacobian[:3] = np.eye(3)
         own = np.diag([0.0, 0.0, variance, self._settings.sigma**2])
@@ -140,7 +140,7 @@ class InverseDepthInitialiser:
         state = self._map.entries(columns)
         state[3] = max(state[3], self._settings.mean / FARTHEST)
         position, jacobian = locate_depth(state)
-        return position, jacobian @ self._map.block(columns) @ jacobian.T
+        return position + self._map.origin, jacobian @ self._map.block(columns) @ jacobian.T
 
     def _remove(self, depth: Depth) -> None:
         for each in depth.ids:

@@ -120,18 +120,19 @@ class RayInitialiser:
             return ray.members[:0], np.zeros(0)
         ray.failures = 0
         weights = _normalised(ray.log_weights - squared / 2.0 - np.log(spread) / 2.0)
-        self._prune(ray, weights, slots)
+        self._prune(ray, weights)
         if len(ray.members) == 1:
             del self._rays[landmark]
             self.log.end(step, landmark, int(ray.numbers[0]))
             return ray.members, np.ones(1)
         return self._shares(ray)
 
-    def _prune(self, ray: Ray, weights: Float, slots: Int) -> None:
-        """Give the members, in `slots`, these log weights; those that are improbable now, or one with another, go."""
+    def _prune(self, ray: Ray, weights: Float) -> None:
+        """Give the members these log weights; those that are improbable now, or one with another, go."""
         kept = weights >= math.log(self._settings.threshold / ray.born_with)
         if kept.sum() == 2:
-            near, far = sorted(np.hypot(*(self._map.positions[slots[kept]] - self._map.pose[:2]).T))
+            members = self._map.entries(self._map.columns_of(ray.members[kept])).reshape(-1, 2)
+            near, far = sorted(np.hypot(*(members - self._map.robot[:2]).T))
             if far < SAME * near:
                 kept[:] = False
         kept[np.argmax(weights)] = True

@@ -10,8 +10,8 @@ as H F...F N = 0 for N = [I, J p; 0, 1; I, J l]. It leans on good first estimate
 The observability-constrained filter predicts with the same F, and so keeps the same N. Its H is taken at the newest
 estimate and then projected: the nearest matrix in Frobenius norm with H N = 0 (`linearisation.project_on_observable`).
 
-The iterated filter takes its Jacobians where its own correction leads, until that place stands still:
-Gauss-Newton on the prior and the observations of the step, x <- x^ + K (z - h(x) - H (x^ - x)).
+The iterated filter takes its Jacobians where its own correction leads, until that place stands still: see
+`kernels.iterated`.
 
 The right-invariant filter needs no other coordinates than these. Its error xi, with
 theta = theta^ + xi_theta and p = R(xi_theta) p^ + V(xi_theta) xi_p (landmarks likewise), is
@@ -36,16 +36,12 @@ from __future__ import annotations
 import math
 
 from slamgauge.arrays import Float
-from slamgauge.ekf.kernels.belief import Belief, at_place
-from slamgauge.ekf.kernels.compiled import add_outer_pair, combine_rows, kernel, subtract_gram
+from slamgauge.ekf.kernels.belief import Belief
+from slamgauge.ekf.kernels.compiled import add_outer_pair, kernel
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
-from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
 from slamgauge.ekf.kernels.models import wrap
-from slamgauge.ekf.kernels.take_in import are_sound, take_in, whiten
-from slamgauge.ekf.kernels.workspace import CORRECTION, HEADING_ROW, MOVE, PLACE, WAY_BACK, Workspace
-
-MAX_ITERATIONS = 20
-SETTLED = 1e-12  # m or rad: an iterate that moves less has arrived
+from slamgauge.ekf.kernels.take_in import take_in
+from slamgauge.ekf.kernels.workspace import CORRECTION, HEADING_ROW, MOVE, Workspace
 
 
 @kernel
@@ -72,55 +68,6 @@ def move_additively(state: Float, size: int, dx: Float) -> None:
     for i in range(size):
         state[i] += dx[i]
     state[2] = wrap(state[2])
-
-
-@kernel
-def update_iterated(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
-    """Correct with Jacobians where the correction leads; returns as `update_standard`, the NIS of the first pass."""
-    return iterate(sensor, belief, count, work, MAX_ITERATIONS)
-
-
-@kernel
-def iterate(sensor: int, belief: Belief, count: int, work: Workspace, iterations: int) -> tuple[float, int]:
-    """`update_iterated` with at most `iterations` passes; a single one is the standard update.
-
-    The workspace must take in a whole scan at a time; if it does not, there is no update.
-    """
-    state, size = belief.state, belief.size
-    dx, place, back = work.scratch[CORRECTION], work.scratch[PLACE], work.scratch[WAY_BACK]
-    there, slots = at_place(belief, place), work.slots[:count]
-    if 2 * count > len(work.W):
-        return math.nan, 0
-    place[:size] = state[:size]
-    first_nis, first_informative = 0.0, 0
-    for iteration in range(iterations):
-        informative = linearise(sensor, there, slots, work.observation, work.innovation, work.jacobian)
-        for i in range(size):
-            back[i] = state[i] - place[i]
-        subtract_projection(back, 0, count, work)
-        nis = whiten(belief, 0, count, work)
-        if not (math.isfinite(nis) and are_sound(sensor, work.observation[:count], work.observation_cov[:count])):
-            return math.nan, informative
-        if iteration == 0:
-            first_nis, first_informative = nis, informative
-        combine_rows(work.W, work.innovation, dx, 2 * count, size)
-        if move_place(place, state, dx, size) < SETTLED:
-            break
-    state[:size] = place[:size]
-    state[2] = wrap(state[2])
-    subtract_gram(belief.cov, work.W, 2 * count, size)
-    mirror_robot_block(belief.cov)
-    return first_nis, first_informative
-
-
-@kernel
-def move_place(place: Float, state: Float, dx: Float, size: int) -> float:
-    """Place <- state + dx, where the next pass takes its Jacobians; returns the largest change of an entry."""
-    change = 0.0
-    for i in range(size):
-        change = max(change, abs(state[i] + dx[i] - place[i]))
-        place[i] = state[i] + dx[i]
-    return change
 
 
 @kernel

@@ -21,13 +21,7 @@ from slamgauge.ekf.kernels.augmentation import append_landmark
 from slamgauge.ekf.kernels.belief import Belief, at_place, resized
 from slamgauge.ekf.kernels.compatibility import NONE, Reach, is_within_reach, reach_of
 from slamgauge.ekf.kernels.compiled import kernel, subtract_gram
-from slamgauge.ekf.kernels.corrections import (
-    SETTLED,
-    carry_covariance,
-    move_additively,
-    move_invariantly,
-    move_place,
-)
+from slamgauge.ekf.kernels.corrections import carry_covariance, move_additively, move_invariantly
 from slamgauge.ekf.kernels.covariance import (
     mirror_robot_block,
     noise,
@@ -35,8 +29,9 @@ from slamgauge.ekf.kernels.covariance import (
     projected,
     squared_distance,
 )
+from slamgauge.ekf.kernels.iterated import SETTLED, Seen, Way, go_downhill, linearise_at, misfit, smaller_share
 from slamgauge.ekf.kernels.linearisation import linearise
-from slamgauge.ekf.kernels.models import POSITION
+from slamgauge.ekf.kernels.models import POSITION, wrap
 from slamgauge.ekf.kernels.take_in import are_sound
 from slamgauge.ekf.kernels.workspace import (
     ANCHOR,
@@ -45,6 +40,7 @@ from slamgauge.ekf.kernels.workspace import (
     MOVE_FROM_ANCHOR,
     MOVE_OF_ONE,
     PLACE_OF_ONE,
+    TRIAL,
     Workspace,
 )
 
@@ -244,17 +240,10 @@ def _append(scan: Scan, belief: Belief) -> None:
 def _take_in(scan: Scan, belief: Belief) -> tuple[float, int]:
     """Correct the state with the observation of its landmark; two more rows of W. Returns NIS and its dof."""
     work, size, state = scan.work, belief.size, belief.state
-    dx, place = work.scratch[CORRECTION], work.scratch[PLACE_OF_ONE]
+    dx = work.scratch[CORRECTION]
     if scan.form.passes > 1:
-        place[:size] = state[:size]
-        nis, informative = _gain(scan, belief, at_place(belief, place))
-        passes = 1
-        while math.isfinite(nis) and move_place(place, state, dx, size) >= SETTLED and passes < scan.form.passes:
-            if not math.isfinite(_gain(scan, belief, at_place(belief, place))[0]):
-                return math.nan, informative
-            passes += 1
-    else:
-        nis, informative = _gain(scan, belief, belief)
+        return _iterate(scan, belief)
+    nis, informative = _gain(scan, belief, belief)
     if not math.isfinite(nis):
         return math.nan, informative
     if scan.form.invariant:
@@ -266,6 +255,39 @@ def _take_in(scan: Scan, belief: Belief) -> tuple[float, int]:
     else:
         move_additively(state, size, dx)
     return nis, informative
+
+
+@kernel
+def _iterate(scan: Scan, belief: Belief) -> tuple[float, int]:
+    """Correct the state to a minimum of the cost of prior and observation (see `iterated`); returns as `_take_in`."""
+    work, i, size = scan.work, scan.row, belief.size
+    v = work.innovation[2 * i : 2 * i + 2]
+    seen = Seen(
+        scan.sensor,
+        scan.one,
+        work.observation[i : i + 1],
+        work.observation_cov[i : i + 1],
+        v,
+        work.jacobian[2 * i : 2 * i + 2],
+    )
+    way = Way(work.scratch[PLACE_OF_ONE], work.scratch[TRIAL], work.scratch[CORRECTION])
+    way.place[:size] = belief.state[:size]
+    linearise_at(way.place, belief, seen)
+    of_prior, cost, first_nis, informative = 0.0, misfit(seen), 0.0, 0
+    share, last = 1.0, math.inf
+    for iteration in range(scan.form.passes):
+        nis, dof = _gain(scan, belief, at_place(belief, way.place))
+        if not math.isfinite(nis):
+            return math.nan, dof
+        if iteration == 0:
+            first_nis, informative = nis, dof
+        change, of_prior, cost = go_downhill(belief, seen, way, v.copy(), share, of_prior, cost, SETTLED)
+        if change < SETTLED:
+            break
+        share, last = smaller_share(share, iteration, change, last), change
+    belief.state[:size] = way.place[:size]
+    belief.state[2] = wrap(belief.state[2])
+    return first_nis, informative
 
 
 @kernel

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from slamgauge.ekf.kernels import compatibility, corrections, linear, map_edits, one_by_one
+from slamgauge.ekf.kernels import compatibility, corrections, iterated, linear, map_edits, one_by_one
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import Belief, allocate_belief
 from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
@@ -33,7 +33,7 @@ def compile_once() -> None:
         predict(belief, np.zeros(3), np.zeros((3, 3)))
         augment(0, belief._replace(size=3), 1, work)
         find_slots(work.ids, work.slots, work.ids, work.slots)
-        for update in (corrections.update_standard, corrections.update_iterated, corrections.update_right_invariant):
+        for update in (corrections.update_standard, iterated.update_iterated, corrections.update_right_invariant):
             update(0, belief, 1, work)
 
 

@@ -22,13 +22,14 @@ DIVERGED = "every value is sound, so the filter has diverged; raise its noise, o
 INCREMENT = "give an increment (dx, dy, dtheta) of the body frame in m, m, rad"
 
 
-def start_of(prior_mean: ArrayLike, prior_cov: ArrayLike) -> tuple[Float, Float]:
-    """Start pose (3,) and its covariance (3, 3).
+def start_of(prior_mean: ArrayLike, prior_cov: ArrayLike) -> tuple[Float, Float, Float]:
+    """Where a filter starts (2,) [m] in the world, its pose (3,) relative to that place, and the covariance (3, 3).
 
     Raises:
         UserError: they are not a pose and a covariance.
     """
-    return as_floats("prior_mean", prior_mean, (3,)), as_covariances("prior_cov", prior_cov, (3, 3))
+    mean = as_floats("prior_mean", prior_mean, (3,))
+    return mean[:2].copy(), np.array([0.0, 0.0, mean[2]]), as_covariances("prior_cov", prior_cov, (3, 3))
 
 
 def require_sensor(sensor: str, known: tuple[str, ...]) -> None:

@@ -2,6 +2,9 @@
 
 A slot is the place of a landmark in the state, counted from 0, and a row of `positions`. It stays the landmark's own
 until `remove` or `merge`. Whoever adds landmarks gives them their ids.
+
+Positions of the belief are relative to where the prior puts the robot, `origin`, so that they keep their digits
+wherever in the world that is. `pose` and `positions` are in the world frame, and so is what `replace` takes.
 """
 
 from __future__ import annotations
@@ -43,6 +46,9 @@ class LandmarkMap:
         correction: name or rule; see `rules`.
         landmarks: how many to make room for at first; the map grows beyond that by itself.
 
+    Attributes:
+        origin: (2,) of the belief's positions [m] in the world frame.
+
     Raises:
         UserError: a sensor or correction that does not exist, an invalid prior, or an invalid number of landmarks.
     """
@@ -52,7 +58,7 @@ class LandmarkMap:
     ) -> None:
         require_sensor(sensor, tuple(SENSOR_CODES))
         self.rule = rule_of(correction)
-        mean, cov = start_of(prior_mean, prior_cov)
+        self.origin, start, cov = start_of(prior_mean, prior_cov)
         room = require_room(landmarks)
         compile_once()
         self.sensor = sensor
@@ -60,7 +66,7 @@ class LandmarkMap:
         self.dim = 1 if self.code == BEARING else 2
         rule = self.rule
         self.belief: Belief = allocate_belief(room, first_estimates=rule.first_estimates, form=rule.form)
-        self.belief.state[:3] = self.belief.point[:3] = mean
+        self.belief.state[:3] = self.belief.point[:3] = start
         self.belief.cov[:3, :3] = cov
         self.ids: Int = np.zeros(0, dtype=np.int64)  # in the order of slots
         self._sorted_ids: Int = self.ids
@@ -90,7 +96,9 @@ class LandmarkMap:
     @property
     def pose(self) -> Float:
         """(3,) x, y [m], heading [rad] in the world frame."""
-        return self.belief.state[:3].copy()
+        pose = self.belief.state[:3].copy()
+        pose[:2] += self.origin
+        return pose
 
     @property
     def pose_cov(self) -> Float:
@@ -100,7 +108,7 @@ class LandmarkMap:
     @property
     def positions(self) -> Float:
         """(L, 2) of the landmarks [m] in the world frame, in the order of slots."""
-        return self.belief.state[3 : self.belief.size].reshape(-1, 2).copy()
+        return self.belief.state[3 : self.belief.size].reshape(-1, 2) + self.origin
 
     @property
     def position_covs(self) -> Float:
@@ -125,8 +133,13 @@ class LandmarkMap:
         return np.column_stack([first, first + 1]).ravel()
 
     def entries(self, columns: Int) -> Float:
-        """What the state holds in `columns`; 0, 1, 2 are the robot's."""
+        """What the state holds in `columns`, positions relative to `origin`; 0, 1, 2 are the robot's."""
         return self.belief.state[columns]
+
+    @property
+    def robot(self) -> Float:
+        """(3,) the robot's entries: its pose relative to `origin`."""
+        return self.belief.state[:3].copy()
 
     def block(self, columns: Int) -> Float:
         """Covariance (c, c) of the entries in `columns` (c,)."""
@@ -202,7 +215,7 @@ class LandmarkMap:
         size = 3 + 2 * len(ids)
         self.reserve(size)
         self.resize(size)
-        self.belief.state[3:size] = self.belief.point[3:size] = np.ravel(positions)
+        self.belief.state[3:size] = self.belief.point[3:size] = np.ravel(positions - self.origin)
         self.belief.cov[:size, :size] = cov
         self.belief.points[:] = True
         self.name(ids)
@@ -227,7 +240,7 @@ class LandmarkMap:
 
         Args:
             ids: (m,) as for landmarks; each takes two entries.
-            values: (2m,) of the new entries.
+            values: (2m,) of the new entries, positions relative to `origin`.
             columns: (c,) of the entries x.
             jacobian: (2m, c) J.
             own_cov: (2m, 2m) covariance of the noise.

@@ -14,13 +14,12 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels import slots
 from slamgauge.ekf.kernels.belief import AT_POINT, Belief
 from slamgauge.ekf.kernels.corrections import (
-    MAX_ITERATIONS,
     retract_right_invariant,
     retract_standard,
-    update_iterated,
     update_right_invariant,
     update_standard,
 )
+from slamgauge.ekf.kernels.iterated import MAX_ITERATIONS, update_iterated
 from slamgauge.ekf.kernels.linearisation import PROJECTED
 from slamgauge.ekf.kernels.one_by_one import Sequential
 from slamgauge.ekf.kernels.prediction import predict

@@ -19,7 +19,7 @@ from scipy.stats import chi2
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter, dead_reckoning, ekf, fej_ekf, iekf, oc_ekf, riekf
 from slamgauge.ekf.kernels.belief import Belief
-from slamgauge.ekf.kernels.corrections import iterate
+from slamgauge.ekf.kernels.iterated import iterate
 from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.ekf.maps.rules import RULES, WHOLE_SCAN, Correction, Rule
 from slamgauge.estimate import Estimate

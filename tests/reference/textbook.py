@@ -2,8 +2,8 @@
 
 `textbook_ekf` is the practical's equations 1.1 on full matrices, with an explicit inverse.
 `textbook_fej_ekf` keeps, beside the estimate, the point of its Jacobians: each landmark's first position and
-the last predicted pose (Huang, Mourikis and Roumeliotis, IJRR 2010). `textbook_iekf` is Gauss-Newton on the
-prior and the observations of one step (Bell and Cathey 1993).
+the last predicted pose (Huang, Mourikis and Roumeliotis, IJRR 2010). `textbook_iekf` minimises
+the cost of the prior and the observations of one step (Bell and Cathey 1993), by another method than ours.
 `textbook_riekf` lives in the right-invariant error's own coordinates (Barrau and Bonnabel, arXiv
 1510.06263): F = I, noise on every landmark, updates by exp(K r), additive covariances at the end.
 `textbook_oc_ekf` propagates the unobservable directions N by the F of the first-estimates filter, step by step, and
@@ -220,20 +220,40 @@ def update(
 def update_iterated(
     sensor: str, x: Float, P: Float, slots: list[int], z: Float, R: Float
 ) -> tuple[Float, Float, float]:
-    """At most twenty passes, ended by one that moves the iterate by less than 1e-12."""
-    iterate, nis = x.copy(), []
-    while True:
-        v, H = linearised(sensor, iterate, iterate, slots, z)
-        v -= H @ (x - iterate)
-        S = H @ P @ H.T + block_diagonal(R)
-        K = P @ H.T @ np.linalg.inv(S)
-        nis.append(float(v @ np.linalg.inv(S) @ v))
-        before, iterate = iterate, x + K @ v
-        if np.abs(iterate - before).max() < 1e-12 or len(nis) == 20:
+    """The least of u'u + v' R^-1 v at x + Lu, P = LL', by Levenberg-Marquardt from u = 0; Jacobians are those there."""
+    variances, axes = np.linalg.eigh(P)
+    L = axes * np.sqrt(variances.clip(min=0.0))
+    root = np.linalg.inv(np.linalg.cholesky(block_diagonal(R)))
+
+    def residuals(u: Float) -> tuple[Float, Float]:
+        v, H = linearised(sensor, x + L @ u, x + L @ u, slots, z)
+        return np.concatenate([u, root @ v]), np.vstack([np.eye(len(u)), -root @ H @ L])
+
+    v, H = linearised(sensor, x, x, slots, z)
+    nis = float(v @ np.linalg.solve(H @ P @ H.T + block_diagonal(R), v))
+    u, damping = np.zeros(len(x)), 0.0
+    for _ in range(1000):
+        r, A = residuals(u)
+        step = -np.linalg.solve(A.T @ A + damping * np.eye(len(u)), A.T @ r)
+        if np.abs(step).max() < 1e-7:
             break
+        if np.sum(residuals(u + step)[0] ** 2) <= np.sum(r**2) * (1.0 + 1e-15):
+            u, damping = u + step, damping / 10.0 if damping > 1e-6 else 0.0
+        else:
+            damping = max(10.0 * damping, 1e-3)
+    length = np.inf
+    while True:  # the last digits, of which the cost tells nothing: undamped, as long as steps become shorter
+        r, A = residuals(u)
+        step = -np.linalg.solve(A.T @ A, A.T @ r)
+        if not np.abs(step).max() < 0.9 * length:
+            break
+        u, length = u + step, np.abs(step).max()
+    minimum = x + L @ u
+    _, H = linearised(sensor, minimum, minimum, slots, z)
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + block_diagonal(R))
     P = (np.eye(len(x)) - K @ H) @ P
-    iterate[2] = wrap(iterate[2])
-    return iterate, (P + P.T) / 2, nis[0]
+    minimum[2] = wrap(minimum[2])
+    return minimum, (P + P.T) / 2, nis
 
 
 def exp_action(xi: Float, x: Float) -> Float:

@@ -116,7 +116,7 @@ class Twin:
     """Dense state and covariance, slots in the order of the filter, each a point or not."""
 
     def __init__(self, rng: np.random.Generator, correction: Correction) -> None:
-        self.x, self.P = np.array([0.5, -0.4, 3.0]), random_cov(rng, 3)
+        self.x, self.P = np.array([0.0, 0.0, 3.0]), random_cov(rng, 3)  # `entries` are relative to the start
         self.ids: list[int] = []
         self.is_point: list[bool] = []
         self.invariant = correction == "right-invariant"

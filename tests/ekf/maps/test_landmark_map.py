@@ -9,7 +9,7 @@ import pytest
 
 from slamgauge.arrays import Int
 from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.kernels.corrections import update_iterated
+from slamgauge.ekf.kernels.iterated import update_iterated
 from slamgauge.ekf.maps.rules import Correction, Rule
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations

@@ -1,0 +1,141 @@
+"""Wherever in the world a run takes place, its results relative to the start are the same: robots log UTM positions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from random_recordings import random_recording
+
+from slamgauge.arrays import Float
+from slamgauge.ekf import (
+    Association,
+    CompressedFilter,
+    Delayed,
+    InverseDepth,
+    MapManagement,
+    Rays,
+    SlamFilter,
+    dead_reckoning,
+    ekf,
+    fej_ekf,
+    iekf,
+    oc_ekf,
+    riekf,
+)
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import compose, rotation, wrap
+
+FAR = np.array([500_000.0, 4_600_000.0, 2.5])  # [m, m, rad]: UTM coordinates of southern Europe, and a turn
+TOLERANCE = 1e-6  # standard deviations
+FILTERS = pytest.mark.parametrize("estimator", [ekf, fej_ekf, oc_ekf, iekf, riekf])
+Estimator = Callable[..., Estimate]
+
+
+def moved(recording: Recording) -> Recording:
+    """The same run elsewhere: all that is measured is relative."""
+    turn = np.eye(3)
+    turn[:2, :2] = rotation(FAR[2])
+    return replace(
+        recording, prior_mean=compose(FAR, recording.prior_mean), prior_cov=turn @ recording.prior_cov @ turn.T
+    )
+
+
+def moved_back(positions: Float) -> Float:
+    return (positions - FAR[:2]) @ rotation(FAR[2])
+
+
+def assert_same_positions(far: Float, near: Float, covs: Float) -> None:
+    assert len(near)
+    sigmas = np.sqrt(np.linalg.eigvalsh(covs)[:, 0].clip(min=1e-8))
+    off = np.hypot(*(moved_back(far) - near).T)
+    assert (off / sigmas).max() < TOLERANCE
+
+
+def assert_same(far: Estimate, near: Estimate) -> None:
+    assert near.pose_covs is not None
+    assert far.pose_covs is not None
+    assert_same_positions(far.poses[:, :2], near.poses[:, :2], near.pose_covs[:, :2, :2])
+    turned = wrap(far.poses[:, 2] - near.poses[:, 2] - FAR[2])
+    assert (np.abs(turned) < TOLERANCE * np.sqrt(near.pose_covs[:, 2, 2])).all()
+    np.testing.assert_allclose(
+        np.linalg.eigvalsh(far.pose_covs[:, :2, :2]), np.linalg.eigvalsh(near.pose_covs[:, :2, :2]), rtol=TOLERANCE
+    )
+    if near.nis is None:
+        return
+    assert far.nis is not None
+    np.testing.assert_allclose(far.nis, near.nis, rtol=TOLERANCE, atol=TOLERANCE)
+    np.testing.assert_array_equal(far.landmark_ids, near.landmark_ids)
+    np.testing.assert_array_equal(far.association, near.association)
+    assert near.landmarks is not None
+    assert far.landmarks is not None
+    assert near.landmark_covs is not None
+    assert_same_positions(far.landmarks, near.landmarks, near.landmark_covs)
+    assert near.history is not None
+    assert far.history is not None
+    assert_same_positions(far.history.position, near.history.position, near.history.cov)
+
+
+@FILTERS
+@pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+@pytest.mark.parametrize("association", [None, Association(), Association("jcbb", map_management=MapManagement())])
+def test_ranges_and_bearings(estimator: Estimator, sensor: str, association: Association | None) -> None:
+    _, recording = random_recording(30, sensor=sensor, steps=60, noise=0.5)
+    options = {"frames": 5} if association is None else {"frames": 5, "association": association}
+    if association is not None:
+        recording = replace(recording, landmark=None)
+    assert_same(estimator(moved(recording), **options), estimator(recording, **options))
+
+
+@FILTERS
+@pytest.mark.parametrize("initialisation", [Rays(), InverseDepth(), Delayed()])
+def test_bearings_alone(estimator: Estimator, initialisation: Rays | InverseDepth | Delayed) -> None:
+    recording = bearings_of(31)
+    options = {"frames": 5, "initialisation": initialisation}
+    assert_same(estimator(moved(recording), **options), estimator(recording, **options))
+
+
+@FILTERS
+@pytest.mark.parametrize("association", [Association(), Association("jcbb")])
+def test_bearings_without_ids(estimator: Estimator, association: Association) -> None:
+    recording = replace(bearings_of(32), landmark=None)
+    options = {"frames": 5, "association": association}
+    assert_same(estimator(moved(recording), **options), estimator(recording, **options))
+
+
+def bearings_of(seed: int) -> Recording:
+    _, recording = random_recording(seed, steps=60, noise=0.2)
+    covs = recording.observation_cov[:, 1:, 1:]
+    return replace(recording, sensor="bearing", observation=recording.observation[:, 1:], observation_cov=covs)
+
+
+def test_dead_reckoning() -> None:
+    _, recording = random_recording(33, steps=60)
+    assert_same(dead_reckoning(moved(recording)), dead_reckoning(recording))
+
+
+def test_a_compressed_map() -> None:
+    """It settles its account with the rest of the map many times, and each time keeps its digits."""
+    _, recording = random_recording(34, steps=100, landmarks=12, noise=0.5)
+    far, near = (
+        CompressedFilter("range-bearing", each.prior_mean, each.prior_cov, area_radius=3.0)
+        for each in (moved(recording), recording)
+    )
+    for k, scan in enumerate(recording.scans()):
+        for slam in (far, near):
+            if k:
+                slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
+            slam.update(scan)
+        assert_same_positions(far.pose[None, :2], near.pose[None, :2], near.pose_cov[None, :2, :2])
+    assert_same_positions(far.landmarks, near.landmarks, near.landmark_covs)
+
+
+def test_a_map_that_is_replaced_is_given_in_the_world_frame() -> None:
+    slam = SlamFilter("position", FAR, np.eye(3))
+    landmarks = FAR[:2] + np.array([[1.0, 2.0], [3.0, -4.0]])
+    slam.map.replace(np.arange(2), landmarks, np.eye(7))
+    np.testing.assert_array_equal(slam.landmarks, landmarks)
+    np.testing.assert_array_equal(slam.map.entries(np.arange(3, 7)), [1.0, 2.0, 3.0, -4.0])
