@@ -374,23 +374,23 @@ def respond(measured: Measured, linear: Linear, newest: int, with_landmarks: boo
                 a2 += P[k, 2, 0] * pull[0] + P[k, 2, 1] * pull[1] + P[k, 2, 2] * pull[2]
             for i in range(3):
                 m[i] = G[k, i, 0] * a0 + G[k, i, 1] * a1 + G[k, i, 2] * a2
-    l = np.zeros(3)
+    pulled = np.zeros(3)
     x = np.zeros(3)
     for k in range(newest, -1, -1):
         if k < newest:
             fx, fy = linear.lever[k + 1]
-            l[2] += fx * l[0] + fy * l[1]
+            pulled[2] += fx * pulled[0] + fy * pulled[1]
         sees = measured.first[k] < measured.first[k + 1]
         if with_landmarks and sees:
-            pull_of_landmarks(measured, linear, k, chord.landmark, l)
-        a0 = mean[k, 0] + P[k, 0, 0] * l[0] + P[k, 0, 1] * l[1] + P[k, 0, 2] * l[2]
-        a1 = mean[k, 1] + P[k, 1, 0] * l[0] + P[k, 1, 1] * l[1] + P[k, 1, 2] * l[2]
-        a2 = mean[k, 2] + P[k, 2, 0] * l[0] + P[k, 2, 1] * l[1] + P[k, 2, 2] * l[2]
+            pull_of_landmarks(measured, linear, k, chord.landmark, pulled)
+        a0 = mean[k, 0] + P[k, 0, 0] * pulled[0] + P[k, 0, 1] * pulled[1] + P[k, 0, 2] * pulled[2]
+        a1 = mean[k, 1] + P[k, 1, 0] * pulled[0] + P[k, 1, 1] * pulled[1] + P[k, 1, 2] * pulled[2]
+        a2 = mean[k, 2] + P[k, 2, 0] * pulled[0] + P[k, 2, 1] * pulled[1] + P[k, 2, 2] * pulled[2]
         if sees:
             for i in range(3):
                 x[i] = G[k, i, 0] * a0 + G[k, i, 1] * a1 + G[k, i, 2] * a2
             for i in range(3):
-                l[i] -= N[k, i, 0] * x[0] + N[k, i, 1] * x[1] + N[k, i, 2] * x[2]
+                pulled[i] -= N[k, i, 0] * x[0] + N[k, i, 1] * x[1] + N[k, i, 2] * x[2]
         else:
             x[0], x[1], x[2] = a0, a1, a2
         if with_landmarks:

@@ -126,6 +126,10 @@ class Estimate:
         seconds: (N+1,) computing time of each step; None if not measured.
         rays: what became of the rays of a bearing-only estimate; None without rays.
         history: the map at some of the steps; None if it was not kept.
+        chi_square: of an optimum, its squared residuals in units of their stated noise, summed; None of a filter.
+        chi_square_dof: its degrees of freedom, the rows of all observations less two for every landmark.
+        optimum_check: of a causal optimum, how far its last pose and sigmas are from the hindsight optimum's, in sigmas
+            of the latter; infinite where that could not be found; None where nothing was checked.
     """
 
     kind: Kind
@@ -140,6 +144,9 @@ class Estimate:
     seconds: Float | None = None
     rays: RayLog | None = None
     history: MapHistory | None = None
+    chi_square: float | None = None
+    chi_square_dof: int | None = None
+    optimum_check: float | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in ("filtered", "smoothed"):
@@ -167,6 +174,12 @@ class Estimate:
             store(self, nis=as_floats("nis", self.nis, (count,)), nis_dof=as_ints("nis_dof", self.nis_dof, (count,)))
         if self.seconds is not None:
             store(self, seconds=as_floats("seconds", self.seconds, (count,)))
+        for name in ("chi_square", "chi_square_dof", "optimum_check"):
+            figure = getattr(self, name)
+            if figure is not None and not figure >= 0:
+                raise UserError(f"{name}: {figure} is no distance; give a number >= 0, or None")
+        if (self.chi_square is None) != (self.chi_square_dof is None):
+            raise UserError("chi_square: give chi_square and chi_square_dof together, or neither")
         _require_on_the_path(self.rays, self.history, steps=count - 1)
 
     def __eq__(self, other: object) -> bool:
