@@ -1,4 +1,4 @@
-"""The causal optimum: iSAM2 fed step by step, its newest pose and marginal at every step."""
+"""The causal optimum: at every step the newest pose of the optimum of all measurements up to it."""
 
 from __future__ import annotations
 
@@ -6,24 +6,26 @@ from time import perf_counter
 
 import numpy as np
 
-from slamgauge.arrays import Int
+from slamgauge.arrays import Float, Int
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.factors import among_mapped, read_values, require_known_landmarks
-from slamgauge.graph_baseline.incremental import SETTINGS, GrowingProblem, Settings
-from slamgauge.graph_baseline.smoother import solve_at
-from slamgauge.graph_baseline.undetermined import explained
+from slamgauge.graph_baseline.factors import among_mapped, relative_to_start, require_known_landmarks
+from slamgauge.graph_baseline.growing import GrowingOptimum
+from slamgauge.graph_baseline.hindsight import batch, chi_square_of
+from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
+from slamgauge.se2 import wrap
 
 
+@relative_to_start
 def isam2(recording: Recording, association: Int | None = None) -> Estimate:
-    """What the measurements up to each step allow: the newest pose of an incremental optimum (iSAM2).
+    """What the measurements up to each step allow: the newest pose of an optimum that grows with them (`growing`).
+
+    It does what iSAM2 (Kaess et al., IJRR 31(2), 2012) does, incremental smoothing with relinearisation, but goes to
+    the minimum of the exact cost; tests hold it against GTSAM's iSAM2 and against `batch` on the first steps. Its last
+    pose is always checked against `batch` on the whole recording (`Estimate.optimum_check`).
 
     With bearings alone a landmark waits, with its bearings, until they place it (`triangulation`); one that they never
     place is no part of the map, and its `association` is -1.
-
-    The `position` sensor enters as range and bearing with its covariance carried over, and a motion
-    direction of zero variance is lent a slip (`factors.LENT_SLIP`): with hard constraints iSAM2 fails on
-    maps of 300 landmarks, and the sigmas it would find there are the same to 1e-5.
 
     Args:
         recording: what was measured.
@@ -35,43 +37,45 @@ def isam2(recording: Recording, association: Int | None = None) -> Estimate:
     """
     if association is not None:
         return among_mapped(isam2(recording.associated(association)), association)
-    return causal_optimum(recording, SETTINGS)
-
-
-def causal_optimum(recording: Recording, settings: Settings) -> Estimate:
-    """`isam2` with other settings.
-
-    Cholesky is twice as fast as QR on large maps, but GTSAM's takes a long stretch without observations
-    for an undetermined problem; QR then has the last word.
-    """
-    with explained():
-        try:
-            return _run(recording, GrowingProblem(recording, settings, "CHOLESKY"))
-        except RuntimeError:
-            return _run(recording, GrowingProblem(recording, settings, "QR"))
-
-
-def _run(recording: Recording, growing: GrowingProblem) -> Estimate:
+    growing = GrowingOptimum(recording)
     steps = recording.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
     for k in range(steps + 1):
         start = perf_counter()
-        growing.add_step(k)
-        growing.optimise()
-        poses[k], pose_covs[k] = growing.newest_pose(), growing.newest_pose_cov()
+        growing.add_step()
+        if k == steps:
+            growing.finish()
+        poses[k], pose_covs[k] = growing.newest_pose(), growing.newest_cov()
         seconds[k] = perf_counter() - start
-    smoothed, landmarks = read_values(growing.solver.calculateEstimate())
-    landmark_ids = np.array(sorted(growing.known), dtype=np.int64)
     ids = require_known_landmarks(recording)
-    association = np.where(np.isin(ids, landmark_ids), ids, -1)
+    association = np.where(np.isin(ids, growing.landmark_ids), ids, -1)
+    chi_square, freedom = chi_square_of(recording.associated(association), *growing.path_and_map())
     return Estimate(
         kind="filtered",
         poses=poses,
         pose_covs=pose_covs,
-        landmark_ids=landmark_ids,
-        landmarks=landmarks,
-        # one by one, GTSAM's marginals take minutes on maps of 1000 landmarks
-        landmark_covs=solve_at(recording.associated(association), landmark_ids, smoothed, landmarks).landmark_covs,
+        landmark_ids=growing.landmark_ids,
+        landmarks=growing.landmarks(),
+        landmark_covs=growing.landmark_covs(),
         association=association,
         seconds=seconds,
+        chi_square=chi_square,
+        chi_square_dof=freedom,
+        optimum_check=_off(recording, poses[-1], pose_covs[-1]) if growing.settled else np.inf,
     )
+
+
+def _off(recording: Recording, pose: Float, cov: Float) -> float:
+    """How far the last pose (3,) and its sigmas are from the hindsight optimum's, in sigmas of the latter."""
+    try:
+        optimum = batch(recording)
+    except UndeterminedError:
+        return np.inf
+    assert optimum.pose_covs is not None
+    sigma = np.sqrt(np.diag(optimum.pose_covs[-1]))
+    apart = pose - optimum.poses[-1]
+    apart[2] = wrap(apart[2])
+    known = sigma > 1e-9  # m or rad
+    off = np.abs(apart[known]) / sigma[known]
+    wider = np.abs(np.sqrt(np.diag(cov))[known] / sigma[known] - 1.0)
+    return float(max(off.max(initial=0.0), wider.max(initial=0.0)))

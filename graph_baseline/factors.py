@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import wraps
+from typing import Protocol
 
 import gtsam
 import numpy as np
@@ -201,6 +203,28 @@ def among_mapped(estimate: Estimate, association: Int) -> Estimate:
     """The estimate for an association (M,) of its own; -1 for what was given to landmarks that are not mapped."""
     mapped = np.isin(association, np.asarray(estimate.landmark_ids))
     return replace(estimate, association=np.where(mapped, association, -1))
+
+
+class GraphEstimator(Protocol):
+    """An optimum of a recording, or of its observations under another association."""
+
+    def __call__(self, recording: Recording, association: Int | None = None) -> Estimate:
+        """The optimum."""
+        ...
+
+
+def relative_to_start(estimator: GraphEstimator) -> GraphEstimator:
+    """The same estimator, computing relative to the start, so that map coordinates keep their digits."""
+
+    @wraps(estimator)
+    def relative(recording: Recording, association: Int | None = None) -> Estimate:
+        shift = np.array([*recording.prior_mean[:2], 0.0])
+        if not shift.any():
+            return estimator(recording, association)
+        found = estimator(replace(recording, prior_mean=recording.prior_mean - shift), association)
+        return replace(found, poses=found.poses + shift, landmarks=found.landmarks + shift[:2])
+
+    return relative
 
 
 def first_sights(recording: Recording) -> tuple[Int, Int]:

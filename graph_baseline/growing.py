@@ -27,6 +27,7 @@ from slamgauge.graph_baseline.chord import (
 from slamgauge.graph_baseline.descent import descend
 from slamgauge.graph_baseline.factors import prior_cov_in_body, require_known_landmarks
 from slamgauge.graph_baseline.linearisation import inverse_cholesky
+from slamgauge.graph_baseline.smoother import own_blocks_of_inverse
 from slamgauge.graph_baseline.triangulation import triangulate_one
 from slamgauge.graph_baseline.undetermined import UndeterminedError, undetermined_variable
 from slamgauge.recording import Recording
@@ -83,14 +84,42 @@ class GrowingOptimum:
         self._slot: dict[int, int] = {}
         self._newest = -1
         self._factor = np.zeros((0, 0))
+        self.settled = True  # whether the minimum was found when it was last looked for
         self._sigma = np.zeros(3)
         self._since_check, self._travel, self._bend = 0, 0.0, 1.0
         self.counts = {"chord": 0, "anew": 0, "descend": 0, "check": 0}
 
+    # --- what has been found ---------------------------------------------------------------------
+
     @property
     def landmark_ids(self) -> Int:
-        """(L,) in the order of their slots."""
+        """(L,) in the order in which they were mapped."""
         return np.array(list(self._slot), dtype=np.int64)
+
+    def newest_pose(self) -> Float:
+        """(3,) x, y [m], heading [rad]."""
+        return self.place.poses[self._newest].copy()
+
+    def newest_cov(self) -> Float:
+        """(3, 3) of the newest pose, world frame."""
+        M = self._linear.M[:, : len(self._factor)]
+        spread = solve_triangular(self._factor, M.T, lower=True, check_finite=False)
+        cov = self._linear.newest_cov + spread.T @ spread
+        return (cov + cov.T) / 2
+
+    def landmarks(self) -> Float:
+        """(L, 2) [m], in the order of `landmark_ids`."""
+        return self.place.landmarks[: len(self._slot)].copy()
+
+    def landmark_covs(self) -> Float:
+        """(L, 2, 2) [m^2]."""
+        return own_blocks_of_inverse(self._factor)
+
+    def path_and_map(self) -> tuple[Float, Float]:
+        """Smoothed poses (k+1, 3), and landmarks (L, 2) in increasing id order."""
+        return self.place.poses[: self._newest + 1].copy(), self.landmarks()[np.argsort(self.landmark_ids)]
+
+    # --- steps -----------------------------------------------------------------------------------
 
     def add_step(self) -> None:
         """Take in the next pose and its scan."""
@@ -102,7 +131,7 @@ class GrowingOptimum:
         at.poses[k] = poses[k]
         if self._recording.sensor == "bearing" and new:
             self._relinearise()
-            self.settle()
+            self._settle()
             return
         self._before_new = len(self._slot) - new
         at.landmarks[self._before_new : len(self._slot)] = self.place.landmarks[self._before_new : len(self._slot)]
@@ -114,7 +143,7 @@ class GrowingOptimum:
         self._travel += float(np.max(np.square(step / self._sigma)))
         if self._since_check >= LONGEST or self._travel * self._bend > MISSED:
             before = poses[k].copy()
-            self.settle()
+            self._settle()
             missed = float(np.max(np.abs(poses[k] - before) / self._sigma))
             self._bend = max(missed / max(self._travel, 1e-6), PATIENCE * self._bend)
             self._since_check, self._travel = 0, 0.0
@@ -139,15 +168,15 @@ class GrowingOptimum:
             place.landmarks[:count] = base.landmarks[:count] + landmarks.reshape(-1, 2)
         return step
 
-    def newest_cov(self) -> Float:
-        """(3, 3) of the newest pose, world frame."""
-        M = self._linear.M[:, : 2 * len(self._slot)]
-        spread = solve_triangular(self._factor, M.T, lower=True, check_finite=False)
-        return self._linear.newest_cov + spread.T @ spread
+    def finish(self) -> None:
+        """Go to the minimum, all matrices taken there."""
+        self._settle()
+        self._relinearise()
 
-    def settle(self) -> None:
-        """Chord steps until the newest pose stands still at the minimum of the exact cost."""
+    def _settle(self) -> None:
+        """Go to the minimum of the exact cost: by chord steps, else by damped ones, else not at all."""
         self.counts["check"] += 1
+        self.settled = True
         k, count = self._newest, len(self._slot)
         start = self.place.poses[: k + 1].copy(), self.place.landmarks[:count].copy()
         try:
@@ -156,7 +185,10 @@ class GrowingOptimum:
         except (UndeterminedError, LinAlgError):
             pass
         self.place.poses[: k + 1], self.place.landmarks[:count] = start
-        self._descend()
+        try:
+            self._descend()
+        except UndeterminedError:
+            self.settled = False
 
     def _converge(self) -> bool:
         """Whether chord steps come to rest, linearising anew where they take too little away."""

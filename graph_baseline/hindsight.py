@@ -32,9 +32,10 @@ from slamgauge.graph_baseline.factors import (
     landmarks_at_first_sight,
     make_values,
     read_values,
+    relative_to_start,
     require_known_landmarks,
 )
-from slamgauge.graph_baseline.incremental import causal_values
+from slamgauge.graph_baseline.growing import GrowingOptimum
 from slamgauge.graph_baseline.undetermined import UndeterminedError, explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
@@ -43,6 +44,7 @@ PORTIONS = 8  # of the recording, in the grown start
 OUTSIDE_BAND = 1e-3  # probability that true noise makes a cost that is taken for unexplained
 
 
+@relative_to_start
 def batch(recording: Recording, association: Int | None = None) -> Estimate:
     """What the measurements allow in hindsight: the maximum a posteriori trajectory and map.
 
@@ -66,6 +68,8 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
         landmarks=found.landmarks,
         landmark_covs=found.solution.landmark_covs,
         association=taken,
+        chi_square=2.0 * found.cost,
+        chi_square_dof=degrees_of_freedom(recording.associated(taken)),
     )
 
 
@@ -119,12 +123,29 @@ def degrees_of_freedom(recording: Recording) -> int:
     return recording.observation.size - 2 * len(first_sights(recording)[0])
 
 
+def chi_square_of(recording: Recording, poses: Float, landmarks: Float) -> tuple[float, int]:
+    """Squared residuals at poses (N+1, 3) and landmarks (L, 2), ids increasing, and their degrees of freedom."""
+    slot = np.searchsorted(first_sights(recording)[0], require_known_landmarks(recording))
+    return 2.0 * Merit(recording, slot)(poses, landmarks), degrees_of_freedom(recording)
+
+
+def _causal(recording: Recording) -> tuple[Float, Float]:
+    """Poses and landmarks of the optimum that grew step by step."""
+    growing = GrowingOptimum(recording)
+    for _ in range(recording.steps + 1):
+        growing.add_step()
+    poses, found = growing.path_and_map()
+    landmarks = landmarks_at_first_sight(recording, poses)
+    landmarks[np.isin(first_sights(recording)[0], growing.landmark_ids)] = found
+    return poses, landmarks
+
+
 def _starts(recording: Recording, path: Float) -> Iterator[Callable[[], tuple[Float, Float]]]:
     """Ways to poses (N+1, 3) and landmarks (L, 2) from which to descend, the likeliest first."""
     yield lambda: searched(recording, path)
     yield lambda: (path, landmarks_at_first_sight(recording, path))
     yield lambda: _grown(recording)
-    yield lambda: causal_values(recording)
+    yield lambda: _causal(recording)
 
 
 def searched(recording: Recording, path: Float) -> tuple[Float, Float]:

@@ -93,7 +93,7 @@ def solve(model: LinearModel, landmarks: int) -> Solution:
         spread = spread.T.reshape(len(A), 3, 2 * landmarks)
         pose_covs[poses] = P + spread @ _transposed(spread)
     dx, dm = _newton_step(chain, eliminated)
-    return Solution(dx, dm, pose_covs, _own_blocks_of_inverse(eliminated.factor))
+    return Solution(dx, dm, pose_covs, own_blocks_of_inverse(eliminated.factor))
 
 
 def damped_step(model: LinearModel, landmarks: int, damping: Damping) -> tuple[Float, Float]:
@@ -184,7 +184,7 @@ def _chunks(steps: int) -> list[slice]:
     return [slice(first, first + CHUNK) for first in range(0, steps, CHUNK)]
 
 
-def _own_blocks_of_inverse(factor: Float) -> Float:
+def own_blocks_of_inverse(factor: Float) -> Float:
     """Diagonal blocks (L, 2, 2) of (factor factor')^-1."""
     root = solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False)
     even, odd = root[:, 0::2], root[:, 1::2]
