@@ -15,7 +15,7 @@ from numpy.linalg import LinAlgError
 from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.factors import LENT_SLIP, prior_cov_in_body, require_known_landmarks
 from slamgauge.graph_baseline.linearisation import LinearModel, linearise, log_se2, whitened_residuals
-from slamgauge.graph_baseline.smoother import Damping, Solution, damped_step, solve_at
+from slamgauge.graph_baseline.smoother import NOT_DAMPED, Damping, Solution, damped_step, solve_at
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, wrap
@@ -24,7 +24,10 @@ MAX_STEPS = 200
 SETTLED = 1e-9  # relative decrease of the cost after which Newton steps alone go on
 TOO_NEAR = 1e-4  # m
 NEGLIGIBLE = 1e-6  # of a standard deviation
-MAX_NEWTON_STEPS = 20
+RESOLVED = 1e-3  # of a standard deviation: a step of rounding that is taken for the last
+SHRINKING = 0.9  # of the step before, above which rounding has taken over
+EXACT = 1e-9  # m or rad
+MAX_NEWTON_STEPS = 60
 GENTLE, STRONGER, WEAKER, UNDAMPED = 1e-4, 10.0, 0.1, 1e-8  # damping over the mean information of a scan
 
 
@@ -105,13 +108,29 @@ def _tried(
         dx, dm = damped_step(model, len(landmarks), Damping(factor * scale.pose, factor * scale.landmark))
     except LinAlgError:
         return None
-    return _moved(poses, dx), landmarks + dm
+    return moved(model, poses, landmarks, dx, dm)
 
 
-def _moved(poses: Float, dx: Float) -> Float:
-    moved = poses + dx
-    moved[:, 2] = wrap(moved[:, 2])
-    return moved
+def moved(model: LinearModel, poses: Float, landmarks: Float, dx: Float, dm: Float) -> tuple[Float, Float]:
+    """Path and map after a step (N+1, 3), (L, 2): each point by V(turn) step, V(t) = (R(t) - I) / (t J).
+
+    A turn of everything about any point then keeps all distances, which an additive step would stretch. A landmark
+    turns as do, in the mean, the poses that see it.
+    """
+    turn = dx[:, 2]
+    seen = np.maximum(np.bincount(model.slot, minlength=len(dm)), 1)
+    turn_of_landmark = np.bincount(model.slot, turn[model.step], minlength=len(dm)) / seen
+    path = np.column_stack([poses[:, :2] + _along(turn, dx[:, :2]), wrap(poses[:, 2] + turn)])
+    return path, landmarks + _along(turn_of_landmark, dm)
+
+
+def _along(turn: Float, step: Float) -> Float:
+    """V(turn) step for turns (n,) and steps (n, 2)."""
+    safe = np.where(turn == 0.0, 1.0, turn)
+    sine = np.where(turn == 0.0, 1.0, np.sin(turn) / safe)
+    versine = 2.0 * np.sin(turn / 2.0) ** 2 / safe
+    x, y = step.T
+    return np.column_stack([sine * x - versine * y, versine * x + sine * y])
 
 
 def _mean_information(model: LinearModel, landmarks: int) -> Damping:
@@ -123,26 +142,34 @@ def _mean_information(model: LinearModel, landmarks: int) -> Damping:
 
 
 def _settle(recording: Recording, landmark_ids: Int, merit: Merit, poses: Float, landmarks: Float) -> Minimum:
-    """Newton steps until they are negligible against the standard deviations that they find."""
-    size = np.inf
+    """Newton steps until they are negligible against the standard deviations, or as small as rounding lets them be."""
+    slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
+    sigmas = _sigmas(solve_at(recording, landmark_ids, poses, landmarks))
+    size = before = np.inf
     for _ in range(MAX_NEWTON_STEPS):
-        solution = solve_at(recording, landmark_ids, poses, landmarks)
-        poses, landmarks = _moved(poses, solution.dx), landmarks + solution.dm
-        size = relative_size(solution)
-        if size < NEGLIGIBLE:
-            return Minimum(poses, landmarks, solution, merit(poses, landmarks))
+        model = linearise(recording, slot, poses, landmarks)
+        try:
+            dx, dm = damped_step(model, len(landmarks), NOT_DAMPED)
+        except LinAlgError:
+            break
+        before, size = (
+            size,
+            max(float(np.max(np.abs(step) / sigma, initial=0.0)) for step, sigma in zip((dx, dm), sigmas, strict=True)),
+        )
         if not size < np.inf:
             break
+        poses, landmarks = moved(model, poses, landmarks, dx, dm)
+        if size < NEGLIGIBLE or before * SHRINKING < size < RESOLVED:
+            solution = solve_at(recording, landmark_ids, poses, landmarks)
+            return Minimum(poses, landmarks, solution, merit(poses, landmarks))
     raise UndeterminedError(_why_no_minimum(recording, landmark_ids, poses, landmarks, size))
 
 
-def relative_size(solution: Solution) -> float:
-    """Largest component of the step in units of its own standard deviation."""
-    sizes = [0.0]
-    for step, covs in ((solution.dx, solution.pose_covs), (solution.dm, solution.landmark_covs)):
-        sigma = np.sqrt(np.maximum(np.diagonal(covs, axis1=1, axis2=2), 0.0))
-        sizes.append(float(np.max(np.abs(step) / np.where(sigma > 1e-9, sigma, np.inf), initial=0.0)))
-    return max(sizes)
+def _sigmas(solution: Solution) -> tuple[Float, Float]:
+    """Standard deviations of poses (N+1, 3) and landmarks (L, 2); infinite what is known exactly."""
+    covs = (solution.pose_covs, solution.landmark_covs)
+    poses, landmarks = (np.sqrt(np.maximum(np.diagonal(each, axis1=1, axis2=2), 0.0)) for each in covs)
+    return np.where(poses > EXACT, poses, np.inf), np.where(landmarks > EXACT, landmarks, np.inf)
 
 
 def _refuse_landmarks_at_poses(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> None:

@@ -35,6 +35,7 @@ from slamgauge.se2 import compose, rotation
 
 MISSED = 0.002  # sigmas of the newest pose that may be missed between two checks
 LONGEST = 64  # scans between two checks
+SHORT = 100  # poses: a path that is checked at every scan
 PATIENCE = 0.7  # of what is expected to be missed remains expected after a check that missed less
 SETTLED = 0.01  # sigmas of all that was observed: what a chord step may leave
 TRUSTED_RATE = 0.2  # no chord step is taken to leave less of itself
@@ -141,7 +142,7 @@ class GrowingOptimum:
         step = self._take_in_newest()
         self._since_check += 1
         self._travel += float(np.max(np.square(step / self._sigma)))
-        if self._since_check >= LONGEST or self._travel * self._bend > MISSED:
+        if k <= SHORT or self._since_check >= LONGEST or self._travel * self._bend > MISSED:
             before = poses[k].copy()
             self._settle()
             missed = float(np.max(np.abs(poses[k] - before) / self._sigma))
