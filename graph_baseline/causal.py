@@ -43,10 +43,9 @@ def isam2(recording: Recording, association: Int | None = None) -> Estimate:
     for k in range(steps + 1):
         start = perf_counter()
         growing.add_step()
-        if k == steps:
-            growing.finish()
         poses[k], pose_covs[k] = growing.newest_pose(), growing.newest_cov()
         seconds[k] = perf_counter() - start
+    growing.finish()
     ids = require_known_landmarks(recording)
     association = np.where(np.isin(ids, growing.landmark_ids), ids, -1)
     chi_square, freedom = chi_square_of(recording.associated(association), *growing.path_and_map())

@@ -75,12 +75,43 @@ class Linear(NamedTuple):
 
 
 class Chord(NamedTuple):
-    """A step: of each pose (N+1, 3) and landmark (L, 2); rooms of its recursions."""
+    """A step, and what its recursions leave for one another."""
 
-    pose: Float
-    landmark: Float
+    pose: Float  # (N+1, 3)
+    landmark: Float  # (L, 2) the step; before, the gradient of minus the cost
+    pull: Float  # (N+1, 3) gradient of minus the cost that the landmarks' step adds
     defect: Float  # (N+1, 3) W l - w
     mean: Float  # (N+1, 3)
+
+
+def allocate_place(poses: int, landmarks: int) -> Place:
+    """Room for a path and a map."""
+    return Place(np.zeros((poses, 3)), np.zeros((landmarks, 2)))
+
+
+def allocate_linear(poses: int, landmarks: int, observations: int, dim: int) -> Linear:
+    """Room for the matrices of all poses, and of observations (M, dim)."""
+    width = 2 * landmarks
+    return Linear(
+        at=allocate_place(poses, landmarks),
+        lever=np.zeros((poses, 2)),
+        P=np.zeros((poses, 3, 3)),
+        N=np.zeros((poses, 3, 3)),
+        G=np.zeros((poses, 3, 3)),
+        Hx=np.zeros((observations, dim, 3)),
+        Hm=np.zeros((observations, dim, 2)),
+        M=np.zeros((3, width)),
+        newest_cov=np.zeros((3, 3)),
+        information=np.zeros((width, width)),
+        pull=np.zeros(width),
+        kick=np.zeros(3),
+    )
+
+
+def allocate_chord(poses: int, landmarks: int) -> Chord:
+    """Room for a step."""
+    pull, defect, mean = np.zeros((3, poses, 3))
+    return Chord(np.zeros((poses, 3)), np.zeros((landmarks, 2)), pull, defect, mean)
 
 
 @kernel
@@ -98,10 +129,10 @@ def wrap(angle: float) -> float:
 
 
 @kernel
-def step_noise(start: Float, motion: Float, Q: Float, end: Float, w: Float, W: Float) -> None:
-    """The noise w (3,) of a step from pose `start` to `end`, and its covariance W (3, 3), both in the world.
+def step_noise(start: Float, motion: Float, end: Float, w: Float, B: Float) -> None:
+    """The noise w (3,) of a step from pose `start` to `end` in the world, and B (3, 3), its Jacobian by the residual.
 
-    The residual Log(measured^-1 between) ~ N(0, Q) is carried to the world by B = R(end) times SE(2)'s right Jacobian.
+    The residual is Log(measured^-1 between) ~ N(0, Q), and B is R(end) times SE(2)'s right Jacobian.
     """
     c, s = math.cos(start[2]), math.sin(start[2])
     dx, dy = end[0] - start[0], end[1] - start[1]
@@ -111,7 +142,6 @@ def step_noise(start: Float, motion: Float, Q: Float, end: Float, w: Float, W: F
     rx, ry = log_se2(c * x + s * y, c * y - s * x, turn)
     c, s = math.cos(end[2]), math.sin(end[2])
     w[0], w[1], w[2] = c * rx - s * ry, s * rx + c * ry, turn
-    B = np.empty((3, 3))
     if abs(turn) < 1e-2:
         sine = 1.0 - turn * turn / 6.0 + turn**4 / 120.0
         versine = 0.5 * turn - turn**3 / 24.0
@@ -124,13 +154,6 @@ def step_noise(start: Float, motion: Float, Q: Float, end: Float, w: Float, W: F
     B[0, 0], B[0, 1], B[0, 2] = c * sine + s * versine, c * versine - s * sine, c * j02 - s * j12
     B[1, 0], B[1, 1], B[1, 2] = s * sine - c * versine, s * versine + c * sine, s * j02 + c * j12
     B[2, 0], B[2, 1], B[2, 2] = 0.0, 0.0, 1.0
-    for i in range(3):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(3):
-                for n in range(3):
-                    total += B[i, k] * Q[k, n] * B[j, n]
-            W[i, j] = W[j, i] = total
 
 
 @kernel
@@ -161,11 +184,12 @@ def observe(measured: Measured, row: int, pose: Float, m: Float, r: Float, Hx: F
 
 @kernel
 def take_in(
-    measured: Measured, linear: Linear, place: Place, base: Place, landmarks: int, since: int, until: int
+    measured: Measured, linear: Linear, place: Place, before: Place, landmarks: int, since: int, until: int
 ) -> None:
     """Take in the poses since..until-1 and their scans, linearised where `linear.at` says.
 
-    Leaves in `pull` and `kick` what the residuals of the last of them do, which are taken at `place`.
+    Leaves in `pull` and `kick` what the residuals of the last of them do, taken at `place` and carried to `before`,
+    where the steps before expect its pose and the map.
     """
     width = 2 * landmarks
     M, P = linear.M, linear.newest_cov
@@ -175,7 +199,7 @@ def take_in(
         linear.kick[:] = 0.0
         predict(measured, linear, width, k)
         linear.P[k] = P
-        scan, slots = compressed_scan(measured, linear, place, base, k)
+        scan, slots = compressed_scan(measured, linear, place, before, k)
         if len(slots) == 0:
             linear.N[k] = 0.0
             linear.G[k] = np.eye(3)
@@ -223,13 +247,15 @@ def take_in(
 def predict(measured: Measured, linear: Linear, width: int, k: int) -> None:
     """M <- F M, P <- F P F' + W of the step that leads to pose k."""
     poses, M, P = linear.at.poses, linear.M, linear.newest_cov
-    w, W = np.empty(3), np.empty((3, 3))
+    w, B = np.empty(3), np.empty((3, 3))
+    start = measured.start if k == 0 else poses[k - 1]
+    step_noise(start, measured.motion[k], poses[k], w, B)
+    W = B @ measured.motion_cov[k] @ B.T
+    W = (W + W.T) / 2.0
     if k == 0:
-        step_noise(measured.start, measured.motion[0], measured.motion_cov[0], poses[0], w, W)
         P[:] = W
         M[:] = 0.0
         return
-    step_noise(poses[k - 1], measured.motion[k], measured.motion_cov[k], poses[k], w, W)
     fx, fy = poses[k - 1, 1] - poses[k, 1], poses[k, 0] - poses[k - 1, 0]
     linear.lever[k, 0], linear.lever[k, 1] = fx, fy
     for j in range(3):
@@ -245,7 +271,7 @@ def predict(measured: Measured, linear: Linear, width: int, k: int) -> None:
 
 
 @kernel
-def compressed_scan(measured: Measured, linear: Linear, place: Place, base: Place, k: int) -> tuple[Float, Int]:
+def compressed_scan(measured: Measured, linear: Linear, place: Place, before: Place, k: int) -> tuple[Float, Int]:
     """Rows [Hx, Hm of each landmark seen, residual] of a scan, turned so that from the fourth on Hx is zero; slots."""
     first, last, d = measured.first[k], measured.first[k + 1], measured.value.shape[1]
     slots, taken = np.empty(last - first, dtype=np.int64), 0
@@ -264,9 +290,9 @@ def compressed_scan(measured: Measured, linear: Linear, place: Place, base: Plac
         observe(measured, row, linear.at.poses[k], linear.at.landmarks[slot], r, linear.Hx[row], linear.Hm[row])
         for i in range(d):
             for j in range(3):
-                residual[i] += linear.Hx[row, i, j] * (base.poses[k, j] - place.poses[k, j])
+                residual[i] += linear.Hx[row, i, j] * (before.poses[k, j] - place.poses[k, j])
             for j in range(2):
-                residual[i] += linear.Hm[row, i, j] * (base.landmarks[slot, j] - place.landmarks[slot, j])
+                residual[i] += linear.Hm[row, i, j] * (before.landmarks[slot, j] - place.landmarks[slot, j])
             scan[d * n + i, :3] = linear.Hx[row, i]
             scan[d * n + i, 3 + 2 * n : 5 + 2 * n] = linear.Hm[row, i]
             scan[d * n + i, -1] = residual[i]
@@ -307,15 +333,16 @@ def add_landmarks_alone(linear: Linear, scan: Float, slots: Int) -> None:
 
 
 @kernel
-def multipliers(measured: Measured, linear: Linear, place: Place, newest: int, chord: Chord) -> tuple[float, float]:
-    """Leave in `chord` the defect of every step and the gradient by the landmarks, both of the exact cost at `place`.
+def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, chord: Chord) -> float:
+    """Leave in `chord` the defects of all steps and the gradient by the landmarks, of the exact cost at `place`.
 
-    Returns squared norms: how far the observations' Jacobians have moved from the linear ones, and of these.
+    Returns the relative change of the observations' Jacobians since they were taken in.
     """
     poses, places = place
     chord.landmark[:] = 0.0
+    chord.pull[: newest + 1] = 0.0
     r, Hx, Hm = np.empty(2), np.empty((2, 3)), np.empty((2, 2))
-    w, W = np.empty(3), np.empty((3, 3))
+    w, B, t, Qt = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(3)
     l0, l1, l2 = 0.0, 0.0, 0.0
     moved, norm = 0.0, 0.0
     for k in range(newest, -1, -1):
@@ -335,91 +362,86 @@ def multipliers(measured: Measured, linear: Linear, place: Place, newest: int, c
                 for j in range(2):
                     moved += (Hm[i, j] - linear.Hm[row, i, j]) ** 2
                     norm += Hm[i, j] ** 2
-        if k == 0:
-            step_noise(measured.start, measured.motion[0], measured.motion_cov[0], poses[0], w, W)
-        else:
-            step_noise(poses[k - 1], measured.motion[k], measured.motion_cov[k], poses[k], w, W)
+        start = measured.start if k == 0 else poses[k - 1]
+        step_noise(start, measured.motion[k], poses[k], w, B)
+        Q = measured.motion_cov[k]
         for i in range(3):
-            chord.defect[k, i] = W[i, 0] * l0 + W[i, 1] * l1 + W[i, 2] * l2 - w[i]
-    return moved, norm
+            t[i] = B[0, i] * l0 + B[1, i] * l1 + B[2, i] * l2
+        for i in range(3):
+            Qt[i] = Q[i, 0] * t[0] + Q[i, 1] * t[1] + Q[i, 2] * t[2]
+        for i in range(3):
+            chord.defect[k, i] = B[i, 0] * Qt[0] + B[i, 1] * Qt[1] + B[i, 2] * Qt[2] - w[i]
+    return math.sqrt(moved / norm) if norm > 0.0 else 0.0
 
 
 @kernel
-def respond(measured: Measured, linear: Linear, newest: int, with_landmarks: bool, chord: Chord) -> None:
-    """The poses' part of a chord step: to the defects, or `with_landmarks` to the landmarks' step instead.
-
-    Without, the landmarks' gradient is left with what the poses' step adds to it.
-    """
+def smooth(linear: Linear, newest: int, chord: Chord) -> None:
+    """Leave in `chord` the step of every pose that answers its defects and pulls, the landmarks standing still."""
     mean, G, P, N = chord.mean, linear.G, linear.P, linear.N
-    d = measured.value.shape[1]
-    pull = np.zeros(3)
-    m = np.zeros(3)
+    x, ahead, total = np.zeros(3), np.zeros(3), np.zeros(3)
     for k in range(newest + 1):
         if k > 0:
-            fx, fy = linear.lever[k]
-            m[0] += fx * m[2]
-            m[1] += fy * m[2]
-        if with_landmarks:
-            pull[:] = 0.0
-            pull_of_landmarks(measured, linear, k, chord.landmark, pull)
-        else:
-            for i in range(3):
-                m[i] += chord.defect[k, i]
-        mean[k] = m
-        if measured.first[k] < measured.first[k + 1]:
-            a0, a1, a2 = m[0], m[1], m[2]
-            if with_landmarks:
-                a0 += P[k, 0, 0] * pull[0] + P[k, 0, 1] * pull[1] + P[k, 0, 2] * pull[2]
-                a1 += P[k, 1, 0] * pull[0] + P[k, 1, 1] * pull[1] + P[k, 1, 2] * pull[2]
-                a2 += P[k, 2, 0] * pull[0] + P[k, 2, 1] * pull[1] + P[k, 2, 2] * pull[2]
-            for i in range(3):
-                m[i] = G[k, i, 0] * a0 + G[k, i, 1] * a1 + G[k, i, 2] * a2
-    pulled = np.zeros(3)
-    x = np.zeros(3)
+            x[0] += linear.lever[k, 0] * x[2]
+            x[1] += linear.lever[k, 1] * x[2]
+        for i in range(3):
+            x[i] += chord.defect[k, i]
+        mean[k] = x
+        for i in range(3):
+            total[i] = x[i]
+            for j in range(3):
+                total[i] += P[k, i, j] * chord.pull[k, j]
+        multiply(G[k], total, x)
     for k in range(newest, -1, -1):
         if k < newest:
-            fx, fy = linear.lever[k + 1]
-            pulled[2] += fx * pulled[0] + fy * pulled[1]
-        sees = measured.first[k] < measured.first[k + 1]
-        if with_landmarks and sees:
-            pull_of_landmarks(measured, linear, k, chord.landmark, pulled)
-        a0 = mean[k, 0] + P[k, 0, 0] * pulled[0] + P[k, 0, 1] * pulled[1] + P[k, 0, 2] * pulled[2]
-        a1 = mean[k, 1] + P[k, 1, 0] * pulled[0] + P[k, 1, 1] * pulled[1] + P[k, 1, 2] * pulled[2]
-        a2 = mean[k, 2] + P[k, 2, 0] * pulled[0] + P[k, 2, 1] * pulled[1] + P[k, 2, 2] * pulled[2]
-        if sees:
-            for i in range(3):
-                x[i] = G[k, i, 0] * a0 + G[k, i, 1] * a1 + G[k, i, 2] * a2
-            for i in range(3):
-                pulled[i] -= N[k, i, 0] * x[0] + N[k, i, 1] * x[1] + N[k, i, 2] * x[2]
-        else:
-            x[0], x[1], x[2] = a0, a1, a2
-        if with_landmarks:
-            for i in range(3):
-                chord.pose[k, i] += x[i]
-            continue
-        chord.pose[k] = x
+            ahead[2] += linear.lever[k + 1, 0] * ahead[0] + linear.lever[k + 1, 1] * ahead[1]
+        for i in range(3):
+            ahead[i] += chord.pull[k, i]
+        for i in range(3):
+            total[i] = mean[k, i]
+            for j in range(3):
+                total[i] += P[k, i, j] * ahead[j]
+        multiply(G[k], total, chord.pose[k])
+        for i in range(3):
+            for j in range(3):
+                ahead[i] -= N[k, i, j] * chord.pose[k, j]
+
+
+@kernel
+def multiply(A: Float, x: Float, out: Float) -> None:
+    """Out <- A x for A (3, 3), x (3,)."""
+    for i in range(3):
+        out[i] = A[i, 0] * x[0] + A[i, 1] * x[1] + A[i, 2] * x[2]
+
+
+@kernel
+def pull_landmarks(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
+    """Add to the landmarks' gradient what the poses' step does to it: -Hm' Hx step."""
+    for k in range(newest + 1):
         for row in range(measured.first[k], measured.first[k + 1]):
             slot = measured.slot[row]
             if slot < 0:
                 continue
-            for i in range(d):
+            for i in range(measured.value.shape[1]):
                 h = linear.Hx[row, i]
-                seen = h[0] * x[0] + h[1] * x[1] + h[2] * x[2]
-                chord.landmark[slot, 0] -= linear.Hm[row, i, 0] * seen
-                chord.landmark[slot, 1] -= linear.Hm[row, i, 1] * seen
+                seen = h[0] * chord.pose[k, 0] + h[1] * chord.pose[k, 1] + h[2] * chord.pose[k, 2]
+                for j in range(2):
+                    chord.landmark[slot, j] -= linear.Hm[row, i, j] * seen
 
 
 @kernel
-def pull_of_landmarks(measured: Measured, linear: Linear, k: int, step: Float, pull: Float) -> None:
-    """Subtract from `pull` (3,) what a step (L, 2) of the landmarks does to pose k's gradient: Hx' Hm step."""
-    for row in range(measured.first[k], measured.first[k + 1]):
-        slot = measured.slot[row]
-        if slot < 0:
-            continue
-        for i in range(measured.value.shape[1]):
-            seen = linear.Hm[row, i, 0] * step[slot, 0] + linear.Hm[row, i, 1] * step[slot, 1]
-            for j in range(3):
-                pull[j] -= linear.Hx[row, i, j] * seen
+def pull_poses(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
+    """Leave as pulls on the poses what the landmarks' step does to their gradients: -Hx' Hm step."""
+    chord.pull[: newest + 1] = 0.0
+    for k in range(newest + 1):
+        for row in range(measured.first[k], measured.first[k + 1]):
+            slot = measured.slot[row]
+            if slot < 0:
+                continue
+            for i in range(measured.value.shape[1]):
+                h = linear.Hm[row, i]
+                seen = h[0] * chord.landmark[slot, 0] + h[1] * chord.landmark[slot, 1]
+                for j in range(3):
+                    chord.pull[k, j] -= linear.Hx[row, i, j] * seen
 
 
 @kernel

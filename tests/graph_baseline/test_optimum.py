@@ -305,21 +305,19 @@ def test_isam2_uses_no_measurement_of_the_future(sensor: str, slip: bool) -> Non
 @SLIP
 @SEEDS
 def test_isam2_ends_where_batch_ends(seed: int, sensor: str, slip: bool) -> None:
-    """Measured: within 0.013 sigma for range and bearing, 0.05 for `position`, which isam2 takes as polar."""
     incremental = answer(isam2(problem(seed, sensor, slip)[1]))
     away = np.abs(pose_difference(incremental.poses, optimum(seed, sensor, slip))[-1]).max()
-    assert away < (0.02 if sensor == "range-bearing" else 0.06)
+    assert away < 0.005
 
 
 @SLIP
 @SEEDS
 def test_isam2_is_near_the_optimum_of_the_measurements_so_far(seed: int, slip: bool) -> None:
-    """Measured: 0.013 sigma on average, 0.071 at worst."""
     recording = problem(seed, "range-bearing", slip)[1]
     incremental = isam2(recording).poses
     for k in range(1, 26, 4):
         so_far = answer(batch(recording.first(k)))
-        assert np.abs(pose_difference(incremental[: k + 1], so_far)[-1]).max() < 0.1
+        assert np.abs(pose_difference(incremental[: k + 1], so_far)[-1]).max() < 0.005
 
 
 def test_isam2_ends_with_batchs_standard_deviations() -> None:
