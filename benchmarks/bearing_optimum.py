@@ -24,8 +24,9 @@ from slamgauge.compare.studies.run import run_seed
 from slamgauge.ekf import riekf
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch, cost
+from slamgauge.graph_baseline.descent import descend
 from slamgauge.graph_baseline.factors import LENT_SLIP, build_graph, landmarks_at_first_sight, make_values, read_values
-from slamgauge.graph_baseline.hindsight import finish, levenberg_marquardt
+from slamgauge.graph_baseline.hindsight import levenberg_marquardt
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 
@@ -69,8 +70,8 @@ def _from(recording: Recording, poses: Float, landmarks: Float) -> float:
     assert recording.landmark is not None
     ids = np.unique(recording.landmark)
     values = levenberg_marquardt(build_graph(recording, LENT_SLIP), make_values(poses, ids, landmarks))
-    poses, landmarks, _ = finish(recording, ids, *read_values(values))
-    return cost(recording, poses, ids, landmarks)
+    found = descend(recording, ids, *read_values(values))
+    return cost(recording, found.poses, ids, found.landmarks)
 
 
 def main() -> None:

@@ -23,9 +23,11 @@ import gtsam
 
 from slamgauge import simulate
 from slamgauge.compare.bench.bench import workload
+from slamgauge.graph_baseline.descent import descend
 from slamgauge.graph_baseline.factors import LENT_SLIP, build_graph, first_sights, make_values
-from slamgauge.graph_baseline.hindsight import finish, minimise
+from slamgauge.graph_baseline.hindsight import searched
 from slamgauge.graph_baseline.smoother import solve_at
+from slamgauge.se2 import chain
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -47,9 +49,10 @@ def main() -> None:
     for size in map(int, options.landmarks.split(",")):
         _, recording = simulate(workload(size), 0)
         ids = first_sights(recording)[0]
-        build, graph = timed(build_graph, recording, LENT_SLIP)
-        optimise, (poses, landmarks) = timed(minimise, recording, graph)
-        finishing, (poses, landmarks, _) = timed(finish, recording, ids, poses, landmarks)
+        build, _ = timed(build_graph, recording, LENT_SLIP)
+        path = chain(recording.prior_mean, recording.odometry)
+        optimise, (poses, landmarks) = timed(searched, recording, path)
+        finishing, (poses, landmarks, _, _) = timed(descend, recording, ids, poses, landmarks)
         once, _ = timed(solve_at, recording, ids, poses, landmarks)
         marginals = "-"
         if size <= options.marginals:

@@ -1,8 +1,7 @@
 """From a start to the minimum of a recording's exact cost: Levenberg and Marquardt, then Newton steps alone.
 
-A step comes from the Schur complement (`smoother`), which takes zero variances as what they are: constraints. Whether
-it is taken is judged by the cost with `LENT_SLIP` in their place, so that a long step may leave the constraint a
-little; the following ones return to it, since each fulfils it to first order.
+A step comes from the Schur complement (`smoother`), which takes zero variances as what they are: constraints. It fulfils
+them to first order; the path is then led back to them, keeping all residuals that they leave free (`free_noise`).
 """
 
 from __future__ import annotations
@@ -13,15 +12,16 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.factors import LENT_SLIP, prior_cov_in_body, require_known_landmarks
-from slamgauge.graph_baseline.linearisation import LinearModel, linearise, log_se2, whitened_residuals
+from slamgauge.graph_baseline.factors import require_known_landmarks
+from slamgauge.graph_baseline.free_noise import FreeNoise, turned
+from slamgauge.graph_baseline.linearisation import LinearModel, linearise, whitened_residuals
 from slamgauge.graph_baseline.smoother import NOT_DAMPED, Damping, Solution, damped_step, solve_at
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, wrap
+from slamgauge.se2 import wrap
 
-MAX_STEPS = 200
-SETTLED = 1e-9  # relative decrease of the cost after which Newton steps alone go on
+MAX_STEPS = 1000
+SETTLED = 1e-13  # relative decrease of the cost after which Newton steps alone go on
 TOO_NEAR = 1e-4  # m
 NEGLIGIBLE = 1e-6  # of a standard deviation
 RESOLVED = 1e-3  # of a standard deviation: a step of rounding that is taken for the last
@@ -41,28 +41,18 @@ class Minimum(NamedTuple):
 
 
 class Merit:
-    """The cost of paths and maps of a recording, with slip lent to motions of zero variance."""
+    """The cost of paths and maps of a recording, where motions of zero variance are obeyed."""
 
     def __init__(self, recording: Recording, slot: Int) -> None:
         self._recording = recording
         self._slot = slot
-        covs = np.concatenate([prior_cov_in_body(recording)[None], recording.odometry_cov])
-        largest = covs.max(axis=(1, 2))
-        if recording.steps:
-            largest[0] = max(largest[0], largest[1])
-        variances, axes = np.linalg.eigh(covs)
-        lent = np.maximum(LENT_SLIP**2 * largest, np.finfo(float).tiny)
-        self._whitener = axes.swapaxes(1, 2) / np.sqrt(np.maximum(variances, lent[:, None]))[:, :, None]
+        self.noise = FreeNoise(recording)
 
     def __call__(self, poses: Float, landmarks: Float) -> float:
         """Half the sum of squares; infinite where it is not defined."""
-        recording = self._recording
         with np.errstate(all="ignore"):
-            start = between(recording.prior_mean, poses[0])[None]
-            motion = between(recording.odometry, between(poses[:-1], poses[1:]))
-            moved = np.einsum("nij,nj->ni", self._whitener, log_se2(np.concatenate([start, motion])))
-            seen = whitened_residuals(recording, self._slot, poses, landmarks)
-            cost = 0.5 * (float(np.square(moved).sum()) + float(np.square(seen).sum()))
+            seen = whitened_residuals(self._recording, self._slot, poses, landmarks)
+            cost = self.noise.cost(poses) + 0.5 * float(np.square(seen).sum())
         return cost if np.isfinite(cost) else np.inf
 
 
@@ -80,12 +70,13 @@ def descend(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Fl
     """
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     merit = Merit(recording, slot)
+    poses = merit.noise.followed(poses)
     cost, factor = merit(poses, landmarks), 0.0
     for _ in range(MAX_STEPS):
         model = linearise(recording, slot, poses, landmarks)
         scale = _mean_information(model, len(landmarks))
         while True:
-            tried = _tried(model, poses, landmarks, scale, factor)
+            tried = _tried(model, merit.noise, poses, landmarks, scale, factor)
             found = np.inf if tried is None else merit(*tried)
             if found <= cost or factor > 1.0 / UNDAMPED:
                 break
@@ -101,17 +92,19 @@ def descend(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Fl
 
 
 def _tried(
-    model: LinearModel, poses: Float, landmarks: Float, scale: Damping, factor: float
+    model: LinearModel, noise: FreeNoise, poses: Float, landmarks: Float, scale: Damping, factor: float
 ) -> tuple[Float, Float] | None:
     """Where a step damped by `factor` leads; None if there is no such step."""
     try:
         dx, dm = damped_step(model, len(landmarks), Damping(factor * scale.pose, factor * scale.landmark))
     except LinAlgError:
         return None
-    return moved(model, poses, landmarks, dx, dm)
+    return moved(model, noise, poses, landmarks, dx, dm)
 
 
-def moved(model: LinearModel, poses: Float, landmarks: Float, dx: Float, dm: Float) -> tuple[Float, Float]:
+def moved(
+    model: LinearModel, noise: FreeNoise, poses: Float, landmarks: Float, dx: Float, dm: Float
+) -> tuple[Float, Float]:
     """Path and map after a step (N+1, 3), (L, 2): each point by V(turn) step, V(t) = (R(t) - I) / (t J).
 
     A turn of everything about any point then keeps all distances, which an additive step would stretch. A landmark
@@ -120,17 +113,8 @@ def moved(model: LinearModel, poses: Float, landmarks: Float, dx: Float, dm: Flo
     turn = dx[:, 2]
     seen = np.maximum(np.bincount(model.slot, minlength=len(dm)), 1)
     turn_of_landmark = np.bincount(model.slot, turn[model.step], minlength=len(dm)) / seen
-    path = np.column_stack([poses[:, :2] + _along(turn, dx[:, :2]), wrap(poses[:, 2] + turn)])
-    return path, landmarks + _along(turn_of_landmark, dm)
-
-
-def _along(turn: Float, step: Float) -> Float:
-    """V(turn) step for turns (n,) and steps (n, 2)."""
-    safe = np.where(turn == 0.0, 1.0, turn)
-    sine = np.where(turn == 0.0, 1.0, np.sin(turn) / safe)
-    versine = 2.0 * np.sin(turn / 2.0) ** 2 / safe
-    x, y = step.T
-    return np.column_stack([sine * x - versine * y, versine * x + sine * y])
+    path = np.column_stack([poses[:, :2] + turned(turn, dx[:, :2]), wrap(poses[:, 2] + turn)])
+    return noise.followed(path), landmarks + turned(turn_of_landmark, dm)
 
 
 def _mean_information(model: LinearModel, landmarks: int) -> Damping:
@@ -145,24 +129,24 @@ def _settle(recording: Recording, landmark_ids: Int, merit: Merit, poses: Float,
     """Newton steps until they are negligible against the standard deviations, or as small as rounding lets them be."""
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     sigmas = _sigmas(solve_at(recording, landmark_ids, poses, landmarks))
-    size = before = np.inf
+    best, smallest = (poses, landmarks), np.inf
     for _ in range(MAX_NEWTON_STEPS):
         model = linearise(recording, slot, poses, landmarks)
         try:
-            dx, dm = damped_step(model, len(landmarks), NOT_DAMPED)
+            step = damped_step(model, len(landmarks), NOT_DAMPED)
         except LinAlgError:
             break
-        before, size = (
-            size,
-            max(float(np.max(np.abs(step) / sigma, initial=0.0)) for step, sigma in zip((dx, dm), sigmas, strict=True)),
-        )
-        if not size < np.inf:
+        size = max(float(np.max(np.abs(each) / sigma, initial=0.0)) for each, sigma in zip(step, sigmas, strict=True))
+        if not size < SHRINKING * smallest:
             break
-        poses, landmarks = moved(model, poses, landmarks, dx, dm)
-        if size < NEGLIGIBLE or before * SHRINKING < size < RESOLVED:
-            solution = solve_at(recording, landmark_ids, poses, landmarks)
-            return Minimum(poses, landmarks, solution, merit(poses, landmarks))
-    raise UndeterminedError(_why_no_minimum(recording, landmark_ids, poses, landmarks, size))
+        best, smallest = (poses, landmarks), size
+        poses, landmarks = moved(model, merit.noise, poses, landmarks, *step)
+        if size < NEGLIGIBLE:
+            best = poses, landmarks
+            break
+    if smallest < RESOLVED:
+        return Minimum(*best, solve_at(recording, landmark_ids, *best), merit(*best))
+    raise UndeterminedError(_why_no_minimum(recording, landmark_ids, *best, smallest))
 
 
 def _sigmas(solution: Solution) -> tuple[Float, Float]:

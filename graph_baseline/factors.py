@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import wraps
-from typing import Protocol
+from typing import Concatenate, ParamSpec
 
 import gtsam
 import numpy as np
@@ -26,6 +26,8 @@ from slamgauge.se2 import chain, rotation
 # Lent to a motion direction of zero variance, as a share of the largest standard deviation of its step
 # (0.1 mm beside the practical's 30 mm), where GTSAM's solvers would stumble over a hard constraint.
 LENT_SLIP = 1.0 / 300.0
+
+Rest = ParamSpec("Rest")
 
 MAX_LANDMARK_SIGMA = 3e5  # m; what is known less well drowns in the rounding of what is known to a millimetre
 
@@ -205,23 +207,17 @@ def among_mapped(estimate: Estimate, association: Int) -> Estimate:
     return replace(estimate, association=np.where(mapped, association, -1))
 
 
-class GraphEstimator(Protocol):
-    """An optimum of a recording, or of its observations under another association."""
-
-    def __call__(self, recording: Recording, association: Int | None = None) -> Estimate:
-        """The optimum."""
-        ...
-
-
-def relative_to_start(estimator: GraphEstimator) -> GraphEstimator:
+def relative_to_start(
+    estimator: Callable[Concatenate[Recording, Rest], Estimate],
+) -> Callable[Concatenate[Recording, Rest], Estimate]:
     """The same estimator, computing relative to the start, so that map coordinates keep their digits."""
 
     @wraps(estimator)
-    def relative(recording: Recording, association: Int | None = None) -> Estimate:
+    def relative(recording: Recording, /, *rest: Rest.args, **named: Rest.kwargs) -> Estimate:
         shift = np.array([*recording.prior_mean[:2], 0.0])
         if not shift.any():
-            return estimator(recording, association)
-        found = estimator(replace(recording, prior_mean=recording.prior_mean - shift), association)
+            return estimator(recording, *rest, **named)
+        found = estimator(replace(recording, prior_mean=recording.prior_mean - shift), *rest, **named)
         return replace(found, poses=found.poses + shift, landmarks=found.landmarks + shift[:2])
 
     return relative

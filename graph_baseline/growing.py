@@ -20,7 +20,7 @@ from slamgauge.graph_baseline.chord import SENSORS, Measured, Place
 from slamgauge.graph_baseline.descent import descend
 from slamgauge.graph_baseline.factors import prior_cov_in_body, require_known_landmarks
 from slamgauge.graph_baseline.linearisation import inverse_cholesky
-from slamgauge.graph_baseline.smoother import own_blocks_of_inverse
+from slamgauge.graph_baseline.smoother import EXHAUSTED, own_blocks_of_inverse
 from slamgauge.graph_baseline.triangulation import triangulate_one
 from slamgauge.graph_baseline.undetermined import UndeterminedError, undetermined_variable
 from slamgauge.recording import Recording
@@ -57,7 +57,7 @@ class GrowingOptimum:
         self._chord = chord.allocate_chord(poses, landmarks)
         self._slot: dict[int, int] = {}  # of each landmark that has been mapped
         self._newest = -1
-        self._factor = np.zeros((0, 0))  # (2L, 2L) lower triangular, of the landmarks' information
+        self._factor: Float = np.zeros((0, 0))  # (2L, 2L) lower triangular, of the landmarks' information
         self._sigma = np.full(3, np.inf)  # of the newest pose
         self._scans, self._travel = 0, 0.0  # since the last settling; travel in squared sigmas
         self._bend = np.inf  # sigmas missed for each of travel
@@ -222,11 +222,15 @@ class GrowingOptimum:
 
     def _factorise(self) -> None:
         width = 2 * len(self._slot)
+        information = self._linear.information[:width, :width]
+        own = np.diag(information)
         try:
-            self._factor = np.linalg.cholesky(self._linear.information[:width, :width])
+            self._factor = np.asarray(np.linalg.cholesky(information), dtype=np.float64)
         except LinAlgError:
-            weakest = int(np.argmin(np.diag(self._linear.information)[:width])) // 2
-            raise undetermined_variable("l", int(self.landmark_ids[weakest])) from None
+            raise undetermined_variable("l", int(self.landmark_ids[np.argmin(own) // 2])) from None
+        resolved = np.square(np.diag(self._factor)) / own
+        if resolved.min(initial=1.0) < EXHAUSTED:
+            raise undetermined_variable("l", int(self.landmark_ids[np.argmin(resolved) // 2]))
         sigma = np.sqrt(np.diag(self.newest_cov()))
         self._sigma = np.where(sigma > EXACT, sigma, np.inf)
 

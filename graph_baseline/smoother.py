@@ -22,6 +22,7 @@ import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from slamgauge.arrays import Float, Int
+from slamgauge.compiled import kernel
 from slamgauge.graph_baseline.chain import Chain, shear, shorten
 from slamgauge.graph_baseline.factors import least_known_landmark, require_known_landmarks
 from slamgauge.graph_baseline.linearisation import LinearModel, linearise
@@ -118,9 +119,7 @@ def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Elimination:
         joint += _gram(innovation)
         X[steps] = _transposed(observed[steps]) @ innovation
     adjoint_cov = _transposed(observed) @ observed
-    for k in range(len(A) - 2, -1, -1):  # modified Bryson-Frazier
-        X[k] += carry[k].T @ X[k + 1]
-        adjoint_cov[k] += carry[k].T @ adjoint_cov[k + 1] @ carry[k]
+    _run_adjoints(carry, X, adjoint_cov)
     factor = np.asarray(np.linalg.cholesky(joint[:-1, :-1]), dtype=np.float64)
     if (np.square(np.diag(factor)) < EXHAUSTED * own).any():
         raise np.linalg.LinAlgError("what poses leave of a landmark's information is rounding")
@@ -234,21 +233,44 @@ def _filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Flo
     Returns:
         Predicted and updated covariances P (N+1, 3, 3), carry F (I - K G), gain F K.
     """
-    P, updated, carry, gain = (np.empty((len(G), 3, 3)) for _ in range(4))
-    P[0] = model.start_cov
+    covs = tuple(np.empty((len(G), 3, 3)) for _ in range(4))
+    _run_covariances(model.start_cov, model.F, model.W, np.ascontiguousarray(G), *covs)
+    return covs
+
+
+@kernel
+def _run_covariances(
+    start: Float, F: Float, W: Float, G: Float, P: Float, updated: Float, carry: Float, gain: Float
+) -> None:
+    """Fill `P`, `updated`, `carry` and `gain`, which begin with `start`."""
     identity = np.eye(3)
-    moves = np.concatenate([model.F, identity[None]])
-    noises = np.concatenate([model.W, np.zeros((1, 3, 3))])
-    for k, (g, F, W) in enumerate(zip(G, moves, noises, strict=True)):
+    P[0] = start
+    for k in range(len(G)):
+        g, move = G[k], F[k] if k < len(F) else identity
         PG = P[k] @ g.T
         K = PG @ np.linalg.inv(identity + g @ PG)
-        gain[k] = F @ K
-        carry[k] = F - gain[k] @ g
+        gain[k] = move @ K
+        carry[k] = move - gain[k] @ g
         updated[k] = P[k] - K @ PG.T
-        if k + 1 < len(G):
-            following = F @ updated[k] @ F.T + W
+        if k < len(F):
+            following = move @ updated[k] @ move.T + W[k]
             P[k + 1] = (following + following.T) / 2
-    return P, updated, carry, gain
+
+
+@kernel
+def _run_adjoints(carry: Float, adjoint: Float, adjoint_cov: Float) -> None:
+    """Carry what each scan says back to the poses before it (modified Bryson-Frazier)."""
+    for k in range(len(carry) - 2, -1, -1):
+        back = np.ascontiguousarray(carry[k].T)
+        adjoint[k] += back @ adjoint[k + 1]
+        adjoint_cov[k] += back @ adjoint_cov[k + 1] @ carry[k]
+
+
+@kernel
+def _run_maps(carry: Float, A: Float) -> None:
+    """Add to each predicted map the one before, carried along."""
+    for k in range(len(A) - 1):
+        A[k + 1] += carry[k] @ A[k]
 
 
 def _filter_maps(model: LinearModel, X: Float, carry: Float, gain: Float) -> Float:
@@ -258,8 +280,7 @@ def _filter_maps(model: LinearModel, X: Float, carry: Float, gain: Float) -> Flo
     A[0, :, -1] = model.start
     np.matmul(-gain[:-1], X[:-1], out=A[1:])
     A[1:, :, -1] += model.c
-    for k in range(len(A) - 1):
-        A[k + 1] += carry[k] @ A[k]
+    _run_maps(carry, A)
     return A
 
 

@@ -40,7 +40,7 @@ SMALLEST = {
         "truth 0 0 1 0 ",
     ),
     "close_landmarks": ("--runs 2 --distances 1.0 --jobs 1", "distance [m] ekf: ATE NEES/3 lost", "1.0 "),  # 3 s
-    "isam2_settings": ("--landmarks 20 --steps 60", "landmarks threshold every ms a step p95", "20 0.05 10 "),  # 2 s
+    "causal_optimum": ("--landmarks 20 --steps 60 --prefixes 5 --log 2000", "estimator landmarks", "isam2 20 60 "),
     "kill_a_study": ("--runs 2 --kills 1 --jobs 1", "killed with", "the same summary after 1 kills; 2 runs"),  # 10 s
     "large_maps": (  # 2 s
         "--landmarks 20",

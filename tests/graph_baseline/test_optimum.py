@@ -214,7 +214,7 @@ def test_nothing_costs_less_than_the_optimum(seed: int, sensor: str) -> None:
         "dead reckoning": cost_by_odometry(recording),
     }
     for estimator in (ekf, riekf, isam2):
-        others[estimator.__name__] = cost_of(recording, answer(estimator(recording)))
+        others[str(estimator)] = cost_of(recording, answer(estimator(recording)))
     assert min(others.values()) > best, others
 
 
