@@ -9,8 +9,8 @@ and
 are all second derivatives; Gauss-Newton leaves out the last term. A pass goes from u by -(B + c I)^-1 g, without
 damping c if f then decreases by its due share, else with as much as that takes (Levenberg and Marquardt). The first
 passes are Gauss-Newton's. Where residuals are large that creeps or swings about the minimum: from there on the last
-term is taken along, and the digits double with each pass. The decrement sqrt(g' B^-1 g) is the length of a pass in standard
-deviations of what comes out, whatever the units are.
+term is taken along, and the digits double with each pass. The decrement sqrt(g' B^-1 g) is the length of a pass in
+standard deviations of what comes out, whatever the units are.
 
 The bearing of what is very close carries no information (see `models`), and a cost that jumps there has no minimum: a
 bearing that has once lost its information, where the robot was predicted or on the way, stays without.
