@@ -12,6 +12,7 @@ from slamgauge.ekf.association import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.filter import SlamFilter
 from slamgauge.ekf.history import History
+from slamgauge.ekf.maps.checks import without_rounding
 from slamgauge.ekf.maps.rules import CORRECTIONS, Correction
 from slamgauge.ekf.online import OnlineFilter
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
@@ -142,10 +143,10 @@ def _run(
     return Estimate(
         kind="filtered",
         poses=poses,
-        pose_covs=pose_covs,
+        pose_covs=without_rounding("pose_covs", pose_covs),
         landmark_ids=slam.landmark_ids,
         landmarks=slam.landmarks,
-        landmark_covs=slam.landmark_covs,
+        landmark_covs=without_rounding("landmark_covs", slam.landmark_covs),
         association=slam.standing(np.concatenate(given)),
         nis=nis,
         nis_dof=nis_dof,

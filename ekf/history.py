@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamgauge.ekf.maps.checks import without_rounding
 from slamgauge.ekf.maps.members import Members, joined
 from slamgauge.ekf.online import OnlineFilter
 from slamgauge.estimate import MapHistory
@@ -29,4 +30,5 @@ class History:
             return None
         rows = joined(self._maps)
         step = np.repeat(np.array(self._steps), [len(each.landmark) for each in self._maps])
-        return MapHistory(step, rows.landmark, rows.number, np.minimum(rows.weight, 1.0), rows.position, rows.cov)
+        cov = without_rounding("history.cov", rows.cov)
+        return MapHistory(step, rows.landmark, rows.number, np.minimum(rows.weight, 1.0), rows.position, cov)

@@ -21,8 +21,9 @@ Long = NDArray[Any]  # of numpy.longdouble
 
 DIGITS_GAINED = float(np.finfo(np.float64).eps / np.finfo(np.longdouble).eps)
 MIN_BEARING_DISTANCE = 0.01  # m; as ours: the bearing of anything closer carries no information
-MAX_PASSES = 200
+MAX_PASSES = 50
 SETTLED = 1e-15  # m or rad
+DIFFERENCE = np.longdouble(1e-6)  # m or rad, for second derivatives
 SHORTEST = 1e-9  # share of a pass; if even that does not lower the cost, rounding is all that is left
 TWO_PI = 8 * np.arctan(np.longdouble(1))
 SKEW = np.array([[0, -1], [1, 0]], dtype=np.longdouble)
@@ -140,9 +141,39 @@ class _Filter:
             if share <= SHORTEST or moved < SETTLED:
                 break
             at, y, before = tried, y_tried, cost(tried, y_tried)
+        at = self._polished(columns, values, noise, at, y)
+        H = self._jacobian(columns, at)
         W, _ = _whitened(P, H, R, np.zeros(len(R), dtype=np.longdouble))
         self.x, self.P = at, P - W.T @ W
         self.x[2] = _wrap(self.x[2])
+
+    def _polished(self, columns: list[int], values: Long, noise: Long, at: Long, y: Long) -> Long:
+        """Where y = H'R^-1 v holds at x^ + P y: Newton's steps, as long as they become shorter.
+
+        Damped Gauss-Newton creeps where residuals are large, and ends where costs can no longer be told apart.
+        """
+        start, P, length = self.x, self.P, math.inf
+        while True:
+            H = self._jacobian(columns, at)
+            weights = _backward(noise, _forward(noise, self._innovation(at, columns, values)))
+            bent = self._curvature(columns, at, weights)
+            normal = H.T @ np.column_stack([_backward(noise, _forward(noise, each)) for each in H.T])
+            slope = np.eye(len(y), dtype=np.longdouble) + (normal - bent) @ P
+            moved = P @ (step := _solved(slope, H.T @ weights - y))
+            if not np.abs(moved).max() < length / 2:
+                return at
+            y = y + step
+            at, length = start + P @ y, np.abs(moved).max()
+
+    def _curvature(self, columns: list[int], at: Long, weights: Long) -> Long:
+        """Sum of weights_k d^2 h_k / dx^2, by differences of H' weights."""
+        C = np.zeros((len(at), len(at)), dtype=np.longdouble)
+        for column in {0, 1, 2, *columns, *(c + 1 for c in columns)}:
+            ahead, behind = at.copy(), at.copy()
+            ahead[column], behind[column] = at[column] + DIFFERENCE, at[column] - DIFFERENCE
+            change = self._jacobian(columns, ahead) - self._jacobian(columns, behind)
+            C[:, column] = change.T @ weights / (2 * DIFFERENCE)
+        return C
 
     def _innovation(self, x: Long, columns: list[int], values: Long) -> Long:
         v = np.zeros(2 * len(columns), dtype=np.longdouble)
@@ -260,6 +291,20 @@ def _backward(L: Long, b: Long) -> Long:
     for i in range(len(L) - 1, -1, -1):
         out[i] = (b[i] - L[i + 1 :, i] @ out[i + 1 :]) / L[i, i]
     return out
+
+
+def _solved(A: Long, b: Long) -> Long:
+    """A^-1 b by elimination with pivots; NaN where A is singular."""
+    A, b = A.copy(), b.copy()
+    for i in range(len(b)):
+        pivot = i + int(np.argmax(np.abs(A[i:, i])))
+        A[[i, pivot]], b[[i, pivot]] = A[[pivot, i]], b[[pivot, i]]
+        factors = A[i + 1 :, i] / A[i, i]
+        A[i + 1 :] -= np.outer(factors, A[i])
+        b[i + 1 :] -= factors * b[i]
+    for i in range(len(b) - 1, -1, -1):
+        b[i] = (b[i] - A[i, i + 1 :] @ b[i + 1 :]) / A[i, i]
+    return b
 
 
 def _rotation(heading: Any) -> Long:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.augmentation import append_landmark
 from slamgauge.ekf.kernels.belief import Belief, at_place, resized
 from slamgauge.ekf.kernels.compatibility import NONE, Reach, is_within_reach, reach_of
@@ -29,9 +29,11 @@ from slamgauge.ekf.kernels.covariance import (
     projected,
     squared_distance,
 )
-from slamgauge.ekf.kernels.iterated import SETTLED, Seen, Way, go_downhill, linearise_at, misfit, smaller_share
+from slamgauge.ekf.kernels.iterated import block, involved_entries
 from slamgauge.ekf.kernels.linearisation import linearise
-from slamgauge.ekf.kernels.models import POSITION, wrap
+from slamgauge.ekf.kernels.minimum import Seen, find_minimum, silence
+from slamgauge.ekf.kernels.models import POSITION
+from slamgauge.ekf.kernels.precision import EXHAUSTED, LEAST, NO_MINIMUM, are_variances_lost
 from slamgauge.ekf.kernels.take_in import are_sound
 from slamgauge.ekf.kernels.workspace import (
     ANCHOR,
@@ -40,10 +42,10 @@ from slamgauge.ekf.kernels.workspace import (
     MOVE_FROM_ANCHOR,
     MOVE_OF_ONE,
     PLACE_OF_ONE,
-    TRIAL,
     Workspace,
 )
 
+ROBOT_ALONE = np.zeros(0, dtype=np.int64)
 NEW = -2  # the landmark of an observation that is to be mapped
 
 
@@ -71,6 +73,7 @@ class Scan(NamedTuple):
     row: int  # this observation
     one: Int  # (1,) slot of the landmark that this observation is compared with
     g: Float  # (2, rows) H W' of this observation
+    blind: Marks  # (1,) whether its bearing has lost its information on the way to a minimum
 
 
 @kernel
@@ -97,14 +100,16 @@ def update_one_by_one(
         return math.nan, 0, belief.size
     if form.invariant:
         work.scratch[ANCHOR, : belief.size] = belief.state[: belief.size]
-    one, g = np.zeros(1, dtype=np.int64), np.zeros((2, len(work.W)))
+    one, g, blind = np.zeros(1, dtype=np.int64), np.zeros((2, len(work.W))), np.zeros(1, dtype=np.bool_)
     nis, informative, rows = 0.0, 0, 0
     for i in range(count):
         if rows + 2 > len(work.W):
-            _settle(belief, rows, form, work)
+            if not _settle(belief, rows, form, work):
+                return EXHAUSTED, informative, belief.size
             work.scratch[ANCHOR, : belief.size] = belief.state[: belief.size]
             rows = 0
-        scan = Scan(sensor, form, work, rows, i, one, g)
+        blind[0] = False
+        scan = Scan(sensor, form, work, rows, i, one, g, blind)
         slot = _nearest(scan, belief, gates)
         if slot == NEW:
             _append(scan, belief)
@@ -114,24 +119,28 @@ def update_one_by_one(
             one[0] = slot
             added, dof = _take_in(scan, belief)
             if not math.isfinite(added):
-                return math.nan, informative, belief.size
+                return added, informative, belief.size
             nis, informative, rows = nis + added, informative + dof, rows + 2
         work.slots[i] = slot
-    _settle(belief, rows, form, work)
+    if not _settle(belief, rows, form, work):
+        return EXHAUSTED, informative, belief.size
     return nis, informative, belief.size
 
 
 @kernel
-def _settle(belief: Belief, rows: int, form: Sequential, work: Workspace) -> None:
-    """P <- T (P0 - W'W) T'."""
+def _settle(belief: Belief, rows: int, form: Sequential, work: Workspace) -> bool:
+    """P <- T (P0 - W'W) T'; False, with nothing changed, when nothing but rounding is left of a variance."""
     if rows == 0:
-        return
+        return True
+    if are_variances_lost(belief.cov, ROBOT_ALONE, work.W, rows):
+        return False
     subtract_gram(belief.cov, work.W, rows, belief.size)
     mirror_robot_block(belief.cov)
     if form.invariant:
         u = work.scratch[MOVE_FROM_ANCHOR]
         _fill_move(belief, work.scratch[ANCHOR], u)
         carry_covariance(belief, u, work.scratch[HEADING_ROW])
+    return True
 
 
 @kernel
@@ -149,6 +158,7 @@ def _describe(scan: Scan, belief: Belief) -> tuple[int, float, float, float]:
     work, i = scan.work, scan.row
     v, h = work.innovation[2 * i : 2 * i + 2], work.jacobian[2 * i : 2 * i + 2]
     informative = linearise(scan.sensor, belief, scan.one, work.observation[i : i + 1], v, h)
+    silence(scan.blind, v, h)
     landmark = 3 + 2 * scan.one[0]
     if scan.form.invariant:
         _turn_to_anchor(belief.state, work.scratch[ANCHOR], landmark, h)
@@ -245,7 +255,7 @@ def _take_in(scan: Scan, belief: Belief) -> tuple[float, int]:
         return _iterate(scan, belief)
     nis, informative = _gain(scan, belief, belief)
     if not math.isfinite(nis):
-        return math.nan, informative
+        return nis, informative
     if scan.form.invariant:
         u = work.scratch[MOVE_OF_ONE]
         _fill_move(belief, work.scratch[ANCHOR], u)
@@ -260,34 +270,28 @@ def _take_in(scan: Scan, belief: Belief) -> tuple[float, int]:
 @kernel
 def _iterate(scan: Scan, belief: Belief) -> tuple[float, int]:
     """Correct the state to a minimum of the cost of prior and observation (see `iterated`); returns as `_take_in`."""
-    work, i, size = scan.work, scan.row, belief.size
-    v = work.innovation[2 * i : 2 * i + 2]
-    seen = Seen(
-        scan.sensor,
-        scan.one,
-        work.observation[i : i + 1],
-        work.observation_cov[i : i + 1],
-        v,
-        work.jacobian[2 * i : 2 * i + 2],
-    )
-    way = Way(work.scratch[PLACE_OF_ONE], work.scratch[TRIAL], work.scratch[CORRECTION])
-    way.place[:size] = belief.state[:size]
-    linearise_at(way.place, belief, seen)
-    of_prior, cost, first_nis, informative = 0.0, misfit(seen), 0.0, 0
-    share, last = 1.0, math.inf
-    for iteration in range(scan.form.passes):
-        nis, dof = _gain(scan, belief, at_place(belief, way.place))
-        if not math.isfinite(nis):
-            return math.nan, dof
-        if iteration == 0:
-            first_nis, informative = nis, dof
-        change, of_prior, cost = go_downhill(belief, seen, way, v.copy(), share, of_prior, cost, SETTLED)
-        if change < SETTLED:
-            break
-        share, last = smaller_share(share, iteration, change, last), change
-    belief.state[:size] = way.place[:size]
-    belief.state[2] = wrap(belief.state[2])
-    return first_nis, informative
+    work, i, state = scan.work, scan.row, belief.state
+    nis, informative = _gain(scan, belief, at_place(belief, state))
+    if not math.isfinite(nis):
+        return nis, informative
+    entries, local = involved_entries(scan.one)
+    P, there = block(belief.cov, entries), state[entries]
+    for k in range(scan.rows):
+        w = work.W[k]
+        for a in range(len(entries)):
+            for b in range(len(entries)):
+                P[a, b] -= w[entries[a]] * w[entries[b]]
+    seen = Seen(scan.sensor, local, work.observation[i : i + 1], work.observation_cov[i : i + 1], scan.blind)
+    if not find_minimum(there, P, seen, scan.form.passes):
+        return NO_MINIMUM, informative
+    place = work.scratch[PLACE_OF_ONE]
+    for a in range(len(entries)):
+        place[entries[a]] = there[a]
+    last, _ = _gain(scan, belief, at_place(belief, place))
+    if not math.isfinite(last):
+        return last, informative
+    move_additively(state, belief.size, work.scratch[CORRECTION])
+    return nis, informative
 
 
 @kernel
@@ -304,7 +308,10 @@ def _gain(scan: Scan, belief: Belief, there: Belief) -> tuple[float, int]:
     project_covariance(belief.cov, size, scan.one, h, W)
     u00 = math.sqrt(s00)
     u01 = s01 / u00
-    u11 = math.sqrt(s11 - u01 * u01)
+    left = s11 - u01 * u01
+    if left <= LEAST * s11:
+        return EXHAUSTED, dof
+    u11 = math.sqrt(left)
     y0 = v[0] / u00
     y1 = (v[1] - u01 * y0) / u11
     for r in range(scan.rows):

@@ -10,6 +10,7 @@ from slamgauge.ekf.kernels.compiled import cholesky, combine_rows, kernel, solve
 from slamgauge.ekf.kernels.covariance import innovation_covariance, is_symmetric, mirror_robot_block, project_covariance
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
 from slamgauge.ekf.kernels.models import RANGE_BEARING
+from slamgauge.ekf.kernels.precision import EXHAUSTED, LEAST, are_pivots_lost, are_variances_lost
 from slamgauge.ekf.kernels.workspace import BLOCK_CORRECTION, CORRECTION, Workspace
 
 
@@ -19,26 +20,37 @@ def whiten(belief: Belief, first: int, last: int, work: Workspace) -> float:
 
     Leaves W = U'^-1 H P and the whitened innovation y = U'^-1 v in `work` (y in its own rows), where S = U'U,
     so that the correction is W'y and the covariance decreases by W'W. Returns the NIS, which is not finite
-    when S is not positive definite or an observation is not finite.
+    when S is not positive definite, is rounding (`EXHAUSTED`), or an observation is not finite.
     """
     rows = 2 * (last - first)
     slots, jacobian = work.slots[first:last], work.jacobian[2 * first : 2 * last]
     W, S, y = work.W, work.S, work.innovation[2 * first : 2 * last]
     project_covariance(belief.cov, belief.size, slots, jacobian, W)
     innovation_covariance(W, slots, jacobian, work.observation_cov[first:last], S)
-    return divide_by_factor(S, W, y, rows, belief.size)
+    nis = divide_by_factor(S, W, y, rows, belief.size)
+    if math.isfinite(nis) and are_pivots_lost(S, belief.cov, slots, jacobian):
+        return EXHAUSTED
+    return nis
 
 
 @kernel
 def divide_by_factor(S: Float, W: Float, y: Float, rows: int, size: int) -> float:
-    """W <- U'^-1 W and y <- U'^-1 y, where S = U'U; returns y'y, NaN when S is not positive definite."""
+    """W <- U'^-1 W and y <- U'^-1 y, where S = U'U; returns y'y.
+
+    That is NaN when S is not positive definite, and `EXHAUSTED` when a pivot is the rounding of its variance.
+    """
     if not cholesky(S, rows):
         return math.nan
     solve_factor(S, W, rows, size)
     squared = 0.0
     for a in range(rows):
+        explained = 0.0
         for b in range(a):
             y[a] -= S[b, a] * y[b]
+            explained += S[b, a] * S[b, a]
+        pivot = S[a, a] * S[a, a]
+        if pivot <= LEAST * (pivot + explained):
+            return EXHAUSTED
         y[a] /= S[a, a]
         squared += y[a] * y[a]
     return squared
@@ -50,7 +62,8 @@ def take_in(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[f
 
     Block by block of the workspace, all with the same Jacobians: for independent observations that is the same as all
     at once, and saves the triangular solve that grows with the square of a block. Returns the NIS and its degrees of
-    freedom; when the NIS is not finite, nothing has changed, unless P itself was not positive definite.
+    freedom; when the NIS is not finite, nothing has changed, unless P itself was not positive definite, or precision
+    was exhausted in a later block.
     """
     informative = linearise(sensor, belief, work.slots[:count], work.observation, work.innovation, work.jacobian)
     if not are_sound(sensor, work.observation[:count], work.observation_cov[:count]):
@@ -63,8 +76,10 @@ def take_in(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[f
         subtract_projection(dx, first, last, work)
         nis += whiten(belief, first, last, work)
         if not math.isfinite(nis):
-            return math.nan, informative
+            return nis, informative
         rows = 2 * (last - first)
+        if are_variances_lost(belief.cov, work.slots[first:last], work.W, rows):
+            return EXHAUSTED, informative
         combine_rows(work.W, work.innovation[2 * first :], block_dx, rows, size)
         for j in range(size):
             dx[j] += block_dx[j]

@@ -19,8 +19,7 @@ WAY_BACK = 2  # from PLACE to the prior
 HEADING_ROW = 2  # P e_theta
 PLACE_OF_ONE = 2  # as PLACE, for one observation of `one_by_one`
 MOVE_OF_ONE = 2  # as MOVE, for one observation of `one_by_one`
-TRIAL = 3  # where an iterated update looks whether it costs less
-ROWS = 4
+ROWS = 3
 
 
 class Workspace(NamedTuple):

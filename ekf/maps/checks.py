@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf.kernels.precision import EXHAUSTED, NO_MINIMUM
 from slamgauge.ekf.settings.association import Association
 from slamgauge.ekf.settings.rules import is_number, require
 from slamgauge.errors import UserError
@@ -19,6 +20,14 @@ from slamgauge.recording import OBSERVATION_DIM, Observations
 from slamgauge.validation import REAL, as_covariances, as_floats, as_ints, as_numbers, require_rows
 
 DIVERGED = "every value is sound, so the filter has diverged; raise its noise, or start it anew"
+TOO_FAR_APART = (
+    "its standard deviations and those of the filter lie so far apart that double precision does not hold both; "
+    "raise the smallest, or lower the largest"
+)
+ENDLESS = "the iterated update comes to no minimum; use another filter, or raise the noise"
+WHY = {EXHAUSTED: TOO_FAR_APART, NO_MINIMUM: ENDLESS}
+ROUNDING = 1e-3  # of a correlation, in what is left of a variance; see `kernels.precision`
+JUDGED = 1e-9  # of a correlation; what `slamgauge.validation` lets pass
 INCREMENT = "give an increment (dx, dy, dtheta) of the body frame in m, m, rad"
 
 
@@ -158,13 +167,58 @@ def _rows_of_anything(values: ArrayLike, covs: ArrayLike, dim: int) -> tuple[Flo
     return given, given_covs
 
 
-def explain_scan(sensor: str, values: ArrayLike, covs: ArrayLike) -> UserError:
-    """Why a kernel has refused observations (m, d) with covariances (m, d, d)."""
+def explain_scan(sensor: str, values: ArrayLike, covs: ArrayLike, nis: float, variances: Float) -> UserError:
+    """Why a kernel has refused observations (m, d) with covariances (m, d, d).
+
+    Args:
+        sensor: see `Recording`.
+        values: the observations.
+        covs: their covariances.
+        nis: what the kernel has returned.
+        variances: (n,) of the filter. Where these are sound, an innovation covariance that is not positive definite is
+            so by rounding.
+    """
     try:
         require_sound(sensor, values, covs)
     except UserError as error:
         return error
-    return UserError(f"observation: no update exists for this scan; {DIVERGED}")
+    return UserError(f"observation: no update exists for this scan; {why_not(nis, variances)}")
+
+
+def why_not(nis: float, variances: Float) -> str:
+    """Why there is no update, if all that was given is sound; arguments as those of `explain_scan`."""
+    if nis in WHY:
+        return WHY[nis]
+    return TOO_FAR_APART if np.isfinite(variances).all() and (variances >= 0.0).all() else DIVERGED
+
+
+def without_rounding(name: str, covs: Float) -> Float:
+    """Covariances (n, d, d) without the negative eigenvalues that rounding leaves where they are singular.
+
+    A filter subtracts from covariances, and what that leaves is exact to the rounding of what there was. Eigenvalues
+    are those of correlations, as in `slamgauge.validation`, which takes the smallest of them as they are.
+
+    Raises:
+        UserError: they are more than rounding can be: precision is exhausted.
+    """
+    variances = np.diagonal(covs, axis1=1, axis2=2)
+    sigmas = np.sqrt(np.where(variances > 0.0, variances, 1.0))
+    scale = sigmas[:, :, None] * sigmas[:, None, :]
+    with np.errstate(invalid="ignore", over="ignore"):
+        correlations = covs / scale
+    sound = np.isfinite(correlations).all(axis=(1, 2))
+    require_rows(name, sound, covs, f"not finite: {DIVERGED}")
+    smallest = np.linalg.eigvalsh(correlations)[:, 0]
+    largest = variances.max(axis=1, initial=0.0)
+    rounding = (smallest >= -ROUNDING) & (variances >= -ROUNDING * largest[:, None]).all(axis=1)
+    require_rows(name, rounding, covs, TOO_FAR_APART)
+    rows = np.flatnonzero(smallest < -JUDGED)
+    if not len(rows):
+        return covs
+    values, axes = np.linalg.eigh(correlations[rows])
+    mended = covs.copy()
+    mended[rows] = (axes * values.clip(min=0.0)[:, None, :]) @ axes.swapaxes(1, 2) * scale[rows]
+    return mended
 
 
 def require_sound(sensor: str, values: ArrayLike, covs: ArrayLike) -> None:

@@ -31,6 +31,7 @@ from slamgauge.ekf.maps.checks import (
     require_room,
     require_sensor,
     start_of,
+    why_not,
 )
 from slamgauge.ekf.maps.rules import Correction, Rule, rule_of
 from slamgauge.errors import UserError
@@ -123,6 +124,11 @@ class LandmarkMap:
         upper = np.triu(self.belief.cov[: self.belief.size, : self.belief.size])
         return upper + np.triu(upper, 1).T
 
+    @property
+    def variances(self) -> Float:
+        """(3 + 2L,) of all entries."""
+        return np.diagonal(self.belief.cov)[: self.belief.size]
+
     def slots_of(self, ids: Int) -> Int:
         """Slots (m,) of mapped landmarks (m,)."""
         return self._sorted_slots[np.searchsorted(self._sorted_ids, ids)]
@@ -162,7 +168,7 @@ class LandmarkMap:
         work = self.room_for(len(values))
         self.load(values, covs)
         if not are_sound(self.code, work.observation[: len(values)], work.observation_cov[: len(values)]):
-            raise explain_scan(self.sensor, values, covs)
+            raise explain_scan(self.sensor, values, covs, math.nan, self.variances)
 
     def find(self, ids: ArrayLike, count: int) -> bool:
         """Look up the slots of `count` landmarks for `correct_found`; False if one is not mapped."""
@@ -175,7 +181,7 @@ class LandmarkMap:
         self.load(values, covs)
         nis, informative = self._update(self.code, self.belief, len(values), self._work)
         if not math.isfinite(nis):
-            raise explain_scan(self.sensor, values, covs)
+            raise explain_scan(self.sensor, values, covs, nis, self.variances)
         return nis, informative
 
     def correct(self, slots: Int, values: Float, covs: Float) -> tuple[float, int]:
@@ -204,7 +210,7 @@ class LandmarkMap:
         nis = linear.take_in_linear(self.belief, columns, jacobian, innovation, noise_cov, room)
         if not np.isfinite(nis):
             remedy = "make every value finite and every covariance positive definite"
-            raise UserError(f"observation: no update exists; {remedy}; if they are, the filter has diverged")
+            raise UserError(f"observation: no update exists; {remedy}; {why_not(nis, self.variances)}")
         self.rule.retract(self.belief, self._work)
         return nis
 

@@ -82,7 +82,7 @@ def update_nearest(
     landmarks.load(values, covs)
     nis, informative, size = update_one_by_one(landmarks.code, landmarks.belief, count, gates, form, work)
     if not np.isfinite(nis):
-        raise explain_scan(landmarks.sensor, values, covs)
+        raise explain_scan(landmarks.sensor, values, covs, nis, landmarks.variances)
     added = (size - landmarks.belief.size) // 2
     landmarks.resize(size)
     if added:

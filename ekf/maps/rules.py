@@ -19,7 +19,7 @@ from slamgauge.ekf.kernels.corrections import (
     update_right_invariant,
     update_standard,
 )
-from slamgauge.ekf.kernels.iterated import MAX_ITERATIONS, update_iterated
+from slamgauge.ekf.kernels.iterated import MAX_PASSES, update_iterated
 from slamgauge.ekf.kernels.linearisation import PROJECTED
 from slamgauge.ekf.kernels.one_by_one import Sequential
 from slamgauge.ekf.kernels.prediction import predict
@@ -75,7 +75,7 @@ TABLE: dict[Correction, Row] = {
     "observability-constrained": Row(
         "oc-ekf", Rule(update_standard, first_estimates=True, form=PROJECTED, sequential=Sequential())
     ),
-    "iterated": Row("iekf", Rule(update_iterated, block=WHOLE_SCAN, sequential=Sequential(passes=MAX_ITERATIONS))),
+    "iterated": Row("iekf", Rule(update_iterated, block=WHOLE_SCAN, sequential=Sequential(passes=MAX_PASSES))),
     "right-invariant": Row(
         "riekf", Rule(update_right_invariant, retract_right_invariant, sequential=Sequential(invariant=True))
     ),

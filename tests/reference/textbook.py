@@ -242,10 +242,11 @@ def update_iterated(
         else:
             damping = max(10.0 * damping, 1e-3)
     length = np.inf
-    while True:  # the last digits, of which the cost tells nothing: undamped, as long as steps become shorter
+    while True:  # the last digits, of which the cost tells nothing: Newton's steps, as long as they become shorter
         r, A = residuals(u)
-        step = -np.linalg.solve(A.T @ A, A.T @ r)
-        if not np.abs(step).max() < 0.9 * length:
+        bent = curvature(sensor, x + L @ u, slots, z, root.T @ r[len(u) :])
+        step = -np.linalg.solve(A.T @ A - L.T @ bent @ L, A.T @ r)
+        if not np.abs(step).max() < 0.5 * length:
             break
         u, length = u + step, np.abs(step).max()
     minimum = x + L @ u
@@ -254,6 +255,19 @@ def update_iterated(
     P = (np.eye(len(x)) - K @ H) @ P
     minimum[2] = wrap(minimum[2])
     return minimum, (P + P.T) / 2, nis
+
+
+def curvature(sensor: str, x: Float, slots: list[int], z: Float, weights: Float) -> Float:
+    """Sum of weights_k d^2 h_k / dx^2 (n, n), by differences of H' weights, observation by observation."""
+    C, h = np.zeros((len(x), len(x))), 1e-5
+    for a, slot in enumerate(slots):
+        of_one = slice(2 * a, 2 * a + 2)
+        for column in (0, 1, 2, 3 + 2 * slot, 4 + 2 * slot):
+            ahead, behind = x.copy(), x.copy()
+            ahead[column], behind[column] = x[column] + h, x[column] - h
+            H = (linearised(sensor, p, p, [slot], z[a : a + 1])[1] for p in (ahead, behind))
+            C[:, column] += np.subtract(*(each.T @ weights[of_one] for each in H)) / (2 * h)
+    return (C + C.T) / 2
 
 
 def exp_action(xi: Float, x: Float) -> Float:
