@@ -175,15 +175,23 @@ class Estimate:
         if self.seconds is not None:
             store(self, seconds=as_floats("seconds", self.seconds, (count,)))
         for name in ("chi_square", "chi_square_dof", "optimum_check"):
-            figure = getattr(self, name)
-            if figure is not None and not figure >= 0:
-                raise UserError(f"{name}: {figure} is no distance; give a number >= 0, or None")
+            if getattr(self, name) is not None:
+                store(self, **{name: _as_figure(name, getattr(self, name))})
         if (self.chi_square is None) != (self.chi_square_dof is None):
             raise UserError("chi_square: give chi_square and chi_square_dof together, or neither")
         _require_on_the_path(self.rays, self.history, steps=count - 1)
 
     def __eq__(self, other: object) -> bool:
         return equal(self, other)
+
+
+def _as_figure(name: str, value: object) -> float | int:
+    """A number >= 0 as plain Python has it: degrees of freedom are whole, and only the check may be infinite."""
+    figure = float(as_array(name, value, ())[()])
+    whole, endless = name == "chi_square_dof", name == "optimum_check"
+    if not figure >= 0 or (figure == np.inf and not endless) or (whole and not figure.is_integer()):
+        raise UserError(f"{name}: {figure:g} does not fit; give a {'whole ' * whole}number >= 0, or None")
+    return int(figure) if whole else figure
 
 
 def _require_on_the_path(rays: RayLog | None, history: MapHistory | None, steps: int) -> None:

@@ -29,6 +29,7 @@ from slamgauge.compare.figures.map_limits import map_limits
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, Style, styles
 from slamgauge.compare.figures.ray_frames import has_rays
 from slamgauge.compare.figures.sightings import first_seen, sight_lines
+from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.compare.storage.results_folder import Results
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
@@ -118,7 +119,8 @@ def _layout(low: Float, high: Float, title: str, keys: list[Line2D]) -> tuple[Fi
     middle = (low + high) / 2
     sides = np.array([across, height - foot - TOP])
     half = sides * ((high - low) / sides).max() / 2  # equal scales
-    ax.set(xlim=middle[0] + half[0] * BOTH_WAYS, ylim=middle[1] + half[1] * BOTH_WAYS, xlabel="x [m]", ylabel="y [m]")
+    ax.set(xlim=middle[0] + half[0] * BOTH_WAYS, ylim=middle[1] + half[1] * BOTH_WAYS)
+    label_plane(ax)
     ax.set_title(title, loc="left")
     figure.legend(handles=keys, loc="lower center", ncols=COLUMNS, **LEGEND)
     _freeze(figure, ax)

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 
 from slamgauge.arrays import Float
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, MARK_COLOR, TRUTH_COLOR, styles
+from slamgauge.compare.figures.world_axes import label_time
 from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.estimate import Estimate
@@ -58,7 +59,8 @@ def plot_errors(
     closed = times[:0] if closures is None else times[closures]
     for panel, label in zip(panels, PANELS, strict=True):
         _finish(panel, label, times, closed)
-    panels[-1].set_xlabel("time [s]; ticks: loop closures" if len(closed) else "time [s]")
+    label = [label_time(panel) for panel in panels][-1]
+    panels[-1].set_xlabel(f"{label}; ticks: loop closures" if len(closed) else label)
 
 
 def _reference(truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]) -> _Reference:

@@ -26,8 +26,10 @@ from slamgauge.compare.figures.plot_style import (
     save_png_and_svg,
     styles,
 )
+from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.compare.scoring.landmark_identity import true_landmarks
 from slamgauge.compare.scoring.loop_closures import closure_steps
+from slamgauge.compare.scoring.optimum_notes import distance_from_hindsight
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
@@ -110,8 +112,6 @@ def _draw_marks(ax: Axes, truth: Truth, recording: Recording, paths: Mapping[str
 
 def _frame(ax: Axes, paths: Mapping[str, Float], others: list[Float]) -> None:
     """Limits at equal scales that hold everything but a dead reckoning that has gone astray."""
-    ax.set_xlabel("x [m]")
-    ax.set_ylabel("y [m]")
     ax.set_aspect("equal", adjustable="datalim")
     drift = paths[DEAD_RECKONING][:, :2]
     estimated = [poses for name, poses in paths.items() if name != DEAD_RECKONING] or [drift]
@@ -119,6 +119,7 @@ def _frame(ax: Axes, paths: Mapping[str, Float], others: list[Float]) -> None:
     low, high = map_limits(rest, drift)
     ax.set_xlim(low[0], high[0], auto=True)
     ax.set_ylim(low[1], high[1], auto=True)
+    label_plane(ax)
     if ((drift < low) | (drift > high)).any():
         ax.set_title("dead reckoning leaves the map and is cut")
 
@@ -126,7 +127,10 @@ def _frame(ax: Axes, paths: Mapping[str, Float], others: list[Float]) -> None:
 def save_figure(
     folder: Path, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate], title: str
 ) -> None:
-    """Write figure.png (200 dpi) and figure.svg into `folder`: the map beside the errors, 7.2 x 4.6 in."""
+    """Write figure.png (200 dpi) and figure.svg into `folder`: the map beside the errors, 7.2 x 4.6 in.
+
+    An optimum that its check puts in doubt is named under the title.
+    """
     with mpl.rc_context(PRINT):
         figure = Figure(figsize=PAGE, layout="constrained")
         left, right = cast("Iterable[SubFigure]", figure.subfigures(1, 2, width_ratios=(1.25, 1)))
@@ -136,5 +140,6 @@ def save_figure(
         handles, labels = left_axes.get_legend_handles_labels()
         columns = 6 if max(map(len, labels)) <= LONG_LABEL else 4
         figure.legend(handles, labels, loc="outside lower center", ncols=columns, **LEGEND)
-        figure.suptitle(title)
+        doubts = [distance_from_hindsight(name, estimate) for name, estimate in estimates.items()]
+        figure.suptitle("\n".join([title, *filter(None, doubts)]))
         save_png_and_svg(figure, folder / "figure")

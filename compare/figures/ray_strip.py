@@ -26,6 +26,7 @@ from slamgauge.compare.figures.map_layers import (
 from slamgauge.compare.figures.map_limits import map_limits
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, Style, save_png_and_svg, styles
 from slamgauge.compare.figures.ray_frames import RayFrame, ray_frames
+from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
@@ -69,10 +70,10 @@ def save_ray_strip(
             panel.set_title(_title(frame, recording.stamps))
             since = frame.step
         for panel in panels[: len(frames)][-COLUMNS:]:
-            panel.set_xlabel("x [m]")
+            label_plane(panel, y=False)
             panel.tick_params(labelbottom=True)  # though panels below it stay empty
         for panel in panels[::COLUMNS]:
-            panel.set_ylabel("y [m]")
+            label_plane(panel, x=False)
         figure.legend(handles=_keys(truth, name, style), loc="outside lower center", ncols=4, **LEGEND)
         figure.suptitle(title)
         save_png_and_svg(figure, folder / "rays")

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
+from slamgauge.compare.scoring import optimum_figures
 from slamgauge.compare.scoring.over_runs import (
     final_sigma_ratio,
     late_mean_of,
@@ -18,6 +19,7 @@ from slamgauge.compare.scoring.over_runs import (
     over_yardstick,
     plain_mean_of,
     position_sigma,
+    share_in_doubt,
     share_inside_band,
     total_nis,
 )
@@ -176,13 +178,13 @@ CATALOGUE = (
         help="ATE over that of the optimum of the same kind, paired run by run",
         scored=True,
         over_runs=over_yardstick(),
-        column=Column(title="x optimum", form="{:.2f}", run=10),
+        column=Column(title="x optimum", form="{:.2f}", run=10, relative=True),
     ),
     Quantity(
         key="ratio_to_causal",
         help="ATE over that of the causal optimum",
         over_runs=over_yardstick(CAUSAL),
-        column=Column(title="x causal", study=2, sweep=2),
+        column=Column(title="x causal", study=2, sweep=2, relative=True),
     ),
     Quantity(
         key="ratio_to_hindsight",
@@ -211,7 +213,7 @@ CATALOGUE = (
         key="mahalanobis_to_optimum",
         help="mean over time of the squared Mahalanobis distance to the optimum, under its covariance",
         scored=True,
-        column=Column(title="d to optimum", form="{:.3g}", run=11),
+        column=Column(title="d to optimum", form="{:.3g}", run=11, relative=True),
     ),
     Quantity(
         key="final_distance_to_batch_m",
@@ -222,6 +224,32 @@ CATALOGUE = (
     ),
     Quantity(
         key="landmark_distance_to_batch_m", unit="m", help="RMS distance of the landmarks from batch's", scored=True
+    ),
+    Quantity(
+        key="optimum_check_sigma",
+        help="of a causal optimum, how far its last pose and sigmas are from the hindsight optimum's, in sigmas of it",
+        scored=True,
+        stored=True,
+        measure=optimum_figures.check_sigma,
+    ),
+    Quantity(
+        key="optimum_check_share",
+        help=f"share of the runs in which that is more than {optimum_figures.CHECK_LIMIT:g} sigma",
+        over_runs=share_in_doubt,
+    ),
+    Quantity(
+        key="chi_square_per_dof",
+        help="of an optimum, its squared residuals over their degrees of freedom; noise that is stated rightly reads 1",
+        scored=True,
+        stored=True,
+        over_runs=mean_of("chi_square_per_dof"),
+        measure=optimum_figures.chi_square_per_dof,
+    ),
+    Quantity(
+        key="observations_left_out",
+        help="of an optimum, number of observations of landmarks that they do not place (`observations_rejected`)",
+        scored=True,
+        measure=optimum_figures.observations_left_out,
     ),
     Quantity(key="loop_closure", help="one entry per loop closure (`loop_closures.LoopClosure`)", scored=True),
     Quantity(
@@ -237,6 +265,9 @@ CATALOGUE = (
 )
 SCORED = frozenset(each.key for each in CATALOGUE if each.scored)
 STORED = (*(each.key for each in CATALOGUE if each.stored), *(f"rays_{name}" for name in RayFigures._fields))
+# figures that stores of studies have not had from the beginning: rows that lack them have NaN there
+LATER = ("optimum_check_sigma", "chi_square_per_dof")
+RELATIVE = frozenset(each.key for each in CATALOGUE if each.column is not None and each.column.relative)
 SUMMED_UP = {each.key: each.over_runs for each in CATALOGUE if each.over_runs is not None}
 
 

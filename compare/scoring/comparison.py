@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from slamgauge.compare.estimators.loading import entry_behind
+from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS
 from slamgauge.compare.estimators.running import run_estimator
-from slamgauge.compare.scoring.catalogue import columns
+from slamgauge.compare.scoring.catalogue import RELATIVE, columns
+from slamgauge.compare.scoring.optimum_figures import is_in_doubt
+from slamgauge.compare.scoring.optimum_notes import (
+    MARK,
+    distance_from_hindsight,
+    doubt,
+    fit_of_the_model,
+    left_out,
+)
 from slamgauge.compare.scoring.scores import Score, evaluate
-from slamgauge.compare.scoring.text_table import aligned, cell
+from slamgauge.compare.scoring.text_table import aligned, cell, marked
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.recording import Recording
@@ -23,12 +32,13 @@ from slamgauge.truth import Truth, require_same_run
 
 @dataclass(frozen=True)
 class Comparison:
-    """What came out: the estimate and the score of each estimator, by name."""
+    """What came out: the estimate and the score of each estimator, by name, and who is the optimum of which kind."""
 
     truth: Truth | None
     recording: Recording
     estimates: dict[str, Estimate]
     scores: dict[str, Score]
+    optima: dict[Kind, str] = field(default_factory=dict)
 
 
 def compare_estimators(
@@ -61,7 +71,7 @@ def compare_estimators(
             informed = recording.associated(truth.association)
     estimates: dict[str, Estimate] = {}
     seconds: dict[str, float] = {}
-    optima: dict[Kind, Estimate] = {}
+    optima: dict[Kind, str] = {}
     progress = tqdm(estimators.items(), disable=None, leave=False, unit="estimator")
     for name, estimator in progress:
         progress.set_description(name)
@@ -69,16 +79,16 @@ def compare_estimators(
         is_yardstick = entry is not None and entry.is_yardstick
         estimates[name], seconds[name] = run_estimator(name, estimator, informed if is_yardstick else recording)
         if is_yardstick:
-            optima[estimates[name].kind] = estimates[name]
+            optima[estimates[name].kind] = name
     scores: dict[str, Score] = {}
+    best = {kind: estimates[name] for kind, name in optima.items()}
     for name, estimate in estimates.items():
-        optimum = optima.get(estimate.kind)
         try:
-            score = evaluate(truth, recording, estimate, optimum, optima.get("smoothed"))
+            score = evaluate(truth, recording, estimate, best.get(estimate.kind), best.get("smoothed"))
         except UserError as error:
             raise UserError(f"estimator {name}: {error}") from error
         scores[name] = score if estimate.seconds is not None else replace(score, seconds_total=seconds[name])
-    return Comparison(truth, recording, estimates, scores)
+    return Comparison(truth, recording, estimates, scores, optima)
 
 
 def metrics(comparison: Comparison, scenario: str | None, seed: int | None) -> dict[str, Any]:
@@ -95,17 +105,44 @@ def metrics(comparison: Comparison, scenario: str | None, seed: int | None) -> d
 def digest(recording: Recording) -> str:
     """SHA-256 of a recording's fields: equal digests, equal measurements."""
     total = hashlib.sha256()
-    for field in fields(recording):
-        value = getattr(recording, field.name)
-        total.update(field.name.encode())
+    for each in fields(recording):
+        value = getattr(recording, each.name)
+        total.update(each.name.encode())
         total.update(value.tobytes() if isinstance(value, np.ndarray) else str(value).encode())
     return total.hexdigest()
 
 
 def table(comparison: Comparison) -> str:
-    """The scores as a text table, filtered estimates before smoothed ones; `-` where none applies."""
+    """The scores as a text table, filtered estimates before smoothed ones; `-` where none applies.
+
+    Figures relative to an optimum that its check puts in doubt are marked; what there is to say of the optima stands
+    below the table.
+    """
     found = columns("run")
+    optima = {kind: comparison.estimates[name] for kind, name in comparison.optima.items()}
+    doubtful = {kind for kind, optimum in optima.items() if is_in_doubt(optimum)}
     rows = [["estimator", "kind", *(title for title, _, _ in found)]]
     for name, score in sorted(comparison.scores.items(), key=lambda item: item[1].kind):
-        rows.append([name, score.kind, *(cell(score.figure(key), form) for _, key, form in found)])
-    return "\n".join(aligned(rows, words=2))
+        cells = [cell(score.figure(key), form) for _, key, form in found]
+        if doubtful:
+            cells = [
+                marked(text, MARK, is_marked=score.kind in doubtful) if key in RELATIVE else text
+                for text, (_, key, _) in zip(cells, found, strict=True)
+            ]
+        rows.append([name, score.kind, *cells])
+    return "\n".join([*aligned(rows, words=2), *optimum_notes(comparison)])
+
+
+def optimum_notes(comparison: Comparison) -> list[str]:
+    """What there is to say of the optima: the fit of the model, what they leave out, which of them is in doubt."""
+    notes: list[str | None] = []
+    judges = [(kind, comparison.optima[kind]) for kind in ("smoothed", "filtered") if kind in comparison.optima]
+    if judges:
+        kind, name = judges[0]
+        notes.append(fit_of_the_model(REGISTRY[YARDSTICKS[kind]].title, comparison.estimates[name]))
+    for _, name in judges:
+        notes.append(left_out(name, comparison.truth, comparison.recording, comparison.estimates[name]))
+    notes += [doubt(name, comparison.estimates[name]) for _, name in judges]
+    others = {name: each for name, each in comparison.estimates.items() if name not in comparison.optima.values()}
+    notes += [distance_from_hindsight(name, each) for name, each in others.items()]
+    return [note for note in notes if note]

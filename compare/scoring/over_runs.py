@@ -12,6 +12,7 @@ from slamgauge.compare.estimators.registry import YARDSTICKS
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.defined import mean
 from slamgauge.compare.scoring.intervals import Interval, jackknife_interval, mean_interval, ratio_interval
+from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT
 from slamgauge.compare.scoring.ray_figures import RayFigures, mean_figures
 from slamgauge.compare.scoring.runs import Runs, paired
 
@@ -129,6 +130,12 @@ def final_sigma_ratio(runs: Runs, others: Mapping[str, Runs]) -> tuple[float | N
         last, best = runs.series[key][ours, -1], optimum.series[key][theirs, -1]
         ratios.append(mean(np.divide(last, best, out=np.full(len(ours), np.nan), where=best > 0)))
     return tuple(ratios)
+
+
+def share_in_doubt(runs: Runs, _: Mapping[str, Runs]) -> float | None:
+    """Share of the runs with a check in which the optimum is farther from hindsight's than is good."""
+    checks = runs.figures["optimum_check_sigma"]
+    return mean(np.where(np.isnan(checks), np.nan, checks > CHECK_LIMIT))
 
 
 def mean_rays(runs: Runs, _: Mapping[str, Runs]) -> RayFigures | None:

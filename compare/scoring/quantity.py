@@ -26,6 +26,8 @@ class Column:
         run: place in the table of a run, from the left; None leaves it out.
         study: place in the table of a study.
         sweep: place in the table of a sweep.
+        relative: whether the figure is one against the causal optimum, of filtered estimates at least, and is marked
+            where that optimum is in doubt.
     """
 
     title: str
@@ -34,6 +36,7 @@ class Column:
     run: int | None = None
     study: int | None = None
     sweep: int | None = None
+    relative: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -15,7 +16,7 @@ from slamgauge.compare.scoring.defined import mean, number, rms
 from slamgauge.compare.scoring.landmark_identity import association_figures, landmark_errors, true_landmarks
 from slamgauge.compare.scoring.loop_closures import LoopClosure, closure_steps, describe_closures
 from slamgauge.compare.scoring.ray_figures import RayFigures, ray_figures
-from slamgauge.compare.scoring.trajectory_error import align, distances, pose_errors, step_errors
+from slamgauge.compare.scoring.trajectory_error import aligned_errors, distances, pose_errors, step_errors
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
 from slamgauge.recording import Recording
@@ -69,9 +70,13 @@ class Score:
         return self.others[key] if key in self.others else getattr(self, key)
 
     def to_json(self) -> dict[str, Any]:
-        """The estimator's entry in metrics.json: plain numbers, lists and None; `rays` only where there are any."""
+        """The estimator's entry in metrics.json: plain numbers, lists and None; `rays` only where there are any.
+
+        JSON has no infinity: a check that is infinite is the largest double, which no limit takes for small.
+        """
         keys = [each.name for each in fields(self) if each.name == "kind" or each.name in SCORED]
-        entry: dict[str, Any] = {key: getattr(self, key) for key in keys} | self.others
+        entry: dict[str, Any] = {key: getattr(self, key) for key in keys}
+        entry |= {key: sys.float_info.max if value == math.inf else value for key, value in self.others.items()}
         if self.sigma_ratio_to_optimum is not None:
             entry["sigma_ratio_to_optimum"] = list(self.sigma_ratio_to_optimum)
         if self.rays is None:
@@ -120,7 +125,7 @@ def _path_figures(truth: Truth, recording: Recording, estimate: Estimate) -> dic
     sigmas = np.sqrt((covs[:, 0, 0] + covs[:, 1, 1]).clip(min=0))
     return {
         "ate_m": rms(off),
-        "ate_aligned_m": rms(np.linalg.norm(align(poses[:, :2], reference[:, :2]) - reference[:, :2], axis=1)),
+        "ate_aligned_m": rms(np.linalg.norm(aligned_errors(poses[:, :2], reference[:, :2]), axis=1)),
         "heading_rmse_rad": rms(errors[:, 2]),
         "final_position_error_m": number(off[-1]),
         "final_heading_error_rad": number(abs(errors[-1, 2])),

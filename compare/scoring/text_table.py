@@ -29,3 +29,8 @@ def interval_cell(interval: Interval | None, form: str) -> str:
     if interval is None or interval.low is None or interval.high is None:
         return cell(None if interval is None else interval.mean, form)
     return f"{form.format(interval.mean)} ± {form.format((interval.high - interval.low) / 2)}"
+
+
+def marked(text: str, mark: str, *, is_marked: bool) -> str:
+    """A cell of a column in which some are marked behind their figure: the others leave the place of the mark free."""
+    return text + (mark if is_marked and text != "-" else " " * len(mark))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slamgauge.arrays import Float
 from slamgauge.se2 import between, rotation, wrap
@@ -37,10 +38,33 @@ def align(positions: Float, reference: Float) -> Float:
     The motion is in SE(2): no scale, no reflection. It is fitted where the reference is defined; a path
     without extent is translated only (Horn 1987, the planar case in closed form).
     """
-    known = np.isfinite(reference).all(axis=1)
+    known = _known(reference)
     if not known.any():
         return positions.copy()
-    center, target = positions[known].mean(axis=0), reference[known].mean(axis=0)
-    source, goal = positions[known] - center, reference[known] - target
+    return reference[known][0] + _aligned(positions, reference, known)
+
+
+def aligned_errors(positions: Float, reference: Float) -> Float:
+    """What is left (n, 2) [m] between `positions` and `reference` when they are aligned; NaN in gaps.
+
+    It is worked out relative to the first reference: far from the world's origin the aligned positions themselves
+    have fewer digits.
+    """
+    known = _known(reference)
+    if not known.any():
+        return np.full(positions.shape, np.nan)
+    return _aligned(positions, reference, known) - (reference - reference[known][0])
+
+
+def _known(reference: Float) -> NDArray[np.bool_]:
+    """Which rows (n,) are no gaps."""
+    return np.asarray(np.isfinite(reference).all(axis=1))
+
+
+def _aligned(positions: Float, reference: Float, known: NDArray[np.bool_]) -> Float:
+    """`positions` (n, 2) aligned to the `known` rows of `reference`, relative to the first of these."""
+    positions, goal = positions - positions[known][0], reference[known] - reference[known][0]
+    center, target = positions[known].mean(axis=0), goal.mean(axis=0)
+    source, goal = positions[known] - center, goal - target
     sine = np.sum(source[:, 0] * goal[:, 1] - source[:, 1] * goal[:, 0])
     return (positions - center) @ rotation(np.arctan2(sine, np.sum(source * goal))).T + target

@@ -18,13 +18,14 @@ import numpy as np
 
 from slamgauge import __version__
 from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.scoring.catalogue import STORED
+from slamgauge.compare.scoring.catalogue import LATER, STORED
 from slamgauge.compare.scoring.runs import SERIES, Runs
 from slamgauge.compare.studies.run import Outcome
 from slamgauge.errors import UserError
 
 # of what a store holds: raise it when `_TABLES`, `SERIES` or `STORED` change, and when the same scenario and seed
-# give other measurements or a figure another meaning; stores of another number are refused, whatever their version
+# give other measurements or a figure another meaning; stores of another number are refused, whatever their version.
+# A further figure that old rows may lack goes into `catalogue.LATER` instead
 SCHEMA = 1
 # keys that scenarios have had since version 0.4, by section; a key that is added later belongs here too
 LATER_KEYS = {"association": ("node_limit",), "fis": ("lost_after",), "inverse_depth": ("lost_after",)}
@@ -96,7 +97,7 @@ class StudyStore:
             "WHERE estimator = ? AND run < ? AND error IS NULL ORDER BY run"
         )
         rows = list(self._connection.execute(query, (estimator, runs)))
-        figures = [json.loads(text) for _, _, text, _ in rows]
+        figures = [dict.fromkeys(LATER) | json.loads(text) for _, _, text, _ in rows]
         table = np.array([[np.nan if each[key] is None else each[key] for key in STORED] for each in figures])
         series = np.array([np.frombuffer(blob, dtype=np.float32) for _, _, _, blob in rows], dtype=np.float64)
         return Runs(

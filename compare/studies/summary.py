@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-from slamgauge.compare.scoring.catalogue import SUMMED_UP, columns
+from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT, REGISTRY
+from slamgauge.compare.scoring.catalogue import RELATIVE, SUMMED_UP, columns
 from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, mean_fit
 from slamgauge.compare.scoring.over_runs import BAND_LEVEL
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.text_table import aligned, cell, interval_cell
+from slamgauge.compare.scoring.text_table import aligned, cell, interval_cell, marked
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +48,7 @@ class EstimatorSummary:
     sigma_ratio_to_optimum_final: tuple[float | None, ...] | None
     rays: RayFigures | None
     seconds_total: float | None
+    optimum_check_share: float | None = None
     others: dict[str, Interval | None] = field(default_factory=dict)
 
     def figure(self, key: str) -> Any:
@@ -115,20 +118,51 @@ def _summarise(runs: Runs, others: Mapping[str, Runs]) -> EstimatorSummary:
 
 
 def summary_table(summary: Summary) -> str:
-    """Means with their 95 % intervals, the share of steps inside the band, sigma ratios, failures."""
+    """Means with their 95 % intervals, the share of steps inside the band, sigma ratios, notes, failures."""
     found = columns("study")
+    is_marked = share_in_doubt(summary) > 0
     head = ["estimator", "runs", *(title for title, _, _ in found), f"in {BAND_LEVEL:.1%} band", "sigma / optimum"]
     rows = [head]
     for name, entry in summary.estimators.items():
-        cells = [name, str(entry.runs), *(interval_cell(entry.figure(key), form) for _, key, form in found)]
+        cells = [name, str(entry.runs), *figure_cells(summary, entry, found, room_for_marks=is_marked)]
         share, ratios = entry.nees_share_inside_band, entry.sigma_ratio_to_optimum_final
         cells.append(cell(share, "{:.1%}"))
         cells.append(" ".join(cell(ratio, "{:.3f}") for ratio in ratios or (None,)))
+        if is_marked:
+            cells[-1] = marked(cells[-1], MARK, is_marked=entry.kind == "filtered")
         rows.append(cells)
     rays = [
         f"{name}: a run's {describe(each.rays)}" for name, each in summary.estimators.items() if each.rays is not None
     ]
-    return "\n".join([*aligned(rows, words=1), *rays, *failure_lines(summary)])
+    return "\n".join([*aligned(rows, words=1), *optimum_lines(summary), *rays, *failure_lines(summary)])
+
+
+def share_in_doubt(summary: Summary) -> float:
+    """Share of the runs in which the causal optimum is not the optimum that it is taken for."""
+    causal = summary.estimators.get(CAUSAL)
+    return 0.0 if causal is None else causal.optimum_check_share or 0.0
+
+
+def figure_cells(
+    summary: Summary, entry: EstimatorSummary, found: list[tuple[str, str, str]], *, room_for_marks: bool
+) -> list[str]:
+    """An estimator's figures in the columns of a table; marked where they are relative to an optimum in doubt."""
+    is_marked = share_in_doubt(summary) > 0
+    return [
+        marked(text, MARK, is_marked=is_marked) if room_for_marks and key in RELATIVE else text
+        for text, (_, key, _) in ((interval_cell(entry.figure(each[1]), each[2]), each) for each in found)
+    ]
+
+
+def optimum_lines(summary: Summary) -> list[str]:
+    """What there is to say of the optima: the fit of the model, and whether the causal one is in doubt."""
+    best = next((name for name in (HINDSIGHT, CAUSAL) if name in summary.estimators), None)
+    fit = None if best is None else summary.estimators[best].others.get("chi_square_per_dof")
+    lines = [
+        None if best is None else mean_fit(REGISTRY[best].title, fit),
+        doubt_in_runs(CAUSAL, share_in_doubt(summary)),
+    ]
+    return [line for line in lines if line]
 
 
 def failure_lines(summary: Summary) -> list[str]:

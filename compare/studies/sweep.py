@@ -8,17 +8,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from slamgauge.compare.estimators.registry import is_yardstick
+from slamgauge.compare.estimators.registry import CAUSAL, is_yardstick
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.catalogue import columns
+from slamgauge.compare.scoring.optimum_notes import doubt_in_runs
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.text_table import aligned, interval_cell
+from slamgauge.compare.scoring.text_table import aligned
 from slamgauge.compare.storage.manifest import require_folder, require_free
 from slamgauge.compare.storage.result_files import STORE_FILES, STUDY_FILES, SWEEP_FILES
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import load_runs, run_study
-from slamgauge.compare.studies.summary import Failure, Summary, failure_lines, summarise
+from slamgauge.compare.studies.summary import (
+    Failure,
+    Summary,
+    failure_lines,
+    figure_cells,
+    share_in_doubt,
+    summarise,
+)
 from slamgauge.errors import UserError
 
 Finished = Callable[[Path, Summary, dict[str, Runs], float], None]
@@ -149,12 +157,18 @@ def sweep_table(sweep: Sweep) -> str:
     """A line for each value and estimator: means, with the half width of the 95 % interval."""
     found = columns("sweep")
     rows = [[sweep.key, "estimator", *(title for title, _, _ in found)]]
+    any_doubt = any(map(share_in_doubt, sweep.summaries))
     for value, summary in zip(sweep.values, sweep.summaries, strict=True):
         for name, entry in summary.estimators.items():
-            rows.append([value, name, *(interval_cell(entry.figure(key), form) for _, key, form in found)])
+            rows.append([value, name, *figure_cells(summary, entry, found, room_for_marks=any_doubt)])
     failed = [
         f"{sweep.key}={value}, {line}"
         for value, summary in zip(sweep.values, sweep.summaries, strict=True)
         for line in failure_lines(summary)
     ]
-    return "\n".join([*aligned(rows, words=2), *failed])
+    doubts = [
+        f"{sweep.key}={value}: {line}"
+        for value, summary in zip(sweep.values, sweep.summaries, strict=True)
+        if (line := doubt_in_runs(CAUSAL, share_in_doubt(summary)))
+    ]
+    return "\n".join([*aligned(rows, words=2), *doubts, *failed])

@@ -47,6 +47,9 @@ METRICS_JSON = {
     "observations_rejected",
     "track_purity",
     "track_purity_min",
+    "optimum_check_sigma",
+    "chi_square_per_dof",
+    "observations_left_out",
 }
 angles = st.floats(-math.pi, math.pi)
 lengths = st.floats(-100, 100)

@@ -71,6 +71,31 @@ def test_round_trip(tmp_path: Path, record: Any, load: Callable[[Path], Any]):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(record, name))
 
 
+@pytest.mark.parametrize("check", [None, 0.31, np.inf])
+def test_figures_of_an_optimum_come_back(tmp_path: Path, check: float | None):
+    optimum = replace(ESTIMATE, chi_square=1 / 3, chi_square_dof=4, optimum_check=check)
+    save(tmp_path / "e.npz", optimum)
+    assert load_estimate(tmp_path / "e.npz") == optimum
+
+
+def test_estimates_that_were_written_before_these_figures_are_read(tmp_path: Path):
+    np.savez(tmp_path / "e.npz", kind="smoothed", poses=np.zeros((2, 3)))
+    old = load_estimate(tmp_path / "e.npz")
+    assert (old.chi_square, old.chi_square_dof, old.optimum_check) == (None, None, None)
+    np.savez(tmp_path / "e.npz", kind="smoothed", poses=np.zeros((2, 3)), optimum_check=np.array(["far"]))
+    assert refusal(load_estimate, tmp_path / "e.npz").startswith(": optimum_check: ")
+
+
+def test_coordinates_far_from_the_origin_come_back_to_the_last_bit(tmp_path: Path):
+    far = np.array([500_000.0, 4_600_000.0, 0.0]) + np.random.default_rng(0).normal(size=(3, 3))
+    save(tmp_path / "e.npz", replace(ESTIMATE, poses=far, landmarks=far[:1, :2]))
+    assert load_estimate(tmp_path / "e.npz") == replace(ESTIMATE, poses=far, landmarks=far[:1, :2])
+    write_tum(tmp_path / "t.tum", np.array([1.7e9, 1.7e9 + 0.1, 1.7e9 + 0.2]), far)
+    rows = np.loadtxt(tmp_path / "t.tum")
+    np.testing.assert_array_equal(rows[:, 1:3], far[:, :2])
+    np.testing.assert_array_equal(rows[:, 0], [1.7e9, 1.7e9 + 0.1, 1.7e9 + 0.2])
+
+
 def test_unknown_association_stays_unknown(tmp_path: Path):
     save(tmp_path / "r.npz", replace(RECORDING, landmark=None))
     assert load_recording(tmp_path / "r.npz").landmark is None

@@ -1,0 +1,88 @@
+"""Lines under a table: how well the model fits, what the optima leave out, and which figures are in doubt."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from slamgauge.compare.scoring.consistency import chi2_band
+from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.landmark_identity import NOBODY
+from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT
+from slamgauge.compare.scoring.text_table import interval_cell
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
+
+MARK = "?"  # behind figures that are relative to an optimum in doubt
+FIT_LEVEL = 0.95  # of the two-sided chi-square band of the fit
+
+_MARKED = f"figures relative to it are marked {MARK}"
+
+
+def fit_of_the_model(title: str, optimum: Estimate) -> str | None:
+    """chi2/dof of an optimum and its band; outside of that, what it means. None where the optimum does not tell."""
+    if optimum.chi_square is None or not optimum.chi_square_dof:
+        return None
+    dof = optimum.chi_square_dof
+    figure = optimum.chi_square / dof
+    low, high = (bound / dof for bound in chi2_band(FIT_LEVEL, dof))
+    digits = max(2, 1 - math.floor(math.log10(high - low)))  # the band's width has two at least
+    verdict = ""
+    if figure > high:
+        verdict = ", above it: noise is stated too small, or there are outliers"
+    elif figure < low:
+        verdict = ", below it: noise is stated too large"
+    return (
+        f"fit of the model: chi2/dof of the {title} {figure:.{digits}f} ({dof} degrees of freedom, "
+        f"{100 * FIT_LEVEL:g} % band {low:.{digits}f} to {high:.{digits}f}){verdict}"
+    )
+
+
+def mean_fit(title: str, fit: Interval | None) -> str | None:
+    """The same of many runs: mean chi2/dof with its 95 % interval."""
+    return None if fit is None else f"fit of the model: chi2/dof of the {title} {interval_cell(fit, '{:.3f}')}"
+
+
+def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Estimate) -> str | None:
+    """How many landmarks and observations an optimum does without; None if it uses all, or does not tell."""
+    given = optimum.association
+    observations = 0 if given is None else int(np.sum(given == NOBODY))
+    ids = recording.landmark
+    if ids is None and truth is not None:
+        ids = truth.association  # which the optima are told
+    landmarks = 0 if ids is None else int(np.sum(~np.isin(np.unique(ids), optimum.landmark_ids)))
+    if not observations:
+        return None
+    counts = [_counted(landmarks, "landmark")] * (landmarks > 0) + [_counted(observations, "observation")]
+    why = " that bearings alone do not place" if recording.sensor == "bearing" else ""
+    return f"{name} leaves out {' and '.join(counts)}{why}"
+
+
+def distance_from_hindsight(name: str, optimum: Estimate) -> str | None:
+    """That a causal optimum is not what it is taken for; None if it is, or was not checked."""
+    check = optimum.optimum_check
+    if check is None or check <= CHECK_LIMIT:
+        return None
+    if math.isinf(check):
+        return f"{name} could not be held against the optimum of the whole recording, which was not found"
+    return f"{name} is {check:.2g} sigma from the optimum of the whole recording"
+
+
+def doubt(name: str, optimum: Estimate) -> str | None:
+    """The same of an optimum that others are compared with: what is relative to it is marked."""
+    distance = distance_from_hindsight(name, optimum)
+    return None if distance is None else f"{distance}: {_MARKED}"
+
+
+def doubt_in_runs(name: str, share: float | None) -> str | None:
+    """The same of many runs: in which share of them."""
+    if not share:
+        return None
+    off = f"{name} is more than {CHECK_LIMIT:g} sigma from the optimum of the whole recording"
+    return f"{off} in {share:.1%} of the runs: {_MARKED}"
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'s' * (count != 1)}"

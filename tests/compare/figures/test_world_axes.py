@@ -1,0 +1,140 @@
+"""Axes that people can read wherever and whenever a run took place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from random_recordings import random_recording
+
+from slamgauge.compare.figures import animation_scene, ray_strip
+from slamgauge.compare.figures.animation_scene import Scene
+from slamgauge.compare.figures.plots import plot_errors, plot_run, save_figure
+from slamgauge.compare.figures.world_axes import label_plane, label_time, round_origin
+from slamgauge.compare.storage.results_folder import Results
+from slamgauge.ekf import Rays, riekf
+from slamgauge.recording import Recording
+
+FAR = np.array([500_000.0, 4_600_000.0, 0.0])  # [m]: UTM coordinates of southern Europe
+EPOCH = 1.7e9  # [s] since 1970
+MINUS, THIN = "\N{MINUS SIGN}", "\N{NARROW NO-BREAK SPACE}"
+
+
+def drawn(ax: Axes) -> tuple[list[str], list[str]]:
+    """What stands at the ticks of x and y inside the limits, as drawn."""
+    assert isinstance(ax.figure, Figure)
+    FigureCanvasAgg(ax.figure).draw()
+    for axis in (ax.xaxis, ax.yaxis):
+        assert axis.get_offset_text().get_text() == ""
+    return [each.get_text() for each in ax.get_xticklabels()], [each.get_text() for each in ax.get_yticklabels()]
+
+
+def framed(x: tuple[float, float], y: tuple[float, float]) -> Axes:
+    ax = Figure().subplots()
+    ax.set(xlim=x, ylim=y)
+    label_plane(ax)
+    return ax
+
+
+def far_recording() -> Recording:
+    _, recording = random_recording(1, steps=40)
+    return replace(recording, prior_mean=recording.prior_mean + FAR, stamps=recording.stamps + EPOCH)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "labels"),
+    [
+        ((-15, 15), (-5, 25), ("x [m]", "y [m]")),
+        ((9_000, 9_005), (0, 5), ("x [m]", "y [m]")),
+        ((0, 80_000), (-40_000, 40_000), ("x [m]", "y [m]")),
+        (
+            (499_985, 500_015),
+            (4_599_995, 4_600_025),
+            (f"x {MINUS} 500{THIN}000 [m]", f"y {MINUS} 4{THIN}600{THIN}000 [m]"),
+        ),
+        ((-512_390, -512_340), (0, 50), (f"x + 512{THIN}400 [m]", "y [m]")),
+        ((500_000.0, 500_000.4), (0, 0.4), (f"x {MINUS} 500{THIN}000 [m]", "y [m]")),
+    ],
+)
+def test_labels_say_what_the_ticks_are_counted_from(
+    x: tuple[float, float], y: tuple[float, float], labels: tuple[str, str]
+) -> None:
+    ax = framed(x, y)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == labels
+    for texts, ticks, limits in zip(drawn(ax), (ax.get_xticks(), ax.get_yticks()), (x, y), strict=True):
+        origin = round_origin(*limits, max(x[1] - x[0], y[1] - y[0]))
+        assert len({*texts}) == len(texts) > 2
+        said = np.array([float(text.replace(MINUS, "-")) for text in texts])
+        assert said + origin == pytest.approx(ticks, abs=1e-6)
+
+
+def test_a_view_without_extent_is_counted_from_zero() -> None:
+    assert round_origin(5e5, 5e5, 0.0) == 0.0
+
+
+def test_time_is_counted_from_a_round_number_too() -> None:
+    ax = Figure().subplots()
+    ax.set_xlim(EPOCH, EPOCH + 60)
+    assert label_time(ax) == f"time {MINUS} 1{THIN}700{THIN}000{THIN}000 [s]"
+    assert "20" in drawn(ax)[0]
+    ax.set_xlim(0, 60)
+    assert label_time(ax) == "time [s]"
+
+
+def test_pictures_of_a_run_far_away_have_no_offset_text() -> None:
+    recording = far_recording()
+    estimates = {"riekf": riekf(recording)}
+    ax = Figure().subplots()
+    plot_run(ax, None, recording, estimates)
+    panels: list[Axes] = list(Figure().subplots(3))
+    plot_errors(panels, None, recording, estimates)
+    for each in (ax, *panels):
+        for text in (*drawn(each)[0], *drawn(each)[1]):
+            assert len(text) < 7
+            assert "e" not in text
+    assert "4" + THIN + "600" + THIN in ax.get_ylabel()
+    assert panels[-1].get_xlabel().startswith(f"time {MINUS} 1{THIN}700{THIN}")
+
+
+def test_animations_and_rays_far_away_are_labelled_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = far_recording()
+    bearings = replace(
+        recording,
+        sensor="bearing",
+        observation=recording.observation[:, 1:],
+        observation_cov=recording.observation_cov[:, 1:, 1:],
+    )
+    estimate = riekf(bearings, initialisation=Rays(), frames=20)
+    seen: list[Axes] = []
+
+    def labelled(ax: Axes, **which: bool) -> None:
+        label_plane(ax, **which)
+        seen.append(ax)
+
+    for module in (animation_scene, ray_strip):
+        monkeypatch.setattr(module, "label_plane", labelled)
+    ray_strip.save_ray_strip(tmp_path, None, bearings, "riekf", estimate, "a title")
+    Scene(Results("a title", None, bearings, {"riekf": estimate}), {"riekf": estimate}, {"riekf": estimate})
+    assert len(seen) > 2
+    for ax in seen:
+        for axis in (ax.xaxis, ax.yaxis):
+            assert axis.get_offset_text().get_text() == ""
+            assert all(len(text) < 7 for text in axis.get_major_formatter().format_ticks(list(axis.get_ticklocs())))
+        assert {ax.get_xlabel()[:3], ax.get_ylabel()[:3]} <= {"", f"x {MINUS}", f"y {MINUS}"}
+
+
+def test_an_optimum_in_doubt_is_named_in_the_figure(tmp_path: Path) -> None:
+    _, recording = random_recording(1, steps=10)
+    optimum = replace(riekf(recording), nis=None, nis_dof=None, optimum_check=0.31)
+    texts = {}
+    for name, each in (("sure", replace(optimum, optimum_check=0.01)), ("doubtful", optimum)):
+        (tmp_path / name).mkdir()
+        save_figure(tmp_path / name, None, recording, {"isam2": each}, "a title")
+        texts[name] = (tmp_path / name / "figure.svg").read_text(encoding="utf-8")
+    said = "isam2 is 0.31 sigma from the optimum of the whole recording"
+    assert [said in texts[name] for name in ("sure", "doubtful")] == [False, True]

@@ -1,0 +1,105 @@
+"""Scores do not depend on where in the world a run takes place: robots log UTM positions."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.compare.scoring.scores import evaluate
+from slamgauge.compare.scoring.trajectory_error import align, aligned_errors
+from slamgauge.compare.studies.run import near_and_far, step_series
+from slamgauge.ekf import Delayed, Rays, ekf, riekf
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import rotation
+from slamgauge.truth import Truth
+
+FAR = np.array([500_000.0, 4_600_000.0, 0.0])  # [m]: UTM coordinates of southern Europe
+SAME = 1e-6
+
+
+def far_estimate(estimate: Estimate) -> Estimate:
+    history = estimate.history
+    if history is not None:
+        history = replace(history, position=history.position + FAR[:2])
+    landmarks = estimate.landmarks + FAR[:2] if len(estimate.landmark_ids) else estimate.landmarks
+    return replace(estimate, poses=estimate.poses + FAR, landmarks=landmarks, history=history)
+
+
+def far_run(truth: Truth, recording: Recording) -> tuple[Truth, Recording]:
+    assert truth.poses is not None
+    assert truth.landmarks is not None
+    moved = replace(truth, poses=truth.poses + FAR, landmarks=truth.landmarks + FAR[:2])
+    return moved, replace(recording, prior_mean=recording.prior_mean + FAR)
+
+
+def assert_same(far: Any, near: Any, name: str = "") -> None:
+    """Equal to a millionth, whatever it is made of; differences far below what is measured are rounding."""
+    if isinstance(near, dict):
+        assert far.keys() == near.keys()
+        for key in near:
+            if "seconds" not in key:
+                assert_same(far[key], near[key], key)
+    elif isinstance(near, list):
+        assert len(far) == len(near)
+        for one, other in zip(far, near, strict=True):
+            assert_same(one, other, name)
+    elif isinstance(near, float):
+        assert far == pytest.approx(near, rel=SAME, abs=1e-8), name  # the doubles themselves are 1e-9 m apart there
+    else:
+        assert far == near, name
+
+
+@pytest.mark.parametrize("name", ["q1-short-dense", "q2-short-dense", "q4-three-landmarks"])
+def test_scores_of_a_run_are_those_of_the_same_run_far_away(name: str) -> None:
+    truth, recording = simulate(load_scenario(name, ["start=sampled"]), 0)
+    assert truth.association is not None
+    told = recording.associated(truth.association)
+    options: dict[str, Any] = {"initialisation": Rays()} if name.startswith("q4") else {}
+    estimate, optimum = ekf(told, **options), riekf(told, **options)  # any will do for an optimum here
+    smoothed = replace(optimum, kind="smoothed", nis=None, nis_dof=None)
+    near = evaluate(truth, recording, estimate, optimum, smoothed)
+    moved = far_run(truth, recording)
+    far = evaluate(*moved, far_estimate(estimate), far_estimate(optimum), far_estimate(smoothed))
+    assert_same(far.to_json(), near.to_json())
+    np.testing.assert_allclose(far.nees, near.nees, rtol=SAME, atol=SAME)
+    assert_same(near_and_far(*moved, far_estimate(estimate)), near_and_far(truth, recording, estimate))
+    series = step_series(moved[0], far_estimate(estimate)), step_series(truth, estimate)
+    np.testing.assert_allclose(*series, rtol=SAME, atol=1e-8)
+
+
+@pytest.mark.parametrize("options", [{}, {"initialisation": Delayed()}])
+def test_a_filters_run_far_away_has_the_scores_of_the_near_one(options: dict[str, Any]) -> None:
+    name = "q4-ring" if options else "q1-short-dense"
+    truth, recording = simulate(load_scenario(name, ["start=sampled", "trajectory.duration=12"]), 0)
+    near = evaluate(truth, recording, riekf(recording, **options))
+    moved = far_run(truth, recording)
+    assert_same(evaluate(*moved, riekf(moved[1], **options)).to_json(), near.to_json())
+
+
+def test_what_is_left_when_paths_are_aligned_keeps_its_digits() -> None:
+    rng = np.random.default_rng(3)
+    reference = np.cumsum(rng.normal(size=(50, 2)), axis=0)
+    noise = 1e-3 * rng.normal(size=(50, 2))
+    left = aligned_errors(reference @ rotation(0.4).T + noise, reference)
+    np.testing.assert_allclose(
+        left, align(reference @ rotation(0.4).T + noise, reference) - reference, rtol=0, atol=1e-14
+    )
+    power = 2.0**22  # positions on a grid that doubles still have there, so that moving them is exact
+    grid = 2.0**-28
+    path, other = (np.round(each / grid) * grid for each in (reference, reference @ rotation(0.4).T + noise))
+    np.testing.assert_allclose(
+        aligned_errors(other + power, path + power), aligned_errors(other, path), rtol=0, atol=1e-14
+    )
+    gap = reference.copy()
+    gap[:2] = np.nan
+    assert np.isnan(aligned_errors(reference, gap)[:2]).all()
+    assert np.isfinite(aligned_errors(reference, gap)[2:]).all()
+    assert np.isnan(aligned_errors(reference, np.full((50, 2), np.nan))).all()
+    assert math.isclose(np.abs(aligned_errors(reference + 7.0, reference)).max(), 0.0, abs_tol=1e-13)

@@ -1,0 +1,65 @@
+"""Tables over many runs do not let figures against an optimum stand that is none."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from slamgauge.compare.estimators.loading import load_estimators
+from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.study import run_study
+from slamgauge.compare.studies.summary import Summary, summary_table
+from slamgauge.compare.studies.sweep import Sweep, sweep_table
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+
+NOTE = (
+    "isam2 is more than 0.05 sigma from the optimum of the whole recording in 50.0% of the runs: "
+    "figures relative to it are marked ?"
+)
+
+
+def studied(
+    checks: list[float], scenario: Scenario, thread: ThreadPoolExecutor, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> Summary:
+    """A study in which the causal optimum says of itself what `checks` has for each run."""
+    isam2 = load_estimators(["isam2"])["isam2"]
+    starts = [simulate(scenario, run_seed(0, run))[1].odometry[0, 0] for run in range(len(checks))]
+
+    def checked(recording: Recording) -> Estimate:
+        check = checks[starts.index(recording.odometry[0, 0])]
+        return replace(isam2(recording), chi_square=52.0, chi_square_dof=50, optimum_check=check)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("slamgauge.graph_baseline.isam2", checked)
+        return run_study(scenario, len(checks), 0, ("ekf", "isam2"), out, thread)
+
+
+def marks(table: str) -> list[int]:
+    """How many figures of each row are marked, the head and the notes left out."""
+    return [line.count("?") for line in table.splitlines() if " 2 " in line]
+
+
+def test_the_share_of_runs_in_doubt_stands_under_the_table(
+    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sure = studied([0.01, 0.05], scenario, thread, tmp_path / "sure", monkeypatch)
+    doubtful = studied([0.01, 0.31], scenario, thread, tmp_path / "doubtful", monkeypatch)
+    assert [each.estimators["isam2"].optimum_check_share for each in (sure, doubtful)] == [0.0, 0.5]
+    assert doubtful.to_json()["estimators"]["isam2"]["optimum_check_share"] == 0.5
+    assert doubtful.to_json()["estimators"]["ekf"]["optimum_check_share"] is None
+    fit = "fit of the model: chi2/dof of the causal optimum 1.040 ± 0.000"
+    assert summary_table(sure).splitlines()[3:] == [fit]
+    assert marks(summary_table(sure)) == [0, 0]
+    assert summary_table(doubtful).splitlines()[3:] == [fit, NOTE]
+    assert marks(summary_table(doubtful)) == [2, 2]  # x causal, sigma / optimum
+    sweep = Sweep("x", "a.b", 2, 0, ("1", "7"), (sure, doubtful))
+    lines = sweep_table(sweep).splitlines()
+    assert lines[-1] == f"a.b=7: {NOTE}"
+    assert [line.count("?") for line in lines[1:-1]] == [0, 0, 1, 1]
+    assert len({len(line) for line in lines[:-1]}) == 1
