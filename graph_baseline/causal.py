@@ -10,7 +10,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.factors import among_mapped, relative_to_start, require_known_landmarks
 from slamgauge.graph_baseline.growing import GrowingOptimum
-from slamgauge.graph_baseline.hindsight import batch, chi_square_of
+from slamgauge.graph_baseline.hindsight import chi_square_of, optimum_from
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
@@ -48,7 +48,8 @@ def isam2(recording: Recording, association: Int | None = None) -> Estimate:
     growing.finish()
     ids = require_known_landmarks(recording)
     association = np.where(np.isin(ids, growing.landmark_ids), ids, -1)
-    chi_square, freedom = chi_square_of(recording.associated(association), *growing.path_and_map())
+    path, places = growing.path_and_map()
+    chi_square, freedom = chi_square_of(recording.associated(association), path, places)
     return Estimate(
         kind="filtered",
         poses=poses,
@@ -60,14 +61,14 @@ def isam2(recording: Recording, association: Int | None = None) -> Estimate:
         seconds=seconds,
         chi_square=chi_square,
         chi_square_dof=freedom,
-        optimum_check=_off(recording, poses[-1], pose_covs[-1]) if growing.settled else np.inf,
+        optimum_check=_off(recording, path, poses[-1], pose_covs[-1]) if growing.settled else np.inf,
     )
 
 
-def _off(recording: Recording, pose: Float, cov: Float) -> float:
-    """How far the last pose (3,) and its sigmas are from the hindsight optimum's, in sigmas of the latter."""
+def _off(recording: Recording, path: Float, pose: Float, cov: Float) -> float:
+    """How far the last pose (3,) and its sigmas are from those of `batch`, which starts at the path, in its sigmas."""
     try:
-        optimum = batch(recording)
+        optimum = optimum_from(recording, path)
     except UndeterminedError:
         return np.inf
     assert optimum.pose_covs is not None

@@ -1,7 +1,7 @@
 """From a start to the minimum of a recording's exact cost: Levenberg and Marquardt, then Newton steps alone.
 
-A step comes from the Schur complement (`smoother`), which takes zero variances as what they are: constraints. It fulfils
-them to first order; the path is then led back to them, keeping all residuals that they leave free (`free_noise`).
+A step comes from the Schur complement (`smoother`), which takes zero variances as what they are: constraints. It
+fulfils them to first order; the path is then led back to them, and keeps what they leave free (`free_noise`).
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 
-MAX_STEPS = 1000
-SETTLED = 1e-13  # relative decrease of the cost after which Newton steps alone go on
+MAX_STEPS = 60
+NEAR = 1e-6  # relative decrease of the cost after which Newton steps alone go on
 TOO_NEAR = 1e-4  # m
 NEGLIGIBLE = 1e-6  # of a standard deviation
 RESOLVED = 1e-3  # of a standard deviation: a step of rounding that is taken for the last
-SHRINKING = 0.9  # of the step before, above which rounding has taken over
+PATIENCE = 3  # Newton steps in a row that may be longer than one before
 EXACT = 1e-9  # m or rad
 MAX_NEWTON_STEPS = 60
 GENTLE, STRONGER, WEAKER, UNDAMPED = 1e-4, 10.0, 0.1, 1e-8  # damping over the mean information of a scan
@@ -38,6 +38,15 @@ class Minimum(NamedTuple):
     landmarks: Float
     solution: Solution
     cost: float
+
+
+class Approach(NamedTuple):
+    """Poses (N+1, 3) and landmarks (L, 2) near a minimum, and half their squared residuals."""
+
+    poses: Float
+    landmarks: Float
+    cost: float
+    merit: Merit
 
 
 class Merit:
@@ -68,6 +77,11 @@ def descend(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Fl
     Raises:
         UndeterminedError: there is none, or rounding hides it.
     """
+    return settle(recording, landmark_ids, approach(recording, landmark_ids, poses, landmarks))
+
+
+def approach(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> Approach:
+    """Where damped steps lead from a start, as in `descend`: near a minimum, or wherever they come to a halt."""
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     merit = Merit(recording, slot)
     poses = merit.noise.followed(poses)
@@ -84,11 +98,10 @@ def descend(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Fl
         if tried is None or found > cost:
             break
         decrease, cost, (poses, landmarks) = cost - found, found, tried
-        was_damped, factor = factor > 0.0, WEAKER * factor if factor > UNDAMPED else 0.0
-        if not was_damped and decrease <= SETTLED * (1.0 + cost):
+        factor = WEAKER * factor if factor > UNDAMPED else 0.0
+        if decrease <= NEAR * (1.0 + cost):
             break
-    _refuse_landmarks_at_poses(recording, slot, poses, landmarks)
-    return _settle(recording, landmark_ids, merit, poses, landmarks)
+    return Approach(poses, landmarks, cost, merit)
 
 
 def _tried(
@@ -125,11 +138,17 @@ def _mean_information(model: LinearModel, landmarks: int) -> Damping:
     return Damping(np.array([by_pose[:2].mean(), by_pose[:2].mean(), by_pose[2]]), float(by_landmark))
 
 
-def _settle(recording: Recording, landmark_ids: Int, merit: Merit, poses: Float, landmarks: Float) -> Minimum:
-    """Newton steps until they are negligible against the standard deviations, or as small as rounding lets them be."""
+def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
+    """The minimum near an approach: Newton steps, until they are negligible or as small as rounding lets them be.
+
+    Raises:
+        UndeterminedError: there is none, or rounding hides it.
+    """
+    poses, landmarks, _, merit = start
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
+    _refuse_landmarks_at_poses(recording, slot, poses, landmarks)
     sigmas = _sigmas(solve_at(recording, landmark_ids, poses, landmarks))
-    best, smallest = (poses, landmarks), np.inf
+    best, smallest, stalled = (poses, landmarks), np.inf, 0
     for _ in range(MAX_NEWTON_STEPS):
         model = linearise(recording, slot, poses, landmarks)
         try:
@@ -137,9 +156,12 @@ def _settle(recording: Recording, landmark_ids: Int, merit: Merit, poses: Float,
         except LinAlgError:
             break
         size = max(float(np.max(np.abs(each) / sigma, initial=0.0)) for each, sigma in zip(step, sigmas, strict=True))
-        if not size < SHRINKING * smallest:
+        if size < smallest:
+            best, smallest, stalled = (poses, landmarks), size, 0
+        else:
+            stalled += 1
+        if stalled > PATIENCE or not size < np.inf:
             break
-        best, smallest = (poses, landmarks), size
         poses, landmarks = moved(model, merit.noise, poses, landmarks, *step)
         if size < NEGLIGIBLE:
             best = poses, landmarks

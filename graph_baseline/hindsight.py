@@ -3,9 +3,9 @@
 1. GTSAM's Levenberg-Marquardt runs from dead reckoning, with a small slip lent to motions of zero variance, since its
    damped steps would leave hard constraints and stop early.
 2. Exact steps (`descent`) lead from there to a minimum of the recording's own cost, zero variances and all.
-3. A cost that the stated noise explains (two-sided chi-square band of its degrees of freedom) ends the search.
-   Otherwise further starts are tried, and the lowest minimum is kept: exact steps from dead reckoning itself, a start
-   that is grown portion by portion, and the causal optimum's path.
+3. A cost that the stated noise explains (chi-square of its degrees of freedom) ends the search. Otherwise further
+   starts are tried, and the lowest minimum is kept: the causal optimum's path, a start that is grown portion by
+   portion, and exact steps from dead reckoning itself.
 
 Bearings alone: a landmark that they do not place from the path at hand is left out at first, and taken in as soon as
 they place it from the optimum without it.
@@ -22,7 +22,7 @@ from scipy.special import chdtr
 from slamgauge.arrays import Float, Int
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.chain import carried_on, keyed
-from slamgauge.graph_baseline.descent import Merit, Minimum, descend
+from slamgauge.graph_baseline.descent import Approach, Merit, Minimum, approach, settle
 from slamgauge.graph_baseline.factors import (
     LENT_SLIP,
     among_mapped,
@@ -41,7 +41,7 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 
 PORTIONS = 8  # of the recording, in the grown start
-OUTSIDE_BAND = 1e-3  # probability that true noise makes a cost that is taken for unexplained
+UNLIKELY = 5e-4  # probability that true noise makes a cost that is taken for too high
 
 
 @relative_to_start
@@ -59,7 +59,12 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
     """
     if association is not None:
         return among_mapped(batch(recording.associated(association)), association)
-    taken, found = _with_all_that_is_placed(recording)
+    return optimum_from(recording, chain(recording.prior_mean, recording.odometry))
+
+
+def optimum_from(recording: Recording, path: Float) -> Estimate:
+    """`batch` whose first start is a path (N+1, 3)."""
+    taken, found = _with_all_that_is_placed(recording, path)
     return Estimate(
         kind="smoothed",
         poses=found.poses,
@@ -73,11 +78,10 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
     )
 
 
-def _with_all_that_is_placed(recording: Recording) -> tuple[Int, Minimum]:
+def _with_all_that_is_placed(recording: Recording, path: Float) -> tuple[Int, Minimum]:
     """Association (M,), -1 for what bearings alone do not place, and the minimum without that."""
     ids = require_known_landmarks(recording)
-    path, taken = chain(recording.prior_mean, recording.odometry), np.full(len(ids), -1)
-    found = None
+    taken, found = np.full(len(ids), -1), None
     while True:
         placed = np.where(are_placed(recording, path) | (taken >= 0), ids, -1)
         if found is not None and np.array_equal(placed, taken):
@@ -95,27 +99,29 @@ def lowest_minimum(recording: Recording, path: Float) -> Minimum:
         UndeterminedError: no start leads to one; says what is wrong with the first.
     """
     landmark_ids = first_sights(recording)[0]
-    best, mistake = None, None
+    near: list[Approach] = []
+    mistakes: list[UndeterminedError] = []
     for start in _starts(recording, path):
         try:
             with explained():
-                found = descend(recording, landmark_ids, *start())
+                near.append(approach(recording, landmark_ids, *start()))
         except UndeterminedError as error:
-            mistake = mistake or error
+            mistakes.append(error)
             continue
-        best = found if best is None or found.cost < best.cost else best
-        if explains(recording, best.cost):
+        if is_low(recording, near[-1].cost):
             break
-    if best is None:
-        assert mistake is not None
-        raise mistake
-    return best
+    for each in sorted(near, key=lambda approached: approached.cost):
+        try:
+            return settle(recording, landmark_ids, each)
+        except UndeterminedError as error:
+            mistakes.append(error)
+    raise mistakes[0]
 
 
-def explains(recording: Recording, cost: float) -> bool:
-    """Whether the recording's noise explains half the squared residuals at the optimum: two-sided chi-square band."""
+def is_low(recording: Recording, cost: float) -> bool:
+    """Whether half the squared residuals are no more than the stated noise explains: then no lower minimum is due."""
     freedom = degrees_of_freedom(recording)
-    return OUTSIDE_BAND / 2 < chdtr(freedom, 2.0 * cost) < 1.0 - OUTSIDE_BAND / 2 if freedom > 0 else cost < 1e-6
+    return chdtr(freedom, 2.0 * cost) < 1.0 - UNLIKELY if freedom > 0 else cost < 1e-6
 
 
 def degrees_of_freedom(recording: Recording) -> int:
@@ -142,10 +148,14 @@ def _causal(recording: Recording) -> tuple[Float, Float]:
 
 def _starts(recording: Recording, path: Float) -> Iterator[Callable[[], tuple[Float, Float]]]:
     """Ways to poses (N+1, 3) and landmarks (L, 2) from which to descend, the likeliest first."""
+    odometry = chain(recording.prior_mean, recording.odometry)
     yield lambda: searched(recording, path)
-    yield lambda: (path, landmarks_at_first_sight(recording, path))
+    if np.array_equal(path, odometry):
+        yield lambda: _causal(recording)
+    else:
+        yield lambda: searched(recording, odometry)
     yield lambda: _grown(recording)
-    yield lambda: _causal(recording)
+    yield lambda: (odometry, landmarks_at_first_sight(recording, odometry))
 
 
 def searched(recording: Recording, path: Float) -> tuple[Float, Float]:
@@ -162,7 +172,7 @@ def first_guess(recording: Recording) -> tuple[Float, Float]:
     landmark_ids = first_sights(recording)[0]
     merit = Merit(recording, np.searchsorted(landmark_ids, require_known_landmarks(recording)))
     found = searched(recording, chain(recording.prior_mean, recording.odometry))
-    return found if explains(recording, merit(*found)) else min(found, _grown(recording), key=lambda each: merit(*each))
+    return found if is_low(recording, merit(*found)) else min(found, _grown(recording), key=lambda each: merit(*each))
 
 
 def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int = 100) -> gtsam.Values:
