@@ -92,8 +92,8 @@ def iterate(sensor: int, belief: Belief, count: int, work: Workspace, iterations
     if 2 * count > len(work.W):
         return math.nan, 0
     place[:size] = state[:size]
-    first_nis, first_informative = 0.0, 0
-    for iteration in range(iterations):
+    first_nis, first_informative, passes = 0.0, 0, 0
+    while True:
         informative = linearise(sensor, there, slots, work.observation, work.innovation, work.jacobian)
         for i in range(size):
             back[i] = state[i] - place[i]
@@ -101,10 +101,11 @@ def iterate(sensor: int, belief: Belief, count: int, work: Workspace, iterations
         nis = whiten(belief, 0, count, work)
         if not (math.isfinite(nis) and are_sound(sensor, work.observation[:count], work.observation_cov[:count])):
             return math.nan, informative
-        if iteration == 0:
+        if passes == 0:
             first_nis, first_informative = nis, informative
+        passes += 1
         combine_rows(work.W, work.innovation, dx, 2 * count, size)
-        if move_place(place, state, dx, size) < SETTLED:
+        if not goes_on(place, state, dx, size, passes, iterations):
             break
     state[:size] = place[:size]
     state[2] = wrap(state[2])
@@ -114,13 +115,13 @@ def iterate(sensor: int, belief: Belief, count: int, work: Workspace, iterations
 
 
 @kernel
-def move_place(place: Float, state: Float, dx: Float, size: int) -> float:
-    """Place <- state + dx, where the next pass takes its Jacobians; returns the largest change of an entry."""
+def goes_on(place: Float, state: Float, dx: Float, size: int, passes: int, most: int) -> bool:
+    """Place <- state + dx, where a next pass takes its Jacobians; whether it is due, after so many of at `most`."""
     change = 0.0
     for i in range(size):
         change = max(change, abs(state[i] + dx[i] - place[i]))
         place[i] = state[i] + dx[i]
-    return change
+    return change >= SETTLED and passes < most
 
 
 @kernel

@@ -22,11 +22,10 @@ from slamgauge.ekf.kernels.belief import Belief, at_place, resized
 from slamgauge.ekf.kernels.compatibility import NONE, Reach, is_within_reach, reach_of
 from slamgauge.ekf.kernels.compiled import kernel, subtract_gram
 from slamgauge.ekf.kernels.corrections import (
-    SETTLED,
     carry_covariance,
+    goes_on,
     move_additively,
     move_invariantly,
-    move_place,
 )
 from slamgauge.ekf.kernels.covariance import (
     mirror_robot_block,
@@ -249,7 +248,7 @@ def _take_in(scan: Scan, belief: Belief) -> tuple[float, int]:
         place[:size] = state[:size]
         nis, informative = _gain(scan, belief, at_place(belief, place))
         passes = 1
-        while math.isfinite(nis) and move_place(place, state, dx, size) >= SETTLED and passes < scan.form.passes:
+        while math.isfinite(nis) and goes_on(place, state, dx, size, passes, scan.form.passes):
             if not math.isfinite(_gain(scan, belief, at_place(belief, place))[0]):
                 return math.nan, informative
             passes += 1
