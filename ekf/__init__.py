@@ -4,7 +4,8 @@
 corrections; `bearings` landmarks from bearings alone. Here are the online filters, `filter` (with ids), `association`
 (without), `compressed` (the same for large maps), and `estimators`: a recording in, an estimate out.
 
-Names are imported when they are first used, so that a setting costs no compiler.
+Names are imported when they are first used, so that a setting costs no compiler. The filters as estimators are those
+that `estimators` lists.
 """
 
 from __future__ import annotations
@@ -37,11 +38,10 @@ if TYPE_CHECKING:
     ]
     __all__ += estimators.__all__
 
-_NAMES = {  # of each module, as above; a test holds the two lists together
+_NAMES = {  # of each module, as above
     "association": "AssociatingFilter",
     "bearings.bearing_filter": "BearingFilter",
     "compressed": "CompressedFilter",
-    "estimators": "dead_reckoning ekf fej_ekf iekf oc_ekf riekf",
     "filter": "SlamFilter",
     "online": "OnlineFilter",
     "settings.association": "Association MapManagement",
@@ -53,10 +53,14 @@ _HOME = {name: module for module, names in _NAMES.items() for name in names.spli
 def __getattr__(name: str) -> object:
     if name in _HOME:
         return getattr(importlib.import_module(f"slamgauge.ekf.{_HOME[name]}"), name)
-    if name == "__all__":
-        return sorted(_HOME)
+    if name == "__all__" or not name.startswith("_"):
+        estimators = importlib.import_module("slamgauge.ekf.estimators")
+        if name == "__all__":
+            return sorted([*_HOME, *estimators.__all__])
+        if name in estimators.__all__:
+            return getattr(estimators, name)
     raise AttributeError(f"module 'slamgauge.ekf' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted(_HOME)
+    return list(__getattr__("__all__"))  # pyright: ignore[reportArgumentType, reportUnknownVariableType]

@@ -164,7 +164,7 @@ def __getattr__(name: str) -> object:
     if name in _VOCABULARY:
         return importlib.import_module(f"slamgauge.{name}")
     if not name.startswith("_") and name in _filters():
-        return getattr(importlib.import_module("slamgauge.ekf"), name)
+        return getattr(importlib.import_module("slamgauge.ekf.estimators"), name)
     raise AttributeError(f"module 'slamgauge' has no attribute {name!r}")
 
 
@@ -174,4 +174,4 @@ def __dir__() -> list[str]:
 
 def _filters() -> list[str]:
     """The filters as estimators; the name of the textbook one is its floor's here."""
-    return sorted({*importlib.import_module("slamgauge.ekf").__all__} - {*_HOME, *_FLOORS})
+    return [name for name in importlib.import_module("slamgauge.ekf.estimators").__all__ if name not in _FLOORS]

@@ -26,6 +26,11 @@ def distances(errors: Float) -> Float:
     return np.sqrt(squared_distances(errors))
 
 
+def stored_distances(errors_x: Float, errors_y: Float) -> Float:
+    """The same of errors by coordinate (n,), to the last bit as stores of earlier versions hold them."""
+    return np.hypot(errors_x, errors_y)
+
+
 def step_errors(reference: Float, poses: Float) -> Float:
     """Translations (n-1,) [m] by which consecutive body-frame steps differ (evo's RPE at a delta of one)."""
     steps = between(poses[:-1], poses[1:]) - between(reference[:-1], reference[1:])

@@ -21,7 +21,7 @@ from slamgauge.compare.scoring.defined import number, rms
 from slamgauge.compare.scoring.landmark_identity import landmark_errors, true_landmarks
 from slamgauge.compare.scoring.ray_figures import RayFigures
 from slamgauge.compare.scoring.scores import filter_figures, map_figures, pose_covs_of
-from slamgauge.compare.scoring.trajectory_error import pose_errors
+from slamgauge.compare.scoring.trajectory_error import pose_errors, stored_distances
 from slamgauge.errors import UserError, refused_by_the_machine
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
@@ -69,7 +69,7 @@ def _outcome(name: str, estimator: Estimator, truth: Truth, recording: Recording
     try:
         estimate, seconds = run_estimator(name, estimator, recording)
         series = step_series(truth, estimate)
-        off = np.hypot(series[0], series[1])  # to the last bit what stores of earlier versions hold
+        off = stored_distances(series[0], series[1])
         known = map_figures(truth, recording, estimate, None) | filter_figures(estimate)
         known |= near_and_far(truth, recording, estimate) | measured(truth, recording, estimate)
         known |= {"ate_m": rms(off), "final_position_error_m": number(off[-1])}
