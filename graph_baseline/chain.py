@@ -111,13 +111,13 @@ def keyed(recording: Recording) -> tuple[Recording, Int]:
         recording,
         stamps=recording.stamps[key],
         odometry=between(path[key[:-1]], path[key[1:]]),
-        odometry_cov=_without_rounding(turn[last].swapaxes(1, 2) @ noise[last] @ turn[last]),
+        odometry_cov=without_rounding(turn[last].swapaxes(1, 2) @ noise[last] @ turn[last]),
         observation_step=np.searchsorted(key, recording.observation_step),
     )
     return short, key
 
 
-def _without_rounding(covs: Float) -> Float:
+def without_rounding(covs: Float) -> Float:
     """Covariances (n, 3, 3) that are symmetric, and have no negative eigenvalue, to the last digit."""
     variances = np.diagonal(covs, axis1=1, axis2=2)
     scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))  # units differ: each entry by its own

@@ -15,6 +15,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.factors import require_known_landmarks
 from slamgauge.graph_baseline.free_noise import FreeNoise, turned
 from slamgauge.graph_baseline.linearisation import LinearModel, linearise, whitened_residuals
+from slamgauge.graph_baseline.mixing import Mixing
 from slamgauge.graph_baseline.smoother import NOT_DAMPED, Damping, Solution, damped_step, solve_at
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
@@ -25,7 +26,7 @@ NEAR = 1e-6  # relative decrease of the cost after which Newton steps alone go o
 TOO_NEAR = 1e-4  # m
 NEGLIGIBLE = 1e-6  # of a standard deviation
 RESOLVED = 1e-3  # of a standard deviation: a step of rounding that is taken for the last
-PATIENCE = 3  # Newton steps in a row that may be longer than one before
+PATIENCE = 6  # Newton steps in a row that may be longer than one before
 EXACT = 1e-9  # m or rad
 MAX_NEWTON_STEPS = 60
 GENTLE, STRONGER, WEAKER, UNDAMPED = 1e-4, 10.0, 0.1, 1e-8  # damping over the mean information of a scan
@@ -141,13 +142,16 @@ def _mean_information(model: LinearModel, landmarks: int) -> Damping:
 def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
     """The minimum near an approach: Newton steps, until they are negligible or as small as rounding lets them be.
 
+    Steps leave out how the residuals bend. Where these are large, steps shrink slowly or not at all, and are mixed.
+
     Raises:
         UndeterminedError: there is none, or rounding hides it.
     """
     poses, landmarks, _, merit = start
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     _refuse_landmarks_at_poses(recording, slot, poses, landmarks)
-    sigmas = _sigmas(solve_at(recording, landmark_ids, poses, landmarks))
+    weight = 1.0 / np.concatenate([each.ravel() for each in _sigmas(solve_at(recording, landmark_ids, *start[:2]))])
+    mixing = Mixing(weight)
     best, smallest, stalled = (poses, landmarks), np.inf, 0
     for _ in range(MAX_NEWTON_STEPS):
         model = linearise(recording, slot, poses, landmarks)
@@ -155,20 +159,38 @@ def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
             step = damped_step(model, len(landmarks), NOT_DAMPED)
         except LinAlgError:
             break
-        size = max(float(np.max(np.abs(each) / sigma, initial=0.0)) for each, sigma in zip(step, sigmas, strict=True))
+        ahead = moved(model, merit.noise, poses, landmarks, *step)
+        apart = _apart(ahead, (poses, landmarks))
+        size = float(np.max(np.abs(apart) * weight, initial=0.0))
         if size < smallest:
             best, smallest, stalled = (poses, landmarks), size, 0
         else:
             stalled += 1
-        if stalled > PATIENCE or not size < np.inf:
-            break
-        poses, landmarks = moved(model, merit.noise, poses, landmarks, *step)
         if size < NEGLIGIBLE:
-            best = poses, landmarks
+            best = ahead
+        if size < NEGLIGIBLE or stalled > PATIENCE or not size < np.inf:
             break
+        before = poses, landmarks
+        poses, landmarks = _displaced(before, mixing.move(apart), merit.noise)
+        mixing.moved(_apart((poses, landmarks), before))
     if smallest < RESOLVED:
         return Minimum(*best, solve_at(recording, landmark_ids, *best), merit(*best))
     raise UndeterminedError(_why_no_minimum(recording, landmark_ids, *best, smallest))
+
+
+def _apart(point: tuple[Float, Float], other: tuple[Float, Float]) -> Float:
+    """Poses and landmarks of a point less those of another (3N+3+2L,)."""
+    poses, landmarks = (mine - theirs for mine, theirs in zip(point, other, strict=True))
+    poses[:, 2] = wrap(poses[:, 2])
+    return np.concatenate([poses.ravel(), landmarks.ravel()])
+
+
+def _displaced(point: tuple[Float, Float], move: Float, noise: FreeNoise) -> tuple[Float, Float]:
+    """Poses (N+1, 3) and landmarks (L, 2) displaced by a move (3N+3+2L,), motions of zero variance obeyed."""
+    poses, landmarks = point
+    path = poses + move[: poses.size].reshape(poses.shape)
+    path[:, 2] = wrap(path[:, 2])
+    return noise.followed(path), landmarks + move[poses.size :].reshape(landmarks.shape)
 
 
 def _sigmas(solution: Solution) -> tuple[Float, Float]:

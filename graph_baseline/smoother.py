@@ -15,6 +15,7 @@ Source: Bierman, "Factorization methods for discrete sequential estimation" (197
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -110,9 +111,8 @@ def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Elimination:
     joint[np.diag_indices(2 * landmarks)] += damping.landmark
     own = np.diag(joint)[:-1].copy()
     _subtract_scans(joint, X, model)
-    P, updated, carry, gain = _filter_covariances(model, G)
+    P, updated, carry, gain, whitener = _filter_covariances(model, G)
     A = _filter_maps(model, X, carry, gain)
-    whitener = np.linalg.inv(np.linalg.cholesky(np.eye(3) + G @ P @ _transposed(G)))
     observed = whitener @ G
     for steps in _chunks(len(A)):
         innovation = whitener[steps] @ (G[steps] @ A[steps] + X[steps])
@@ -148,7 +148,8 @@ def _smoothed_maps(chain: Chain, eliminated: Elimination) -> Iterator[tuple[Int,
     """Poses (n,), chunk by chunk, their smoothed maps (n, 3, 2L+1), and covariances (n, 3, 3) given the landmarks."""
     for part in _chunks(len(chain.key)):
         P, adjoint = eliminated.P[part], eliminated.adjoint[part]
-        yield chain.key[part], eliminated.A[part] - P @ adjoint, _smoothed_covariances(P, eliminated.adjoint_cov[part])
+        later = _carried_back(chain.model.F, eliminated.adjoint_cov, part)
+        yield chain.key[part], eliminated.A[part] - P @ adjoint, _smoothed_covariances(eliminated.updated[part], later)
     between = chain.between
     for part in _chunks(len(between.pose)):
         key, lever = between.key[part], between.lever_to[part]
@@ -163,6 +164,14 @@ def _smoothed_maps(chain: Chain, eliminated: Elimination) -> Iterator[tuple[Int,
         adjoint_cov[:, 2, :] += np.einsum("ki,kij->kj", lever, adjoint_cov[:, :2, :])
         adjoint_cov[:, :, 2] += np.einsum("ki,kji->kj", lever, adjoint_cov[:, :, :2])
         yield between.pose[part], A - P @ adjoint, _smoothed_covariances(P, adjoint_cov)
+
+
+def _carried_back(F: Float, adjoint_cov: Float, part: slice) -> Float:
+    """What the scans after a pose say of its covariance (n, 3, 3): its own leaves so little that P would lose digits."""
+    back = np.zeros_like(adjoint_cov[part])
+    move = F[part]
+    back[: len(move)] = _transposed(move) @ adjoint_cov[part.start + 1 : part.start + 1 + len(move)] @ move
+    return back
 
 
 def _smoothed_covariances(P: Float, adjoint_cov: Float) -> Float:
@@ -192,19 +201,27 @@ def own_blocks_of_inverse(factor: Float) -> Float:
 
 
 def _compressed_scans(model: LinearModel, landmarks: int, damping: Damping) -> tuple[Float, Float]:
-    """Three equations a scan, G dx + X (dm, 1) = unit noise: G (N+1, 3, 3), X (N+1, 3, 2L+1)."""
-    poses = len(model.F) + 1
-    by_pose = _transposed(model.Hx)
-    value, axes = np.linalg.eigh(_sum_by(model.step, by_pose @ model.Hx, poses) + np.diag(damping.pose))
-    value[value < 1e-13 * value[:, -1:]] = 0.0
-    root = np.sqrt(value)
-    inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0)
-    to_rows = inverse[:, :, None] * _transposed(axes)
-    X = np.zeros((poses, 3, 2 * landmarks + 1))
+    """Three equations a scan, G dx + X (dm, 1) = unit noise: G (N+1, 3, 3), X (N+1, 3, 2L+1).
+
+    They are the first of its equations, turned so that the others leave the pose out; damping makes three of them.
+    """
+    poses, (count, dim) = len(model.F) + 1, model.r.shape
+    first = np.searchsorted(model.step, np.arange(poses + 1))
+    place = np.arange(count) - first[model.step]  # within the scan
+    held = np.diag(np.sqrt(damping.pose))
+    G, X = np.empty((poses, 3, 3)), np.zeros((poses, 3, 2 * landmarks + 1))
     by_landmark = X[:, :, :-1].reshape(poses, 3, landmarks, 2).swapaxes(1, 2)
-    np.add.at(by_landmark, (model.step, model.slot), to_rows[model.step] @ (by_pose @ model.Hm))
-    X[:, :, -1:] = to_rows @ _sum_by(model.step, by_pose @ model.r[:, :, None], poses)
-    return root[:, :, None] * _transposed(axes), X
+    for part in _chunks(poses):
+        scans = len(G[part])
+        rows = slice(first[part.start], first[part.start + scans])
+        step, at = model.step[rows], (model.step[rows] - part.start, place[rows])
+        by_pose = np.zeros((scans, int(place[rows].max(initial=-1)) + 1, dim, 3))
+        by_pose[at] = model.Hx[rows]
+        Q, G[part] = np.linalg.qr(np.concatenate([np.tile(held, (scans, 1, 1)), by_pose.reshape(scans, -1, 3)], axis=1))
+        to_rows = _transposed(Q[:, 3:].reshape(by_pose.shape)[at])
+        np.add.at(by_landmark, (step, model.slot[rows]), to_rows @ model.Hm[rows])
+        X[part, :, -1:] = _sum_by(at[0], to_rows @ model.r[rows, :, None], scans)
+    return G, X
 
 
 def _landmarks_alone(model: LinearModel, landmarks: int) -> Float:
@@ -227,34 +244,51 @@ def _subtract_scans(joint: Float, X: Float, model: LinearModel) -> None:
         joint[np.ix_(columns, columns)] -= _gram(X[steps][:, :, columns])
 
 
-def _filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Float, Float]:
+def _filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Float, Float, Float]:
     """Kalman filter of a pose given the landmarks.
 
     Returns:
-        Predicted and updated covariances P (N+1, 3, 3), carry F (I - K G), gain F K.
+        Predicted and updated covariances P (N+1, 3, 3), carry F (I - K G), gain F K, and whitener L^-1 of the
+        innovations' covariance L L'.
     """
-    covs = tuple(np.empty((len(G), 3, 3)) for _ in range(4))
-    _run_covariances(model.start_cov, model.F, model.W, np.ascontiguousarray(G), *covs)
-    return covs
+    P, updated, carry, gain, whitener = np.empty((5, len(G), 3, 3))
+    _run_covariances(model.start_cov, model.F, model.W, np.ascontiguousarray(G), P, updated, carry, gain, whitener)
+    return P, updated, carry, gain, whitener
 
 
 @kernel
 def _run_covariances(
-    start: Float, F: Float, W: Float, G: Float, P: Float, updated: Float, carry: Float, gain: Float
+    start: Float, F: Float, W: Float, G: Float, P: Float, updated: Float, carry: Float, gain: Float, whitener: Float
 ) -> None:
-    """Fill `P`, `updated`, `carry` and `gain`, which begin with `start`."""
+    """Fill the arrays from `P` on."""
     identity = np.eye(3)
     P[0] = start
     for k in range(len(G)):
         g, move = G[k], F[k] if k < len(F) else identity
         PG = P[k] @ g.T
-        K = PG @ np.linalg.inv(identity + g @ PG)
-        gain[k] = move @ K
+        invert_root(identity + g @ PG, whitener[k])
+        V = PG @ whitener[k].T  # from S^-1 at once it would lose the digits that S has more of in some directions
+        gain[k] = move @ (V @ whitener[k])
         carry[k] = move - gain[k] @ g
-        updated[k] = P[k] - K @ PG.T
+        updated[k] = P[k] - V @ V.T
         if k < len(F):
             following = move @ updated[k] @ move.T + W[k]
             P[k + 1] = (following + following.T) / 2
+
+
+@kernel
+def invert_root(S: Float, inverse: Float) -> None:
+    """Lower triangular L^-1 (3, 3) of S = L L'."""
+    a = math.sqrt(S[0, 0])
+    b, d = S[1, 0] / a, S[2, 0] / a
+    c = math.sqrt(S[1, 1] - b * b)
+    e = (S[2, 1] - d * b) / c
+    f = math.sqrt(S[2, 2] - d * d - e * e)
+    inverse[:] = 0.0
+    inverse[0, 0], inverse[1, 1], inverse[2, 2] = 1.0 / a, 1.0 / c, 1.0 / f
+    inverse[1, 0] = -b / (a * c)
+    inverse[2, 1] = -e / (c * f)
+    inverse[2, 0] = -(d + e * inverse[1, 0] * a) / (a * f)
 
 
 @kernel
