@@ -27,6 +27,7 @@ TOO_NEAR = 1e-4  # m
 NEGLIGIBLE = 1e-6  # of a standard deviation
 RESOLVED = 1e-3  # of a standard deviation: a step of rounding that is taken for the last
 PATIENCE = 6  # Newton steps in a row that may be longer than one before
+HOPELESS = 1e6  # standard deviations: Newton steps diverge
 EXACT = 1e-9  # m or rad
 MAX_NEWTON_STEPS = 60
 GENTLE, STRONGER, WEAKER, UNDAMPED = 1e-4, 10.0, 0.1, 1e-8  # damping over the mean information of a scan
@@ -168,7 +169,7 @@ def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
             stalled += 1
         if size < NEGLIGIBLE:
             best = ahead
-        if size < NEGLIGIBLE or stalled > PATIENCE or not size < np.inf:
+        if size < NEGLIGIBLE or stalled > PATIENCE or not size < HOPELESS:
             break
         before = poses, landmarks
         poses, landmarks = _displaced(before, mixing.move(apart), merit.noise)

@@ -30,10 +30,10 @@ SHORT = 100  # poses of a path that is settled at every scan
 LONGEST = 64  # scans between two settlings
 MISSED = 0.002  # sigmas of the newest pose that may be missed between them
 PATIENCE = 0.7  # of what is expected to be missed remains expected after a settling that found less
-SETTLED = 0.01  # sigmas of all that was observed: what a chord step may leave
+SETTLED = 0.01  # sigmas of the newest pose, and of all that was observed: what a chord step may leave
 RATE = 0.2  # no chord step is trusted to leave less of itself
 SLOW = 0.6  # of a chord step is left for the next: linearise anew
-STALE = 0.05  # relative change of the observations' Jacobians: linearise anew
+STALE = 0.3  # relative change of the observations' Jacobians times reach: linearise anew
 MAX_STEPS = 12
 PASSES = 2  # of the newest scan, the second linearised where the first has led
 EXACT = 1e-9  # m or rad: a smaller standard deviation measures nothing
@@ -169,30 +169,38 @@ class GrowingOptimum:
         """Whether chord steps come to rest, all linearised anew where they take too little away."""
         before = np.inf
         for _ in range(MAX_STEPS):
-            size, stale = self._chord_step()
+            size = self._chord_step()
             if not size < 2.0 * before:
                 return False
             rate = size / before
-            if size * max(rate, RATE) < SETTLED:
-                if stale > STALE:
-                    self._linearise_anew()
+            if (size * max(rate, RATE) if before < np.inf else size) < SETTLED:
                 return True
-            if rate > SLOW or stale > STALE:
+            if rate > SLOW:
                 self._linearise_anew()
             before = size
         return False
 
-    def _chord_step(self) -> tuple[float, float]:
-        """Move by one; how far that moves what was observed, in sigmas, and the relative change of the Jacobians."""
+    def _chord_step(self) -> float:
+        """Move by one; how far that moves the newest pose and what was observed, in sigmas."""
         measured, linear, place, step = self._measured, self._linear, self._place, self._chord
         k, count = self._newest, len(self._slot)
-        stale = chord.find_defects(measured, linear, place, k, step)
+        if chord.find_defects(measured, linear, place, k, step) * self._reach() > STALE:
+            self._linearise_anew()
         chord.smooth(linear, k, step)
         chord.pull_landmarks(measured, linear, k, step)
         step.landmark[:count] = self._solve(step.landmark[:count].ravel()).reshape(-1, 2)
         chord.pull_poses(measured, linear, k, step)
         chord.smooth(linear, k, step)
-        return chord.move(measured, linear, place, k, count, step), stale
+        observed = chord.move(measured, linear, place, k, count, step)
+        return max(observed, float(np.max(np.abs(step.pose[k]) / self._sigma)))
+
+    def _reach(self) -> float:
+        """How far a sigma of the newest pose would move what is seen from it, in sigmas; at least 1.
+
+        So much better is what observations say of one another than of the world: matrices whose Jacobians are stale by
+        one over this take the one for the other.
+        """
+        return max(1.0, float(np.sqrt(np.sum(self._linear.N[self._newest] * self.newest_cov()))))
 
     def _descend(self) -> None:
         """Search the minimum from here by damped steps."""
