@@ -308,6 +308,7 @@ def test_ones_own_estimator_gets_a_row(
         ["dead-reckoning", "filtered"],
         ["isam2", "filtered"],
         [own, "filtered"],
+        ["fit", "of"],
     ]
     assert printed.err.splitlines() == ["loading", "estimating", f"written to {tmp_path / 'out'}"]
     entries = metrics_of(tmp_path / "out")["estimators"]
