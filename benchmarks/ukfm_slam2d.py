@@ -13,9 +13,12 @@ import math
 from pathlib import Path
 
 from slamgauge import load_scenario
+from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs
 from slamgauge.compare.studies.executors import local_processes
 from slamgauge.compare.studies.study import run_study
+from slamgauge.compare.studies.summary import share_in_doubt
 
 # orientation RMSE [deg], position RMSE [m], NEES of orientation and of position
 PUBLISHED = {"EKF": (3.02, 0.67, 2.88, 2.56), "right-UKF": (2.51, 0.55, 1.01, 1.09), "IEKF": (2.51, 0.55, 1.01, 1.17)}
@@ -36,6 +39,7 @@ def main() -> None:
     print(f"{'':20}" + "".join(f"{title:>23}" for title in titles))
     for name, figures in PUBLISHED.items():
         print(f"{name + ', published':20}" + "".join(f"{figure:23.2f}" for figure in figures))
+    doubt = doubt_in_runs(CAUSAL, share_in_doubt(summary))
     for name, entry in summary.estimators.items():
         cells = [
             cell(entry.heading_rmse_rad, math.degrees(1.0)),
@@ -44,7 +48,9 @@ def main() -> None:
             cell(entry.nees_position_per_dof),
             " ".join("-" if ratio is None else f"{ratio:.3f}" for ratio in entry.sigma_ratio_to_optimum_final or ()),
         ]
-        print(f"{name:20}" + "".join(f"{each:>23}" for each in cells))
+        print(f"{name:20}" + "".join(f"{each:>23}" for each in cells) + (MARK if doubt else ""))
+    if doubt:
+        print(doubt)
 
 
 def cell(interval: Interval | None, unit: float = 1.0) -> str:

@@ -8,7 +8,8 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from slamgauge.compare.figures.plot_style import PRINT, TRUTH_COLOR, save_png_and_svg
-from slamgauge.compare.studies.budget import ErrorBudget, verdict
+from slamgauge.compare.scoring.optimum_notes import MARK
+from slamgauge.compare.studies.budget import ErrorBudget, doubts, verdict
 
 BASE, COST, GAIN = "#777777", "#CC3311", "#009988"
 LABELS = ("hindsight\noptimum", "+ causal\nonly", "+ assumed\nnoise", "+ own asso-\nciations", "+ lineari-\nsation")
@@ -19,7 +20,7 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
     with mpl.rc_context(PRINT):
         figure = Figure(figsize=(6.0, 3.4), layout="constrained")
         axes = figure.subplots()
-        before = 0.0
+        before, doubtful = 0.0, budget.doubtful()
         for place, rung in enumerate(budget.rungs):
             added, low, high = rung.increment_m2
             color, hatch = (BASE, "") if place == 0 else (COST, "///") if added >= 0 else (GAIN, "...")
@@ -27,7 +28,8 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
             if low is not None and high is not None:
                 axes.plot([place, place], [before + low, before + high], color=TRUTH_COLOR, linewidth=1)
             top = max(before, before + added, before + (high or 0.0))
-            axes.annotate(f"{added:+.4f}", (place, top), (0, 3), textcoords="offset points", ha="center")
+            mark = MARK if rung.name in doubtful else ""
+            axes.annotate(f"{added:+.4f}{mark}", (place, top), (0, 3), textcoords="offset points", ha="center")
             axes.plot([place - 0.3, place + 1.3], [rung.mse_m2] * 2, color=TRUTH_COLOR, linewidth=0.5, linestyle=":")
             before = rung.mse_m2
         last = len(budget.rungs)
@@ -37,5 +39,6 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
         axes.set(ylabel="mean squared position error [m²]")
         axes.margins(y=0.12)
         axes.set_ylim(bottom=0)
-        axes.set_title(verdict(budget).replace(": ", ":\n", 1).replace("; ", ";\n", 1), loc="left")
+        lines = [verdict(budget).replace("; ", ";\n", 1), *doubts(budget)]
+        axes.set_title("\n".join(line.replace(": ", ":\n", 1) for line in lines), loc="left", wrap=True)
         save_png_and_svg(figure, out / "budget")

@@ -9,9 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from slamgauge.arrays import Float
+from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, MARK_COLOR, TRUTH_COLOR, styles
 from slamgauge.compare.figures.world_axes import label_time
 from slamgauge.compare.scoring.loop_closures import closure_steps
+from slamgauge.compare.scoring.optimum_figures import is_in_doubt
+from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -67,9 +70,10 @@ def _reference(truth: Truth | None, recording: Recording, estimates: Mapping[str
     """The truth, or else the best estimate that is there, or else nothing (NaN)."""
     if truth is not None and truth.poses is not None:
         return _Reference(r"error and ±3$\sigma$", truth.poses)
-    for name in ("batch", "isam2"):
+    for name in (HINDSIGHT, CAUSAL):
         if name in estimates:
-            return _Reference(rf"difference to {name} and ±3$\sigma$", estimates[name].poses, name)
+            mark = MARK if is_in_doubt(estimates[name].optimum_check) else ""
+            return _Reference(rf"difference to {name}{mark} and ±3$\sigma$", estimates[name].poses, name)
     return _Reference(r"±3$\sigma$ alone: no truth, no optimum", np.full((recording.steps + 1, 3), np.nan))
 
 

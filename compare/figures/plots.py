@@ -140,6 +140,6 @@ def save_figure(
         handles, labels = left_axes.get_legend_handles_labels()
         columns = 6 if max(map(len, labels)) <= LONG_LABEL else 4
         figure.legend(handles, labels, loc="outside lower center", ncols=columns, **LEGEND)
-        doubts = [distance_from_hindsight(name, estimate) for name, estimate in estimates.items()]
+        doubts = [distance_from_hindsight(name, estimate.optimum_check) for name, estimate in estimates.items()]
         figure.suptitle("\n".join([title, *filter(None, doubts)]))
         save_png_and_svg(figure, folder / "figure")

@@ -10,10 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from slamgauge.compare.estimators.registry import entry_of, is_yardstick
+from slamgauge.compare.estimators.registry import CAUSAL, entry_of, is_yardstick
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, Style, save_png_and_svg, styles
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.studies.sweep import Sweep
+from slamgauge.compare.scoring.optimum_notes import at_places, distance_in_runs
+from slamgauge.compare.studies.sweep import Sweep, shares_in_doubt
 
 PANELS = (
     ("ate_m", "ATE [m]"),
@@ -42,7 +43,8 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
             axes.set_xlabel(sweep.key)
         handles, labels = figure.axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=6, **LEGEND)
-        figure.suptitle(f"{sweep.scenario}, {sweep.runs} runs at each value (bars: 95 % intervals)")
+        title = f"{sweep.scenario}, {sweep.runs} runs at each value (bars: 95 % intervals)"
+        figure.suptitle("\n".join([title, *at_places(CAUSAL, shares_in_doubt(sweep), distance_in_runs)]), wrap=True)
         save_png_and_svg(figure, out / "sweep")
 
 

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from slamgauge.compare.scoring.consistency import chi2_band
+from slamgauge.compare.scoring.optimum_figures import share_of_doubt
+from slamgauge.compare.scoring.optimum_notes import distance_from_hindsight, distance_in_runs
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.errors import UserError
 
@@ -27,7 +29,8 @@ def assert_error_bounds(
     Args:
         score: one score, or those of independent runs of one estimator.
         max_ate_m: bound on the mean ATE [m].
-        max_ratio_to_optimum: bound on the mean over runs of ATE / the optimum's ATE (a mean of ratios).
+        max_ratio_to_optimum: bound on the mean over runs of ATE / the optimum's ATE (a mean of ratios); it cannot be
+            evaluated against an optimum in doubt.
         nees_level: probability, 0.95 for instance, for the pose NEES at the last step: its sum over M runs is
             chi-square with 3 M degrees of freedom. Its average over time is not, as it is correlated.
         nis_level: probability for the NIS: it is white, so its total over steps and runs is chi-square.
@@ -44,7 +47,7 @@ def assert_error_bounds(
         raise UserError("no bound given; pass max_ate_m, max_ratio_to_optimum, nees_level or nis_level")
     verdicts = [
         _mean_below("ate_m", "evaluate with a Truth that has poses", scores, max_ate_m),
-        _mean_below("ratio_to_optimum", "evaluate with a Truth and an optimum", scores, max_ratio_to_optimum),
+        _ratio_below(scores, max_ratio_to_optimum),
         _nees_inside(scores, nees_level),
         _nis_inside(scores, nis_level),
     ]
@@ -65,6 +68,19 @@ def _mean_below(name: str, remedy: str, scores: list[Score], bound: float | None
         return _missing(name, len(figures) - len(known), len(figures), remedy)
     mean = float(np.mean(known))
     return "" if mean <= bound else f"  {name} = {mean:.6g}{_runs(scores)} exceeds max_{name} = {bound:.6g}"
+
+
+def _ratio_below(scores: list[Score], bound: float | None) -> str:
+    """The same of the ratio to the optimum, which says nothing where that is none."""
+    verdict = _mean_below("ratio_to_optimum", "evaluate with a Truth and an optimum", scores, bound)
+    checks = [score.yardstick_check_sigma for score in scores]
+    if len(checks) == 1:
+        doubt = distance_from_hindsight("the optimum", checks[0])
+    else:
+        doubt = distance_in_runs("the optimum", share_of_doubt(np.array(checks, dtype=np.float64)))
+    if bound is None or doubt is None:
+        return verdict
+    return f"  ratio_to_optimum cannot be evaluated, as {doubt}: give max_ate_m instead"
 
 
 def _nees_inside(scores: list[Score], level: float | None) -> str:

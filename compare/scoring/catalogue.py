@@ -233,8 +233,11 @@ CATALOGUE = (
         measure=optimum_figures.check_sigma,
     ),
     Quantity(
+        key="yardstick_check_sigma", help="that figure of the optimum which the estimate is held against", scored=True
+    ),
+    Quantity(
         key="optimum_check_share",
-        help=f"share of the runs in which that is more than {optimum_figures.CHECK_LIMIT:g} sigma",
+        help=f"share of the runs in which the optimum's is more than {optimum_figures.CHECK_LIMIT:g} sigma",
         over_runs=share_in_doubt,
     ),
     Quantity(

@@ -120,7 +120,7 @@ def table(comparison: Comparison) -> str:
     """
     found = columns("run")
     optima = {kind: comparison.estimates[name] for kind, name in comparison.optima.items()}
-    doubtful = {kind for kind, optimum in optima.items() if is_in_doubt(optimum)}
+    doubtful = {kind for kind, optimum in optima.items() if is_in_doubt(optimum.optimum_check)}
     rows = [["estimator", "kind", *(title for title, _, _ in found)]]
     for name, score in sorted(comparison.scores.items(), key=lambda item: item[1].kind):
         cells = [cell(score.figure(key), form) for _, key, form in found]
@@ -142,7 +142,7 @@ def optimum_notes(comparison: Comparison) -> list[str]:
         notes.append(fit_of_the_model(REGISTRY[YARDSTICKS[kind]].title, comparison.estimates[name]))
     for _, name in judges:
         notes.append(left_out(name, comparison.truth, comparison.recording, comparison.estimates[name]))
-    notes += [doubt(name, comparison.estimates[name]) for _, name in judges]
+    notes += [doubt(name, comparison.estimates[name].optimum_check) for _, name in judges]
     others = {name: each for name, each in comparison.estimates.items() if name not in comparison.optima.values()}
-    notes += [distance_from_hindsight(name, each) for name, each in others.items()]
+    notes += [distance_from_hindsight(name, each.optimum_check) for name, each in others.items()]
     return [note for note in notes if note]

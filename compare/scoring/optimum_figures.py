@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamgauge.arrays import Float
+from slamgauge.compare.scoring.defined import mean
 from slamgauge.compare.scoring.landmark_identity import NOBODY
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -12,9 +14,14 @@ from slamgauge.truth import Truth
 CHECK_LIMIT = 0.05  # sigmas: a causal optimum that is farther from hindsight's at the end is in doubt
 
 
-def is_in_doubt(estimate: Estimate) -> bool:
+def is_in_doubt(check: float | None) -> bool:
     """Whether an optimum was checked, and is too far from hindsight's for figures against it to stand unmarked."""
-    return estimate.optimum_check is not None and estimate.optimum_check > CHECK_LIMIT
+    return check is not None and check > CHECK_LIMIT
+
+
+def share_of_doubt(checks: Float) -> float | None:
+    """Share of the runs with a check (R,), NaN where there is none, whose optimum is in doubt."""
+    return mean(np.where(np.isnan(checks), np.nan, checks > CHECK_LIMIT))
 
 
 # --- what the catalogue names --------------------------------------------------------------------

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.landmark_identity import NOBODY
-from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT
+from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT, is_in_doubt
 from slamgauge.compare.scoring.text_table import interval_cell
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -60,28 +61,47 @@ def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Esti
     return f"{name} leaves out {' and '.join(counts)}{why}"
 
 
-def distance_from_hindsight(name: str, optimum: Estimate) -> str | None:
+def distance_from_hindsight(name: str, check: float | None) -> str | None:
     """That a causal optimum is not what it is taken for; None if it is, or was not checked."""
-    check = optimum.optimum_check
-    if check is None or check <= CHECK_LIMIT:
+    if check is None or not is_in_doubt(check):
         return None
     if math.isinf(check):
         return f"{name} could not be held against the optimum of the whole recording, which was not found"
     return f"{name} is {check:.2g} sigma from the optimum of the whole recording"
 
 
-def doubt(name: str, optimum: Estimate) -> str | None:
-    """The same of an optimum that others are compared with: what is relative to it is marked."""
-    distance = distance_from_hindsight(name, optimum)
-    return None if distance is None else f"{distance}: {_MARKED}"
-
-
-def doubt_in_runs(name: str, share: float | None) -> str | None:
+def distance_in_runs(name: str, share: float | None) -> str | None:
     """The same of many runs: in which share of them."""
     if not share:
         return None
     off = f"{name} is more than {CHECK_LIMIT:g} sigma from the optimum of the whole recording"
-    return f"{off} in {share:.1%} of the runs: {_MARKED}"
+    return f"{off} in {share:.1%} of the runs"
+
+
+def doubt(name: str, check: float | None) -> str | None:
+    """The distance of an optimum that others are compared with: what is relative to it is marked."""
+    return _with_marks(distance_from_hindsight(name, check))
+
+
+def doubt_in_runs(name: str, share: float | None) -> str | None:
+    """The same of many runs."""
+    return _with_marks(distance_in_runs(name, share))
+
+
+def at_places(
+    name: str, shares: Mapping[str, float | None], said: Callable[[str, float | None], str | None] = doubt_in_runs
+) -> list[str]:
+    """What is `said` of an optimum that many runs have at several places: a line for those of equal shares."""
+    lines: dict[str, list[str]] = {}
+    for place, share in shares.items():
+        line = said(name, share)
+        if line is not None:
+            lines.setdefault(line, []).append(place)
+    return [f"{', '.join(places)}: {line}" for line, places in lines.items()]
+
+
+def _with_marks(distance: str | None) -> str | None:
+    return None if distance is None else f"{distance}: {_MARKED}"
 
 
 def _counted(count: int, what: str) -> str:

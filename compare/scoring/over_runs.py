@@ -12,7 +12,7 @@ from slamgauge.compare.estimators.registry import YARDSTICKS
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.defined import mean
 from slamgauge.compare.scoring.intervals import Interval, jackknife_interval, mean_interval, ratio_interval
-from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT
+from slamgauge.compare.scoring.optimum_figures import share_of_doubt
 from slamgauge.compare.scoring.ray_figures import RayFigures, mean_figures
 from slamgauge.compare.scoring.runs import Runs, paired
 
@@ -134,8 +134,7 @@ def final_sigma_ratio(runs: Runs, others: Mapping[str, Runs]) -> tuple[float | N
 
 def share_in_doubt(runs: Runs, _: Mapping[str, Runs]) -> float | None:
     """Share of the runs with a check in which the optimum is farther from hindsight's than is good."""
-    checks = runs.figures["optimum_check_sigma"]
-    return mean(np.where(np.isnan(checks), np.nan, checks > CHECK_LIMIT))
+    return share_of_doubt(runs.figures["optimum_check_sigma"])
 
 
 def mean_rays(runs: Runs, _: Mapping[str, Runs]) -> RayFigures | None:

@@ -55,6 +55,7 @@ class Score:
     ratio_to_optimum: float | None
     sigma_ratio_to_optimum: tuple[float | None, ...] | None
     mahalanobis_to_optimum: float | None
+    yardstick_check_sigma: float | None
     final_distance_to_batch_m: float | None
     landmark_distance_to_batch_m: float | None
     loop_closure: tuple[LoopClosure, ...] | None
@@ -76,7 +77,8 @@ class Score:
         """
         keys = [each.name for each in fields(self) if each.name == "kind" or each.name in SCORED]
         entry: dict[str, Any] = {key: getattr(self, key) for key in keys}
-        entry |= {key: sys.float_info.max if value == math.inf else value for key, value in self.others.items()}
+        entry |= self.others
+        entry = {key: sys.float_info.max if value == math.inf else value for key, value in entry.items()}
         if self.sigma_ratio_to_optimum is not None:
             entry["sigma_ratio_to_optimum"] = list(self.sigma_ratio_to_optimum)
         if self.rays is None:
@@ -160,7 +162,8 @@ def map_figures(truth: Truth, recording: Recording, estimate: Estimate, batch: E
 
 def _optimum_figures(truth: Truth, estimate: Estimate, optimum: Estimate | None) -> dict[str, Any]:
     if optimum is None:
-        return dict.fromkeys(("ratio_to_optimum", "sigma_ratio_to_optimum", "mahalanobis_to_optimum"))
+        keys = ("ratio_to_optimum", "sigma_ratio_to_optimum", "mahalanobis_to_optimum", "yardstick_check_sigma")
+        return dict.fromkeys(keys)
     reference = _true_poses(truth, estimate)
     ate, optimal = (rms(distances(pose_errors(reference, path.poses))) for path in (estimate, optimum))
     covs, optimum_covs = pose_covs_of(estimate), pose_covs_of(optimum)
@@ -169,6 +172,7 @@ def _optimum_figures(truth: Truth, estimate: Estimate, optimum: Estimate | None)
         "ratio_to_optimum": ate / optimal if ate is not None and optimal else None,
         "sigma_ratio_to_optimum": None if ratios == (None, None, None) else ratios,
         "mahalanobis_to_optimum": mean(squared_mahalanobis(pose_errors(optimum.poses, estimate.poses), optimum_covs)),
+        "yardstick_check_sigma": optimum.optimum_check,
     }
 
 

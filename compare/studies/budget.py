@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -22,8 +22,10 @@ from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.schema import Assumed
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval
+from slamgauge.compare.scoring.optimum_figures import share_of_doubt
+from slamgauge.compare.scoring.optimum_notes import MARK, at_places
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe, mean_figures, ray_figures
-from slamgauge.compare.scoring.text_table import aligned
+from slamgauge.compare.scoring.text_table import aligned, marked
 from slamgauge.compare.scoring.trajectory_error import pose_errors, squared_distances
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.errors import UserError
@@ -42,11 +44,15 @@ RUNGS = {
 
 @dataclass(frozen=True)
 class Rung:
-    """One step of the budget: its mean squared position error [m^2], and what it adds, with 95 % interval."""
+    """One step of the budget: its mean squared position error [m^2], and what it adds, with 95 % interval.
+
+    `optimum_check_share` is the share of runs in which the causal optimum that it is, is in doubt; None if it is none.
+    """
 
     name: str
     mse_m2: float
     increment_m2: Interval
+    optimum_check_share: float | None = None
 
 
 @dataclass(frozen=True)
@@ -66,7 +72,12 @@ class ErrorBudget:
     def to_json(self) -> dict[str, Any]:
         """The content of budget.json; `rays` for bearings alone."""
         rungs = [
-            {"name": rung.name, "mse_m2": rung.mse_m2, "increment_m2": rung.increment_m2._asdict()}
+            {
+                "name": rung.name,
+                "mse_m2": rung.mse_m2,
+                "increment_m2": rung.increment_m2._asdict(),
+                "optimum_check_share": rung.optimum_check_share,
+            }
             for rung in self.rungs
         ]
         content: dict[str, Any] = {
@@ -77,6 +88,23 @@ class ErrorBudget:
             "costliest": self.costliest,
         }
         return content if self.rays is None else {**content, "rays": self.rays._asdict()}
+
+    def doubtful(self) -> set[str]:
+        """Rungs whose addition starts or ends at an optimum in doubt."""
+        starts = (None, *self.rungs[:-1])
+        return {
+            rung.name
+            for start, rung in zip(starts, self.rungs, strict=True)
+            if rung.optimum_check_share or (start is not None and start.optimum_check_share)
+        }
+
+
+class RungErrors(NamedTuple):
+    """One run of a budget: mean squared errors (5,) [m^2], a rung each, their optima's checks (5,), and the rays."""
+
+    errors: Float
+    checks: Float
+    rays: RayFigures | None
 
 
 def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, executor: Executor) -> ErrorBudget:
@@ -98,26 +126,24 @@ def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, exe
     finally:
         for future in futures:
             future.cancel()
-    errors, rays = zip(*results, strict=True)
-    return replace(summarise_budget(scenario.name, filter_name, np.array(errors)), rays=mean_figures(rays))
+    errors, checks, rays = zip(*results, strict=True)
+    budget = summarise_budget(scenario.name, filter_name, np.array(errors), np.array(checks))
+    return replace(budget, rays=mean_figures(rays))
 
 
-def summarise_budget(scenario: str, filter_name: str, table: Float) -> ErrorBudget:
-    """The budget of mean squared errors (runs, 5) [m^2], a column per rung."""
+def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Float) -> ErrorBudget:
+    """The budget of mean squared errors (runs, 5) [m^2], a column per rung, and of checks likewise, NaN for none."""
     increments = np.diff(table, axis=1, prepend=0.0)
     rungs = tuple(
-        Rung(name, float(errors.mean()), bootstrap_interval(added))
-        for name, errors, added in zip(RUNGS, table.T, increments.T, strict=True)
+        Rung(name, float(errors.mean()), bootstrap_interval(added), share_of_doubt(check))
+        for name, errors, added, check in zip(RUNGS, table.T, increments.T, checks.T, strict=True)
     )
     costliest = max(rungs[1:], key=lambda rung: rung.increment_m2.mean).name
     return ErrorBudget(scenario, filter_name, len(table), rungs, costliest)
 
 
-def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> tuple[Float, RayFigures | None]:
-    """Mean squared position errors (5,) [m^2] of one run, a rung each, and what became of the filter's rays.
-
-    Rungs that coincide are run once.
-    """
+def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> RungErrors:
+    """What the rungs make of one run; those that coincide are run once."""
     truth, recording = simulate(scenario, seed)
     told = simulate(informed(scenario), seed)[1]
     assert truth.association is not None
@@ -137,8 +163,10 @@ def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> tuple[Float,
             associating = _run(CAUSAL, recording.associated(own))
     except UserError as error:
         raise UserError(f"run with seed {seed}: {error}") from error
-    errors = np.array([_mse(truth, each) for each in (hindsight, causal, assuming, associating, estimate)])
-    return errors, ray_figures(truth, recording, estimate)
+    rungs = (hindsight, causal, assuming, associating, estimate)
+    errors = np.array([_mse(truth, each) for each in rungs])
+    checks = np.array([each.optimum_check for each in rungs], dtype=np.float64)
+    return RungErrors(errors, checks, ray_figures(truth, recording, estimate))
 
 
 def _run(name: str, recording: Recording) -> Estimate:
@@ -153,12 +181,21 @@ def _mse(truth: Truth, estimate: Estimate) -> float:
 def budget_table(budget: ErrorBudget) -> str:
     """The rungs, what each adds, and a sentence that says which costs most."""
     rows = [("rung", "for", "mse [m^2]", "adds [m^2]", "95 % interval")]
+    doubtful = budget.doubtful()
     for rung in budget.rungs:
         added, low, high = rung.increment_m2
         interval = "-" if low is None or high is None else f"{low:+.5f} to {high:+.5f}"
-        rows.append((rung.name, RUNGS[rung.name], f"{rung.mse_m2:.5f}", f"{added:+.5f}", interval))
+        adds = f"{added:+.5f}"
+        if doubtful:
+            adds = marked(adds, MARK, is_marked=rung.name in doubtful)
+        rows.append((rung.name, RUNGS[rung.name], f"{rung.mse_m2:.5f}", adds, interval))
     rays = [] if budget.rays is None else [f"Per run {describe(budget.rays)}."]
-    return "\n".join([*aligned(rows, words=2), "", verdict(budget), *rays])
+    return "\n".join([*aligned(rows, words=2), "", verdict(budget), *rays, *doubts(budget)])
+
+
+def doubts(budget: ErrorBudget) -> list[str]:
+    """Which rungs are optima in doubt, and in which share of the runs."""
+    return at_places(CAUSAL, {rung.name: rung.optimum_check_share for rung in budget.rungs})
 
 
 def verdict(budget: ErrorBudget) -> str:
@@ -171,4 +208,6 @@ def verdict(budget: ErrorBudget) -> str:
     )
     if cost <= 1e-9 * total:  # rounding
         return f"{opening}; no rung above that costs anything."
-    return f"{opening}; most of the rest goes to {budget.costliest}: {cost:.4f} m^2, {cost / total:.0%} of the whole."
+    mark = MARK if budget.costliest in budget.doubtful() else ""
+    share = f"{cost:.4f}{mark} m^2, {cost / total:.0%}{mark} of the whole"
+    return f"{opening}; most of the rest goes to {budget.costliest}: {share}."

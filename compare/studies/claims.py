@@ -23,8 +23,10 @@ from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.defined import mean, number
+from slamgauge.compare.scoring.optimum_notes import MARK, at_places
+from slamgauge.compare.scoring.over_runs import share_in_doubt
 from slamgauge.compare.scoring.runs import Runs, paired
-from slamgauge.compare.scoring.text_table import aligned, cell
+from slamgauge.compare.scoring.text_table import aligned, cell, marked
 from slamgauge.compare.storage.files import write_json
 from slamgauge.compare.storage.manifest import require_folder, require_free
 from slamgauge.compare.storage.result_files import CLAIMS as CLAIMS_FILE
@@ -72,11 +74,19 @@ class Judgement:
 
     `optimum` is the share of the filter's error there that the causal optimum avoids, which is told true noise and
     associations (1 - geometric mean over runs of its ATE over the filter's); None if it has no run.
+    `optimum_check_share` is the share of its runs there in which it is in doubt; None if none was checked.
     """
 
     claim: Claim
     evidence: Evidence
     optimum: float | None
+    optimum_check_share: float | None
+
+    @property
+    def is_in_doubt(self) -> bool:
+        """Whether the verdict itself rests on an optimum in doubt."""
+        compared = (self.claim.figure, *self.claim.others)
+        return bool(self.optimum_check_share) and any(each.estimator == OPTIMUM for each in compared)
 
     def to_json(self) -> dict[str, Any]:
         """The claim's entry in claims.json."""
@@ -92,6 +102,7 @@ class Judgement:
             "p_value": evidence.p_value,
             "verdict": evidence.verdict,
             "optimum": self.optimum,
+            "optimum_check_share": self.optimum_check_share,
             "runs": evidence.runs,
         }
 
@@ -149,7 +160,8 @@ def judge(claim: Claim, studies: Studies, tests: int) -> Judgement:
     evidence = min((weigh(each, claim.asserted, tests) for each in ratios), key=lambda each: each.support)
     setting = claim.figure.setting
     optimum = mean(_log_ratios(ate(setting, OPTIMUM), ate(setting), studies))
-    return Judgement(claim, evidence, None if optimum is None else 1.0 - math.exp(optimum))
+    share = share_in_doubt(studies[setting, OPTIMUM], {})
+    return Judgement(claim, evidence, None if optimum is None else 1.0 - math.exp(optimum), share)
 
 
 def weigh(log_ratios: Float, asserted: tuple[float, float], tests: int) -> Evidence:
@@ -187,15 +199,22 @@ def _log_ratios(above: Figure, below: Figure, studies: Studies) -> Float:
 def claims_table(claims: Claims) -> str:
     """A line for each claim: the practical's conclusion, the ratio with its interval, the verdict; then failures."""
     rows = [("section", "the practical", "hypothesis", "ratio", "interval", "p", "verdict", "avoidable", "runs")]
-    for claim, evidence, optimum in ((each.claim, each.evidence, each.optimum) for each in claims.judgements):
+    shares = {each.claim.figure.setting: each.optimum_check_share for each in claims.judgements}
+    room_for_marks = any(shares.values())
+    for each in claims.judgements:
+        claim, evidence = each.claim, each.evidence
         interval = f"{_three(evidence.low)} to {_three(evidence.high)}"
         p = "< 0.0001" if evidence.p_value < 1e-4 else f"{evidence.p_value:.4f}"
-        avoidable = cell(optimum, "{:.0%}")
-        figures = (_three(evidence.effect), interval, p, evidence.verdict, avoidable, str(evidence.runs))
+        effect, verdict, avoidable = _three(evidence.effect), evidence.verdict, cell(each.optimum, "{:.0%}")
+        if room_for_marks:
+            effect, verdict = (marked(text, MARK, is_marked=each.is_in_doubt) for text in (effect, verdict))
+            avoidable = marked(avoidable, MARK, is_marked=bool(each.optimum_check_share))
+        figures = (effect, interval, p, verdict, avoidable, str(evidence.runs))
         rows.append((claim.section, claim.claim, claim.hypothesis, *figures))
     counts = Counter(each.evidence.verdict for each in claims.judgements)
     tally = ", ".join(f"{counts[verdict]} {verdict}" for verdict in ("holds", "does not hold", "undecided"))
-    return "\n".join([*aligned(rows, words=3), "", f"{len(rows) - 1} claims: {tally}", *claims.failures])
+    doubts = at_places(OPTIMUM, shares)
+    return "\n".join([*aligned(rows, words=3), "", f"{len(rows) - 1} claims: {tally}", *doubts, *claims.failures])
 
 
 def _three(value: float | None) -> str:

@@ -12,7 +12,7 @@ from slamgauge.compare.estimators.registry import CAUSAL, is_yardstick
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.catalogue import columns
-from slamgauge.compare.scoring.optimum_notes import doubt_in_runs
+from slamgauge.compare.scoring.optimum_notes import at_places
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_table import aligned
 from slamgauge.compare.storage.manifest import require_folder, require_free
@@ -166,9 +166,10 @@ def sweep_table(sweep: Sweep) -> str:
         for value, summary in zip(sweep.values, sweep.summaries, strict=True)
         for line in failure_lines(summary)
     ]
-    doubts = [
-        f"{sweep.key}={value}: {line}"
-        for value, summary in zip(sweep.values, sweep.summaries, strict=True)
-        if (line := doubt_in_runs(CAUSAL, share_in_doubt(summary)))
-    ]
-    return "\n".join([*aligned(rows, words=2), *doubts, *failed])
+    return "\n".join([*aligned(rows, words=2), *at_places(CAUSAL, shares_in_doubt(sweep)), *failed])
+
+
+def shares_in_doubt(sweep: Sweep) -> dict[str, float]:
+    """Share of the runs in which the causal optimum is in doubt, by `key=value`."""
+    points = zip(sweep.values, sweep.summaries, strict=True)
+    return {f"{sweep.key}={value}": share_in_doubt(summary) for value, summary in points}

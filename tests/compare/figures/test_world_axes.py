@@ -138,3 +138,4 @@ def test_an_optimum_in_doubt_is_named_in_the_figure(tmp_path: Path) -> None:
         texts[name] = (tmp_path / name / "figure.svg").read_text(encoding="utf-8")
     said = "isam2 is 0.31 sigma from the optimum of the whole recording"
     assert [said in texts[name] for name in ("sure", "doubtful")] == [False, True]
+    assert ["difference to isam2? and" in texts[name] for name in ("sure", "doubtful")] == [False, True]

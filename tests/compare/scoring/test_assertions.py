@@ -104,6 +104,21 @@ def test_a_figure_that_is_missing_fails_and_says_what_to_give() -> None:
     assert "NIS is missing in 1 of 2 run(s): return an Estimate with nis and nis_dof" in message
 
 
+def test_a_ratio_to_an_optimum_in_doubt_is_no_ground_to_pass() -> None:
+    sure = with_figures(ate_m=0.5, ratio_to_optimum=1.1, yardstick_check_sigma=0.05)
+    doubtful = replace(sure, yardstick_check_sigma=0.31)
+    assert_error_bounds([sure, sure], max_ratio_to_optimum=1.2)
+    assert_error_bounds(doubtful, max_ate_m=1.0)
+    begins = "1 error bound(s) failed:\n  ratio_to_optimum cannot be evaluated, as the optimum is"
+    assert failure(doubtful, max_ratio_to_optimum=1.2) == (
+        f"{begins} 0.31 sigma from the optimum of the whole recording: give max_ate_m instead"
+    )
+    assert failure([sure, replace(sure, yardstick_check_sigma=math.inf)], max_ratio_to_optimum=1.2) == (
+        f"{begins} more than 0.05 sigma from the optimum of the whole recording in 50.0% of the runs: "
+        "give max_ate_m instead"
+    )
+
+
 @pytest.mark.parametrize(
     ("bounds", "message"),
     [

@@ -57,6 +57,7 @@ def test_metrics_tell_how_good_an_optimum_is():
     assert [found["isam2"][key] for key in keys] == [0.31, 1.5, 1, 1]
     assert [found["batch"][key] for key in keys] == [None, 2.0, 2, 2]
     assert [found["ekf"][key] for key in keys] == [None, None, None, 0]
+    assert [found[name]["yardstick_check_sigma"] for name in ("ekf", "isam2", "batch")] == [0.31, 0.31, None]
 
 
 def test_an_optimum_without_a_degree_of_freedom_has_no_fit():
@@ -68,7 +69,9 @@ def test_a_check_that_is_infinite_is_the_largest_number_that_json_has():
     comparison = compared(replace(CAUSAL, optimum_check=math.inf))
     assert comparison.scores["isam2"].figure("optimum_check_sigma") == math.inf
     text = json.dumps(metrics(comparison, None, None), allow_nan=False)
-    assert json.loads(text)["estimators"]["isam2"]["optimum_check_sigma"] == sys.float_info.max > CHECK_LIMIT
+    found = json.loads(text)["estimators"]
+    assert found["isam2"]["optimum_check_sigma"] == sys.float_info.max > CHECK_LIMIT
+    assert found["ekf"]["yardstick_check_sigma"] == sys.float_info.max
 
 
 # --- the fit of the model ------------------------------------------------------------------------

@@ -48,6 +48,7 @@ METRICS_JSON = {
     "track_purity",
     "track_purity_min",
     "optimum_check_sigma",
+    "yardstick_check_sigma",
     "chi_square_per_dof",
     "observations_left_out",
 }

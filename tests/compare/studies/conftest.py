@@ -1,11 +1,13 @@
-"""A short study, and a thread that carries it."""
+"""A short study, a thread that carries it, and its figures."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 
@@ -19,3 +21,16 @@ def scenario() -> Scenario:
 def thread() -> Iterator[ThreadPoolExecutor]:
     with ThreadPoolExecutor(1) as executor:
         yield executor
+
+
+@pytest.fixture
+def saved(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
+    """The figures that are saved during a test, by their names; they are not written."""
+    figures: dict[str, Figure] = {}
+
+    def keep(figure: Figure, path: Path) -> None:
+        figures[path.name] = figure
+
+    for module in ("budget_figure", "study_figures", "sweep_figure"):
+        monkeypatch.setattr(f"slamgauge.compare.figures.{module}.save_png_and_svg", keep)
+    return figures

@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.loading import load_estimators
+from slamgauge.compare.figures.budget_figure import save_budget_figure
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.studies.budget import RUNGS, budget_table, error_budget, rung_errors, summarise_budget
@@ -81,14 +83,15 @@ def test_a_filter_without_ids_pays_for_its_associations_alone() -> None:
 
 def test_the_costliest_rung_is_named_with_its_share() -> None:
     table = np.array([[1.0, 1.5, 1.5, 1.5, 4.0], [1.0, 2.0, 2.0, 2.0, 4.0]])
-    budget = summarise_budget("somewhere", "ekf", table)
+    unchecked = np.full_like(table, np.nan)
+    budget = summarise_budget("somewhere", "ekf", table, unchecked)
     assert budget.costliest == "linearisation"
     assert budget.rungs[1].increment_m2.mean == 0.75
     assert budget_table(budget).splitlines()[-1] == (
         "ekf on somewhere, 2 runs: of 4.0000 m^2 (RMS 2.000 m) 1.0000 m^2 no estimator avoids; "
         "most of the rest goes to linearisation: 2.2500 m^2, 56% of the whole."
     )
-    assert budget_table(summarise_budget("here", "riekf", np.ones((1, 5)))).endswith(
+    assert budget_table(summarise_budget("here", "riekf", np.ones((1, 5)), unchecked[:1])).endswith(
         "no rung above that costs anything."
     )
 
@@ -111,8 +114,42 @@ def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest
     assert "no estimator avoids" in capsys.readouterr().out
     content = json.loads((tmp_path / "budget" / "budget.json").read_text())
     assert set(content) == {"scenario", "filter", "runs", "rungs", "costliest"}
-    assert set(content["rungs"][0]) == {"name", "mse_m2", "increment_m2"}
+    assert set(content["rungs"][0]) == {"name", "mse_m2", "increment_m2", "optimum_check_share"}
     assert (tmp_path / "budget" / "budget.png").stat().st_size > 0
+
+
+def test_rungs_that_are_optima_in_doubt_are_marked_and_named(tmp_path: Path, saved: dict[str, Figure]) -> None:
+    table = np.array([[1.0, 1.5, 1.5, 2.0, 4.0], [1.0, 2.0, 2.0, 2.5, 4.0]])
+    sure = np.array([[np.nan, 0.01, 0.01, 0.05, np.nan]] * 2)
+    doubtful = sure.copy()
+    doubtful[0, 3] = np.inf
+    budget = summarise_budget("somewhere", "ekf", table, doubtful)
+    assert budget_table(summarise_budget("somewhere", "ekf", table, sure)).count("?") == 0
+    lines = budget_table(budget).splitlines()
+    assert [line.count("?") for line in lines[:6]] == [0, 0, 0, 0, 1, 1]
+    assert "linearisation: 1.7500? m^2, 44%? of the whole." in lines[-2]
+    note = (
+        "own associations: isam2 is more than 0.05 sigma from the optimum of the whole recording in 50.0% of the runs: "
+        "figures relative to it are marked ?"
+    )
+    assert lines[-1] == note
+    shares = [rung["optimum_check_share"] for rung in budget.to_json()["rungs"]]
+    assert shares == [None, 0.0, 0.0, 0.5, None]
+    save_budget_figure(tmp_path, budget)
+    (axes,) = saved["budget"].axes
+    assert [text.get_text().count("?") for text in axes.texts] == [0, 0, 0, 1, 1, 0]
+    assert note.replace(": ", ":\n", 1) in axes.get_title(loc="left")
+
+
+def test_a_run_tells_the_checks_of_its_optima(monkeypatch: pytest.MonkeyPatch) -> None:
+    isam2 = load_estimators(["isam2"])["isam2"]
+
+    def checked(recording: Recording) -> Estimate:
+        return replace(isam2(recording), optimum_check=0.3)
+
+    monkeypatch.setattr("slamgauge.graph_baseline.isam2", checked)
+    checks = rung_errors(load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=1"]), 0, "ekf").checks
+    np.testing.assert_array_equal(checks, [np.nan, 0.3, 0.3, 0.3, np.nan])
 
 
 @pytest.mark.parametrize("words", [["--filter", "batch"], ["--filter", "efk"], ["--seed", "-1"], ["--runs", "0"]])

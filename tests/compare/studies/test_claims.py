@@ -29,6 +29,7 @@ def sample(mean: float, spread: float, runs: int = 50, seed: int = 0) -> Float:
 
 def runs_of(figures: dict[str, Float], numbers: list[int] | None = None) -> Runs:
     count = len(next(iter(figures.values())))
+    figures = {"optimum_check_sigma": np.full(count, np.nan)} | figures
     return Runs(np.arange(count) if numbers is None else np.array(numbers), "filtered", figures, {})
 
 
@@ -161,6 +162,25 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     assert json.loads(capsys.readouterr().out) == content
     assert main(["claims", "--runs", "1", "--out", str(tmp_path / "other")]) == 2
     assert "give at least 2" in capsys.readouterr().err
+
+
+def test_what_rests_on_an_optimum_in_doubt_is_marked():
+    of_itself, of_optimum = (
+        next(each for each in CLAIMS if each.id == f"q3-scale-{rest}") for rest in ("1-error", "0.1-error")
+    )
+    ate = {"ate_m": np.exp(sample(1.0, 0.01, 4))}
+    optimum = {"ate_m": np.ones(4), "optimum_check_sigma": np.array([0.0, 0.05, 0.06, np.inf])}
+    settings = ("q3-scale-0.1", "q3-scale-1")
+    studies = {(setting, "ekf"): runs_of(ate) for setting in settings}
+    studies |= {(setting, "isam2"): runs_of(optimum) for setting in settings}
+    judged = [judge(claim, studies, 2) for claim in (of_itself, of_optimum)]
+    lines = claims_table(Claims(judged, [])).splitlines()
+    assert [line.count("?") for line in lines[1:3]] == [1, 3]  # avoidable; ratio and verdict too
+    assert lines[-1] == (
+        "q3-scale-1, q3-scale-0.1: isam2 is more than 0.05 sigma from the optimum of the whole recording "
+        "in 50.0% of the runs: figures relative to it are marked ?"
+    )
+    assert [each.to_json()["optimum_check_share"] for each in judged] == [0.5, 0.5]
 
 
 def test_table_shows_small_p_values_as_such():

@@ -1,4 +1,4 @@
-"""Tables over many runs do not let figures against an optimum stand that is none."""
+"""Tables and figures over many runs do not let figures against an optimum stand that is none."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from slamgauge.compare.estimators.loading import load_estimators
+from slamgauge.compare.figures.study_figures import save_study_figures
+from slamgauge.compare.figures.sweep_figure import save_sweep_figure
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.studies.run import run_seed
-from slamgauge.compare.studies.study import run_study
+from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.compare.studies.sweep import Sweep, sweep_table
 from slamgauge.estimate import Estimate
@@ -63,3 +66,26 @@ def test_the_share_of_runs_in_doubt_stands_under_the_table(
     assert lines[-1] == f"a.b=7: {NOTE}"
     assert [line.count("?") for line in lines[1:-1]] == [0, 0, 1, 1]
     assert len({len(line) for line in lines[:-1]}) == 1
+
+
+def test_figures_say_it_too(
+    scenario: Scenario,
+    thread: ThreadPoolExecutor,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    saved: dict[str, Figure],
+) -> None:
+    summaries = []
+    for name, check in (("sure", 0.01), ("doubtful", 0.31)):
+        summary = studied([0.01, check], scenario, thread, tmp_path / name, monkeypatch)
+        runs = load_runs(scenario, 2, 0, ("ekf", "isam2"), tmp_path / name)
+        save_study_figures(tmp_path, summary, runs, 0.1)
+        saved[name] = saved["ratios"]
+        summaries.append(summary)
+    labels = [[tick.get_text() for tick in saved[name].axes[0].get_xticklabels()] for name in ("sure", "doubtful")]
+    assert labels == [["ekf\n/ causal"], ["ekf\n/ causal?"]]
+    assert [saved[name].get_suptitle().partition("\n")[2] for name in ("sure", "doubtful", "nees")] == ["", NOTE, ""]
+    for values, said in (((0, 0), ""), ((0, 1), "a.b=2: "), ((1, 1), "a.b=1, a.b=2: ")):
+        save_sweep_figure(tmp_path, Sweep("x", "a.b", 2, 0, ("1", "2"), tuple(summaries[value] for value in values)))
+        line = said and said + NOTE.rpartition(": ")[0]
+        assert saved["sweep"].get_suptitle().partition("\n")[2] == line
