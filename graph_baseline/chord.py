@@ -22,15 +22,12 @@ for discrete sequential estimation", 1977, chapter X); the step that keeps its m
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compiled import drop_outdated, kernel
-
-drop_outdated(Path(__file__).parent)
+from slamgauge.compiled import kernel
 
 RANGE_BEARING, POSITION, BEARING = range(3)
 CHUNK = 384  # rows whose products are taken together

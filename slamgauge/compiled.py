@@ -2,12 +2,15 @@
 
 The machine code of a kernel includes that of the kernels it calls, but numba compares its age with its own source file
 alone: an edited kernel would live on in its callers. A folder that holds kernels therefore drops, when it is imported,
-machine code older than any of its sources (`drop_outdated`).
+machine code older than any of its sources (`drop_outdated`), or than this one, which says how they are compiled.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+import threading
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
@@ -17,10 +20,12 @@ from numba.core.dispatcher import Dispatcher
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
+ANNOUNCE_AFTER = 1.0  # s; loading kernels from the cache is faster than this
+
 
 def drop_outdated(package: Path) -> None:
-    """Remove numba's indices in the package's cache that are older than its newest source."""
-    newest = max((source.stat().st_mtime for source in package.rglob("*.py")), default=0.0)
+    """Remove numba's indices in the package's cache that are older than its newest source, or than this module."""
+    newest = max(source.stat().st_mtime for source in (Path(__file__), *package.rglob("*.py")))
     for index in package.rglob("__pycache__/*.nbi"):
         try:
             if index.stat().st_mtime < newest:
@@ -46,3 +51,19 @@ def direct(function: Callable[Arguments, Result], *arguments: object) -> Callabl
     if not isinstance(function, Dispatcher):
         return function
     return function.compile(tuple(map(typeof, arguments)))
+
+
+@contextmanager
+def announced(what: str) -> Generator[None]:
+    """Say on standard error that `what` is being compiled, if that takes long: the first use after installation."""
+    announcement = threading.Timer(
+        ANNOUNCE_AFTER,
+        print,
+        args=[f"slamgauge: compiling the {what} (once per installation, kept on disk) ..."],
+        kwargs={"file": sys.stderr},
+    )
+    announcement.start()
+    try:
+        yield
+    finally:
+        announcement.cancel()
