@@ -22,11 +22,12 @@ import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compiled import kernel
 from slamgauge.graph_baseline.chain import Chain, shear, shorten
 from slamgauge.graph_baseline.factors import least_known_landmark, require_known_landmarks
 from slamgauge.graph_baseline.linearisation import LinearModel, linearise
+from slamgauge.graph_baseline.recursions import run_adjoints, run_covariances, run_maps
 from slamgauge.graph_baseline.undetermined import undetermined_variable
+from slamgauge.graph_baseline.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
 
 CHUNK = 128  # steps whose rows, a few megabytes, are handled together
@@ -104,6 +105,7 @@ def damped_step(model: LinearModel, landmarks: int, damping: Damping) -> tuple[F
 
 
 def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Elimination:
+    compile_graphs_once()
     model = chain.model
     G, X = _compressed_scans(model, landmarks, damping)
     joint = _landmarks_alone(model, landmarks)
@@ -119,7 +121,7 @@ def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Elimination:
         joint += _gram(innovation)
         X[steps] = _transposed(observed[steps]) @ innovation
     adjoint_cov = _transposed(observed) @ observed
-    _run_adjoints(carry, X, adjoint_cov)
+    run_adjoints(carry, X, adjoint_cov)
     factor = np.asarray(np.linalg.cholesky(joint[:-1, :-1]), dtype=np.float64)
     if (np.square(np.diag(factor)) < EXHAUSTED * own).any():
         raise np.linalg.LinAlgError("what poses leave of a landmark's information is rounding")
@@ -233,44 +235,9 @@ def _filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Flo
     Returns:
         Predicted and updated covariances P (N+1, 3, 3), carry F (I - K G), gain F K.
     """
-    covs = tuple(np.empty((len(G), 3, 3)) for _ in range(4))
-    _run_covariances(model.start_cov, model.F, model.W, np.ascontiguousarray(G), *covs)
-    return covs
-
-
-@kernel
-def _run_covariances(
-    start: Float, F: Float, W: Float, G: Float, P: Float, updated: Float, carry: Float, gain: Float
-) -> None:
-    """Fill `P`, `updated`, `carry` and `gain`, which begin with `start`."""
-    identity = np.eye(3)
-    P[0] = start
-    for k in range(len(G)):
-        g, move = G[k], F[k] if k < len(F) else identity
-        PG = P[k] @ g.T
-        K = PG @ np.linalg.inv(identity + g @ PG)
-        gain[k] = move @ K
-        carry[k] = move - gain[k] @ g
-        updated[k] = P[k] - K @ PG.T
-        if k < len(F):
-            following = move @ updated[k] @ move.T + W[k]
-            P[k + 1] = (following + following.T) / 2
-
-
-@kernel
-def _run_adjoints(carry: Float, adjoint: Float, adjoint_cov: Float) -> None:
-    """Carry what each scan says back to the poses before it (modified Bryson-Frazier)."""
-    for k in range(len(carry) - 2, -1, -1):
-        back = np.ascontiguousarray(carry[k].T)
-        adjoint[k] += back @ adjoint[k + 1]
-        adjoint_cov[k] += back @ adjoint_cov[k + 1] @ carry[k]
-
-
-@kernel
-def _run_maps(carry: Float, A: Float) -> None:
-    """Add to each predicted map the one before, carried along."""
-    for k in range(len(A) - 1):
-        A[k + 1] += carry[k] @ A[k]
+    P, updated, carry, gain = np.empty((4, len(G), 3, 3))
+    run_covariances(model.start_cov, model.F, model.W, np.ascontiguousarray(G), P, updated, carry, gain)
+    return P, updated, carry, gain
 
 
 def _filter_maps(model: LinearModel, X: Float, carry: Float, gain: Float) -> Float:
@@ -280,7 +247,7 @@ def _filter_maps(model: LinearModel, X: Float, carry: Float, gain: Float) -> Flo
     A[0, :, -1] = model.start
     np.matmul(-gain[:-1], X[:-1], out=A[1:])
     A[1:, :, -1] += model.c
-    _run_maps(carry, A)
+    run_maps(carry, A)
     return A
 
 

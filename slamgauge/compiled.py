@@ -36,10 +36,20 @@ def drop_outdated(package: Path) -> None:
 
 def kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Compile `function` on first call; machine code is cached on disk where that is possible."""
+    return _compiled(function, callable_from_python=True)
+
+
+def inner(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """A kernel for other kernels alone: no way into it from Python is compiled, half the time where it is small."""
+    return _compiled(function, callable_from_python=False)
+
+
+def _compiled(function: Callable[Arguments, Result], *, callable_from_python: bool) -> Callable[Arguments, Result]:
+    options = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": not callable_from_python}
     try:
-        return njit(cache=True, error_model="numpy")(function)
+        return njit(cache=True, **options)(function)
     except RuntimeError:  # no folder that numba may write to
-        return njit(error_model="numpy")(function)
+        return njit(**options)(function)
 
 
 def direct(function: Callable[Arguments, Result], *arguments: object) -> Callable[Arguments, Result]:
