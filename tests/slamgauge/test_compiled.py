@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 from slamgauge import compiled
@@ -38,7 +39,7 @@ def test_every_folder_with_kernels_is_looked_after() -> None:
         path.parent.relative_to(ROOT).as_posix()
         for floor in ("slamgauge", "ekf", "graph_baseline", "compare")
         for path in (ROOT / floor).rglob("*.py")
-        if "\n@kernel" in path.read_text(encoding="utf-8")
+        if re.search(r"^@(kernel|inner)$", path.read_text(encoding="utf-8"), re.MULTILINE)
     }
     assert with_kernels == {"ekf/kernels", "graph_baseline"}
     for folder in with_kernels:
