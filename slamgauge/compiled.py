@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from numba import njit, typeof
 from numba.core.dispatcher import Dispatcher
@@ -45,7 +45,11 @@ def inner(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
 
 
 def _compiled(function: Callable[Arguments, Result], *, callable_from_python: bool) -> Callable[Arguments, Result]:
-    options = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": not callable_from_python}
+    options: dict[str, Any] = {  # numba's stubs lack the last two
+        "error_model": "numpy",
+        "no_cfunc_wrapper": True,
+        "no_cpython_wrapper": not callable_from_python,
+    }
     try:
         return njit(cache=True, **options)(function)
     except RuntimeError:  # no folder that numba may write to
