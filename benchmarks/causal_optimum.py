@@ -95,7 +95,7 @@ def full_rate_log(steps: int, seed: int = 1, landmarks: int = 15) -> Recording:
     seen = (distance[rows, ids] > 0.5) & (sights[:, 0] > 0.0)
     return Recording(
         sensor="range-bearing",
-        stamps=np.arange(steps + 1, dtype=np.float64) * 0.05,
+        stamps=0.05 * np.arange(steps + 1, dtype=np.float64),
         prior_mean=np.zeros(3),
         prior_cov=np.zeros((3, 3)),
         odometry=increments + rng.normal(size=(steps, 3)) * np.sqrt(np.diag(motion_cov)),

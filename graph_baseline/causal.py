@@ -7,8 +7,8 @@ from time import perf_counter
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.correlations import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.chain import without_rounding
 from slamgauge.graph_baseline.factors import among_mapped, relative_to_start, require_known_landmarks
 from slamgauge.graph_baseline.growing import GrowingOptimum
 from slamgauge.graph_baseline.hindsight import chi_square_of, optimum_from
@@ -54,7 +54,7 @@ def isam2(recording: Recording, association: Int | None = None) -> Estimate:
     return Estimate(
         kind="filtered",
         poses=poses,
-        pose_covs=without_rounding(pose_covs),
+        pose_covs=without_negative_eigenvalues(pose_covs),
         landmark_ids=growing.landmark_ids,
         landmarks=growing.landmarks(),
         landmark_covs=growing.landmark_covs(),

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.correlations import without_negative_eigenvalues
 from slamgauge.graph_baseline.linearisation import LinearModel
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, compose, rotation
@@ -111,21 +112,10 @@ def keyed(recording: Recording) -> tuple[Recording, Int]:
         recording,
         stamps=recording.stamps[key],
         odometry=between(path[key[:-1]], path[key[1:]]),
-        odometry_cov=without_rounding(turn[last].swapaxes(1, 2) @ noise[last] @ turn[last]),
+        odometry_cov=without_negative_eigenvalues(turn[last].swapaxes(1, 2) @ noise[last] @ turn[last]),
         observation_step=np.searchsorted(key, recording.observation_step),
     )
     return short, key
-
-
-def without_rounding(covs: Float) -> Float:
-    """Covariances (n, 3, 3) that are symmetric, and have no negative eigenvalue, to the last digit."""
-    variances = np.diagonal(covs, axis1=1, axis2=2)
-    scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))  # units differ: each entry by its own
-    scale = scale[:, :, None] * scale[:, None, :]
-    correlation = covs / scale
-    weights, axes = np.linalg.eigh((correlation + correlation.swapaxes(1, 2)) / 2)
-    whole = (axes * np.maximum(weights, 0.0)[:, None, :]) @ axes.swapaxes(1, 2) * scale
-    return (whole + whole.swapaxes(1, 2)) / 2
 
 
 def carried_on(recording: Recording, key: Int, poses: Float) -> Float:

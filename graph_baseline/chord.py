@@ -22,15 +22,23 @@ for discrete sequential estimation", 1977, chapter X); the step that keeps its m
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compiled import drop_outdated, kernel
-
-drop_outdated(Path(__file__).parent)
+from slamgauge.compiled import inner, kernel
+from slamgauge.graph_baseline.small import (
+    add_identity,
+    copy,
+    factorise,
+    gram,
+    invert,
+    multiply,
+    product,
+    product_transposed,
+    symmetrise,
+)
 
 RANGE_BEARING, POSITION, BEARING = range(3)
 CHUNK = 384  # rows whose products are taken together
@@ -114,7 +122,7 @@ def allocate_chord(poses: int, landmarks: int) -> Chord:
     return Chord(np.zeros((poses, 3)), np.zeros((landmarks, 2)), pull, defect, mean)
 
 
-@kernel
+@inner
 def log_se2(x: float, y: float, t: float) -> tuple[float, float]:
     """Translation of the logarithm of the increment (x, y, t) of SE(2)."""
     half = 0.5 * t
@@ -122,13 +130,13 @@ def log_se2(x: float, y: float, t: float) -> tuple[float, float]:
     return cotangent * x + half * y, cotangent * y - half * x
 
 
-@kernel
+@inner
 def wrap(angle: float) -> float:
     """The angle [rad] in [-pi, pi]."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
-@kernel
+@inner
 def step_noise(start: Float, motion: Float, end: Float, w: Float, B: Float) -> None:
     """The noise w (3,) of a step from pose `start` to `end` in the world, and B (3, 3), its Jacobian by the residual.
 
@@ -156,7 +164,7 @@ def step_noise(start: Float, motion: Float, end: Float, w: Float, B: Float) -> N
     B[2, 0], B[2, 1], B[2, 2] = 0.0, 0.0, 1.0
 
 
-@kernel
+@inner
 def observe(measured: Measured, row: int, pose: Float, m: Float, r: Float, Hx: Float, Hm: Float) -> None:
     """Whitened residual h - z (d,) and Jacobians (d, 3), (d, 2) of an observation of the landmark m from a pose."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -192,68 +200,103 @@ def take_in(
     where the steps before expect its pose and the map.
     """
     width = 2 * landmarks
-    M, P = linear.M, linear.newest_cov
     rows, used = np.empty((CHUNK, width)), 0
     for k in range(since, until):
         linear.pull[:width] = 0.0
         linear.kick[:] = 0.0
         predict(measured, linear, width, k)
-        linear.P[k] = P
+        copy(linear.newest_cov, linear.P[k])
         scan, slots = compressed_scan(measured, linear, place, before, k)
         if len(slots) == 0:
             linear.N[k] = 0.0
-            linear.G[k] = np.eye(3)
+            linear.G[k] = 0.0
+            add_identity(linear.G[k])
             continue
         add_landmarks_alone(linear, scan, slots)
-        T, y = np.ascontiguousarray(scan[:3, :3]), scan[:3, -1].copy()
-        linear.N[k] = T.T @ T
-        linear.G[k] = np.linalg.inv(np.eye(3) + P @ linear.N[k])
-        gain = P @ T.T
-        root = np.linalg.cholesky(np.eye(3) + T @ gain)
         if used + 3 > CHUNK:
-            linear.information[:width, :width] += rows[:used].T @ rows[:used]
+            add_information(linear, rows[:used], width)
             used = 0
-        B = rows[used : used + 3]
+        correct(linear, scan, slots, rows[used : used + 3], width, k)
         used += 3
-        for i in range(3):
-            for j in range(width):
-                B[i, j] = T[i, 0] * M[0, j] + T[i, 1] * M[1, j] + T[i, 2] * M[2, j]
-            for n in range(len(slots)):
-                B[i, 2 * slots[n]] += scan[i, 3 + 2 * n]
-                B[i, 2 * slots[n] + 1] += scan[i, 4 + 2 * n]
-        for i in range(3):  # whiten: B, y and the gain by the root of S
-            for j in range(i):
-                B[i] -= root[i, j] * B[j]
-                y[i] -= root[i, j] * y[j]
-                gain[:, i] -= root[i, j] * gain[:, j]
-            B[i] /= root[i, i]
-            y[i] /= root[i, i]
-            gain[:, i] /= root[i, i]
-        for i in range(3):
-            for n in range(3):
-                for j in range(width):
-                    M[i, j] -= gain[i, n] * B[n, j]
-                for j in range(3):
-                    P[i, j] -= gain[i, n] * gain[j, n]
-        for n in range(3):
-            for j in range(width):
-                linear.pull[j] -= B[n, j] * y[n]
-            for i in range(3):
-                linear.kick[i] -= gain[i, n] * y[n]
-    linear.information[:width, :width] += rows[:used].T @ rows[:used]
+    add_information(linear, rows[:used], width)
 
 
-@kernel
+@inner
+def correct(linear: Linear, scan: Float, slots: Int, B: Float, width: int, k: int) -> None:
+    """Correct M and P of pose k by the first three rows of its scan; leave their B (3, width), whitened."""
+    M, P = linear.M, linear.newest_cov
+    T, y, gain, root = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    for i in range(3):
+        y[i] = scan[i, -1]
+        for j in range(3):
+            T[i, j] = scan[i, j]
+    prepare(P, T, linear.N[k], linear.G[k], gain, root)
+    for i in range(3):
+        for j in range(width):
+            B[i, j] = T[i, 0] * M[0, j] + T[i, 1] * M[1, j] + T[i, 2] * M[2, j]
+        for n in range(len(slots)):
+            B[i, 2 * slots[n]] += scan[i, 3 + 2 * n]
+            B[i, 2 * slots[n] + 1] += scan[i, 4 + 2 * n]
+    for i in range(3):  # whiten: B, y and the gain by the root of S
+        for n in range(i):
+            y[i] -= root[i, n] * y[n]
+            for j in range(3):
+                gain[j, i] -= root[i, n] * gain[j, n]
+            for j in range(width):
+                B[i, j] -= root[i, n] * B[n, j]
+        y[i] /= root[i, i]
+        for j in range(3):
+            gain[j, i] /= root[i, i]
+        for j in range(width):
+            B[i, j] /= root[i, i]
+    for n in range(3):
+        for i in range(3):
+            linear.kick[i] -= gain[i, n] * y[n]
+            for j in range(3):
+                P[i, j] -= gain[i, n] * gain[j, n]
+            for j in range(width):
+                M[i, j] -= gain[i, n] * B[n, j]
+        for j in range(width):
+            linear.pull[j] -= B[n, j] * y[n]
+
+
+@inner
+def prepare(P: Float, T: Float, N: Float, G: Float, gain: Float, root: Float) -> None:
+    """N <- T'T, G <- (I + P N)^-1, the gain P T' not yet whitened, and the lower triangular root of S = I + T P T'."""
+    for i in range(3):
+        for j in range(3):
+            N[i, j] = T[0, i] * T[0, j] + T[1, i] * T[1, j] + T[2, i] * T[2, j]
+    product(P, N, root)
+    add_identity(root)
+    invert(root, G)
+    product_transposed(P, T, gain)
+    product(T, gain, root)
+    add_identity(root)
+    factorise(root)
+
+
+@inner
+def add_information(linear: Linear, rows: Float, width: int) -> None:
+    """Lambda <- Lambda + B'B for whitened rows B (n, width)."""
+    added = gram(rows)
+    for i in range(width):
+        for j in range(width):
+            linear.information[i, j] += added[i, j]
+
+
+@inner
 def predict(measured: Measured, linear: Linear, width: int, k: int) -> None:
     """M <- F M, P <- F P F' + W of the step that leads to pose k."""
     poses, M, P = linear.at.poses, linear.M, linear.newest_cov
     w, B = np.empty(3), np.empty((3, 3))
     start = measured.start if k == 0 else poses[k - 1]
     step_noise(start, measured.motion[k], poses[k], w, B)
-    W = B @ measured.motion_cov[k] @ B.T
-    W = (W + W.T) / 2.0
+    BQ, W = np.empty((3, 3)), np.empty((3, 3))
+    product(B, measured.motion_cov[k], BQ)
+    product_transposed(BQ, B, W)
+    symmetrise(W)
     if k == 0:
-        P[:] = W
+        copy(W, P)
         M[:] = 0.0
         return
     fx, fy = poses[k - 1, 1] - poses[k, 1], poses[k, 0] - poses[k - 1, 0]
@@ -264,13 +307,15 @@ def predict(measured: Measured, linear: Linear, width: int, k: int) -> None:
     for i in range(3):
         P[i, 0] += fx * P[i, 2]
         P[i, 1] += fy * P[i, 2]
-    P += W
+    for i in range(3):
+        for j in range(3):
+            P[i, j] += W[i, j]
     for j in range(width):
         M[0, j] += fx * M[2, j]
         M[1, j] += fy * M[2, j]
 
 
-@kernel
+@inner
 def compressed_scan(measured: Measured, linear: Linear, place: Place, before: Place, k: int) -> tuple[Float, Int]:
     """Rows [Hx, Hm of each landmark seen, residual] of a scan, turned so that from the fourth on Hx is zero; slots."""
     first, last, d = measured.first[k], measured.first[k + 1], measured.value.shape[1]
@@ -280,22 +325,23 @@ def compressed_scan(measured: Measured, linear: Linear, place: Place, before: Pl
             slots[taken] = measured.slot[row]
             taken += 1
     scan = np.zeros((max(3, d * taken), 4 + 2 * taken))
-    r, n = np.empty(2), 0
+    residual, unused, n = np.empty(2), np.empty(2), 0
     for row in range(first, last):
         slot = measured.slot[row]
         if slot < 0:
             continue
-        observe(measured, row, place.poses[k], place.landmarks[slot], r, linear.Hx[row], linear.Hm[row])
-        residual = r.copy()
-        observe(measured, row, linear.at.poses[k], linear.at.landmarks[slot], r, linear.Hx[row], linear.Hm[row])
+        Hx, Hm = linear.Hx[row], linear.Hm[row]
+        observe(measured, row, place.poses[k], place.landmarks[slot], residual, Hx, Hm)
+        observe(measured, row, linear.at.poses[k], linear.at.landmarks[slot], unused, Hx, Hm)
         for i in range(d):
+            of_row = scan[d * n + i]
+            of_row[-1] = residual[i]
             for j in range(3):
-                residual[i] += linear.Hx[row, i, j] * (before.poses[k, j] - place.poses[k, j])
+                of_row[j] = Hx[i, j]
+                of_row[-1] += Hx[i, j] * (before.poses[k, j] - place.poses[k, j])
             for j in range(2):
-                residual[i] += linear.Hm[row, i, j] * (before.landmarks[slot, j] - place.landmarks[slot, j])
-            scan[d * n + i, :3] = linear.Hx[row, i]
-            scan[d * n + i, 3 + 2 * n : 5 + 2 * n] = linear.Hm[row, i]
-            scan[d * n + i, -1] = residual[i]
+                of_row[3 + 2 * n + j] = Hm[i, j]
+                of_row[-1] += Hm[i, j] * (before.landmarks[slot, j] - place.landmarks[slot, j])
         n += 1
     if d * taken > 3:
         for j in range(3):
@@ -303,33 +349,41 @@ def compressed_scan(measured: Measured, linear: Linear, place: Place, before: Pl
     return scan, slots[:taken]
 
 
-@kernel
+@inner
 def reflect(rows: Float, column: int) -> None:
     """Turn the rows by a Householder reflection, so that of the column only the first entry is not zero."""
-    v = rows[:, column].copy()
-    norm = math.sqrt((v * v).sum())
-    if norm == 0.0:
+    v, along, squared = np.empty(len(rows)), np.zeros(rows.shape[1]), 0.0
+    for i in range(len(rows)):
+        v[i] = rows[i, column]
+        squared += v[i] * v[i]
+    if squared == 0.0:
         return
-    v[0] += norm if v[0] >= 0.0 else -norm
-    squared = (v * v).sum()
-    for j in range(rows.shape[1]):
-        along = 2.0 * (v * rows[:, j]).sum() / squared
-        for i in range(len(v)):
-            rows[i, j] -= along * v[i]
-    rows[1:, column] = 0.0
+    v[0] += math.copysign(math.sqrt(squared), v[0])
+    squared += v[0] * v[0] - rows[0, column] * rows[0, column]
+    for i in range(len(rows)):
+        for j in range(rows.shape[1]):
+            along[j] += v[i] * rows[i, j]
+    for i in range(len(rows)):
+        for j in range(rows.shape[1]):
+            rows[i, j] -= 2.0 * along[j] / squared * v[i]
+    for i in range(1, len(rows)):
+        rows[i, column] = 0.0
 
 
-@kernel
+@inner
 def add_landmarks_alone(linear: Linear, scan: Float, slots: Int) -> None:
     """Add what a scan says about its landmarks among themselves: its rows from the fourth on."""
-    alone = np.ascontiguousarray(scan[3:, 3:])
-    gram = alone.T @ alone
+    alone = np.empty((len(scan) - 3, scan.shape[1] - 3))
+    for i in range(alone.shape[0]):
+        for j in range(alone.shape[1]):
+            alone[i, j] = scan[3 + i, 3 + j]
+    added = gram(alone)
     for n in range(len(slots)):
         for i in range(2):
             for o in range(len(slots)):
                 for j in range(2):
-                    linear.information[2 * slots[n] + i, 2 * slots[o] + j] += gram[2 * n + i, 2 * o + j]
-            linear.pull[2 * slots[n] + i] -= gram[2 * n + i, 2 * len(slots)]
+                    linear.information[2 * slots[n] + i, 2 * slots[o] + j] += added[2 * n + i, 2 * o + j]
+            linear.pull[2 * slots[n] + i] -= added[2 * n + i, 2 * len(slots)]
 
 
 @kernel
@@ -385,9 +439,8 @@ def smooth(linear: Linear, newest: int, chord: Chord) -> None:
             x[1] += linear.lever[k, 1] * x[2]
         for i in range(3):
             x[i] += chord.defect[k, i]
-        mean[k] = x
         for i in range(3):
-            total[i] = x[i]
+            mean[k, i] = total[i] = x[i]
             for j in range(3):
                 total[i] += P[k, i, j] * chord.pull[k, j]
         multiply(G[k], total, x)
@@ -404,13 +457,6 @@ def smooth(linear: Linear, newest: int, chord: Chord) -> None:
         for i in range(3):
             for j in range(3):
                 ahead[i] -= N[k, i, j] * chord.pose[k, j]
-
-
-@kernel
-def multiply(A: Float, x: Float, out: Float) -> None:
-    """Out <- A x for A (3, 3), x (3,)."""
-    for i in range(3):
-        out[i] = A[i, 0] * x[0] + A[i, 1] * x[1] + A[i, 2] * x[2]
 
 
 @kernel
@@ -472,7 +518,7 @@ def move(measured: Measured, linear: Linear, place: Place, newest: int, landmark
     return math.sqrt(observed)
 
 
-@kernel
+@inner
 def move_point(point: Float, step: Float, turn: float) -> None:
     """Point <- point + V(turn) step."""
     along = math.sin(turn) / turn if turn != 0.0 else 1.0

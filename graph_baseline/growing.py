@@ -23,6 +23,7 @@ from slamgauge.graph_baseline.linearisation import inverse_cholesky
 from slamgauge.graph_baseline.smoother import EXHAUSTED, own_blocks_of_inverse
 from slamgauge.graph_baseline.triangulation import triangulate_one
 from slamgauge.graph_baseline.undetermined import UndeterminedError, undetermined_variable
+from slamgauge.graph_baseline.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, rotation, wrap
 
@@ -47,6 +48,7 @@ class GrowingOptimum:
     """
 
     def __init__(self, recording: Recording) -> None:
+        compile_graphs_once()
         self._recording = recording
         self._ids = require_known_landmarks(recording)
         self._measured = _measured(recording)

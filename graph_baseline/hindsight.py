@@ -20,8 +20,9 @@ import numpy as np
 from scipy.special import chdtr
 
 from slamgauge.arrays import Float, Int
+from slamgauge.correlations import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.chain import carried_on, keyed, without_rounding
+from slamgauge.graph_baseline.chain import carried_on, keyed
 from slamgauge.graph_baseline.descent import Approach, Merit, Minimum, approach, settle
 from slamgauge.graph_baseline.factors import (
     LENT_SLIP,
@@ -68,7 +69,7 @@ def optimum_from(recording: Recording, path: Float) -> Estimate:
     return Estimate(
         kind="smoothed",
         poses=found.poses,
-        pose_covs=without_rounding(found.solution.pose_covs),
+        pose_covs=without_negative_eigenvalues(found.solution.pose_covs),
         landmark_ids=np.unique(taken[taken >= 0]),
         landmarks=found.landmarks,
         landmark_covs=found.solution.landmark_covs,

@@ -15,7 +15,6 @@ Source: Bierman, "Factorization methods for discrete sequential estimation" (197
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -23,11 +22,12 @@ import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compiled import kernel
 from slamgauge.graph_baseline.chain import Chain, shear, shorten
 from slamgauge.graph_baseline.factors import least_known_landmark, require_known_landmarks
 from slamgauge.graph_baseline.linearisation import LinearModel, linearise
+from slamgauge.graph_baseline.recursions import run_adjoints, run_covariances, run_maps
 from slamgauge.graph_baseline.undetermined import undetermined_variable
+from slamgauge.graph_baseline.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
 
 CHUNK = 128  # steps whose rows, a few megabytes, are handled together
@@ -105,6 +105,7 @@ def damped_step(model: LinearModel, landmarks: int, damping: Damping) -> tuple[F
 
 
 def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Elimination:
+    compile_graphs_once()
     model = chain.model
     G, X = _compressed_scans(model, landmarks, damping)
     joint = _landmarks_alone(model, landmarks)
@@ -119,7 +120,7 @@ def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Elimination:
         joint += _gram(innovation)
         X[steps] = _transposed(observed[steps]) @ innovation
     adjoint_cov = _transposed(observed) @ observed
-    _run_adjoints(carry, X, adjoint_cov)
+    run_adjoints(carry, X, adjoint_cov)
     factor = np.asarray(np.linalg.cholesky(joint[:-1, :-1]), dtype=np.float64)
     if (np.square(np.diag(factor)) < EXHAUSTED * own).any():
         raise np.linalg.LinAlgError("what poses leave of a landmark's information is rounding")
@@ -252,59 +253,8 @@ def _filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Flo
         innovations' covariance L L'.
     """
     P, updated, carry, gain, whitener = np.empty((5, len(G), 3, 3))
-    _run_covariances(model.start_cov, model.F, model.W, np.ascontiguousarray(G), P, updated, carry, gain, whitener)
+    run_covariances(model.start_cov, model.F, model.W, np.ascontiguousarray(G), P, updated, carry, gain, whitener)
     return P, updated, carry, gain, whitener
-
-
-@kernel
-def _run_covariances(
-    start: Float, F: Float, W: Float, G: Float, P: Float, updated: Float, carry: Float, gain: Float, whitener: Float
-) -> None:
-    """Fill the arrays from `P` on."""
-    identity = np.eye(3)
-    P[0] = start
-    for k in range(len(G)):
-        g, move = G[k], F[k] if k < len(F) else identity
-        PG = P[k] @ g.T
-        invert_root(identity + g @ PG, whitener[k])
-        V = PG @ whitener[k].T  # from S^-1 at once it would lose the digits that S has more of in some directions
-        gain[k] = move @ (V @ whitener[k])
-        carry[k] = move - gain[k] @ g
-        updated[k] = P[k] - V @ V.T
-        if k < len(F):
-            following = move @ updated[k] @ move.T + W[k]
-            P[k + 1] = (following + following.T) / 2
-
-
-@kernel
-def invert_root(S: Float, inverse: Float) -> None:
-    """Lower triangular L^-1 (3, 3) of S = L L'."""
-    a = math.sqrt(S[0, 0])
-    b, d = S[1, 0] / a, S[2, 0] / a
-    c = math.sqrt(S[1, 1] - b * b)
-    e = (S[2, 1] - d * b) / c
-    f = math.sqrt(S[2, 2] - d * d - e * e)
-    inverse[:] = 0.0
-    inverse[0, 0], inverse[1, 1], inverse[2, 2] = 1.0 / a, 1.0 / c, 1.0 / f
-    inverse[1, 0] = -b / (a * c)
-    inverse[2, 1] = -e / (c * f)
-    inverse[2, 0] = -(d + e * inverse[1, 0] * a) / (a * f)
-
-
-@kernel
-def _run_adjoints(carry: Float, adjoint: Float, adjoint_cov: Float) -> None:
-    """Carry what each scan says back to the poses before it (modified Bryson-Frazier)."""
-    for k in range(len(carry) - 2, -1, -1):
-        back = np.ascontiguousarray(carry[k].T)
-        adjoint[k] += back @ adjoint[k + 1]
-        adjoint_cov[k] += back @ adjoint_cov[k + 1] @ carry[k]
-
-
-@kernel
-def _run_maps(carry: Float, A: Float) -> None:
-    """Add to each predicted map the one before, carried along."""
-    for k in range(len(A) - 1):
-        A[k + 1] += carry[k] @ A[k]
 
 
 def _filter_maps(model: LinearModel, X: Float, carry: Float, gain: Float) -> Float:
@@ -314,7 +264,7 @@ def _filter_maps(model: LinearModel, X: Float, carry: Float, gain: Float) -> Flo
     A[0, :, -1] = model.start
     np.matmul(-gain[:-1], X[:-1], out=A[1:])
     A[1:, :, -1] += model.c
-    _run_maps(carry, A)
+    run_maps(carry, A)
     return A
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
+from slamgauge.correlations import scale_of
 from slamgauge.errors import UserError
 from slamgauge.se2 import wrap
 
@@ -101,8 +102,7 @@ def as_covariances(name: str, value: object, shape: tuple[int | None, ...], *, d
     variances = np.diagonal(stack, axis1=1, axis2=2)
     nonnegative = (variances >= -1e-12 * scale[:, None]).all(axis=1)
     require_rows(name, nonnegative, stack, "a covariance must not have a negative variance")
-    sigmas = np.sqrt(np.where(variances > 0, variances, 1.0))
-    smallest = np.linalg.eigvalsh(stack / (sigmas[:, :, None] * sigmas[:, None, :]))[:, 0]
+    smallest = np.linalg.eigvalsh(stack / scale_of(stack))[:, 0]
     require_rows(name, smallest >= -1e-9, stack, "a covariance must not have a negative eigenvalue")
     if definite:
         require_rows(name, smallest > 1e-12, stack, "a covariance must be positive definite here; raise its variances")

@@ -13,6 +13,7 @@ import pytest
 from matplotlib.image import imread
 
 from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once
+from slamgauge.graph_baseline.warm_up import compile_graphs_once
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -22,6 +23,7 @@ def compiled_kernels() -> None:
     """Where they are compiled for the first time, that is announced on standard error."""
     compile_once()
     compile_association_once()
+    compile_graphs_once()
 
 
 @pytest.fixture

@@ -35,7 +35,8 @@ ROOMS = {
 LIBRARIES = {
     "slamgauge": {"numpy"},
     "slamgauge.compiled": {"numba"},
-    "slamgauge.ekf": {"numpy", "scipy", "numba", "llvmlite"},
+    "slamgauge.ekf": {"numpy", "scipy"},
+    "slamgauge.ekf.kernels.blas": {"numba", "llvmlite"},
     "slamgauge.graph_baseline": {"numpy", "scipy", "gtsam"},
     "slamgauge.compare": {"numpy", "scipy", "tqdm", "distributed"},
     "slamgauge.compare.scenarios": {"pydantic", "pydantic_core"},

@@ -21,9 +21,9 @@ from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.text_table import aligned, cell
+from slamgauge.compiled import direct
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.estimators import drive
-from slamgauge.ekf.kernels.compiled import direct
 from slamgauge.ekf.maps.rules import CORRECTIONS, RULES, Rule
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording

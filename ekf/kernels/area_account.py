@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from slamgauge.arrays import Float
-from slamgauge.ekf.kernels.compiled import kernel, solve_factor, subtract_gram, subtract_product
+from slamgauge.compiled import kernel
+from slamgauge.ekf.kernels.blas import solve_factor, subtract_gram, subtract_product
 from slamgauge.ekf.kernels.workspace import Workspace
 
 

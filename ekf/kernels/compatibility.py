@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.compiled import kernel
 from slamgauge.ekf.kernels.belief import Belief
-from slamgauge.ekf.kernels.compiled import kernel
 from slamgauge.ekf.kernels.covariance import noise, squared_distance
 from slamgauge.ekf.kernels.linearisation import linearise
 from slamgauge.ekf.kernels.models import BEARING, POSITION

@@ -36,8 +36,9 @@ from __future__ import annotations
 import math
 
 from slamgauge.arrays import Float
+from slamgauge.compiled import kernel
 from slamgauge.ekf.kernels.belief import Belief
-from slamgauge.ekf.kernels.compiled import add_outer_pair, kernel
+from slamgauge.ekf.kernels.blas import add_outer_pair
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.models import wrap
 from slamgauge.ekf.kernels.take_in import take_in

@@ -13,8 +13,9 @@ import math
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.compiled import kernel
 from slamgauge.ekf.kernels.belief import ROBOT, Belief, at_place
-from slamgauge.ekf.kernels.compiled import combine_rows, kernel, subtract_gram
+from slamgauge.ekf.kernels.blas import combine_rows, subtract_gram
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
 from slamgauge.ekf.kernels.minimum import Seen, find_minimum, silence

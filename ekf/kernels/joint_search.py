@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
+from slamgauge.compiled import kernel
 from slamgauge.ekf.kernels.compatibility import NONE, Pairs, add_noise, pair_covariance
-from slamgauge.ekf.kernels.compiled import kernel
 
 
 class Branch(NamedTuple):

@@ -9,8 +9,9 @@ import math
 from typing import NamedTuple
 
 from slamgauge.arrays import Float, Int
+from slamgauge.compiled import kernel
 from slamgauge.ekf.kernels.belief import Belief
-from slamgauge.ekf.kernels.compiled import combine_rows, kernel, subtract_gram
+from slamgauge.ekf.kernels.blas import combine_rows, subtract_gram
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.take_in import divide_by_factor
 

@@ -26,8 +26,9 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
+from slamgauge.compiled import kernel
 from slamgauge.ekf.kernels.belief import AT_POINT, Belief
-from slamgauge.ekf.kernels.compiled import add_outer_pair, cholesky, kernel, subtract_gram
+from slamgauge.ekf.kernels.blas import add_outer_pair, cholesky, subtract_gram
 from slamgauge.ekf.kernels.covariance import noise
 from slamgauge.ekf.kernels.linearisation import linearise
 from slamgauge.ekf.kernels.models import POSITION

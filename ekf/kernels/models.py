@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from slamgauge.ekf.kernels.compiled import kernel
+from slamgauge.compiled import kernel
 
 RANGE_BEARING = 0
 POSITION = 1

@@ -17,10 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
+from slamgauge.compiled import kernel
 from slamgauge.ekf.kernels.augmentation import append_landmark
 from slamgauge.ekf.kernels.belief import Belief, at_place, resized
+from slamgauge.ekf.kernels.blas import subtract_gram
 from slamgauge.ekf.kernels.compatibility import NONE, Reach, is_within_reach, reach_of
-from slamgauge.ekf.kernels.compiled import kernel, subtract_gram
 from slamgauge.ekf.kernels.corrections import carry_covariance, move_additively, move_invariantly
 from slamgauge.ekf.kernels.covariance import (
     mirror_robot_block,

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 from slamgauge.arrays import Float, Int
+from slamgauge.compiled import kernel
 from slamgauge.ekf.kernels.belief import ROBOT
-from slamgauge.ekf.kernels.compiled import kernel
 
 LEAST = 1e-13  # share of what a difference was made of
 EXHAUSTED = math.inf  # a NIS that says that double precision is exhausted,

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 from slamgauge.arrays import Float
+from slamgauge.compiled import kernel
 from slamgauge.ekf.kernels.belief import Belief
-from slamgauge.ekf.kernels.compiled import kernel
 from slamgauge.ekf.kernels.covariance import ROUNDING, is_symmetric, mirror_robot_block
 from slamgauge.ekf.kernels.models import wrap
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 from slamgauge.arrays import Float
+from slamgauge.compiled import kernel
 from slamgauge.ekf.kernels.belief import Belief
-from slamgauge.ekf.kernels.compiled import cholesky, combine_rows, kernel, solve_factor, subtract_gram
+from slamgauge.ekf.kernels.blas import cholesky, combine_rows, solve_factor, subtract_gram
 from slamgauge.ekf.kernels.covariance import innovation_covariance, is_symmetric, mirror_robot_block, project_covariance
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
 from slamgauge.ekf.kernels.models import RANGE_BEARING

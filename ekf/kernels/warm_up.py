@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import functools
-import sys
-import threading
-from collections.abc import Generator
-from contextlib import contextmanager
 
 import numpy as np
 
+from slamgauge.compiled import announced
 from slamgauge.ekf.kernels import compatibility, corrections, iterated, linear, map_edits, one_by_one
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import Belief, allocate_belief
@@ -19,17 +16,12 @@ from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.slots import find_slots
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
 
-ANNOUNCE_AFTER = 1.0  # s; loading kernels from the cache is faster than this
-
 
 @functools.cache
 def compile_once() -> None:
-    """Compile (or load from the cache) every kernel of the online filter, once per process.
-
-    Says so on standard error when it takes longer than a second: the first use after installation.
-    """
+    """Compile (or load from the cache) every kernel of the online filter, once per process."""
     belief, work = _robot_and_landmark()
-    with _announced("filter kernels"):
+    with announced("filter kernels"):
         predict(belief, np.zeros(3), np.zeros((3, 3)))
         augment(0, belief._replace(size=3), 1, work)
         find_slots(work.ids, work.slots, work.ids, work.slots)
@@ -43,7 +35,7 @@ def compile_association_once() -> None:
     belief, work = _robot_and_landmark()
     values, covs, marks = np.array([[1.0, 0.0]]), np.eye(2)[None], np.zeros((2, 2), dtype=np.bool_)
     pairs, quantiles = compatibility.allocate_pairs(1), np.array([0.0, 9.0])
-    with _announced("association kernels"):
+    with announced("association kernels"):
         gates, form = one_by_one.Gates(9.0, 9.0), one_by_one.Sequential()
         one_by_one.update_one_by_one(0, belief, 1, gates, form, work)
         count = compatibility.find_compatible(0, belief, values, covs, 9.0, pairs)
@@ -62,7 +54,7 @@ def compile_bearings_once() -> None:
     """The same for the kernels of landmarks that are no points yet."""
     belief, work = _robot_and_landmark()
     columns, jacobian, one = np.arange(3), np.zeros((1, 3)), np.ones((1, 1))
-    with _announced("kernels of bearings alone"):
+    with announced("kernels of bearings alone"):
         describe(2, belief, 1, work, np.empty((1, 2, 2)))
         linear.append_linear(belief._replace(size=3), columns, np.zeros((2, 3)), np.eye(2))
         room = linear.Room(np.zeros((1, 7)), one.copy(), work.scratch[CORRECTION])
@@ -79,18 +71,3 @@ def _robot_and_landmark() -> tuple[Belief, Workspace]:
     work.observation[:] = 1.0, 0.0
     work.observation_cov[:] = np.eye(2)
     return belief._replace(size=5), work
-
-
-@contextmanager
-def _announced(what: str) -> Generator[None]:
-    announcement = threading.Timer(
-        ANNOUNCE_AFTER,
-        print,
-        args=[f"slamgauge: compiling the {what} (once per installation, kept on disk) ..."],
-        kwargs={"file": sys.stderr},
-    )
-    announcement.start()
-    try:
-        yield
-    finally:
-        announcement.cancel()

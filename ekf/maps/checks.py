@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
+from slamgauge.correlations import scale_of, without_negative_eigenvalues
 from slamgauge.ekf.kernels.precision import EXHAUSTED, NO_MINIMUM
 from slamgauge.ekf.settings.association import Association
 from slamgauge.ekf.settings.rules import is_number, require
@@ -202,10 +203,8 @@ def without_rounding(name: str, covs: Float) -> Float:
         UserError: they are more than rounding can be: precision is exhausted.
     """
     variances = np.diagonal(covs, axis1=1, axis2=2)
-    sigmas = np.sqrt(np.where(variances > 0.0, variances, 1.0))
-    scale = sigmas[:, :, None] * sigmas[:, None, :]
     with np.errstate(invalid="ignore", over="ignore"):
-        correlations = covs / scale
+        correlations = covs / scale_of(covs)
     sound = np.isfinite(correlations).all(axis=(1, 2))
     require_rows(name, sound, covs, f"not finite: {DIVERGED}")
     smallest = np.linalg.eigvalsh(correlations)[:, 0]
@@ -215,9 +214,8 @@ def without_rounding(name: str, covs: Float) -> Float:
     rows = np.flatnonzero(smallest < -JUDGED)
     if not len(rows):
         return covs
-    values, axes = np.linalg.eigh(correlations[rows])
     mended = covs.copy()
-    mended[rows] = (axes * values.clip(min=0.0)[:, None, :]) @ axes.swapaxes(1, 2) * scale[rows]
+    mended[rows] = without_negative_eigenvalues(covs[rows])
     return mended
 
 

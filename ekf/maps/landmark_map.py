@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int, Marks
+from slamgauge.compiled import direct
 from slamgauge.ekf.kernels import linear, map_edits
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import Belief, allocate_belief, enlarged
-from slamgauge.ekf.kernels.compiled import direct
 from slamgauge.ekf.kernels.models import BEARING, RANGE_BEARING, SENSOR_CODES
 from slamgauge.ekf.kernels.take_in import are_sound
 from slamgauge.ekf.kernels.warm_up import compile_once

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once
+from slamgauge.graph_baseline.warm_up import compile_graphs_once
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
@@ -63,6 +64,7 @@ def compiled_kernels() -> None:
     """The benchmarks may run at the same time, and would each compile them."""
     compile_once()
     compile_association_once()
+    compile_graphs_once()
 
 
 def test_every_benchmark_is_run_here():

@@ -23,6 +23,7 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
 from slamgauge.compare.storage.manifest import MANIFEST
 from slamgauge.ekf.kernels.warm_up import compile_once
+from slamgauge.graph_baseline.warm_up import compile_graphs_once
 
 ROOT = Path(__file__).parents[3]
 DATA = ROOT / "../shared/data"
@@ -90,6 +91,7 @@ def metrics_of(folder: Path) -> dict[str, Any]:
 def compiled_kernels() -> None:
     """Where they are compiled for the first time, that is announced on standard error."""
     compile_once()
+    compile_graphs_once()
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ import pytest
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
 from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once
+from slamgauge.graph_baseline.warm_up import compile_graphs_once
 
 DURATION = "trajectory.duration=6"
 
@@ -20,6 +21,7 @@ DURATION = "trajectory.duration=6"
 def compiled_kernels() -> None:
     compile_once()
     compile_association_once()
+    compile_graphs_once()
 
 
 def run(*arguments: object) -> int:

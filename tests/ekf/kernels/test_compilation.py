@@ -7,9 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-from slamgauge.ekf.kernels import compiled
-from slamgauge.ekf.kernels.compiled import drop_outdated
-
 PROGRAM = (
     "import numpy as np; from slamgauge.ekf import SlamFilter;"
     "s = SlamFilter('position', np.zeros(3), np.eye(3)); s.predict([1, 0, 0], np.eye(3)); print(s.pose_cov[0, 0])"
@@ -31,26 +28,6 @@ def test_first_use_is_announced_and_later_ones_load_from_disk(tmp_path: Path) ->
 def test_works_where_nothing_can_be_written() -> None:
     """A folder below a device cannot exist, whoever runs the test."""
     assert run("/dev/null/cache").stdout == "2.0\n"
-
-
-def test_machine_code_older_than_any_source_is_dropped(tmp_path: Path) -> None:
-    cache = tmp_path / "__pycache__"
-    cache.mkdir()
-    for name, time in (("models.py", 200.0), ("corrections.py", 100.0)):
-        (tmp_path / name).touch()
-        os.utime(tmp_path / name, (time, time))
-    for name, time in (("corrections.old.nbi", 150.0), ("corrections.new.nbi", 250.0)):
-        (cache / name).touch()
-        os.utime(cache / name, (time, time))
-    drop_outdated(tmp_path)
-    assert [path.name for path in cache.iterdir()] == ["corrections.new.nbi"]
-
-
-def test_all_kernels_are_in_the_folder_that_is_looked_after() -> None:
-    """`drop_outdated` is called for the folder of `compiled`; a kernel elsewhere would outlive its edits."""
-    root = Path(compiled.__file__).parents[1]
-    with_kernels = {path.parent.name for path in root.rglob("*.py") if "@kernel" in path.read_text(encoding="utf-8")}
-    assert with_kernels == {"kernels"}
 
 
 def test_settings_load_no_compiler() -> None:

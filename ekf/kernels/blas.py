@@ -1,62 +1,22 @@
-"""Compilation of the filter kernels, and the BLAS and LAPACK routines that they call.
+"""BLAS and LAPACK routines as kernels.
 
-Kernels are compiled by numba on first use and kept on disk for later processes. The machine code of a kernel includes
-that of the kernels it calls, but numba compares its age with its own source file alone: an edited kernel would live on
-in its callers. Machine code older than any source of this folder, which holds all kernels, is therefore dropped. BLAS
-is the one that scipy brings; its routines are registered under names of our own, so that cached machine code finds them
-again in another process.
+They are those that scipy brings, registered under names of our own, so that cached machine code finds them again in
+another process.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
-from typing import ParamSpec, TypeVar, cast
+from typing import cast
 
 import llvmlite.binding as llvm
 import numpy as np
-from numba import njit, typeof, types
-from numba.core.dispatcher import Dispatcher
+from numba import types
 from numba.core.types import ExternalFunction
 from numba.extending import get_cython_function_address
 
 from slamgauge.arrays import Float
-
-Arguments = ParamSpec("Arguments")
-Result = TypeVar("Result")
-
-
-def drop_outdated(package: Path) -> None:
-    """Remove numba's indices in the package's cache that are older than its newest source."""
-    newest = max((source.stat().st_mtime for source in package.rglob("*.py")), default=0.0)
-    for index in package.rglob("__pycache__/*.nbi"):
-        try:
-            if index.stat().st_mtime < newest:
-                index.unlink()
-        except OSError:  # another process was first, or the folder is not ours to write to
-            continue
-
-
-drop_outdated(Path(__file__).parent)
-
-
-def kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Compile `function` on first call; machine code is cached on disk where that is possible."""
-    try:
-        return njit(cache=True, error_model="numpy")(function)
-    except RuntimeError:  # no folder that numba may write to
-        return njit(error_model="numpy")(function)
-
-
-def direct(function: Callable[Arguments, Result], *arguments: object) -> Callable[Arguments, Result]:
-    """The machine code of a kernel for arguments of these types, compiled if it is not yet.
-
-    A call then spares numba's look at every argument's type, a microsecond where there are a dozen arrays: they must be
-    of the same types each time. What is no kernel is returned as it is.
-    """
-    if not isinstance(function, Dispatcher):
-        return function
-    return function.compile(tuple(map(typeof, arguments)))
+from slamgauge.compiled import kernel
 
 
 def _fortran(library: str, routine: str, arguments: int) -> Callable[..., None]:

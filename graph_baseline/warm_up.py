@@ -1,0 +1,45 @@
+"""Compilation ahead of the first optimum, announced when it takes long."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from slamgauge.compiled import announced
+from slamgauge.graph_baseline import chord, recursions
+
+
+@functools.cache
+def compile_graphs_once() -> None:
+    """Compile (or load from the cache) every kernel of the graphs, once per process."""
+    measured = _one_sight()
+    place, linear, step = chord.allocate_place(1, 1), chord.allocate_linear(1, 1, 1, 2), chord.allocate_chord(1, 1)
+    place.landmarks[0] = measured.value[0]
+    with announced("graph kernels"):
+        chord.take_in(measured, linear, place, place, 1, 0, 1)
+        chord.find_defects(measured, linear, place, 0, step)
+        chord.smooth(linear, 0, step)
+        chord.pull_landmarks(measured, linear, 0, step)
+        chord.pull_poses(measured, linear, 0, step)
+        chord.move(measured, linear, place, 0, 1, step)
+        one = np.zeros((1, 3, 3))
+        recursions.run_covariances(np.eye(3), one[:0], one[:0], one, *np.zeros((5, 1, 3, 3)))
+        recursions.run_maps(one, one)
+        recursions.run_adjoints(one, one, one)
+
+
+def _one_sight() -> chord.Measured:
+    """A pose that sees a landmark; the types of its arrays are those of every recording."""
+    value = np.array([[1.0, 0.0]])
+    value.setflags(write=False)
+    return chord.Measured(
+        sensor=chord.POSITION,
+        start=np.zeros(3),
+        motion=np.zeros((1, 3)),
+        motion_cov=np.eye(3)[None],
+        first=np.array([0, 1]),
+        value=value,
+        whitener=np.eye(2)[None],
+        slot=np.array([0]),
+    )
