@@ -26,7 +26,7 @@ from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch, cost
 from slamgauge.graph_baseline.descent import descend
 from slamgauge.graph_baseline.factors import LENT_SLIP, build_graph, landmarks_at_first_sight, make_values, read_values
-from slamgauge.graph_baseline.hindsight import levenberg_marquardt
+from slamgauge.graph_baseline.search import levenberg_marquardt
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 

@@ -25,7 +25,7 @@ from slamgauge import simulate
 from slamgauge.compare.bench.bench import workload
 from slamgauge.graph_baseline.descent import descend
 from slamgauge.graph_baseline.factors import LENT_SLIP, build_graph, first_sights, make_values
-from slamgauge.graph_baseline.hindsight import searched
+from slamgauge.graph_baseline.search import searched
 from slamgauge.graph_baseline.smoother import solve_at
 from slamgauge.se2 import chain
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -11,7 +12,8 @@ from slamgauge.correlations import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.factors import among_mapped, relative_to_start, require_known_landmarks
 from slamgauge.graph_baseline.growing import GrowingOptimum
-from slamgauge.graph_baseline.hindsight import chi_square_of, optimum_from
+from slamgauge.graph_baseline.hindsight import batch, optimum_from
+from slamgauge.graph_baseline.search import chi_square_of
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
@@ -47,36 +49,50 @@ def isam2(recording: Recording, association: Int | None = None) -> Estimate:
         poses[k], pose_covs[k] = growing.newest_pose(), growing.newest_cov()
         seconds[k] = perf_counter() - start
     growing.finish()
+    estimate = Estimate(
+        kind="filtered", poses=poses, pose_covs=without_negative_eigenvalues(pose_covs), seconds=seconds
+    )
+    return _with_map(recording, estimate, growing)
+
+
+def _with_map(recording: Recording, estimate: Estimate, growing: GrowingOptimum) -> Estimate:
+    """The estimate with the map of the last step, and how it compares with `batch`; with batch's map if it has none."""
+    if not growing.settled:
+        last = batch(recording)
+        return replace(
+            last,
+            kind="filtered",
+            poses=estimate.poses,
+            pose_covs=estimate.pose_covs,
+            seconds=estimate.seconds,
+            optimum_check=np.inf,
+        )
+    path, landmarks = growing.path_and_map()
     ids = require_known_landmarks(recording)
     association = np.where(np.isin(ids, growing.landmark_ids), ids, -1)
-    path, places = growing.path_and_map()
-    chi_square, freedom = chi_square_of(recording.associated(association), path, places)
-    return Estimate(
-        kind="filtered",
-        poses=poses,
-        pose_covs=without_negative_eigenvalues(pose_covs),
+    chi_square, freedom = chi_square_of(recording.associated(association), path, landmarks)
+    return replace(
+        estimate,
         landmark_ids=growing.landmark_ids,
         landmarks=growing.landmarks(),
         landmark_covs=growing.landmark_covs(),
         association=association,
-        seconds=seconds,
         chi_square=chi_square,
         chi_square_dof=freedom,
-        optimum_check=_off(recording, path, poses[-1], pose_covs[-1]) if growing.settled else np.inf,
+        optimum_check=_off(recording, path, estimate),
     )
 
 
-def _off(recording: Recording, path: Float, pose: Float, cov: Float) -> float:
-    """How far the last pose (3,) and its sigmas are from those of `batch`, which starts at the path, in its sigmas."""
+def _off(recording: Recording, path: Float, estimate: Estimate) -> float:
+    """How far the last pose and its sigmas are from those of `batch`, which starts at the path, in its sigmas."""
     try:
         optimum = optimum_from(recording, path)
     except UndeterminedError:
         return np.inf
-    assert optimum.pose_covs is not None
-    sigma = np.sqrt(np.diag(optimum.pose_covs[-1]))
-    apart = pose - optimum.poses[-1]
+    assert optimum.pose_covs is not None and estimate.pose_covs is not None
+    sigma, own = (np.sqrt(np.diag(covs[-1])) for covs in (optimum.pose_covs, estimate.pose_covs))
+    apart = estimate.poses[-1] - optimum.poses[-1]
     apart[2] = wrap(apart[2])
     known = sigma > 1e-9  # m or rad
-    off = np.abs(apart[known]) / sigma[known]
-    wider = np.abs(np.sqrt(np.diag(cov))[known] / sigma[known] - 1.0)
-    return float(max(off.max(initial=0.0), wider.max(initial=0.0)))
+    off = np.concatenate([np.abs(apart[known]) / sigma[known], np.abs(own[known] / sigma[known] - 1.0)])
+    return float(off.max(initial=0.0))

@@ -10,6 +10,8 @@ undamped steps do not find is searched by damped ones (`descent`).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.linalg import LinAlgError
 from scipy.linalg import cho_solve, solve_triangular
@@ -17,21 +19,21 @@ from scipy.linalg import cho_solve, solve_triangular
 from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline import chord
 from slamgauge.graph_baseline.chord import SENSORS, Measured, Place
-from slamgauge.graph_baseline.descent import descend
 from slamgauge.graph_baseline.factors import prior_cov_in_body, require_known_landmarks
 from slamgauge.graph_baseline.linearisation import inverse_cholesky
+from slamgauge.graph_baseline.search import Start, grown, placed_minimum, searched
 from slamgauge.graph_baseline.smoother import EXHAUSTED, own_blocks_of_inverse
 from slamgauge.graph_baseline.triangulation import triangulate_one
-from slamgauge.graph_baseline.undetermined import UndeterminedError, undetermined_variable
+from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
-from slamgauge.se2 import compose, rotation, wrap
+from slamgauge.se2 import chain, compose, rotation, wrap
 
 SHORT = 100  # poses of a path that is settled at every scan
 LONGEST = 64  # scans between two settlings
 MISSED = 0.002  # sigmas of the newest pose that may be missed between them
 PATIENCE = 0.7  # of what is expected to be missed remains expected after a settling that found less
-SETTLED = 0.01  # sigmas of the newest pose, and of all that was observed: what a chord step may leave
+SETTLED = 0.003  # sigmas of the newest pose, and of all that was observed: what a chord step may leave
 RATE = 0.2  # no chord step is trusted to leave less of itself
 SLOW = 0.6  # of a chord step is left for the next: linearise anew
 STALE = 0.3  # relative change of the observations' Jacobians times reach: linearise anew
@@ -98,34 +100,38 @@ class GrowingOptimum:
     # --- steps -----------------------------------------------------------------------------------
 
     def add_step(self) -> None:
-        """Take in the next pose and its scan.
-
-        Raises:
-            UndeterminedError: the observations leave a landmark undetermined.
-        """
+        """Take in the next pose and its scan."""
         k = self._newest = self._newest + 1
         poses, at = self._place.poses, self._linear.at
         at.poses[k] = poses[k] = compose(poses[k - 1], self._measured.motion[k]) if k else self._measured.start
         mapped = len(self._slot)
         self._map_new_landmarks()
         at.landmarks[mapped : len(self._slot)] = self._place.landmarks[mapped : len(self._slot)]
-        if self._recording.sensor == "bearing" and len(self._slot) > mapped:  # their earlier bearings come in as well
-            self._linearise_anew()
-            self._settle()
+        if not self.settled or (self._recording.sensor == "bearing" and len(self._slot) > mapped):
+            self._settle_anew()
         elif self._measured.first[k] == self._measured.first[k + 1]:
             self._take_in(self._place, k)
-        else:
-            self._take_in_newest_scan(mapped)
-            if k <= SHORT or self._scans >= LONGEST or self._travel * self._bend > MISSED:
-                self._settle()
+        elif not self._take_in_newest_scan(mapped):
+            self._settle_anew()
+        elif k <= SHORT or self._scans >= LONGEST or self._travel * self._bend > MISSED:
+            self._settle()
+
+    def _settle_anew(self) -> None:
+        """Go to the minimum with all matrices taken anew; of bearings alone with all landmarks that it then places."""
+        self._settle(anew=True)
+        while self._recording.sensor == "bearing" and self.settled and self._map_waiting_landmarks():
+            self._settle(anew=True)
 
     def finish(self) -> None:
         """Go to the minimum, with all matrices taken there."""
-        self._settle()
-        self._linearise_anew()
+        self._settle_anew()
+        self.settled = self.settled and self._linearise_anew()
 
-    def _take_in_newest_scan(self, mapped: int) -> None:
-        """Take in the newest scan, linearised where it leads; the last landmarks, from number `mapped` on, are new."""
+    def _take_in_newest_scan(self, mapped: int) -> bool:
+        """Take in the newest scan, linearised where it leads; the last landmarks, from number `mapped` on, are new.
+
+        Returns whether the matrices determine all landmarks.
+        """
         k, count, place, linear, before = self._newest, len(self._slot), self._place, self._linear, self._before
         before.poses[k], before.landmarks[:count] = place.poses[k], place.landmarks[:count]
         information = linear.information[: 2 * count, : 2 * count]
@@ -137,29 +143,24 @@ class GrowingOptimum:
                 linear.at.poses[k] = place.poses[k]
                 linear.at.landmarks[mapped:count] = place.landmarks[mapped:count]
             self._take_in(before, k)
-            self._factorise()
+            if not self._factorise():
+                return False
             landmarks = self._solve(linear.pull[: 2 * count])
             step = linear.kick + linear.M[:, : 2 * count] @ landmarks
             place.poses[k] = before.poses[k] + step
             place.landmarks[:count] = before.landmarks[:count] + landmarks.reshape(-1, 2)
         self._scans += 1
         self._travel += float(np.max(np.square(step / self._sigma)))
+        return True
 
-    def _settle(self) -> None:
-        """Go to the minimum of the exact cost, by chord steps or else by damped ones; stay where neither finds it."""
+    def _settle(self, *, anew: bool = False) -> None:
+        """Go to the minimum of the exact cost, by chord steps or else by a search; stay where neither finds it."""
         k, count, place = self._newest, len(self._slot), self._place
         start = place.poses[: k + 1].copy(), place.landmarks[:count].copy()
-        self.settled = True
-        try:
-            found = self._converge()
-        except (UndeterminedError, LinAlgError):
-            found = False
-        if not found:
+        self.settled = (not anew or self._linearise_anew()) and self._converge()
+        if not self.settled:
             place.poses[: k + 1], place.landmarks[:count] = start
-            try:
-                self._descend()
-            except UndeterminedError:
-                self.settled = False
+            self.settled = self._search()
         apart = place.poses[k] - start[0][k]
         apart[2] = wrap(apart[2])
         missed = float(np.max(np.abs(apart) / self._sigma))
@@ -177,17 +178,17 @@ class GrowingOptimum:
             rate = size / before
             if (size * max(rate, RATE) if before < np.inf else size) < SETTLED:
                 return True
-            if rate > SLOW:
-                self._linearise_anew()
+            if rate > SLOW and not self._linearise_anew():
+                return False
             before = size
         return False
 
     def _chord_step(self) -> float:
-        """Move by one; how far that moves the newest pose and what was observed, in sigmas."""
+        """Move by one; how far that moves the newest pose and what was observed, in sigmas; nan if there is none."""
         measured, linear, place, step = self._measured, self._linear, self._place, self._chord
         k, count = self._newest, len(self._slot)
-        if chord.find_defects(measured, linear, place, k, step) * self._reach() > STALE:
-            self._linearise_anew()
+        if chord.find_defects(measured, linear, place, k, step) * self._reach() > STALE and not self._linearise_anew():
+            return np.nan
         chord.smooth(linear, k, step)
         chord.pull_landmarks(measured, linear, k, step)
         step.landmark[:count] = self._solve(step.landmark[:count].ravel()).reshape(-1, 2)
@@ -204,45 +205,55 @@ class GrowingOptimum:
         """
         return max(1.0, float(np.sqrt(np.sum(self._linear.N[self._newest] * self.newest_cov()))))
 
-    def _descend(self) -> None:
-        """Search the minimum from here by damped steps."""
-        k, ids = self._newest, self.landmark_ids
-        part = self._recording.first(k)
-        part = part.only(self._measured.slot[: len(part.observation)] >= 0)
-        order = np.argsort(ids)
-        found = descend(part, ids[order], self._place.poses[: k + 1], self._place.landmarks[order])
-        self._place.poses[: k + 1] = found.poses
-        self._place.landmarks[order] = found.landmarks
-        self._linearise_anew()
+    def _search(self) -> bool:
+        """Seek the minimum without what has been found so far; whether there is one."""
+        k, place = self._newest, self._place
+        part, here = self._recording.first(k), place.poses[: k + 1].copy()
+
+        def starts(part: Recording, path: Float) -> Iterator[Start]:
+            yield lambda: searched(part, path)
+            yield lambda: searched(part, here)
+            yield lambda: grown(part)
+
+        try:
+            taken, found = placed_minimum(part, chain(part.prior_mean, part.odometry), starts)
+        except UndeterminedError:
+            return False
+        ids = np.unique(taken[taken >= 0])
+        self._slot = {name: slot for slot, name in enumerate(ids.tolist())}
+        self._measured.slot[: len(taken)] = np.where(taken >= 0, np.searchsorted(ids, taken), -1)
+        place.poses[: k + 1], place.landmarks[: len(ids)] = found.poses, found.landmarks
+        return self._linearise_anew()
 
     # --- matrices --------------------------------------------------------------------------------
 
-    def _linearise_anew(self) -> None:
-        """Take in all poses again, linearised where path and map stand."""
+    def _linearise_anew(self) -> bool:
+        """Take in all poses again, linearised where path and map stand; whether that determines all landmarks."""
         k, count, at = self._newest, len(self._slot), self._linear.at
         at.poses[: k + 1] = self._place.poses[: k + 1]
         at.landmarks[:count] = self._place.landmarks[:count]
         self._linear.information[: 2 * count, : 2 * count] = 0.0
         self._take_in(self._place, 0)
-        self._factorise()
+        return self._factorise()
 
     def _take_in(self, before: Place, since: int) -> None:
         """Take in the poses from number `since` on; the newest pose and the map are expected at `before`."""
         chord.take_in(self._measured, self._linear, self._place, before, len(self._slot), since, self._newest + 1)
 
-    def _factorise(self) -> None:
+    def _factorise(self) -> bool:
+        """Whether what the poses leave of the landmarks' information has a factor that rounding does not hide."""
         width = 2 * len(self._slot)
         information = self._linear.information[:width, :width]
-        own = np.diag(information)
         try:
-            self._factor = np.asarray(np.linalg.cholesky(information), dtype=np.float64)
+            factor = np.asarray(np.linalg.cholesky(information), dtype=np.float64)
         except LinAlgError:
-            raise undetermined_variable("l", int(self.landmark_ids[np.argmin(own) // 2])) from None
-        resolved = np.square(np.diag(self._factor)) / own
-        if resolved.min(initial=1.0) < EXHAUSTED:
-            raise undetermined_variable("l", int(self.landmark_ids[np.argmin(resolved) // 2]))
+            return False
+        if (np.square(np.diag(factor)) < EXHAUSTED * np.diag(information)).any():
+            return False
+        self._factor = factor
         sigma = np.sqrt(np.diag(self.newest_cov()))
         self._sigma = np.where(sigma > EXACT, sigma, np.inf)
+        return True
 
     def _solve(self, right: Float) -> Float:
         return cho_solve((self._factor, True), right, check_finite=False) if len(right) else right
@@ -254,15 +265,26 @@ class GrowingOptimum:
         first, last = self._measured.first[self._newest : self._newest + 2]
         for row in range(first, last):
             name = int(self._ids[row])
-            if name not in self._slot:
-                landmark = self._landmark_at_sight(name, row)
-                if landmark is None:
-                    continue
-                self._place.landmarks[len(self._slot)] = landmark
-                self._slot[name] = len(self._slot)
-                if self._recording.sensor == "bearing":
-                    self._measured.slot[:first][self._ids[:first] == name] = self._slot[name]
-            self._measured.slot[row] = self._slot[name]
+            if name in self._slot:
+                self._measured.slot[row] = self._slot[name]
+            else:
+                self._map_landmark(name, row)
+
+    def _map_waiting_landmarks(self) -> bool:
+        """Give slots to landmarks that bearings place from the path as it stands now; whether there are any."""
+        mapped, last = len(self._slot), self._measured.first[self._newest + 1]
+        waiting = np.unique(self._ids[:last][self._measured.slot[:last] < 0])
+        for name in waiting.tolist():
+            self._map_landmark(name, last - 1)
+        return len(self._slot) > mapped
+
+    def _map_landmark(self, name: int, row: int) -> None:
+        """Give a slot to a landmark, with all its observations up to the row, if they place it."""
+        landmark = self._landmark_at_sight(name, row)
+        if landmark is not None:
+            slot = self._slot[name] = len(self._slot)
+            self._place.landmarks[slot] = landmark
+            self._measured.slot[: row + 1][self._ids[: row + 1] == name] = slot
 
     def _landmark_at_sight(self, name: int, row: int) -> Float | None:
         """(2,) in the world, seen from the newest pose; None for one that its bearings do not place yet."""

@@ -13,36 +13,23 @@ they place it from the optimum without it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
-import gtsam
 import numpy as np
-from scipy.special import chdtr
 
 from slamgauge.arrays import Float, Int
 from slamgauge.correlations import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.chain import carried_on, keyed
-from slamgauge.graph_baseline.descent import Approach, Merit, Minimum, approach, settle
 from slamgauge.graph_baseline.factors import (
-    LENT_SLIP,
     among_mapped,
-    are_placed,
-    build_graph,
     first_sights,
     landmarks_at_first_sight,
-    make_values,
-    read_values,
     relative_to_start,
-    require_known_landmarks,
 )
 from slamgauge.graph_baseline.growing import GrowingOptimum
-from slamgauge.graph_baseline.undetermined import UndeterminedError, explained
+from slamgauge.graph_baseline.search import Start, degrees_of_freedom, grown, placed_minimum, searched
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
-
-PORTIONS = 8  # of the recording, in the grown start
-UNLIKELY = 5e-4  # probability that true noise makes a cost that is taken for too high
 
 
 @relative_to_start
@@ -65,7 +52,7 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
 
 def optimum_from(recording: Recording, path: Float) -> Estimate:
     """`batch` whose first start is a path (N+1, 3)."""
-    taken, found = _with_all_that_is_placed(recording, path)
+    taken, found = placed_minimum(recording, path, _starts)
     return Estimate(
         kind="smoothed",
         poses=found.poses,
@@ -79,63 +66,6 @@ def optimum_from(recording: Recording, path: Float) -> Estimate:
     )
 
 
-def _with_all_that_is_placed(recording: Recording, path: Float) -> tuple[Int, Minimum]:
-    """Association (M,), -1 for what bearings alone do not place, and the minimum without that."""
-    ids = require_known_landmarks(recording)
-    taken, found = np.full(len(ids), -1), None
-    while True:
-        placed = np.where(are_placed(recording, path) | (taken >= 0), ids, -1)
-        if found is not None and np.array_equal(placed, taken):
-            return taken, found
-        taken = placed
-        part = recording if (taken >= 0).all() else recording.associated(taken)
-        found = lowest_minimum(part, path)
-        path = found.poses
-
-
-def lowest_minimum(recording: Recording, path: Float) -> Minimum:
-    """The lowest of the minima that several starts lead to, the first of them at `path` (N+1, 3).
-
-    Raises:
-        UndeterminedError: no start leads to one; says what is wrong with the first.
-    """
-    landmark_ids = first_sights(recording)[0]
-    near: list[Approach] = []
-    mistakes: list[UndeterminedError] = []
-    for start in _starts(recording, path):
-        try:
-            with explained():
-                near.append(approach(recording, landmark_ids, *start()))
-        except UndeterminedError as error:
-            mistakes.append(error)
-            continue
-        if is_low(recording, near[-1].cost):
-            break
-    for each in sorted(near, key=lambda approached: approached.cost):
-        try:
-            return settle(recording, landmark_ids, each)
-        except UndeterminedError as error:
-            mistakes.append(error)
-    raise mistakes[0]
-
-
-def is_low(recording: Recording, cost: float) -> bool:
-    """Whether half the squared residuals are no more than the stated noise explains: then no lower minimum is due."""
-    freedom = degrees_of_freedom(recording)
-    return chdtr(freedom, 2.0 * cost) < 1.0 - UNLIKELY if freedom > 0 else cost < 1e-6
-
-
-def degrees_of_freedom(recording: Recording) -> int:
-    """Rows less unknowns: the rows of every observation less two for every landmark."""
-    return recording.observation.size - 2 * len(first_sights(recording)[0])
-
-
-def chi_square_of(recording: Recording, poses: Float, landmarks: Float) -> tuple[float, int]:
-    """Squared residuals at poses (N+1, 3) and landmarks (L, 2), ids increasing, and their degrees of freedom."""
-    slot = np.searchsorted(first_sights(recording)[0], require_known_landmarks(recording))
-    return 2.0 * Merit(recording, slot)(poses, landmarks), degrees_of_freedom(recording)
-
-
 def _causal(recording: Recording) -> tuple[Float, Float]:
     """Poses and landmarks of the optimum that grew step by step."""
     growing = GrowingOptimum(recording)
@@ -147,7 +77,7 @@ def _causal(recording: Recording) -> tuple[Float, Float]:
     return poses, landmarks
 
 
-def _starts(recording: Recording, path: Float) -> Iterator[Callable[[], tuple[Float, Float]]]:
+def _starts(recording: Recording, path: Float) -> Iterator[Start]:
     """Ways to poses (N+1, 3) and landmarks (L, 2) from which to descend, the likeliest first."""
     odometry = chain(recording.prior_mean, recording.odometry)
     yield lambda: searched(recording, path)
@@ -155,52 +85,5 @@ def _starts(recording: Recording, path: Float) -> Iterator[Callable[[], tuple[Fl
         yield lambda: _causal(recording)
     else:
         yield lambda: searched(recording, odometry)
-    yield lambda: _grown(recording)
+    yield lambda: grown(recording)
     yield lambda: (odometry, landmarks_at_first_sight(recording, odometry))
-
-
-def searched(recording: Recording, path: Float) -> tuple[Float, Float]:
-    """Where GTSAM's Levenberg-Marquardt leads from a path (N+1, 3), slip lent, on the poses that see something."""
-    short, key = keyed(recording)
-    values = make_values(path[key], first_sights(recording)[0], landmarks_at_first_sight(recording, path))
-    with explained():
-        poses, landmarks = read_values(levenberg_marquardt(build_graph(short, LENT_SLIP), values))
-    return carried_on(recording, key, poses), landmarks
-
-
-def first_guess(recording: Recording) -> tuple[Float, Float]:
-    """Poses (N+1, 3) and landmarks (L, 2): the lower of GTSAM's minima from dead reckoning and the grown start."""
-    landmark_ids = first_sights(recording)[0]
-    merit = Merit(recording, np.searchsorted(landmark_ids, require_known_landmarks(recording)))
-    found = searched(recording, chain(recording.prior_mean, recording.odometry))
-    return found if is_low(recording, merit(*found)) else min(found, _grown(recording), key=lambda each: merit(*each))
-
-
-def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int = 100) -> gtsam.Values:
-    """The minimum that GTSAM's Levenberg-Marquardt reaches from `values`, to be finished by exact steps (`descent`)."""
-    parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setRelativeErrorTol(1e-5)
-    parameters.setMaxIterations(iterations)
-    return gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
-
-
-def _grown(recording: Recording) -> tuple[Float, Float]:
-    """A few iterations on the first portion of the recording, then on more and more of it."""
-    short, key = keyed(recording)
-    poses, known = short.prior_mean[None], dict[int, Float]()
-    for portion in range(1, PORTIONS + 1):
-        part = short.first(short.steps * portion // PORTIONS)
-        path = np.concatenate([poses[:-1], chain(poses[-1], part.odometry[len(poses) - 1 :])])
-        part = part.only(are_placed(part, path))
-        ids = first_sights(part)[0]
-        landmarks = landmarks_at_first_sight(part, path)
-        for slot, name in enumerate(ids.tolist()):
-            landmarks[slot] = known.get(name, landmarks[slot])
-        values = make_values(path, ids, landmarks)
-        with explained():
-            poses, landmarks = read_values(levenberg_marquardt(build_graph(part, LENT_SLIP), values, iterations=3))
-        known = dict(zip(ids.tolist(), landmarks, strict=True))
-    found = landmarks_at_first_sight(short, poses)
-    for slot, name in enumerate(first_sights(short)[0].tolist()):
-        found[slot] = known.get(name, found[slot])
-    return carried_on(recording, key, poses), found

@@ -21,7 +21,8 @@ from slamgauge.graph_baseline.factors import (
     make_values,
     require_known_landmarks,
 )
-from slamgauge.graph_baseline.hindsight import batch, first_guess
+from slamgauge.graph_baseline.hindsight import batch
+from slamgauge.graph_baseline.search import first_guess
 from slamgauge.graph_baseline.undetermined import explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain

@@ -168,7 +168,7 @@ def _smoothed_maps(chain: Chain, eliminated: Elimination) -> Iterator[tuple[Int,
 
 
 def _carried_back(F: Float, adjoint_cov: Float, part: slice) -> Float:
-    """What the scans after a pose say of its covariance (n, 3, 3): its own leaves so little that P would lose digits."""
+    """What the scans after a pose say of its covariance (n, 3, 3)."""
     back = np.zeros_like(adjoint_cov[part])
     move = F[part]
     back[: len(move)] = _transposed(move) @ adjoint_cov[part.start + 1 : part.start + 1 + len(move)] @ move

@@ -491,13 +491,13 @@ def test_isam2_takes_few_sights_and_many_stretches_without(seen: tuple[int, ...]
 
 def test_the_grown_start_is_for_what_the_noise_does_not_explain(monkeypatch: pytest.MonkeyPatch) -> None:
     grown: list[int] = []
-    original = hindsight._grown  # pyright: ignore[reportPrivateUsage]
+    original = hindsight.grown
 
     def counted(recording: Recording) -> tuple[Float, Float]:
         grown.append(recording.steps)
         return original(recording)
 
-    monkeypatch.setattr(hindsight, "_grown", counted)
+    monkeypatch.setattr(hindsight, "grown", counted)
     recording = problem(0, "range-bearing", True)[1]
     batch(recording)
     assert not grown
