@@ -251,7 +251,7 @@ class GrowingOptimum:
         if (np.square(np.diag(factor)) < EXHAUSTED * np.diag(information)).any():
             return False
         self._factor = factor
-        sigma = np.sqrt(np.diag(self.newest_cov()))
+        sigma = np.sqrt(np.maximum(np.diag(self.newest_cov()), 0.0))
         self._sigma = np.where(sigma > EXACT, sigma, np.inf)
         return True
 
