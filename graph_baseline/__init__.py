@@ -1,9 +1,4 @@
-"""The optimum that the measurements allow, by GTSAM.
-
-`factors` (recording to graph), `causal` (iSAM2 step by step), `hindsight` (batch), `robust` (batch without
-outliers), `linearisation` and `smoother` (the exact linear model, its Schur complement and every covariance),
-`undetermined` (errors).
-"""
+"""The optimum that the measurements allow, causal and in hindsight; which module is what tells README.md."""
 
 from pathlib import Path
 

@@ -21,7 +21,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.triangulation import triangulate_all
 from slamgauge.graph_baseline.undetermined import undetermined_variable
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain, rotation
+from slamgauge.se2 import chain, compose, rotation
 
 # Lent to a motion direction of zero variance, as a share of the largest standard deviation of its step
 # (0.1 mm beside the practical's 30 mm), where GTSAM's solvers would stumble over a hard constraint.
@@ -210,15 +210,25 @@ def among_mapped(estimate: Estimate, association: Int) -> Estimate:
 def relative_to_start(
     estimator: Callable[Concatenate[Recording, Rest], Estimate],
 ) -> Callable[Concatenate[Recording, Rest], Estimate]:
-    """The same estimator, computing relative to the start, so that map coordinates keep their digits."""
+    """The same estimator, computing in the frame of the start: no digits are lost far away, nor depend on a heading."""
 
     @wraps(estimator)
     def relative(recording: Recording, /, *rest: Rest.args, **named: Rest.kwargs) -> Estimate:
-        shift = np.array([*recording.prior_mean[:2], 0.0])
-        if not shift.any():
+        start = recording.prior_mean
+        if not start.any():
             return estimator(recording, *rest, **named)
-        found = estimator(replace(recording, prior_mean=recording.prior_mean - shift), *rest, **named)
-        return replace(found, poses=found.poses + shift, landmarks=found.landmarks + shift[:2])
+        here = replace(recording, prior_mean=np.zeros(3), prior_cov=prior_cov_in_body(recording))
+        found = estimator(here, *rest, **named)
+        turn = np.eye(3)
+        turn[:2, :2] = rotation(start[2])
+        assert found.pose_covs is not None and found.landmark_covs is not None
+        return replace(
+            found,
+            poses=compose(start, found.poses),
+            pose_covs=turn @ found.pose_covs @ turn.T,
+            landmarks=start[:2] + found.landmarks @ turn[:2, :2].T,
+            landmark_covs=turn[:2, :2] @ found.landmark_covs @ turn[:2, :2].T,
+        )
 
     return relative
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from elsewhere import FAR, TOLERANCE, assert_same_positions, moved
 from random_recordings import random_recording
 
-from slamgauge.arrays import Float
 from slamgauge.ekf import (
     Association,
     CompressedFilter,
@@ -27,32 +27,10 @@ from slamgauge.ekf import (
 )
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from slamgauge.se2 import compose, rotation, wrap
+from slamgauge.se2 import wrap
 
-FAR = np.array([500_000.0, 4_600_000.0, 2.5])  # [m, m, rad]: UTM coordinates of southern Europe, and a turn
-TOLERANCE = 1e-6  # standard deviations
 FILTERS = pytest.mark.parametrize("estimator", [ekf, fej_ekf, oc_ekf, iekf, riekf])
 Estimator = Callable[..., Estimate]
-
-
-def moved(recording: Recording) -> Recording:
-    """The same run elsewhere: all that is measured is relative."""
-    turn = np.eye(3)
-    turn[:2, :2] = rotation(FAR[2])
-    return replace(
-        recording, prior_mean=compose(FAR, recording.prior_mean), prior_cov=turn @ recording.prior_cov @ turn.T
-    )
-
-
-def moved_back(positions: Float) -> Float:
-    return (positions - FAR[:2]) @ rotation(FAR[2])
-
-
-def assert_same_positions(far: Float, near: Float, covs: Float) -> None:
-    assert len(near)
-    sigmas = np.sqrt(np.linalg.eigvalsh(covs)[:, 0].clip(min=1e-8))
-    off = np.hypot(*(moved_back(far) - near).T)
-    assert (off / sigmas).max() < TOLERANCE
 
 
 def assert_same(far: Estimate, near: Estimate) -> None:
