@@ -78,7 +78,9 @@ def _of_bearings(recording: Recording, name: str) -> Outcome:
 def judge_filter(recording: Recording, name: str) -> Outcome:
     """The filter of that name on a recording with ranges and ids.
 
-    One that refuses where its textbook form is wrong, too, says rightly that double precision is exhausted.
+    One that refuses where its textbook form is wrong, too, says rightly that double precision is exhausted. Where the
+    textbook form does not keep its digits it is no referee: there a filter has to be no further off than that, and
+    where extended precision may have lost them as well, nothing can be said.
     """
     estimate = attempt(PAIRS[name].ours, recording)
     twin = _twin(recording, name)
@@ -96,7 +98,8 @@ def judge_filter(recording: Recording, name: str) -> Outcome:
     if found <= FILTER_BAR:
         return Outcome(name, "agrees", found, "the textbook form loses digits")
     same_minimum = name != "iekf" or found < ANOTHER_MINIMUM
-    if same_minimum and lost > FILTER_BAR * DIGITS_GAINED:
+    keeps_digits = lost <= (FILTER_BAR if found <= lost else FILTER_BAR * DIGITS_GAINED)
+    if same_minimum and not keeps_digits:
         return Outcome(name, "undecided", found, f"the textbook form is {lost:.1e} sigma from extended precision")
     return Outcome(name, "worse", min(found, to_twin), f"textbook {to_twin:.1e}, extended {found:.1e}")
 

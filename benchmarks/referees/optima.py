@@ -171,7 +171,7 @@ class _Steps:
 
 def stated_check(estimate: Estimate) -> float:
     """How far the estimate says it is from its own yardstick [sigma]; nan where it says nothing."""
-    return float(getattr(estimate, "optimum_check", None) or math.nan)
+    return math.nan if estimate.optimum_check is None else estimate.optimum_check
 
 
 def _judge_isam2(drawn: Drawn, model: Model, minimum: Minimum | None) -> Outcome:
