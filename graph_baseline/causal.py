@@ -79,7 +79,7 @@ def _with_map(recording: Recording, estimate: Estimate, growing: GrowingOptimum)
         association=association,
         chi_square=chi_square,
         chi_square_dof=freedom,
-        optimum_check=_off(recording, path, estimate),
+        optimum_check=np.inf if growing.unsettled_steps else _off(recording, path, estimate),
     )
 
 

@@ -218,7 +218,8 @@ def take_in(
             used = 0
         correct(linear, scan, slots, rows[used : used + 3], width, k)
         used += 3
-    add_information(linear, rows[:used], width)
+    if used:
+        add_information(linear, rows[:used], width)
 
 
 @inner

@@ -29,6 +29,7 @@ LENT_SLIP = 1.0 / 300.0
 
 Rest = ParamSpec("Rest")
 
+NEAREST = 1e-6  # m: a landmark at the sensor itself has no bearing
 MAX_LANDMARK_SIGMA = 3e5  # m; what is known less well drowns in the rounding of what is known to a millimetre
 
 
@@ -48,10 +49,8 @@ def as_range_bearing(recording: Recording) -> tuple[Float, Float]:
     if recording.sensor == "range-bearing":
         return recording.observation, recording.observation_cov
     x, y = recording.observation.T
+    x = np.where(np.hypot(x, y) < NEAREST, NEAREST, x)
     distance = np.hypot(x, y)
-    if not distance.all():
-        row = int(np.argmin(distance))
-        raise UserError(f"observation[{row}]: a landmark at the sensor itself has no bearing; drop the row")
     jacobian = np.stack([np.stack([x, y], -1) / distance[:, None], np.stack([-y, x], -1) / distance[:, None] ** 2], 1)
     polar = np.column_stack([distance, np.arctan2(y, x)])
     return polar, jacobian @ recording.observation_cov @ jacobian.swapaxes(1, 2)

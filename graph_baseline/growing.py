@@ -39,6 +39,7 @@ SLOW = 0.6  # of a chord step is left for the next: linearise anew
 STALE = 0.3  # relative change of the observations' Jacobians times reach: linearise anew
 MAX_STEPS = 12
 PASSES = 2  # of the newest scan, the second linearised where the first has led
+SOUGHT_AGAIN = 1.2  # times the steps at which no minimum was found: look again
 EXACT = 1e-9  # m or rad: a smaller standard deviation measures nothing
 
 
@@ -66,6 +67,8 @@ class GrowingOptimum:
         self._scans, self._travel = 0, 0.0  # since the last settling; travel in squared sigmas
         self._bend = np.inf  # sigmas missed for each of travel
         self.settled = True  # whether the minimum was found when it was last looked for
+        self.unsettled_steps = 0  # steps without: their pose is dead reckoning from the last that had one
+        self._seek_at = 0
 
     # --- what has been found ---------------------------------------------------------------------
 
@@ -100,14 +103,35 @@ class GrowingOptimum:
     # --- steps -----------------------------------------------------------------------------------
 
     def add_step(self) -> None:
-        """Take in the next pose and its scan."""
+        """Take in the next pose and its scan.
+
+        Where there is no minimum, scans wait: one is sought again when the path has become longer by a fifth.
+        """
         k = self._newest = self._newest + 1
         poses, at = self._place.poses, self._linear.at
         at.poses[k] = poses[k] = compose(poses[k - 1], self._measured.motion[k]) if k else self._measured.start
-        mapped = len(self._slot)
+        if not self.settled:
+            self._take_in(self._place, k)
+            if k >= self._seek_at:
+                self._seek()
+        else:
+            self._take_in_step()
+        self.unsettled_steps += not self.settled
+
+    def finish(self) -> None:
+        """Go to the minimum, with all matrices taken there."""
+        if self.settled:
+            self._settle_anew()
+        else:
+            self._seek()
+        self.settled = self.settled and self._linearise_anew()
+
+    def _take_in_step(self) -> None:
+        """Take in the newest scan, and settle if it is time to."""
+        k, mapped = self._newest, len(self._slot)
         self._map_new_landmarks()
-        at.landmarks[mapped : len(self._slot)] = self._place.landmarks[mapped : len(self._slot)]
-        if not self.settled or (self._recording.sensor == "bearing" and len(self._slot) > mapped):
+        self._linear.at.landmarks[mapped : len(self._slot)] = self._place.landmarks[mapped : len(self._slot)]
+        if self._recording.sensor == "bearing" and len(self._slot) > mapped:
             self._settle_anew()
         elif self._measured.first[k] == self._measured.first[k + 1]:
             self._take_in(self._place, k)
@@ -121,11 +145,6 @@ class GrowingOptimum:
         self._settle(anew=True)
         while self._recording.sensor == "bearing" and self.settled and self._map_waiting_landmarks():
             self._settle(anew=True)
-
-    def finish(self) -> None:
-        """Go to the minimum, with all matrices taken there."""
-        self._settle_anew()
-        self.settled = self.settled and self._linearise_anew()
 
     def _take_in_newest_scan(self, mapped: int) -> bool:
         """Take in the newest scan, linearised where it leads; the last landmarks, from number `mapped` on, are new.
@@ -142,8 +161,7 @@ class GrowingOptimum:
                 linear.M[:], linear.newest_cov[:], information[:] = saved
                 linear.at.poses[k] = place.poses[k]
                 linear.at.landmarks[mapped:count] = place.landmarks[mapped:count]
-            self._take_in(before, k)
-            if not self._factorise():
+            if not (self._take_in(before, k) and self._factorise()):
                 return False
             landmarks = self._solve(linear.pull[: 2 * count])
             step = linear.kick + linear.M[:, : 2 * count] @ landmarks
@@ -160,7 +178,7 @@ class GrowingOptimum:
         self.settled = (not anew or self._linearise_anew()) and self._converge()
         if not self.settled:
             place.poses[: k + 1], place.landmarks[:count] = start
-            self.settled = self._search()
+            self._seek()
         apart = place.poses[k] - start[0][k]
         apart[2] = wrap(apart[2])
         missed = float(np.max(np.abs(apart) / self._sigma))
@@ -205,6 +223,12 @@ class GrowingOptimum:
         """
         return max(1.0, float(np.sqrt(np.sum(self._linear.N[self._newest] * self.newest_cov()))))
 
+    def _seek(self) -> None:
+        """Search a minimum; where there is none, leave it for a while."""
+        self.settled = self._search()
+        if not self.settled:
+            self._seek_at = int(SOUGHT_AGAIN * self._newest) + 1
+
     def _search(self) -> bool:
         """Seek the minimum without what has been found so far; whether there is one."""
         k, place = self._newest, self._place
@@ -233,12 +257,19 @@ class GrowingOptimum:
         at.poses[: k + 1] = self._place.poses[: k + 1]
         at.landmarks[:count] = self._place.landmarks[:count]
         self._linear.information[: 2 * count, : 2 * count] = 0.0
-        self._take_in(self._place, 0)
-        return self._factorise()
+        return self._take_in(self._place, 0) and self._factorise()
 
-    def _take_in(self, before: Place, since: int) -> None:
-        """Take in the poses from number `since` on; the newest pose and the map are expected at `before`."""
-        chord.take_in(self._measured, self._linear, self._place, before, len(self._slot), since, self._newest + 1)
+    def _take_in(self, before: Place, since: int) -> bool:
+        """Take in the poses from number `since` on; the newest pose and the map are expected at `before`.
+
+        Returns whether that is possible: a landmark on the pose that sees it has no Jacobians.
+        """
+        landmarks, until = len(self._slot), self._newest + 1
+        try:
+            chord.take_in(self._measured, self._linear, self._place, before, landmarks, since, until)
+        except LinAlgError:
+            return False
+        return True
 
     def _factorise(self) -> bool:
         """Whether what the poses leave of the landmarks' information has a factor that rounding does not hide."""

@@ -1,11 +1,11 @@
 """The hindsight optimum: all measurements at once, every pose and landmark with its covariance.
 
-1. GTSAM's Levenberg-Marquardt runs from dead reckoning, with a small slip lent to motions of zero variance, since its
-   damped steps would leave hard constraints and stop early.
-2. Exact steps (`descent`) lead from there to a minimum of the recording's own cost, zero variances and all.
+1. GTSAM's Levenberg-Marquardt runs from a path, dead reckoning if nothing better is known, with a small slip lent to
+   motions of zero variance, since its damped steps would leave hard constraints and stop early.
+2. Damped steps (`descent`) lead from there near a minimum of the recording's own cost, zero variances and all.
 3. A cost that the stated noise explains (chi-square of its degrees of freedom) ends the search. Otherwise further
-   starts are tried, and the lowest minimum is kept: the causal optimum's path, a start that is grown portion by
-   portion, and exact steps from dead reckoning itself.
+   starts are tried: the causal optimum's path, a start that is grown portion by portion, and dead reckoning itself.
+4. Newton steps end at the minimum of the lowest.
 
 Bearings alone: a landmark that they do not place from the path at hand is left out at first, and taken in as soon as
 they place it from the optimum without it.
@@ -28,6 +28,7 @@ from slamgauge.graph_baseline.factors import (
 )
 from slamgauge.graph_baseline.growing import GrowingOptimum
 from slamgauge.graph_baseline.search import Start, degrees_of_freedom, grown, placed_minimum, searched
+from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 
@@ -71,6 +72,8 @@ def _causal(recording: Recording) -> tuple[Float, Float]:
     growing = GrowingOptimum(recording)
     for _ in range(recording.steps + 1):
         growing.add_step()
+        if not growing.settled:
+            raise UndeterminedError("batch: the first steps have no minimum of their own; check ids and covariances")
     poses, found = growing.path_and_map()
     landmarks = landmarks_at_first_sight(recording, poses)
     landmarks[np.isin(first_sights(recording)[0], growing.landmark_ids)] = found

@@ -19,6 +19,7 @@ from slamgauge.graph_baseline.factors import (
     build_graph,
     first_sights,
     make_values,
+    relative_to_start,
     require_known_landmarks,
 )
 from slamgauge.graph_baseline.hindsight import batch
@@ -30,6 +31,7 @@ from slamgauge.se2 import chain
 TRUSTED = 0.999  # probability with which a true observation's cost stays below the truncation
 
 
+@relative_to_start
 def robust_batch(recording: Recording, association: Int | None = None) -> Estimate:
     """`batch` without the observations that do not fit the others; their `association` is -1.
 

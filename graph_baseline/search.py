@@ -55,7 +55,7 @@ def lowest_minimum(recording: Recording, starts: Iterable[Start]) -> Minimum:
     """The lowest of the minima that several starts lead to; those after one that is low enough are not tried.
 
     Raises:
-        UndeterminedError: no start leads to one; says what is wrong with the first.
+        UndeterminedError: no start leads to one; says what is wrong where the lowest ends.
     """
     landmark_ids = first_sights(recording)[0]
     near: list[Approach] = []
@@ -63,18 +63,19 @@ def lowest_minimum(recording: Recording, starts: Iterable[Start]) -> Minimum:
     for start in starts:
         try:
             with explained():
-                near.append(approach(recording, landmark_ids, *start()))
+                approached = approach(recording, landmark_ids, *start())
+            if is_low(recording, approached.cost):
+                return settle(recording, landmark_ids, approached)
+            near.append(approached)
         except UndeterminedError as error:
             mistakes.append(error)
-            continue
-        if is_low(recording, near[-1].cost):
-            break
+    unsettled: list[UndeterminedError] = []
     for each in sorted(near, key=lambda approached: approached.cost):
         try:
             return settle(recording, landmark_ids, each)
         except UndeterminedError as error:
-            mistakes.append(error)
-    raise mistakes[0]
+            unsettled.append(error)
+    raise [*unsettled, *mistakes][0]
 
 
 def is_low(recording: Recording, cost: float) -> bool:

@@ -66,7 +66,7 @@ def distance_from_hindsight(name: str, check: float | None) -> str | None:
     if check is None or not is_in_doubt(check):
         return None
     if math.isinf(check):
-        return f"{name} could not be held against the optimum of the whole recording, which was not found"
+        return f"{name} has steps whose optimum was not found, or that of the whole recording was not"
     return f"{name} is {check:.2g} sigma from the optimum of the whole recording"
 
 

@@ -163,7 +163,7 @@ def test_figures_relative_to_an_optimum_in_doubt_are_marked(title: str):
         (
             math.inf,
             [
-                "isam2 could not be held against the optimum of the whole recording, which was not found: "
+                "isam2 has steps whose optimum was not found, or that of the whole recording was not: "
                 "figures relative to it are marked ?"
             ],
         ),
