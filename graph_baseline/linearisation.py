@@ -58,6 +58,7 @@ def linearise(recording: Recording, slot: Int, poses: Float, landmarks: Float) -
     )
 
 
+@np.errstate(divide="ignore", invalid="ignore")  # a landmark on a pose: who takes the step sees that it is no number
 def _observations(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Float]:
     """Whitened Jacobians by pose (M, d, 3) and landmark (M, d, 2), and whitened residuals h - z (M, d)."""
     offset, to_body, delta = _in_body(recording, slot, poses, landmarks)
