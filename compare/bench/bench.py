@@ -15,6 +15,7 @@ from tqdm import tqdm
 
 from slamgauge.arrays import Float
 from slamgauge.compare.bench.plain_numpy import plain_numpy_ekf
+from slamgauge.compare.estimators.asked import Chosen
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.estimators.running import run_estimator
@@ -59,20 +60,20 @@ def _positions(landmarks: int, radius: float, rng: np.random.Generator) -> Float
     return np.array([0.0, radius]) + drawn[(distance >= 0.5) & (distance <= furthest)][:landmarks]
 
 
-def run_bench(sizes: Sequence[int], names: Sequence[str], seed: int = 0) -> dict[str, Any]:
+def run_bench(sizes: Sequence[int], chosen: Chosen, seed: int = 0) -> dict[str, Any]:
     """Measure every estimator on every map size; see `slamgauge bench --json` for the keys.
 
     Raises:
         UserError: an estimator that is not known.
     """
-    contestants = {**load_estimators(names), YARDSTICK: plain_numpy_ekf}
+    contestants = {**load_estimators(chosen), YARDSTICK: plain_numpy_ekf}
     results: dict[str, dict[str, dict[str, float]]] = {name: {} for name in contestants}
     progress = tqdm(total=len(sizes) * len(contestants), disable=None, leave=False, unit="run")
     for size in sizes:
         _, recording = simulate(workload(size, seed), seed)
         for name, estimator in contestants.items():
             progress.set_description(f"{name}, {size} landmarks")
-            estimator(recording.first(20))  # compiled code loaded, caches warm
+            run_estimator(name, estimator, recording.first(20))  # compiled code loaded, caches warm
             estimate, seconds = run_estimator(name, estimator, recording)
             results[name][str(size)] = _figures(name, recording, estimate, seconds)
             progress.update()

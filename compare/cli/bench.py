@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from slamgauge.compare.cli.options import (
+    Estimators,
     Folder,
     print_result,
     results_folder,
@@ -16,13 +17,12 @@ from slamgauge.errors import UserError
 
 @dataclass
 class Bench:
-    """Measure step times against map size, side by side in one run (everything at all four sizes: twenty minutes)."""
+    """Measure step times against map size, beside a plain numpy filter (all at four sizes: twenty minutes)."""
 
     landmarks: str = "20,100,300,1000"
     """Comma-separated map sizes."""
 
-    estimators: str = BENCHED
-    """Comma-separated; a plain numpy filter is always measured beside them."""
+    estimators: Estimators = BENCHED
 
     out: Folder | None = None
     """Folder for bench.json and bench.png."""

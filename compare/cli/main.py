@@ -20,10 +20,11 @@ from slamgauge.compare.cli.bench import Bench
 from slamgauge.compare.cli.imports import Import
 from slamgauge.compare.cli.many_runs import Budget, Claims, Study
 from slamgauge.compare.cli.one_run import Evaluate, Run
-from slamgauge.compare.cli.options import EmptyPathError
+from slamgauge.compare.cli.options import EmptyPathError, RowsFailedError
 from slamgauge.compare.cli.scenarios import Scenarios
 from slamgauge.errors import UserError, refused_by_the_machine
 
+FAILED = 1  # exit status: a row failed, or a check did not hold
 DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
 REFUSED = 71  # EX_OSERR
 
@@ -44,8 +45,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command.
 
     Returns:
-        The exit status: 0 done, 2 bad input (one line on standard error), 70 a defect of slamgauge (its traceback
-        and where to report it), 71 memory or room was lacking (one line), 130 interrupted.
+        The exit status: 0 done, 1 a row failed and the others are there, 2 bad input (one line on standard error), 70 a
+        defect of slamgauge (its traceback and where to report it), 71 memory or room was lacking (one line), 130
+        interrupted.
     """
     words = sys.argv[1:] if arguments is None else arguments
     if list(words) == ["--version"]:
@@ -64,6 +66,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
     except BrokenPipeError:  # whoever reads our output (`head`, a pager) has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except RowsFailedError as error:
+        for line in error.args:
+            print(f"slamgauge: {line}", file=sys.stderr)
+        return FAILED
     except (UserError, EmptyPathError) as error:
         print(f"slamgauge: {error}", file=sys.stderr)
         return 2

@@ -66,27 +66,29 @@ class Study:
         print(f"written to {self.out}", file=sys.stderr)
 
     def _study(self) -> tuple[object, str]:
+        from slamgauge.compare.estimators.asked import ask
         from slamgauge.compare.figures.publishing import write_study
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import STUDY_FILES
         from slamgauge.compare.studies.study import load_runs, run_study
         from slamgauge.compare.studies.summary import summary_table
 
-        scenario, names = sampled_scenario(self.scenario, self.set), split_names(self.estimators)
+        scenario, asked = sampled_scenario(self.scenario, self.set), ask(split_names(self.estimators))
         require_free(self.out, STUDY_FILES)
         with carried_by(self.jobs, self.scheduler) as executor:
-            summary = run_study(scenario, self.runs, self.seed, names, self.out, executor)
-        runs = load_runs(scenario, self.runs, self.seed, names, self.out)
+            summary = run_study(scenario, self.runs, self.seed, asked, self.out, executor)
+        runs = load_runs(scenario, self.runs, self.seed, asked, self.out)
         write_study(self.out, summary, runs, scenario.trajectory.step)
         return summary.to_json(), summary_table(summary)
 
     def _sweep(self, sweep: str) -> tuple[object, str]:
+        from slamgauge.compare.estimators.asked import ask
         from slamgauge.compare.figures.publishing import write_study, write_sweep
         from slamgauge.compare.studies.sweep import run_sweep, sweep_table
 
-        overrides, names = ["start=sampled", *flattened(self.set)], split_names(self.estimators)
+        overrides, asked = ["start=sampled", *flattened(self.set)], ask(split_names(self.estimators))
         with carried_by(self.jobs, self.scheduler) as executor:
-            arguments = (self.scenario, overrides, sweep, self.runs, self.seed, names, self.out, executor)
+            arguments = (self.scenario, overrides, sweep, self.runs, self.seed, asked, self.out, executor)
             result = run_sweep(*arguments, finished=write_study)
         write_sweep(self.out, result)
         return result.to_json(), sweep_table(result)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
@@ -14,14 +14,17 @@ from slamgauge.compare.cli.options import (
     Estimators,
     Folder,
     Overrides,
+    RowsFailedError,
     flattened,
     print_result,
     results_folder,
     split_names,
 )
+from slamgauge.compare.estimators.asked import ask
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
+    from slamgauge.compare.estimators.asked import Asked
     from slamgauge.compare.scenarios.schema import Association
     from slamgauge.ekf.settings.initialisation import Initialisation
     from slamgauge.recording import Recording
@@ -61,13 +64,13 @@ class Run:
 
         scenario = load_scenario(self.scenario, flattened(self.set))
         out = self.out or Path("results") / f"{scenario.name}-seed-{self.seed}"
-        require_free(out, comparison_files(split_names(self.estimators)))
+        asked = ask(split_names(self.estimators))
+        require_free(out, comparison_files(each.label for each in asked))
         truth, recording = simulate(scenario, self.seed)
         told = simulate(informed(scenario), self.seed)[1]
         title = f"{scenario.name}, seed {self.seed}"
         grading = Grading(
-            self.estimators,
-            (),
+            asked,
             out,
             self.json,
             title,
@@ -93,10 +96,6 @@ class Evaluate:
     """The truth, if it lies elsewhere."""
 
     estimators: Estimators = DEFAULT_ESTIMATORS
-
-    estimator: Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction] = field(default_factory=list)
-    """Your own, as [LABEL=]FILE.py:callable or module:callable ... (Recording -> Estimate).
-    LOADS AND RUNS THAT CODE."""
 
     association: Literal["nearest-neighbour", "jcbb"] = "nearest-neighbour"
     """How filters associate a recording without ids; jcbb is joint, and manages its map."""
@@ -133,7 +132,7 @@ class Evaluate:
             Association(method=self.association, gate=self.gate),
             fitted(INITIALISATIONS[self.initialisation], self.reach),
         )
-        grading = Grading(self.estimators, flattened(self.estimator), self.out, self.json, title, *settings)
+        grading = Grading(ask(split_names(self.estimators)), self.out, self.json, title, *settings)
         grading.grade(truth, recording)
 
 
@@ -141,8 +140,7 @@ class Evaluate:
 class Grading:
     """What `run` and `evaluate` share: estimators in, table and folder out."""
 
-    estimators: str
-    own: Sequence[str]
+    asked: Sequence[Asked]
     out: Path | None
     as_json: bool
     title: str
@@ -153,21 +151,19 @@ class Grading:
 
     def grade(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> None:
         """Run the estimators, print the table and write the folder."""
-        from slamgauge.compare.estimators.loading import load_estimators
-        from slamgauge.compare.scoring.comparison import (
-            compare_estimators,
-            metrics,
-            table,
-        )
+        from slamgauge.compare.estimators.loading import load_each
+        from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
         from slamgauge.compare.storage.files import explained
         from slamgauge.compare.storage.result_files import METRICS, OUTDATED, comparison_files
 
-        names = split_names(self.estimators)
-        estimators = load_estimators(names, self.own, self.association, self.initialisation, FRAMES)
-        if not estimators:
+        if not self.asked:
             raise UserError("estimators: none given; name at least one, for example --estimators ekf,batch")
+        estimators, failures = load_each(self.asked, self.association, self.initialisation, FRAMES)
+        if not estimators:
+            raise UserError(next(iter(failures.values())))
         with results_folder(self.out, comparison_files(estimators), METRICS, OUTDATED) as folder:
             comparison = compare_estimators(truth, recording, estimators, informed)
+            comparison = replace(comparison, failures=failures | comparison.failures)
             content = metrics(comparison, self.scenario, self.seed)
             if folder is not None and self.out is not None:
                 from slamgauge.compare.figures.publishing import write_comparison
@@ -177,3 +173,5 @@ class Grading:
         print_result(content if self.as_json else table(comparison))
         if self.out is not None:
             print(f"written to {self.out}", file=sys.stderr)
+        if comparison.failures:
+            raise RowsFailedError(list(comparison.failures.values()) if self.as_json else [])

@@ -19,10 +19,18 @@ if TYPE_CHECKING:
 
     from slamgauge.compare.scenarios.scenario import Scenario
 
-Estimators = Annotated[str, tyro.conf.arg(help=HELP)]
+OWN = "Your own: [LABEL=]FILE.py:callable or [LABEL=]package.module:callable. THIS LOADS AND RUNS THAT CODE."
+Estimators = Annotated[str, tyro.conf.arg(help=f"{HELP} {OWN}")]
 FilterName = Annotated[str, tyro.conf.arg(help=f"The filter whose error is split: {', '.join(FILTERS)}.")]
 Overrides = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
 ALL_CORES = os.cpu_count() or 1
+
+
+class RowsFailedError(Exception):
+    """Results are printed and written, but some rows have failed: exit status 1. What is left to say, in lines."""
+
+    def __init__(self, lines: Sequence[str]) -> None:
+        super().__init__(*lines)
 
 
 class EmptyPathError(Exception):

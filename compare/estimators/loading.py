@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from slamgauge.compare.estimators.own import Address, address, load_own
+from slamgauge.compare.estimators.asked import Asked, Chosen, ask
+from slamgauge.compare.estimators.own import load_own
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.ekf.settings.initialisation import Initialisation
@@ -28,8 +29,7 @@ class LoadedEstimator:
 
 
 def load_estimators(
-    names: Sequence[str],
-    own: Sequence[str] = (),
+    chosen: Chosen,
     association: Association | None = None,
     initialisation: Initialisation | None = None,
     frames: int = 0,
@@ -37,10 +37,10 @@ def load_estimators(
     """Estimators by the name that results carry.
 
     Args:
-        names: of the registry; `isam2@ekf` is isam2 under the associations that ekf makes, and so for every graph
-            and filter.
-        own: people's own, `[LABEL=]FILE.py:callable` or `[LABEL=]package.module:callable`; this loads and runs the
-            code found there, with the file's folder, or the current one, searched first.
+        chosen: names of the registry, `isam2@ekf` is isam2 under the associations that ekf makes, and so for every
+            graph and filter; addresses `[LABEL=]FILE.py:callable` or `[LABEL=]package.module:callable` of people's
+            own, and this loads and runs the code found there, with the file's folder, or the current one, searched
+            first; or a mapping from labels to either, or to callables.
         association: how filters associate a recording without ids; theirs by default is the nearest neighbour at
             gate 9. With `method` known, too: there they have ids.
         initialisation: how filters initialise landmarks where the recording has bearings alone.
@@ -49,13 +49,37 @@ def load_estimators(
     Raises:
         UserError: an unknown name, one that stands there twice, or an own one that leads to no callable.
     """
-    settings = _settings(association, initialisation)
-    entries = {name: entry_of(name) for name in names}
-    addresses = [address(text) for text in own]
-    for where in addresses:
-        _refuse_taken(where, [*REGISTRY, *entries], addresses)
-    loaded = {name: _ours(entry, settings, frames) for name, entry in entries.items()}
-    return loaded | {where.label: _own(where) for where in addresses}
+    return {each.label: load(each, association, initialisation, frames) for each in ask(chosen)}
+
+
+def load_each(
+    asked: Sequence[Asked], association: Association | None, initialisation: Initialisation | None, frames: int
+) -> tuple[dict[str, LoadedEstimator], dict[str, str]]:
+    """Estimators by label, with the settings of `load_estimators`, and of those that cannot be loaded the reason."""
+    loaded: dict[str, LoadedEstimator] = {}
+    failures: dict[str, str] = {}
+    for each in asked:
+        try:
+            loaded[each.label] = load(each, association, initialisation, frames)
+        except UserError as error:
+            failures[each.label] = str(error)
+    return loaded, failures
+
+
+def load(
+    asked: Asked,
+    association: Association | None = None,
+    initialisation: Initialisation | None = None,
+    frames: int = 0,
+) -> LoadedEstimator:
+    """One estimator, with the settings of `load_estimators`; people's own code is loaded afresh, and runs."""
+    if asked.name:
+        return _ours(entry_of(asked.name), _settings(association, initialisation), frames)
+    own = Entry(name=asked.label, kind=None, is_own=True, is_benched=False)
+    if asked.where is not None:
+        return LoadedEstimator(own, load_own(asked.where, asked.sources))
+    assert asked.call is not None
+    return LoadedEstimator(entry_behind(asked.call) or own, asked.call)
 
 
 def entry_behind(estimator: Estimator) -> Entry | None:
@@ -76,10 +100,6 @@ def _ours(entry: Entry, settings: dict[str, object], frames: int) -> LoadedEstim
     return LoadedEstimator(entry, estimate)
 
 
-def _own(where: Address) -> LoadedEstimator:
-    return LoadedEstimator(Entry(name=where.label, kind=None, is_own=True, is_benched=False), load_own(where))
-
-
 def _settings(association: Association | None, initialisation: Initialisation | None) -> dict[str, object]:
     """A scenario's settings as a filter takes them."""
     chosen = {"association": None if association is None else association.settings(), "initialisation": initialisation}
@@ -89,11 +109,3 @@ def _settings(association: Association | None, initialisation: Initialisation | 
 def _under_associations(graph: Callable[..., Estimate], slam: Callable[..., Estimate]) -> Estimator:
     """The graph with the associations that a filter makes of the same recording, as they stand at its end."""
     return lambda recording: graph(recording, slam(recording).association)
-
-
-def _refuse_taken(where: Address, ours: Sequence[str], addresses: Sequence[Address]) -> None:
-    """Two estimators of one name would share a row."""
-    count = sum(other.label == where.label for other in addresses)
-    if where.label in ours or count > 1:
-        whose = "one of ours" if where.label in ours else "two of yours"
-        raise UserError(f"estimator {where.text!r}: {where.label} is {whose}; write another LABEL= in front")

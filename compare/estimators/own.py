@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import slamgauge
 from slamgauge.compare.estimators.private_import import PrivateFolder, public
+from slamgauge.compare.estimators.sources import Sources
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 from slamgauge.near_names import did_you_mean
@@ -51,7 +52,7 @@ def address(text: str) -> Address:
     return Address(text, label, place, attribute)
 
 
-def load_own(where: Address) -> Estimator:
+def load_own(where: Address, sources: Sources | None = None) -> Estimator:
     """Load the module afresh and return its callable. THIS RUNS THAT CODE; what it prints goes to standard error.
 
     A file's neighbours are its own to import; a module is looked up in the current folder, then among what is
@@ -62,7 +63,7 @@ def load_own(where: Address) -> Estimator:
     """
     try:
         with redirect_stdout(sys.stderr):
-            module = _module(where.place)
+            module = _module(where.place) if sources is None else _module_of(sources)
     except (Exception, SystemExit) as error:
         if isinstance(error, _MissingError):
             raise UserError(f"estimator {where.text}: no file {where.place!r} is found; check the path") from None
@@ -82,12 +83,12 @@ def load_own(where: Address) -> Estimator:
 
 def _module(place: str) -> ModuleType:
     if place.endswith(".py"):
-        path = Path(place)
-        if not path.is_file():
-            raise _MissingError(place)
-        return PrivateFolder(path.parent).load(path.stem)
-    folder = PrivateFolder(Path.cwd())
-    return folder.load(place) if folder.owns(place) else importlib.import_module(place)
+        raise _MissingError(place)
+    return importlib.import_module(place)
+
+
+def _module_of(sources: Sources) -> ModuleType:
+    return PrivateFolder(sources.place()).load(sources.module)
 
 
 class _MissingError(Exception):

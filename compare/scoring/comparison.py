@@ -32,13 +32,17 @@ from slamgauge.truth import Truth, require_same_run
 
 @dataclass(frozen=True)
 class Comparison:
-    """What came out: the estimate and the score of each estimator, by name, and who is the optimum of which kind."""
+    """What came out: the estimate and the score of each estimator, by name, and who is the optimum of which kind.
+
+    `failures` has those without: the reason in a line, by name.
+    """
 
     truth: Truth | None
     recording: Recording
     estimates: dict[str, Estimate]
     scores: dict[str, Score]
     optima: dict[Kind, str] = field(default_factory=dict)
+    failures: dict[str, str] = field(default_factory=dict)
 
 
 def compare_estimators(
@@ -61,8 +65,7 @@ def compare_estimators(
             default the recording, with the truth's associations where it has no ids of its own.
 
     Raises:
-        UserError: the truth is of another recording; an estimator raised, or returned what does not fit, and
-            then the estimator is named.
+        UserError: the truth is of another recording; or every estimator raised, or returned what does not fit.
     """
     require_same_run(truth, recording)
     if informed is None:
@@ -72,12 +75,17 @@ def compare_estimators(
     estimates: dict[str, Estimate] = {}
     seconds: dict[str, float] = {}
     optima: dict[Kind, str] = {}
+    failures: dict[str, str] = {}
     progress = tqdm(estimators.items(), disable=None, leave=False, unit="estimator")
     for name, estimator in progress:
         progress.set_description(name)
         entry = entry_behind(estimator)
         is_yardstick = entry is not None and entry.is_yardstick
-        estimates[name], seconds[name] = run_estimator(name, estimator, informed if is_yardstick else recording)
+        try:
+            estimates[name], seconds[name] = run_estimator(name, estimator, informed if is_yardstick else recording)
+        except UserError as error:
+            failures[name] = str(error)
+            continue
         if is_yardstick:
             optima[estimates[name].kind] = name
     scores: dict[str, Score] = {}
@@ -86,9 +94,13 @@ def compare_estimators(
         try:
             score = evaluate(truth, recording, estimate, best.get(estimate.kind), best.get("smoothed"))
         except UserError as error:
-            raise UserError(f"estimator {name}: {error}") from error
+            failures[name] = f"estimator {name}: {error}"
+            continue
         scores[name] = score if estimate.seconds is not None else replace(score, seconds_total=seconds[name])
-    return Comparison(truth, recording, estimates, scores, optima)
+    if not scores and failures:
+        raise UserError(next(iter(failures.values())))
+    estimates = {name: estimates[name] for name in scores}
+    return Comparison(truth, recording, estimates, scores, optima, failures)
 
 
 def metrics(comparison: Comparison, scenario: str | None, seed: int | None) -> dict[str, Any]:
@@ -99,6 +111,7 @@ def metrics(comparison: Comparison, scenario: str | None, seed: int | None) -> d
         "digest": digest(comparison.recording),
         "truth": comparison.truth is not None and comparison.truth.poses is not None,
         "estimators": {name: score.to_json() for name, score in comparison.scores.items()},
+        "failures": [{"estimator": name, "error": error} for name, error in comparison.failures.items()],
     }
 
 
@@ -130,7 +143,8 @@ def table(comparison: Comparison) -> str:
                 for text, (_, key, _) in zip(cells, found, strict=True)
             ]
         rows.append([name, score.kind, *cells])
-    return "\n".join([*aligned(rows, words=2), *optimum_notes(comparison)])
+    rows += [[name, "failed", *("-" for _ in found)] for name in comparison.failures]
+    return "\n".join([*aligned(rows, words=2), *optimum_notes(comparison), *comparison.failures.values()])
 
 
 def optimum_notes(comparison: Comparison) -> list[str]:

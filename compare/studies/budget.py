@@ -15,7 +15,8 @@ import numpy as np
 from tqdm import tqdm
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.loading import load_estimators
+from slamgauge.compare.estimators.asked import Asked, ask
+from slamgauge.compare.estimators.loading import load
 from slamgauge.compare.estimators.registry import CAUSAL, FILTERS, HINDSIGHT
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
@@ -108,26 +109,31 @@ class RungErrors(NamedTuple):
 
 
 def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, executor: Executor) -> ErrorBudget:
-    """The budget over `runs` runs whose seeds are spawned from `seed`; intervals are bootstrapped over runs.
+    """The budget of a filter, one's own by its address too, over `runs` runs whose seeds are spawned from `seed`.
+
+    Intervals are bootstrapped over runs.
 
     Raises:
         UserError: bad names or numbers, or an estimator that failed, with the run.
     """
-    if filter_name not in FILTERS:
-        raise UserError(f"filter: {filter_name!r} is not a filter whose error can be split; use {', '.join(FILTERS)}")
+    asked = ask([filter_name])[0]
+    if asked.name and asked.name not in FILTERS:
+        raise UserError(
+            f"filter: {filter_name!r} is not a filter whose error can be split; use {', '.join(FILTERS)}, or your own"
+        )
     if runs < 1:
         raise UserError(f"runs: {runs} is no budget; give at least 1")
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     seeds = [run_seed(seed, run) for run in range(runs)]
-    futures = [executor.submit(rung_errors, scenario, each, filter_name) for each in seeds]
+    futures = [executor.submit(rung_errors, scenario, each, asked) for each in seeds]
     try:
         results = [future.result() for future in tqdm(futures, disable=None, unit="run", desc=scenario.name)]
     finally:
         for future in futures:
             future.cancel()
     errors, checks, rays = zip(*results, strict=True)
-    budget = summarise_budget(scenario.name, filter_name, np.array(errors), np.array(checks))
+    budget = summarise_budget(scenario.name, asked.label, np.array(errors), np.array(checks))
     return replace(budget, rays=mean_figures(rays))
 
 
@@ -142,20 +148,18 @@ def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Floa
     return ErrorBudget(scenario, filter_name, len(table), rungs, costliest)
 
 
-def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> RungErrors:
+def rung_errors(scenario: Scenario, seed: int, asked: Asked) -> RungErrors:
     """What the rungs make of one run; those that coincide are run once."""
     truth, recording = simulate(scenario, seed)
     told = simulate(informed(scenario), seed)[1]
     assert truth.association is not None
     believed = recording.associated(truth.association)
-    slam = load_estimators(
-        [filter_name], association=scenario.association, initialisation=scenario.initialisation_settings
-    )[filter_name]
     try:
+        slam = load(asked, scenario.association, scenario.initialisation_settings)
         hindsight = _run(HINDSIGHT, told)
         causal = _run(CAUSAL, told)
         assuming = causal if scenario.assumed == Assumed() else _run(CAUSAL, believed)
-        estimate = run_estimator(filter_name, slam, recording)[0]
+        estimate = run_estimator(asked.label, slam, recording)[0]
         own = estimate.association
         if own is None or np.array_equal(own, truth.association):
             associating = assuming
@@ -170,7 +174,7 @@ def rung_errors(scenario: Scenario, seed: int, filter_name: str) -> RungErrors:
 
 
 def _run(name: str, recording: Recording) -> Estimate:
-    return run_estimator(name, load_estimators([name])[name], recording)[0]
+    return run_estimator(name, load(ask([name])[0]), recording)[0]
 
 
 def _mse(truth: Truth, estimate: Estimate) -> float:

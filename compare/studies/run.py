@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.loading import load_estimators
-from slamgauge.compare.estimators.registry import is_yardstick
+from slamgauge.compare.estimators.asked import Asked
+from slamgauge.compare.estimators.loading import load
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
@@ -23,7 +23,7 @@ from slamgauge.compare.scoring.ray_figures import RayFigures
 from slamgauge.compare.scoring.scores import filter_figures, map_figures, pose_covs_of
 from slamgauge.compare.scoring.trajectory_error import pose_errors, stored_distances
 from slamgauge.errors import UserError, refused_by_the_machine
-from slamgauge.estimate import Estimate, Estimator
+from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
@@ -45,29 +45,24 @@ def run_seed(seed: int, run: int) -> int:
     return int(np.random.SeedSequence(seed, spawn_key=(run,)).generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 
-def run_once(scenario: Scenario, seed: int, names: Sequence[str]) -> list[Outcome]:
-    """Simulate one run and score the estimators `names` on it; an estimator that fails leaves its error.
+def run_once(scenario: Scenario, seed: int, asked: Sequence[Asked]) -> list[Outcome]:
+    """Simulate one run and score estimators on it; one that cannot be loaded, or fails, leaves its error.
 
     The optima see the measurements with their true noise and associations (`simulation.informed`).
     """
     try:
         truth, recording = simulate(scenario, seed)
-        told = simulate(informed(scenario), seed)[1] if any(map(is_yardstick, names)) else recording
+        told = simulate(informed(scenario), seed)[1] if any(each.is_yardstick for each in asked) else recording
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
         failed = _failed("", error)
-        return [replace(failed, estimator=name, error=f"simulation: {failed.error}") for name in names]
-    estimators = load_estimators(
-        names, association=scenario.association, initialisation=scenario.initialisation_settings
-    )
-    return [
-        _outcome(name, estimator, truth, told if is_yardstick(name) else recording)
-        for name, estimator in estimators.items()
-    ]
+        return [replace(failed, estimator=each.key, error=f"simulation: {failed.error}") for each in asked]
+    return [_outcome(scenario, each, truth, told if each.is_yardstick else recording) for each in asked]
 
 
-def _outcome(name: str, estimator: Estimator, truth: Truth, recording: Recording) -> Outcome:
+def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recording) -> Outcome:
     try:
-        estimate, seconds = run_estimator(name, estimator, recording)
+        estimator = load(asked, scenario.association, scenario.initialisation_settings)
+        estimate, seconds = run_estimator(asked.label, estimator, recording)
         series = step_series(truth, estimate)
         off = stored_distances(series[0], series[1])
         known = map_figures(truth, recording, estimate, None) | filter_figures(estimate)
@@ -79,9 +74,9 @@ def _outcome(name: str, estimator: Estimator, truth: Truth, recording: Recording
         rays = known["rays"]
         known |= {f"rays_{name}": None if rays is None else getattr(rays, name) for name in RayFigures._fields}
         figures = {key: known[key] for key in STORED}
-        return Outcome(name, estimate.kind, figures, series.astype(np.float32).tobytes())
+        return Outcome(asked.key, estimate.kind, figures, series.astype(np.float32).tobytes())
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
-        return _failed(name, error)
+        return _failed(asked.key, error)
 
 
 def _failed(name: str, error: Exception) -> Outcome:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from slamgauge.compare.estimators.loading import load_estimators
+from slamgauge.compare.estimators.asked import Asked, Chosen, ask
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.manifest import begin_file, require_free
@@ -26,12 +26,10 @@ IN_FLIGHT = 256  # runs handed to the executor at a time, so that results do not
 MOST_LOST = 3  # workers in a row that die at a single run: it is not the run then
 AGAIN = "not stored: the same command carries it out again"
 
-_Task = tuple[int, list[str]]  # a run, and the estimators that it is still to be given to
+_Task = tuple[int, list[Asked]]  # a run, and the estimators that it is still to be given to
 
 
-def run_study(
-    scenario: Scenario, runs: int, seed: int, estimators: Sequence[str], out: Path, executor: Executor
-) -> Summary:
+def run_study(scenario: Scenario, runs: int, seed: int, estimators: Chosen, out: Path, executor: Executor) -> Summary:
     """Carry out the runs that the store in `out` lacks, and sum up the first `runs` of them.
 
     An estimator's error is stored as what became of the run. What the machine refused (memory, room, a worker that
@@ -42,8 +40,9 @@ def run_study(
             statement about consistency.
         runs: how many; their seeds are spawned from `seed`, the same whatever the number.
         seed: the study's root seed.
-        estimators: names of `load_estimators`; all see the same measurements, the optima with their true noise
-            and associations.
+        estimators: what `load_estimators` takes, people's own among it, whose results are kept under a digest of
+            their code: edited code is another estimator. All see the same measurements, the optima with their true
+            noise and associations.
         out: folder of `study.sqlite`.
         executor: carries the runs, for example `executors.local_processes(2)`.
 
@@ -51,8 +50,8 @@ def run_study(
         UserError: bad names or numbers, a store that holds another study, a file in its place that is not ours, or
             workers that die whatever they carry.
     """
-    load_estimators(estimators)  # misspelt names are refused before anything is written
-    if not estimators:
+    asked = ask(estimators)  # misspelt names are refused before anything is written
+    if not asked:
         raise UserError("estimators: none given; name at least one, for example --estimators ekf,isam2")
     if runs < 1:
         raise UserError(f"runs: {runs} is no study; give at least 1")
@@ -62,10 +61,12 @@ def run_study(
     begin_file(out, STORE)
     begin_store(out / STORE, scenario, seed)
     with open_store(out / STORE, scenario, seed) as store:
-        refused = _carry_out(store, scenario, runs, seed, estimators, executor)
-        loaded = {name: store.load(name, runs) for name in estimators}
-        failures = [Failure(*each) for each in store.failures(runs) if each[1] in estimators]
-        failures = sorted(failures + refused, key=lambda failure: (failure.run, failure.estimator))
+        refused = _carry_out(store, scenario, runs, seed, asked, executor)
+        loaded = {each.label: store.load(each.key, runs) for each in asked}
+        labels = {each.key: each.label for each in asked}
+        found = [*(Failure(*each) for each in store.failures(runs)), *refused]
+        failures = [replace(each, estimator=labels[each.estimator]) for each in found if each.estimator in labels]
+        failures.sort(key=lambda failure: (failure.run, failure.estimator))
     return Summary(
         scenario=scenario.name,
         runs=runs,
@@ -76,16 +77,16 @@ def run_study(
     )
 
 
-def load_runs(scenario: Scenario, runs: int, seed: int, estimators: Sequence[str], out: Path) -> dict[str, Runs]:
+def load_runs(scenario: Scenario, runs: int, seed: int, estimators: Chosen, out: Path) -> dict[str, Runs]:
     """What the store in `out` holds of each estimator, for figures and statistics of one's own."""
     if not (out / STORE).exists():
         raise UserError(f"{out / STORE}: there is no study; carry one out with run_study")
     with open_store(out / STORE, scenario, seed) as store:
-        return {name: store.load(name, runs) for name in estimators}
+        return {each.label: store.load(each.key, runs) for each in ask(estimators)}
 
 
 def _carry_out(
-    store: StudyStore, scenario: Scenario, runs: int, seed: int, estimators: Sequence[str], executor: Executor
+    store: StudyStore, scenario: Scenario, runs: int, seed: int, asked: Sequence[Asked], executor: Executor
 ) -> list[Failure]:
     """Hand out the missing runs, and store each as it arrives; what failed and is not stored is returned.
 
@@ -93,8 +94,8 @@ def _carry_out(
     tells the one that takes its worker with it from the others.
     """
     stored = store.stored()
-    missing = {run: [name for name in estimators if (run, name) not in stored] for run in range(runs)}
-    to_do = [(run, names) for run, names in missing.items() if names]
+    missing = {run: [each for each in asked if (run, each.key) not in stored] for run in range(runs)}
+    to_do = [(run, estimators) for run, estimators in missing.items() if estimators]
     progress = tqdm(total=runs, initial=runs - len(to_do), disable=None, unit="run", desc=scenario.name)
     refused: list[Failure] = []
     lost: list[_Task] = []
@@ -107,8 +108,9 @@ def _carry_out(
                 else:
                     refused += _kept(store, task[0], seed, done)
                     progress.update()
-        with closing(_carried(sorted(lost), 1, scenario, seed, executor)) as arriving:
-            for (run, names), done in arriving:
+        lost.sort(key=lambda task: task[0])
+        with closing(_carried(lost, 1, scenario, seed, executor)) as arriving:
+            for (run, estimators), done in arriving:
                 in_a_row = in_a_row + 1 if done is None else 0
                 if in_a_row == MOST_LOST:
                     raise UserError(
@@ -116,7 +118,7 @@ def _carry_out(
                         "(out of memory?); make room, and give the same command again"
                     )
                 error = Outcome("", error="its worker process died (out of memory?)", transient=True)
-                refused += _kept(store, run, seed, done or [replace(error, estimator=name) for name in names])
+                refused += _kept(store, run, seed, done or [replace(error, estimator=each.key) for each in estimators])
                 progress.update()
     return refused
 
@@ -135,8 +137,8 @@ def _carried(
     waiting = iter(to_do)
     try:
         while True:
-            for run, names in islice(waiting, in_flight - len(pending)):
-                pending[executor.submit(run_once, scenario, run_seed(seed, run), names)] = (run, names)
+            for run, asked in islice(waiting, in_flight - len(pending)):
+                pending[executor.submit(run_once, scenario, run_seed(seed, run), asked)] = (run, asked)
             if not pending:
                 return
             for future in wait(pending, return_when=FIRST_COMPLETED).done:

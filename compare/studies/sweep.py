@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from slamgauge.compare.estimators.registry import CAUSAL, is_yardstick
+from slamgauge.compare.estimators.asked import Asked, Chosen, ask
+from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.catalogue import columns
@@ -30,7 +31,7 @@ from slamgauge.compare.studies.summary import (
 from slamgauge.errors import UserError
 
 Finished = Callable[[Path, Summary, dict[str, Runs], float], None]
-Part = tuple[Scenario, list[str], Path]  # a study: its scenario, its estimators and its folder
+Part = tuple[Scenario, list[Asked], Path]  # a study: its scenario, its estimators and its folder
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def run_sweep(
     sweep: str,
     runs: int,
     seed: int,
-    estimators: Sequence[str],
+    estimators: Chosen,
     out: Path,
     executor: Executor,
     finished: Finished | None = None,
@@ -106,8 +107,9 @@ def run_sweep(
     key, values = split_sweep(sweep)
     scenarios = [load_scenario(name_or_path, [*overrides, f"{key}={value}"]) for value in values]
     _require_different(sweep, values, scenarios)
-    optima = [name for name in estimators if is_yardstick(name)]
-    others = [name for name in estimators if name not in optima]
+    asked = ask(estimators)
+    optima = [each for each in asked if each.is_yardstick]
+    others = [each for each in asked if not each.is_yardstick]
     if not others:
         raise UserError("estimators: a sweep needs one beside the optima; add a filter, for example ekf")
     folders = [f"{key}={value}" for value in values]
@@ -128,10 +130,10 @@ def _run_parts(
 ) -> tuple[Summary, dict[str, Runs]]:
     """Run the studies that make up one value of a sweep; their summary under `scenario`, and their runs."""
     failures, loaded = tuple[Failure, ...](), dict[str, Runs]()
-    for told, names, where in parts:
-        if names:
-            failures += run_study(told, runs, seed, names, where, executor).failures
-            loaded |= load_runs(told, runs, seed, names, where)
+    for told, asked, where in parts:
+        if asked:
+            failures += run_study(told, runs, seed, asked, where, executor).failures
+            loaded |= load_runs(told, runs, seed, asked, where)
     return Summary(scenario.name, runs, seed, digest(scenario, seed), failures, summarise(loaded)), loaded
 
 

@@ -1,0 +1,100 @@
+"""What is asked for: estimators by name or address, light enough to travel to a worker. Nothing of them has run."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from slamgauge.compare.estimators.own import Address, address
+from slamgauge.compare.estimators.private_import import PrivateFolder
+from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS, entry_of
+from slamgauge.compare.estimators.sources import Sources, sources_of
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimator
+
+
+@dataclass(frozen=True)
+class Asked:
+    """An estimator that is asked for.
+
+    Attributes:
+        label: what rows and files of results are called.
+        name: of the registry, if it is one of ours.
+        where: the address of people's own.
+        sources: of an address that is a file, or a module of the current folder.
+        call: a callable given in Python.
+    """
+
+    label: str
+    name: str = ""
+    where: Address | None = None
+    sources: Sources | None = field(default=None, repr=False)
+    call: Estimator | None = None
+
+    @property
+    def is_yardstick(self) -> bool:
+        """Whether it is an optimum, which is told true noise and associations."""
+        return self.name in YARDSTICKS.values()
+
+    @property
+    def key(self) -> str:
+        """What stores call its results: people's own by label and digest, so that edited code is another estimator."""
+        if self.sources is not None and self.where is not None:
+            return f"{self.label} {self.where.attribute} {self.sources.digest[:16]}"
+        if self.call is not None:
+            return f"{self.label} {_digest_of(self.call)[:16]}"
+        return self.label
+
+
+Chosen = Sequence[str | Asked] | Mapping[str, str | Estimator]  # names and addresses; or by a label of their own
+
+
+def ask(chosen: Chosen) -> list[Asked]:
+    """Estimators by name, `isam2@ekf` among them, by address `[LABEL=]FILE.py:callable`, or callables by label.
+
+    What has been asked for stays as it was then: a file that is edited meanwhile does not change it.
+
+    Raises:
+        UserError: an unknown name, an address of a wrong form, or two of one label.
+    """
+    if isinstance(chosen, Mapping):
+        asked = [_asked(label, what) for label, what in chosen.items()]
+    else:
+        asked = [each if isinstance(each, Asked) else _asked("", each) for each in chosen]
+    labels = [each.label for each in asked]
+    for each in asked:
+        is_ours = not each.name and each.label in REGISTRY
+        if is_ours or labels.count(each.label) > 1:
+            text = each.label if each.where is None else each.where.text
+            why = "is one of ours" if is_ours else "stands there twice"
+            raise UserError(f"estimator {text!r}: {each.label} {why}; write another LABEL= in front")
+    return asked
+
+
+def _asked(label: str, what: str | Estimator) -> Asked:
+    if not isinstance(what, str):
+        return Asked(label, call=what)
+    if ":" not in what and "=" not in what:
+        return Asked(label or what, entry_of(what).name)
+    where = address(what)
+    return Asked(label or where.label, where=where, sources=_sources(where))
+
+
+def _sources(where: Address) -> Sources | None:
+    """Of a file, or a module of the current folder; None for what is installed, or is not there."""
+    path = Path(where.place)
+    if where.place.endswith(".py"):
+        return sources_of(path.parent, path.stem) if path.is_file() else None
+    return sources_of(Path.cwd(), where.place) if PrivateFolder(Path.cwd()).owns(where.place) else None
+
+
+def _digest_of(call: Estimator) -> str:
+    """SHA-256 of the file that a callable stands in; of its name where there is none."""
+    module = inspect.getmodule(call)
+    file = getattr(module, "__file__", None)
+    content = Path(file).read_bytes() if file is not None and Path(file).is_file() else b""
+    name = getattr(call, "__qualname__", type(call).__qualname__)
+    return hashlib.sha256(name.encode() + content).hexdigest()
