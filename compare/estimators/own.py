@@ -5,16 +5,19 @@ from __future__ import annotations
 import importlib
 import sys
 import traceback
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import slamgauge
 from slamgauge.compare.estimators.private_import import PrivateFolder, public
+from slamgauge.compare.estimators.quiet_import import without_windows
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimator
 from slamgauge.near_names import did_you_mean
+
+Callee = Callable[..., Any]
 
 FORM = "write FILE.py:callable or module:callable, for example my_filter.py:estimate"
 SILENT = (Path(slamgauge.__file__).parent, Path(__file__).parent)  # ours, which an error passes through
@@ -51,18 +54,22 @@ def address(text: str) -> Address:
     return Address(text, label, place, attribute)
 
 
-def load_own(where: Address) -> Estimator:
+class OwnCodeError(UserError):
+    """What people's own code does that its form does not allow, said by the adapter that has noticed it."""
+
+
+def load_own(where: Address) -> Callee:
     """Load the module afresh and return its callable. THIS RUNS THAT CODE; what it prints goes to standard error.
 
-    A file's neighbours are its own to import; a module is looked up in the current folder, then among what is
+    It opens no windows, and may call `exit()` once the callable is defined. A file's neighbours are its own to import; a module is looked up in the current folder, then among what is
     installed.
 
     Raises:
         UserError: it is not there, cannot be loaded, or is no callable.
     """
     try:
-        with redirect_stdout(sys.stderr):
-            module = _module(where.place)
+        with redirect_stdout(sys.stderr), without_windows():
+            module = _module(where)
     except (Exception, SystemExit) as error:
         if isinstance(error, _MissingError):
             raise UserError(f"estimator {where.text}: no file {where.place!r} is found; check the path") from None
@@ -77,17 +84,23 @@ def load_own(where: Address) -> Estimator:
     if not callable(estimator):
         kind = type(estimator).__name__
         raise UserError(f"estimator {where.text}: is a {kind}; give a callable Recording -> Estimate")
-    return estimator  # pyright: ignore[reportReturnType]
+    return estimator
 
 
-def _module(place: str) -> ModuleType:
-    if place.endswith(".py"):
-        path = Path(place)
-        if not path.is_file():
-            raise _MissingError(place)
-        return PrivateFolder(path.parent).load(path.stem)
+def _module(where: Address) -> ModuleType:
+    path, name = Path(where.place), where.place
     folder = PrivateFolder(Path.cwd())
-    return folder.load(place) if folder.owns(place) else importlib.import_module(place)
+    if name.endswith(".py"):
+        if not path.is_file():
+            raise _MissingError(name)
+        folder, name = PrivateFolder(path.parent), path.stem
+    elif not folder.owns(name):
+        return importlib.import_module(name)
+    module = folder.load(name)
+    left = folder.exits.get(module.__name__)
+    if left is not None and not hasattr(module, where.attribute):
+        raise left
+    return module
 
 
 class _MissingError(Exception):
