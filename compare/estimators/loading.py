@@ -6,7 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from slamgauge.compare.estimators.own import Address, address, load_own
+from slamgauge.compare.estimators.adapters import adapted
+from slamgauge.compare.estimators.fresh_code import AddressedCode
+from slamgauge.compare.estimators.own import Address, address
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.ekf.settings.initialisation import Initialisation
@@ -39,8 +41,9 @@ def load_estimators(
     Args:
         names: of the registry; `isam2@ekf` is isam2 under the associations that ekf makes, and so for every graph
             and filter.
-        own: people's own, `[LABEL=]FILE.py:callable` or `[LABEL=]package.module:callable`; this loads and runs the
-            code found there, with the file's folder, or the current one, searched first.
+        own: people's own, `[LABEL=]FILE.py:callable` or `[LABEL=]package.module:callable`, in any of the forms of
+            `slamgauge.adapters`; this loads and runs the code found there, with the file's folder, or the current
+            one, searched first.
         association: how filters associate a recording without ids; theirs by default is the nearest neighbour at
             gate 9. With `method` known, too: there they have ids.
         initialisation: how filters initialise landmarks where the recording has bearings alone.
@@ -77,7 +80,8 @@ def _ours(entry: Entry, settings: dict[str, object], frames: int) -> LoadedEstim
 
 
 def _own(where: Address) -> LoadedEstimator:
-    return LoadedEstimator(Entry(name=where.label, kind=None, is_own=True, is_benched=False), load_own(where))
+    entry = Entry(name=where.label, kind=None, is_own=True, is_benched=False)
+    return LoadedEstimator(entry, adapted(AddressedCode(where), where.label))
 
 
 def _settings(association: Association | None, initialisation: Initialisation | None) -> dict[str, object]:

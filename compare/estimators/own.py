@@ -59,10 +59,15 @@ class OwnCodeError(UserError):
 
 
 def load_own(where: Address) -> Callee:
-    """Load the module afresh and return its callable. THIS RUNS THAT CODE; what it prints goes to standard error.
+    """The callable of `load_own_module`. THIS RUNS THAT CODE."""
+    return getattr(load_own_module(where), where.attribute)
 
-    It opens no windows, and may call `exit()` once the callable is defined. A file's neighbours are its own to import; a module is looked up in the current folder, then among what is
-    installed.
+
+def load_own_module(where: Address) -> ModuleType:
+    """Load the module afresh, in which the callable stands. THIS RUNS THAT CODE; what it prints goes to standard error.
+
+    It opens no windows, and may call `exit()` once the callable is defined. A file's neighbours are its own to import;
+    a module is looked up in the current folder, then among what is installed.
 
     Raises:
         UserError: it is not there, cannot be loaded, or is no callable.
@@ -84,7 +89,7 @@ def load_own(where: Address) -> Callee:
     if not callable(estimator):
         kind = type(estimator).__name__
         raise UserError(f"estimator {where.text}: is a {kind}; give a callable Recording -> Estimate")
-    return estimator
+    return module
 
 
 def _module(where: Address) -> ModuleType:

@@ -17,7 +17,7 @@ _held: dict[tuple[str, str], Callable[..., Any]] | None = None  # what stands in
 @contextmanager
 def without_windows() -> Generator[None]:
     """Nothing that is loaded in here shows figures or waits for them; those that it made are closed at the end."""
-    global _held  # noqa: PLW0603
+    global _held
     if _held is not None:
         yield
         return
