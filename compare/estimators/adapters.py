@@ -13,8 +13,8 @@ from typing import NamedTuple
 from slamgauge.compare.estimators import course_steps, online_class, predict_update
 from slamgauge.compare.estimators import step_function as steps
 from slamgauge.compare.estimators.external_program import external
-from slamgauge.compare.estimators.fresh_code import Code, Fresh, GivenCode
-from slamgauge.compare.estimators.own import Callee
+from slamgauge.compare.estimators.fresh_code import AddressedCode, Code, Fresh, GivenCode
+from slamgauge.compare.estimators.own import Address, Callee
 from slamgauge.compare.estimators.step_function import Noise, StepFunction
 from slamgauge.compare.estimators.their_calls import required
 from slamgauge.errors import UserError
@@ -66,21 +66,31 @@ def adapt(given: Callee | ModuleType, name: str) -> Estimator:
     Raises:
         UserError: it has none of the forms.
     """
-    return adapted(GivenCode(_within(given, name) if isinstance(given, ModuleType) else given), name)
+    callee = _within(given, name) if isinstance(given, ModuleType) else given
+    code = GivenCode(callee)
+    form = _form_of(code.fresh(), name)
+    return callee if form is None else form.estimator(code)
 
 
-def adapted(code: Code, name: str) -> Estimator:
-    """`adapt` for code that can be had afresh; a callable `Recording -> Estimate` stays as it is."""
+def adapted(where: Address) -> Estimator:
+    """`adapt` for what stands in a file or module; but for a callable `Recording -> Estimate` loaded for every run."""
+    code = AddressedCode(where)
     fresh = code.fresh()
+    form = _form_of(fresh, where.label)
+    return fresh.callee if form is None else form.estimator(code)
+
+
+def _form_of(fresh: Fresh, name: str) -> Form | None:
+    """The form of a callable, said on standard error; None for one that takes a recording."""
     for form in FORMS:
         words = form.description(fresh)
         if words is not None:
             print(f"{name}: {words}", file=sys.stderr)
-            return form.estimator(code)
+            return form
     if isinstance(fresh.callee, type) or len(required(fresh.callee)) > 1:
         what = f"{_spelt(fresh.callee)} has none of the forms that are known"
         raise UserError(f"estimator {name}: {what}; give {', or '.join(EXAMPLES)}")
-    return fresh.callee
+    return None
 
 
 def step_function(given: Callee, noise: Noise = "recording") -> StepFunction:

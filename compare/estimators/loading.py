@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 
 from slamgauge.compare.estimators.adapters import adapted
-from slamgauge.compare.estimators.fresh_code import AddressedCode
 from slamgauge.compare.estimators.own import Address, address
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
 from slamgauge.compare.scenarios.schema import Association
@@ -81,7 +80,7 @@ def _ours(entry: Entry, settings: dict[str, object], frames: int) -> LoadedEstim
 
 def _own(where: Address) -> LoadedEstimator:
     entry = Entry(name=where.label, kind=None, is_own=True, is_benched=False)
-    return LoadedEstimator(entry, adapted(AddressedCode(where), where.label))
+    return LoadedEstimator(entry, adapted(where))
 
 
 def _settings(association: Association | None, initialisation: Initialisation | None) -> dict[str, object]:
