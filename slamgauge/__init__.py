@@ -10,6 +10,7 @@ import importlib
 TYPE_CHECKING = False  # as in `typing`, which is not loaded: `python -m slamgauge` might find a file of that name first
 if TYPE_CHECKING:
     from slamgauge.arrays import Float, Int, Marks
+    from slamgauge.compare.estimators import adapters
     from slamgauge.compare.estimators.loading import load_estimators
     from slamgauge.compare.figures.error_panels import plot_errors
     from slamgauge.compare.figures.plots import plot_run, save_figure
@@ -81,6 +82,7 @@ if TYPE_CHECKING:
         "UndeterminedError",
         "UserError",
         "__version__",
+        "adapters",
         "assert_error_bounds",
         "batch",
         "between",
@@ -142,6 +144,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
     "compare.scenarios.simulation": "informed simulate",
     "compare.studies.claims": "judge_claims",
     "compare.storage.files": "load_estimate load_recording load_truth save",
+    "compare.estimators": "adapters",
     "compare.estimators.loading": "load_estimators",
     "compare.studies.study": "load_runs run_study",
     "compare.figures.publishing": "write_study",
@@ -157,6 +160,8 @@ _VOCABULARY = {module for module in _NAMES if "." not in module} | {"near_names"
 def __getattr__(name: str) -> object:
     if name in _FLOORS:
         return importlib.import_module(f"slamgauge.{name}")
+    if name == "adapters":
+        return importlib.import_module(f"slamgauge.{_HOME[name]}.{name}")
     if name in _HOME:
         return getattr(importlib.import_module(f"slamgauge.{_HOME[name]}"), name)
     if name == "__all__":

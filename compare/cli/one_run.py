@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from slamgauge.compare.estimators.asked import Asked
     from slamgauge.compare.scenarios.schema import Association
     from slamgauge.ekf.settings.initialisation import Initialisation
+    from slamgauge.estimate import Estimate, Estimator
     from slamgauge.recording import Recording
     from slamgauge.truth import Truth
 
@@ -97,6 +98,10 @@ class Evaluate:
 
     estimators: Estimators = DEFAULT_ESTIMATORS
 
+    estimates: Overrides = field(default_factory=list)
+    """Estimates that are graded as they lie there, LABEL=PATH ...: an estimate.npz, CSV, or TUM with or without the
+    columns of covariances (docs/your_filter.md). Nothing of yours is run for them."""
+
     association: Literal["nearest-neighbour", "jcbb"] = "nearest-neighbour"
     """How filters associate a recording without ids; jcbb is joint, and manages its map."""
 
@@ -119,6 +124,7 @@ class Evaluate:
         """Load, grade and, if asked to, write."""
         from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
         from slamgauge.compare.storage.files import load_recording, load_truth
+        from slamgauge.compare.storage.stored_estimates import load_stored
         from slamgauge.ekf.settings.association import Association as FilterAssociation
         from slamgauge.ekf.settings.rules import fitted, require
 
@@ -132,8 +138,22 @@ class Evaluate:
             Association(method=self.association, gate=self.gate),
             fitted(INITIALISATIONS[self.initialisation], self.reach),
         )
-        grading = Grading(ask(split_names(self.estimators)), self.out, self.json, title, *settings)
+        stored = {label: _as_it_lies(load_stored(path, recording)) for label, path in self._stored().items()}
+        grading = Grading([*ask(split_names(self.estimators)), *ask(stored)], self.out, self.json, title, *settings)
         grading.grade(truth, recording)
+
+    def _stored(self) -> dict[str, Path]:
+        """Paths of estimates by label."""
+        pairs = [text.partition("=") for text in flattened(self.estimates)]
+        for label, equals, path in pairs:
+            if not label or not equals or not path:
+                raise UserError(f"estimates {label + equals + path!r}: write LABEL=PATH, for example mine=mine.csv")
+        return {label: Path(path) for label, _, path in pairs}
+
+
+def _as_it_lies(estimate: Estimate) -> Estimator:
+    """The estimator that returns an estimate, whatever the recording."""
+    return lambda _: estimate
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,11 @@ from __future__ import annotations
 import hashlib
 import inspect
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from slamgauge.compare.estimators.own import Address, address
-from slamgauge.compare.estimators.private_import import PrivateFolder
 from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS, entry_of
-from slamgauge.compare.estimators.sources import Sources, sources_of
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 
@@ -24,14 +22,12 @@ class Asked:
         label: what rows and files of results are called.
         name: of the registry, if it is one of ours.
         where: the address of people's own.
-        sources: of an address that is a file, or a module of the current folder.
         call: a callable given in Python.
     """
 
     label: str
     name: str = ""
     where: Address | None = None
-    sources: Sources | None = field(default=None, repr=False)
     call: Estimator | None = None
 
     @property
@@ -42,8 +38,8 @@ class Asked:
     @property
     def key(self) -> str:
         """What stores call its results: people's own by label and digest, so that edited code is another estimator."""
-        if self.sources is not None and self.where is not None:
-            return f"{self.label} {self.where.attribute} {self.sources.digest[:16]}"
+        if self.where is not None and self.where.sources is not None:
+            return f"{self.label} {self.where.attribute} {self.where.sources.digest[:16]}"
         if self.call is not None:
             return f"{self.label} {_digest_of(self.call)[:16]}"
         return self.label
@@ -80,15 +76,7 @@ def _asked(label: str, what: str | Estimator) -> Asked:
     if ":" not in what and "=" not in what:
         return Asked(label or what, entry_of(what).name)
     where = address(what)
-    return Asked(label or where.label, where=where, sources=_sources(where))
-
-
-def _sources(where: Address) -> Sources | None:
-    """Of a file, or a module of the current folder; None for what is installed, or is not there."""
-    path = Path(where.place)
-    if where.place.endswith(".py"):
-        return sources_of(path.parent, path.stem) if path.is_file() else None
-    return sources_of(Path.cwd(), where.place) if PrivateFolder(Path.cwd()).owns(where.place) else None
+    return Asked(label or where.label, where=where)
 
 
 def _digest_of(call: Estimator) -> str:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from slamgauge.compare.estimators.adapters import adapt, adapted
 from slamgauge.compare.estimators.asked import Asked, Chosen, ask
-from slamgauge.compare.estimators.own import load_own
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.ekf.settings.initialisation import Initialisation
@@ -39,8 +39,8 @@ def load_estimators(
     Args:
         chosen: names of the registry, `isam2@ekf` is isam2 under the associations that ekf makes, and so for every
             graph and filter; addresses `[LABEL=]FILE.py:callable` or `[LABEL=]package.module:callable` of people's
-            own, and this loads and runs the code found there, with the file's folder, or the current one, searched
-            first; or a mapping from labels to either, or to callables.
+            own, in any of the forms of `slamgauge.adapters`, and this loads and runs the code found there, with the
+            file's folder, or the current one, searched first; or a mapping from labels to either, or to callables.
         association: how filters associate a recording without ids; theirs by default is the nearest neighbour at
             gate 9. With `method` known, too: there they have ids.
         initialisation: how filters initialise landmarks where the recording has bearings alone.
@@ -71,15 +71,21 @@ def load(
     association: Association | None = None,
     initialisation: Initialisation | None = None,
     frames: int = 0,
+    *,
+    announced: bool = True,
 ) -> LoadedEstimator:
-    """One estimator, with the settings of `load_estimators`; people's own code is loaded afresh, and runs."""
+    """One estimator, with the settings of `load_estimators`; people's own code is loaded afresh, and runs.
+
+    The form in which they bring it is said on standard error, if it is to be `announced`.
+    """
     if asked.name:
         return _ours(entry_of(asked.name), _settings(association, initialisation), frames)
     own = Entry(name=asked.label, kind=None, is_own=True, is_benched=False)
     if asked.where is not None:
-        return LoadedEstimator(own, load_own(asked.where, asked.sources))
+        return LoadedEstimator(own, adapted(asked.where, announced=announced))
     assert asked.call is not None
-    return LoadedEstimator(entry_behind(asked.call) or own, asked.call)
+    entry = entry_behind(asked.call)
+    return LoadedEstimator(entry or own, asked.call if entry else adapt(asked.call, asked.label, announced=announced))
 
 
 def entry_behind(estimator: Estimator) -> Entry | None:

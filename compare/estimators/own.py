@@ -5,29 +5,36 @@ from __future__ import annotations
 import importlib
 import sys
 import traceback
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import slamgauge
 from slamgauge.compare.estimators.private_import import PrivateFolder, public
-from slamgauge.compare.estimators.sources import Sources
+from slamgauge.compare.estimators.quiet_import import without_windows
+from slamgauge.compare.estimators.sources import Sources, sources_of
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimator
 from slamgauge.near_names import did_you_mean
+
+Callee = Callable[..., Any]
 
 FORM = "write FILE.py:callable or module:callable, for example my_filter.py:estimate"
 SILENT = (Path(slamgauge.__file__).parent, Path(__file__).parent)  # ours, which an error passes through
 
 
 class Address(NamedTuple):
-    """Where an estimator is: `place` is a file or a module, `label` the name that results carry."""
+    """Where an estimator is: `place` is a file or a module, `label` the name that results carry.
+
+    `sources` are those of a file, or of a module of the current folder; None of what is installed, or not there.
+    """
 
     text: str
     label: str
     place: str
     attribute: str
+    sources: Sources | None = None
 
 
 def address(text: str) -> Address:
@@ -49,21 +56,37 @@ def address(text: str) -> Address:
     if not label.strip() or set("/\\") & set(label) or not label.isprintable():
         remedy = "give a word without slashes, and with no blanks but plain ones"
         raise UserError(f"estimator {text!r}: label {label!r} names files of results; {remedy}")
-    return Address(text, label, place, attribute)
+    return Address(text, label, place, attribute, _sources(place))
 
 
-def load_own(where: Address, sources: Sources | None = None) -> Estimator:
-    """Load the module afresh and return its callable. THIS RUNS THAT CODE; what it prints goes to standard error.
+def _sources(place: str) -> Sources | None:
+    path = Path(place)
+    if place.endswith(".py"):
+        return sources_of(path.parent, path.stem) if path.is_file() else None
+    return sources_of(Path.cwd(), place) if PrivateFolder(Path.cwd()).owns(place) else None
 
-    A file's neighbours are its own to import; a module is looked up in the current folder, then among what is
-    installed.
+
+class OwnCodeError(UserError):
+    """What people's own code does that its form does not allow, said by the adapter that has noticed it."""
+
+
+def load_own(where: Address) -> Callee:
+    """The callable of `load_own_module`. THIS RUNS THAT CODE."""
+    return getattr(load_own_module(where), where.attribute)
+
+
+def load_own_module(where: Address) -> ModuleType:
+    """Load the module afresh, in which the callable stands. THIS RUNS THAT CODE; what it prints goes to standard error.
+
+    It opens no windows, and may call `exit()` once the callable is defined. A file's neighbours are its own to import;
+    a module is looked up in the current folder, then among what is installed.
 
     Raises:
         UserError: it is not there, cannot be loaded, or is no callable.
     """
     try:
-        with redirect_stdout(sys.stderr):
-            module = _module(where.place) if sources is None else _module_of(sources)
+        with redirect_stdout(sys.stderr), without_windows():
+            module = _module(where)
     except (Exception, SystemExit) as error:
         if isinstance(error, _MissingError):
             raise UserError(f"estimator {where.text}: no file {where.place!r} is found; check the path") from None
@@ -78,17 +101,20 @@ def load_own(where: Address, sources: Sources | None = None) -> Estimator:
     if not callable(estimator):
         kind = type(estimator).__name__
         raise UserError(f"estimator {where.text}: is a {kind}; give a callable Recording -> Estimate")
-    return estimator  # pyright: ignore[reportReturnType]
+    return module
 
 
-def _module(place: str) -> ModuleType:
-    if place.endswith(".py"):
-        raise _MissingError(place)
-    return importlib.import_module(place)
-
-
-def _module_of(sources: Sources) -> ModuleType:
-    return PrivateFolder(sources.place()).load(sources.module)
+def _module(where: Address) -> ModuleType:
+    if where.sources is None:
+        if where.place.endswith(".py"):
+            raise _MissingError(where.place)
+        return importlib.import_module(where.place)
+    folder = PrivateFolder(where.sources.place())
+    module = folder.load(where.sources.module)
+    left = folder.exits.get(module.__name__)
+    if left is not None and not hasattr(module, where.attribute):
+        raise left
+    return module
 
 
 class _MissingError(Exception):

@@ -15,10 +15,13 @@ import importlib.util
 import itertools
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib.machinery import BuiltinImporter, FrozenImporter, ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
+
+from slamgauge.compare.estimators.quiet_import import hold_windows
 
 PREFIX = "_slamgauge_own_"
 OURS = "slamgauge"  # what people import by this name is always this program
@@ -38,6 +41,8 @@ class PrivateFolder:
         self.folder = folder.resolve()
         self._name = f"{PREFIX}{next(_numbers)}"
         self._owned: dict[str, bool] = {}
+        self.exits: dict[str, SystemExit] = {}  # of modules that were asked for, by their private names
+        self._asked: set[str] = set()
         self._importlib = ModuleType("importlib")
         importlib.invalidate_caches()  # a file may be younger than the last look into its folder
         package = ModuleType(self._name)
@@ -58,18 +63,29 @@ class PrivateFolder:
         return self._owned[top]
 
     def load(self, name: str) -> ModuleType:
-        """The module `name` of the folder, run on first use.
+        """The module `name` of the folder, run on first use; if it calls `exit()`, as far as it came.
 
         Raises:
             ImportError: it is not there; and whatever it raises.
         """
+        self._asked.add(self.private(name))
         return importlib.import_module(self.private(name))
+
+    def run(self, module: ModuleType, body: Callable[[], None]) -> None:
+        """Run the body of a module of the folder; an exit in one that was asked for is kept in `exits`."""
+        vars(module)["__builtins__"] = self._builtins()
+        try:
+            body()
+        except SystemExit as left:
+            if module.__name__ not in self._asked:
+                raise
+            self.exits[module.__name__] = left
 
     def private(self, name: str) -> str:
         """The name under which Python keeps the module."""
         return f"{self._name}.{name}"
 
-    def builtins(self) -> dict[str, object]:
+    def _builtins(self) -> dict[str, object]:
         """Python's builtins with the folder's own `__import__`."""
         return {**vars(builtins), "__import__": self._import}
 
@@ -91,6 +107,7 @@ class PrivateFolder:
     ) -> ModuleType:
         if level or not self.owns(name):
             found = builtins.__import__(name, globals, locals, fromlist or (), level)
+            hold_windows()
             return self._own_importlib() if found is importlib else found
         found = builtins.__import__(self.private(name), globals, locals, fromlist or (), 0)
         return found if fromlist else sys.modules[self.private(name.partition(".")[0])]
@@ -130,8 +147,7 @@ class _Loader(SourceFileLoader):
         return self.source_to_code(self.get_data(path), path)
 
     def exec_module(self, module: ModuleType) -> None:
-        vars(module)["__builtins__"] = self._folder.builtins()
-        super().exec_module(module)
+        self._folder.run(module, partial(super().exec_module, module))
 
 
 def public(text: str) -> str:

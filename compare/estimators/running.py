@@ -8,7 +8,7 @@ from time import perf_counter
 from typing import cast
 
 from slamgauge.compare.estimators.loading import entry_behind
-from slamgauge.compare.estimators.own import where_it_broke
+from slamgauge.compare.estimators.own import OwnCodeError, where_it_broke
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
@@ -35,7 +35,7 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
     except (Exception, SystemExit) as error:
         if is_ours and not isinstance(error, UserError):
             raise
-        reason = str(error) if is_ours else where_it_broke(error)
+        reason = str(error) if is_ours or isinstance(error, OwnCodeError) else where_it_broke(error)
         raise UserError(f"estimator {name}: {reason}") from error
     seconds = perf_counter() - start
     return _checked(name, estimate, recording), seconds

@@ -155,7 +155,7 @@ def rung_errors(scenario: Scenario, seed: int, asked: Asked) -> RungErrors:
     assert truth.association is not None
     believed = recording.associated(truth.association)
     try:
-        slam = load(asked, scenario.association, scenario.initialisation_settings)
+        slam = load(asked, scenario.association, scenario.initialisation_settings, announced=False)
         hindsight = _run(HINDSIGHT, told)
         causal = _run(CAUSAL, told)
         assuming = causal if scenario.assumed == Assumed() else _run(CAUSAL, believed)

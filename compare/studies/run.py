@@ -61,7 +61,7 @@ def run_once(scenario: Scenario, seed: int, asked: Sequence[Asked]) -> list[Outc
 
 def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recording) -> Outcome:
     try:
-        estimator = load(asked, scenario.association, scenario.initialisation_settings)
+        estimator = load(asked, scenario.association, scenario.initialisation_settings, announced=False)
         estimate, seconds = run_estimator(asked.label, estimator, recording)
         series = step_series(truth, estimate)
         off = stored_distances(series[0], series[1])

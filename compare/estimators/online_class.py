@@ -1,0 +1,97 @@
+"""An online class: `predict(increment, cov)`, `update(observations)`, `pose`, `pose_cov`, as `slamgauge.OnlineFilter`.
+
+It is made anew for every run: without arguments, or with those of sensor, prior_mean (3,) and prior_cov (3, 3) that its
+constructor names. `update` takes `slamgauge.Observations`, or ids, values and covs one by one. Whatever else of the
+protocol it has (landmark_ids, landmarks, landmark_covs, associated, standing, the NIS and its degrees of freedom from
+`update`) is reported too.
+"""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from slamgauge.arrays import Int
+from slamgauge.compare.estimators.fresh_code import Code, Fresh
+from slamgauge.compare.estimators.own import Callee, OwnCodeError
+from slamgauge.compare.estimators.their_calls import called, parameters, required
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Observations, Recording
+
+START = ("sensor", "prior_mean", "prior_cov")
+
+
+def description(given: Fresh) -> str | None:
+    """What people are told of a class of this form; None for anything else."""
+    kind = given.callee
+    if not inspect.isclass(kind) or not all(callable(getattr(kind, name, None)) for name in ("predict", "update")):
+        return None
+    return f"online class {kind.__name__}({', '.join(_constructed_with(kind))})"
+
+
+@dataclass(frozen=True)
+class OnlineClass:
+    """An online class as an estimator.
+
+    Attributes:
+        code: where the class comes from.
+    """
+
+    code: Code
+
+    def __call__(self, recording: Recording) -> Estimate:
+        """Run a new one over a recording.
+
+        Raises:
+            OwnCodeError: its constructor waits for something else.
+        """
+        slam, steps = _made(self.code.fresh().callee, recording), recording.steps
+        poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
+        nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, np.int64), np.zeros(steps + 1)
+        given, has_nis = [np.zeros(0, np.int64)], True
+        for step, scan in enumerate(recording.scans()):
+            start = perf_counter()
+            if step > 0:
+                called(slam.predict, recording.odometry[step - 1].copy(), recording.odometry_cov[step - 1].copy())
+            if len(scan.value):
+                told = _update(slam, scan)
+                given.append(np.array(getattr(slam, "associated", np.zeros(0)), np.int64))
+                has_nis = has_nis and isinstance(told, tuple) and len(told) == 2
+                nis[step], nis_dof[step] = told if has_nis else (0.0, 0)
+            seconds[step] = perf_counter() - start
+            poses[step], pose_covs[step] = slam.pose, slam.pose_cov
+        fields = _map(slam, np.concatenate(given), len(recording.observation))
+        if has_nis:
+            fields |= {"nis": nis, "nis_dof": nis_dof}
+        return Estimate("filtered", poses, pose_covs, seconds=seconds, **fields)
+
+
+def _made(kind: Callee, recording: Recording) -> Any:
+    names = _constructed_with(kind)
+    lacking = [name for name in required(kind) if name not in names]
+    if lacking:
+        raise OwnCodeError(f"its constructor needs {', '.join(lacking)}; take {', '.join(START)}, some or none of them")
+    return kind(**{name: getattr(recording, name) for name in names})
+
+
+def _constructed_with(kind: object) -> list[str]:
+    return [each.name for each in parameters(kind) if each.name in START]
+
+
+def _update(slam: Any, scan: Observations) -> Any:
+    scan = Observations(None if scan.landmark is None else scan.landmark.copy(), scan.value.copy(), scan.cov.copy())
+    return called(slam.update, *scan) if len(required(slam.update)) == len(scan) else called(slam.update, scan)
+
+
+def _map(slam: Any, given: Int, count: int) -> dict[str, Any]:
+    """The fields of an estimate that tell of landmarks, as far as the class has them."""
+    fields = {
+        name: getattr(slam, name) for name in ("landmark_ids", "landmarks", "landmark_covs") if hasattr(slam, name)
+    }
+    if hasattr(slam, "associated") and len(given) == count:
+        fields["association"] = slam.standing(given) if hasattr(slam, "standing") else given
+    return fields

@@ -1,0 +1,77 @@
+"""Two functions, `predict(eta, P, z_odo) -> eta, P` and `update(eta, P, z) -> eta, P`, that associate by themselves.
+
+eta (3+2n,), z_odo (3,) the body-frame increment [m, m, rad], z (m, 2) ranges [m] and bearings [rad]. Q (3, 3) of the
+increment and R (2, 2), where their modules have such globals, are the recording's; otherwise noise is what they have
+inside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from slamgauge.arrays import Float
+from slamgauge.compare.estimators.fresh_code import Code, Fresh
+from slamgauge.compare.estimators.own import OwnCodeError
+from slamgauge.compare.estimators.their_calls import called, pair, required
+from slamgauge.compare.estimators.trail import Trail
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Observations, Recording
+
+PREDICT, UPDATE = "predict", "update"
+
+
+def description(given: Fresh) -> str | None:
+    """What people are told of one of both functions, beside the other; None for anything else."""
+    if given.callee not in (given.beside.get(PREDICT), given.beside.get(UPDATE)):
+        return None
+    found = [required(given.beside.get(name)) for name in (PREDICT, UPDATE)]
+    if [len(names) for names in found] != [3, 3]:
+        return None
+    return f"functions {PREDICT} ({', '.join(found[0])}) and {UPDATE} ({', '.join(found[1])})"
+
+
+@dataclass(frozen=True)
+class PredictUpdate:
+    """Both functions as an estimator.
+
+    Attributes:
+        code: where one of them comes from; the other one stands beside it.
+    """
+
+    code: Code
+
+    def __call__(self, recording: Recording) -> Estimate:
+        """Run them over a recording; ids, where it has any, they do not see.
+
+        Raises:
+            OwnCodeError: a recording that they cannot be fed with, or what they return is no state.
+        """
+        if recording.sensor != "range-bearing":
+            raise OwnCodeError("predict and update take ranges and bearings; give a recording that has them")
+        beside = self.code.fresh().beside
+        predict, update = beside[PREDICT], beside[UPDATE]
+        trail = Trail(recording, ("eta", "P"))
+        belief: list[Any] = [recording.prior_mean.copy(), recording.prior_cov.copy()]
+
+        def advance(step: int, scan: Observations) -> tuple[Any, Any]:
+            if step > 0:
+                _tell(predict, "Q", recording.odometry_cov[step - 1])
+                belief[:] = pair(called(predict, *belief, recording.odometry[step - 1].copy()), PREDICT)[:2]
+            if len(scan.value):
+                _tell(update, "R", scan.cov[0])
+                belief[:] = pair(called(update, *belief, scan.value.copy()), UPDATE)[:2]
+            return belief[0], belief[1]
+
+        for step, scan in enumerate(recording.scans()):
+            trail.step(step, None, lambda step=step, scan=scan: advance(step, scan))
+        return trail.estimate()
+
+
+def _tell(function: Any, name: str, cov: Float) -> None:
+    """Replace a global covariance of the function, if there is one of that size."""
+    space = getattr(function, "__globals__", {})
+    if name in space and np.shape(space[name]) == cov.shape:
+        space[name] = cov.copy()

@@ -1,0 +1,151 @@
+"""Recordings and estimates as CSV files, for programs in any language.
+
+A recording is a folder of three files, each with a header; headings are in radians, covariances their upper triangles.
+
+    start.csv         stamp,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt           one row: the prior
+    odometry.csv      step,stamp,dx,dy,dtheta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt   steps 1..N, body frame
+    observations.csv  step,landmark,range,bearing,cov_rr,cov_rb,cov_bb                    steps 0..N, ordered by step
+
+`stamp` [s] is the time at the end of the step, `landmark` an id >= 0, -1 in all rows if ids are unknown. A sensor of
+bearings has `step,landmark,bearing,cov_bb`, one of positions (body frame, [m])
+`step,landmark,x,y,cov_xx,cov_xy,cov_yy`.
+
+An estimate is one file, with a row for each of the steps 0..N in order, and may have a map beside it:
+
+    estimate.csv      step,x,y,theta  or  step,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt
+    landmarks.csv     landmark,x,y  or  landmark,x,y,cov_xx,cov_xy,cov_yy
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from slamgauge.arrays import Float
+from slamgauge.compare.storage.files import explained
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate, Kind
+from slamgauge.recording import Recording, Sensor
+
+START, ODOMETRY, OBSERVATIONS = "start.csv", "odometry.csv", "observations.csv"
+LANDMARKS = "landmarks.csv"  # beside an estimate
+
+POSE = ("x", "y", "theta")
+POSE_COV = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")
+POINT = ("x", "y")
+POINT_COV = ("cov_xx", "cov_xy", "cov_yy")
+OBSERVED: dict[Sensor, tuple[str, ...]] = {
+    "range-bearing": ("range", "bearing", "cov_rr", "cov_rb", "cov_bb"),
+    "bearing": ("bearing", "cov_bb"),
+    "position": (*POINT, *POINT_COV),
+}
+
+
+def write_recording_csv(folder: Path, recording: Recording) -> None:
+    """Write the three files of a recording into a folder that exists.
+
+    Raises:
+        UserError: one cannot be written.
+    """
+    stamps = recording.stamps.tolist()
+    prior = [stamps[0], *recording.prior_mean.tolist(), *_triangles(recording.prior_cov[None])[0]]
+    motion = zip(stamps[1:], recording.odometry.tolist(), _triangles(recording.odometry_cov), strict=True)
+    ids = np.full(len(recording.observation), -1) if recording.landmark is None else recording.landmark
+    seen = zip(
+        recording.observation_step.tolist(),
+        ids.tolist(),
+        recording.observation.tolist(),
+        _triangles(recording.observation_cov),
+        strict=True,
+    )
+    _write(folder / START, ("stamp", *POSE, *POSE_COV), [prior])
+    _write(
+        folder / ODOMETRY,
+        ("step", "stamp", "dx", "dy", "dtheta", *POSE_COV),
+        ([step, stamp, *move, *cov] for step, (stamp, move, cov) in enumerate(motion, 1)),
+    )
+    _write(
+        folder / OBSERVATIONS,
+        ("step", "landmark", *OBSERVED[recording.sensor]),
+        ([step, name, *value, *cov] for step, name, value, cov in seen),
+    )
+
+
+def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
+    """The estimate of a CSV file, and the map that may lie beside it.
+
+    Args:
+        path: the file.
+        kind: of the estimate.
+        steps: N; the file has N+1 rows.
+
+    Raises:
+        UserError: no such file, or a row that is not as it should be, by its line.
+    """
+    rows = _read(path, ("step", *POSE), POSE_COV)
+    wrong = np.flatnonzero(rows[: steps + 1, 0] != np.arange(len(rows[: steps + 1])))
+    if len(wrong):
+        raise UserError(
+            f"{path}, line {wrong[0] + 2}: step {rows[wrong[0], 0]:g} where {wrong[0]} should be; sort them"
+        )
+    if len(rows) != steps + 1:
+        raise UserError(f"{path}: has {len(rows)} rows; write {steps + 1}, one for the start and one for every step")
+    beside = path.with_name(LANDMARKS)
+    landmarks = _read(beside, ("landmark", *POINT), POINT_COV) if beside.exists() else np.zeros((0, 3))
+    has_covs = landmarks.shape[1] > 3
+    try:
+        return Estimate(
+            kind,
+            poses=rows[:, 1:4],
+            pose_covs=_matrices(rows[:, 4:], 3) if rows.shape[1] > 4 else None,
+            landmark_ids=landmarks[:, 0].astype(np.int64),
+            landmarks=landmarks[:, 1:3],
+            landmark_covs=_matrices(landmarks[:, 3:], 2) if has_covs else None,
+        )
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
+
+
+def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[float]]) -> None:
+    with explained(path, "written"), path.open("w", encoding="ascii", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([header, *([repr(value) for value in row] for row in rows)])
+
+
+def _read(path: Path, needed: tuple[str, ...], optional: tuple[str, ...]) -> Float:
+    """The rows of a file whose header is `needed`, or `needed` and `optional`."""
+    with explained(path, "read"):
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    header = tuple(name.strip() for name in lines[0].split(",")) if lines else ()
+    if header not in (needed, needed + optional):
+        remedy = f"write {','.join(needed)}, with or without {','.join(optional)}"
+        raise UserError(f"{path}: line 1 is no header of this file; {remedy}")
+    rows = [_numbers(f"{path}, line {number}", line, len(header)) for number, line in enumerate(lines[1:], 2)]
+    return np.array(rows, dtype=np.float64).reshape(-1, len(header))
+
+
+def _numbers(where: str, line: str, count: int) -> list[float]:
+    try:
+        numbers = [float(text) for text in line.split(",")]
+    except ValueError:
+        raise UserError(f"{where}: {line[:60]!r} holds no number somewhere; write numbers between commas") from None
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise UserError(f"{where}: {line[:60]!r}; write {count} finite numbers, as the header says")
+    return numbers
+
+
+def _triangles(covs: Float) -> list[list[float]]:
+    """Upper triangles (n, d(d+1)/2) of matrices (n, d, d), row by row."""
+    rows, columns = np.triu_indices(covs.shape[1])
+    return covs[:, rows, columns].tolist()
+
+
+def _matrices(triangles: Float, size: int) -> Float:
+    """Symmetric matrices (n, size, size) of their upper triangles."""
+    rows, columns = np.triu_indices(size)
+    full = np.zeros((len(triangles), size, size))
+    full[:, rows, columns] = triangles
+    full[:, columns, rows] = triangles
+    return full

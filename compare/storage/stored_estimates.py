@@ -1,0 +1,86 @@
+"""Estimates that lie in files: slamgauge's own, CSV (`csv_folder`), and trajectories in the TUM format.
+
+A TUM file has a line `t x y z qx qy qz qw` for every step, and may go on with the upper triangle of the pose's covariance:
+6 numbers of (x, y, heading), or 21 of (x, y, z, roll, pitch, yaw). Of the planar parts alone anything is made.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from slamgauge.arrays import Float
+from slamgauge.compare.storage.csv_folder import read_estimate_csv
+from slamgauge.compare.storage.files import explained, load_estimate
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+
+TUM = 8  # columns without covariances
+PLANAR = {6: (0, 1, 2), 21: (0, 1, 5)}  # by the length of a triangle: which of its rows are x, y and heading
+
+
+def load_stored(path: Path, recording: Recording) -> Estimate:
+    """The estimate in a file, of the recording; one in CSV or TUM is taken for filtered.
+
+    Raises:
+        UserError: no such file, or one that does not fit, by its line.
+    """
+    if path.suffix == ".npz":
+        return load_estimate(path)
+    if path.suffix == ".csv":
+        return read_estimate_csv(path, "filtered", recording.steps)
+    return _read_tum(path, recording.stamps)
+
+
+def _read_tum(path: Path, stamps: Float) -> Estimate:
+    with explained(path, "read"):
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    rows = [_numbers(path, n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
+    if len({len(row) for row in rows}) > 1:
+        raise UserError(f"{path}: lines have different numbers of columns; write all with, or all without covariances")
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), -1 if rows else TUM)
+    order = np.argsort(table[:, 0], kind="stable")
+    at = np.searchsorted(table[order, 0], stamps - _tolerance(stamps))
+    at = order[np.minimum(at, max(len(rows) - 1, 0))] if rows else np.zeros(0, dtype=np.int64)
+    apart = np.abs(table[at, 0] - stamps) if rows else np.full(len(stamps), np.inf)
+    if not (apart <= _tolerance(stamps)).all():
+        step = int(np.argmax(apart > _tolerance(stamps)))
+        raise UserError(f"{path}: no line for step {step} at t = {stamps[step]:.9g}; write one for every step")
+    _, x, y, _, qx, qy, qz, qw = table[at, :TUM].T
+    heading = np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy**2 + qz**2))
+    covs = _planar_covariances(table[at, TUM:]) if table.shape[1] > TUM else None
+    try:
+        return Estimate("filtered", poses=np.column_stack([x, y, heading]), pose_covs=covs)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
+
+
+def _tolerance(stamps: Float) -> float:
+    """Half a step [s]: how far a line may be from the time that it is for."""
+    return 0.5 * float(np.diff(stamps).min(initial=1.0))
+
+
+def _numbers(path: Path, number: int, line: str) -> list[float]:
+    try:
+        numbers = [float(text) for text in line.split()]
+    except ValueError:
+        raise UserError(
+            f"{path}, line {number}: {line[:60]!r} holds no number somewhere; write t x y z qx qy qz qw"
+        ) from None
+    if len(numbers) - TUM not in (0, *PLANAR) or not np.isfinite(numbers).all():
+        counts = ", ".join(str(TUM + more) for more in (0, *PLANAR))
+        raise UserError(f"{path}, line {number}: {len(numbers)} columns; write {counts} finite numbers")
+    return numbers
+
+
+def _planar_covariances(triangles: Float) -> Float:
+    """(n, 3, 3) of x, y and heading, of upper triangles (n, 6) or (n, 21)."""
+    rows = PLANAR[triangles.shape[1]]
+    size = 3 if triangles.shape[1] == 6 else 6
+    covs = np.zeros((len(triangles), size, size))
+    upper = np.triu_indices(size)
+    covs[:, upper[0], upper[1]] = triangles
+    covs[:, upper[1], upper[0]] = triangles
+    return covs[:, rows][:, :, rows]

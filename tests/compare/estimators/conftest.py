@@ -1,0 +1,37 @@
+"""Short recordings, and files of people's own in a current folder of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from slamgauge.compare.estimators.loading import load_estimators
+from slamgauge.compare.estimators.running import run_estimator
+from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+
+Own = Callable[..., Estimate]
+
+
+def short(name: str = "q1-short-dense", *overrides: str) -> Recording:
+    """A few seconds of a scenario."""
+    scenario = load_scenario(name, ["start=sampled", "trajectory.duration=4", *overrides])
+    return simulate(scenario, 3)[1]
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Own:
+    """Runs `attribute` of a file with that source, as the commands do."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(source: str, recording: Recording, attribute: str = "ekf_slam") -> Estimate:
+        Path("mine.py").write_text(dedent(source))
+        estimators = load_estimators([], [f"mine=mine.py:{attribute}"])
+        return run_estimator("mine", estimators["mine"], recording)[0]
+
+    return run

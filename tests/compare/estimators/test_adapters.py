@@ -1,0 +1,246 @@
+"""Forms of people's own filters: each is found by its signature, told what the recording says, and reports its map."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import slamgauge
+from slamgauge.compare.estimators.adapters import adapt
+from slamgauge.compare.estimators.course_steps import Sight, turn
+from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.ekf import ekf
+from slamgauge.ekf.filter import SlamFilter
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import compose
+
+from .conftest import Own, short
+
+
+def agree(one: Estimate, other: Estimate, atol: float = 1e-9) -> None:
+    """Poses, covariances and maps."""
+    for name in ("poses", "pose_covs", "landmark_ids", "landmarks", "landmark_covs"):
+        assert np.allclose(getattr(one, name), getattr(other, name), rtol=0.0, atol=atol), name
+
+
+COURSE = """
+import numpy as np
+calls = []
+
+def prediction_step(mu, sigma, u):
+    calls.append("p")
+    assert u[0] == u.r1 == u["r1"] and u[1] == u.t == u["t"]
+    mu, a = mu.copy(), mu[2] + u.r1
+    G = np.eye(len(mu))
+    G[0, 2], G[1, 2] = -u.t * np.sin(a), u.t * np.cos(a)
+    mu[0] += u.t * np.cos(a)
+    mu[1] += u.t * np.sin(a)
+    mu[2] += u["r1"] + u.r2
+    return mu, G @ sigma @ G.T
+
+def correction_step(mu, sigma, z, observed):
+    assert set(calls) <= {"p"} and observed.dtype == bool
+    for id, range, bearing in z:
+        at = 3 + 2 * id
+        if not observed[id]:
+            mu[at] = mu[0] + range * np.cos(mu[2] + bearing)
+            mu[at + 1] = mu[1] + range * np.sin(mu[2] + bearing)
+            observed[id] = True
+    return mu, sigma, observed
+"""
+
+
+@pytest.mark.parametrize("attribute", ["prediction_step", "correction_step"])
+def test_the_functions_of_the_course(own: Own, capsys: pytest.CaptureFixture[str], attribute: str):
+    """Landmarks stay where they were seen first, the robot where odometry says; they are named by first sight."""
+    recording = short()
+    assert recording.landmark is not None
+    estimate = own(COURSE, recording, attribute)
+    pose = recording.prior_mean
+    for increment in recording.odometry:
+        pose = compose(pose, increment)
+    assert np.allclose(estimate.poses[-1], pose, rtol=0.0, atol=1e-12)
+    assert estimate.landmark_ids.tolist() == [*dict.fromkeys(recording.landmark.tolist())]
+    assert estimate.landmark_covs is not None
+    assert (estimate.landmark_covs == 1000.0 * np.eye(2)).all()
+    assert estimate.association is not None
+    told = "functions of the Octave course, prediction_step (mu, sigma, u) and correction_step"
+    assert capsys.readouterr().err.count(f"mine: {told}\n") == 1
+
+
+def test_the_course_numbers_from_zero(own: Own):
+    source = COURSE.replace("at = 3 + 2 * id", "at = 1 + 2 * id").replace("mu[at] =", "mu[5] =")
+    with pytest.raises(slamgauge.UserError, match=r"step 0: landmark \d+ was seen, but mu\[\d+:\d+\] is still zero"):
+        own(source.replace("mu[at + 1] =", "mu[6] ="), short(), "prediction_step")
+
+
+def test_the_course_needs_ids(own: Own):
+    with pytest.raises(slamgauge.UserError, match="need ranges, bearings and ids"):
+        own(COURSE, short("q2-short-dense"), "prediction_step")
+
+
+@pytest.mark.parametrize(
+    ("increment", "meant"),
+    [
+        ((1.0, 0.0, 0.2), (0.0, 1.0, 0.2)),
+        ((-1.0, 0.0, 0.2), (0.0, -1.0, 0.2)),
+        ((0.0, 2.0, 0.0), (1.5708, 2.0, -1.5708)),
+    ],
+)
+def test_increments_as_turns_and_a_way(increment: tuple[float, ...], meant: tuple[float, ...]):
+    u = turn(np.array(increment))
+    assert np.allclose(u, meant, atol=1e-4)
+    moved = (u.t * np.cos(u.r1), u.t * np.sin(u.r1), u.r1 + u.r2)
+    assert np.allclose(moved, increment)
+
+
+def test_a_sight_has_its_fields_by_position_and_name():
+    sight = Sight(2, 3.0, 0.5)
+    assert sight[0] == sight["id"] == sight.id == 2
+    assert [*sight] == [2, 3.0, 0.5]
+
+
+PAIR = """
+import numpy as np
+Q = np.eye(3)
+R = np.eye(2)
+
+def predict(eta, P, z_odo):
+    c, s = np.cos(eta[2]), np.sin(eta[2])
+    B = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    F = np.eye(3)
+    F[:2, 2] = B[:2, :2] @ [-z_odo[1], z_odo[0]]
+    return eta + B @ z_odo, F @ P @ F.T + B @ Q @ B.T
+
+def update(eta, P, z):
+    assert z.shape[1] == 2 and np.allclose(R, np.diag([0.01, np.deg2rad(5) ** 2]))
+    return eta, P, 0.0, []
+"""
+
+
+def test_predict_and_update(own: Own, capsys: pytest.CaptureFixture[str]):
+    """Without corrections they are dead reckoning, under the recording's noise."""
+    recording = short("q2-short-dense")
+    estimate, known = own(PAIR, recording, "predict"), own(PAIR, short(), "update")
+    blind = slamgauge.dead_reckoning(recording)
+    for mine in (estimate, known):
+        assert np.allclose(mine.poses, blind.poses, atol=1e-12)
+        assert np.allclose(np.asarray(mine.pose_covs), np.asarray(blind.pose_covs), atol=1e-12)
+        assert mine.association is None
+    assert "mine: functions predict (eta, P, z_odo) and update (eta, P, z)\n" in capsys.readouterr().err
+
+
+def test_tracks_are_not_taken_for_ids(own: Own):
+    """`predict` and `update` number landmarks by themselves: where the recording has ids, theirs would be others."""
+    source = PAIR.replace(
+        "return eta, P, 0.0, []",
+        "return (np.append(eta, [1.0, 2.0]), np.eye(5)) if len(eta) == 3 else (eta, P)",
+    ).replace("return eta + B @ z_odo, F @ P @ F.T + B @ Q @ B.T", "return eta, P")
+    assert own(source, short(), "predict").landmark_ids.tolist() == []
+    unknown = own(source, short("q2-short-dense"), "predict")
+    assert (unknown.landmark_ids.tolist(), unknown.landmarks.tolist()) == ([0], [[1.0, 2.0]])
+
+
+ONLINE = """
+from slamgauge.ekf import SlamFilter
+made = []
+
+class Mine(SlamFilter):
+    def __init__(self, sensor, prior_mean, prior_cov):
+        assert not made, "the module is not as new"
+        made.append(1)
+        super().__init__(sensor, prior_mean, prior_cov)
+"""
+
+
+def test_an_online_class(own: Own, capsys: pytest.CaptureFixture[str]):
+    recording = short()
+    estimate, reference = own(ONLINE, recording, "Mine"), ekf(recording)
+    agree(estimate, reference, atol=0.0)
+    for name in ("association", "nis", "nis_dof"):
+        assert np.array_equal(getattr(estimate, name), getattr(reference, name))
+    assert "mine: online class Mine(sensor, prior_mean, prior_cov)\n" in capsys.readouterr().err
+
+
+def test_an_online_class_that_takes_nothing_and_tells_little(own: Own):
+    source = """
+    import numpy as np
+    class Mine:
+        def __init__(self):
+            self.pose, self.pose_cov = np.zeros(3), np.eye(3)
+        def predict(self, increment, cov):
+            self.pose = self.pose + increment
+        def update(self, ids, values, covs):
+            assert len(ids) == len(values) == len(covs)
+    """
+    recording = short()
+    estimate = own(source, recording, "Mine")
+    assert np.allclose(estimate.poses[-1], recording.odometry.sum(axis=0))
+    assert (estimate.nis, estimate.association, len(estimate.landmarks)) == (None, None, 0)
+
+
+def test_an_online_class_that_waits_for_something_else(own: Own):
+    source = ONLINE.replace("prior_cov):", "prior_cov, gate):")
+    with pytest.raises(slamgauge.UserError, match="its constructor needs gate; take sensor, prior_mean, prior_cov"):
+        own(source, short(), "Mine")
+
+
+def test_a_callable_on_recordings_stays_as_it_is(capsys: pytest.CaptureFixture[str]):
+    def estimate(recording: Recording, gate: float = 9.0) -> Estimate:  # noqa: ARG001
+        return ekf(recording)
+
+    assert adapt(estimate, "mine")(short()) is not None
+    assert adapt(ekf, "mine") is ekf
+    assert capsys.readouterr().err == ""
+
+
+def test_a_module_is_looked_through():
+    module = ModuleType("mine")
+    vars(module)["estimate"] = ekf
+    assert adapt(module, "mine") is ekf
+    module = ModuleType("mine")
+    vars(module)["Online"] = type("Online", (SlamFilter,), {"__module__": "mine"})
+    agree(adapt(module, "mine")(short()), ekf(short()), atol=0.0)
+    with pytest.raises(slamgauge.UserError, match="module other has no estimate, ekf_slam, prediction_step, predict;"):
+        adapt(ModuleType("other"), "mine")
+
+
+@pytest.mark.parametrize(
+    ("source", "spelt"),
+    [
+        ("def ekf_slam(x, P): ...", r"ekf_slam\(x, P\)"),
+        ("def ekf_slam(x, P, z): ...", r"ekf_slam\(x, P, z\)"),
+        ("class ekf_slam: ...", r"class ekf_slam\("),
+        ("def ekf_slam(a, b, c): ...\npredict = ekf_slam", r"ekf_slam\(a, b, c\)"),
+    ],
+)
+def test_what_has_none_of_the_forms_is_refused(own: Own, source: str, spelt: str):
+    with pytest.raises(slamgauge.UserError, match=rf"estimator mine: {spelt}.* has none of the forms") as caught:
+        own(source, short())
+    line = str(caught.value)
+    assert "\n" not in line
+    for form in (
+        "estimate(recording)",
+        "class with predict",
+        "prediction_step(",
+        "predict(",
+        "ekf_slam(xEst, PEst, u, y)",
+    ):
+        assert form in line
+
+
+def test_they_are_public():
+    assert slamgauge.adapters.adapt is adapt
+    assert {"adapt", "external", "step_function"} <= {*dir(slamgauge.adapters)}
+
+
+def test_the_handout_is_as_it_is_given_out():
+    scenario = load_scenario("tp4-handout")
+    _, recording = slamgauge.simulate(scenario, 0)
+    assert (recording.steps, recording.observation_step[0], len(scenario.landmarks.positions)) == (800, 1, 4)
+    assert np.allclose(np.diag(recording.odometry_cov[0]), 2 * np.array([0.03, 0.0, 0.1 * np.deg2rad(3.0)]) ** 2)
+    assert np.allclose(np.diag(recording.observation_cov[0]), 2 * np.array([0.1, np.deg2rad(5.0)]) ** 2)
+    assert recording.landmark is not None

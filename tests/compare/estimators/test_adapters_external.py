@@ -1,0 +1,170 @@
+"""External programs: CSV files in, a CSV file out, and every way in which that can go wrong in one line."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from time import monotonic, sleep
+
+import numpy as np
+import pytest
+
+import slamgauge
+from slamgauge.compare.estimators.adapters import external
+from slamgauge.compare.estimators.running import run_estimator
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+
+from .conftest import short
+
+# dead reckoning in plain Python: no numpy, no slamgauge
+PROGRAM = """
+import csv, math, sys
+folder, estimate = sys.argv[1:]
+start = next(csv.DictReader(open(f"{folder}/start.csv")))
+x, y, t = (float(start[name]) for name in ("x", "y", "theta"))
+rows = [(0, x, y, t)]
+for row in csv.DictReader(open(f"{folder}/odometry.csv")):
+    dx, dy = float(row["dx"]), float(row["dy"])
+    x, y = x + dx * math.cos(t) - dy * math.sin(t), y + dx * math.sin(t) + dy * math.cos(t)
+    t += float(row["dtheta"])
+    rows.append((row["step"], x, y, t))
+with open(estimate, "w") as file:
+    csv.writer(file).writerows([("step", "x", "y", "theta"), *rows])
+"""
+
+
+def run(tmp_path: Path, source: str, recording: Recording, timeout: float = 60.0) -> Estimate:
+    program = tmp_path / "program.py"
+    program.write_text(source)
+    estimator = external([sys.executable, str(program), "{recording}", "{estimate}"], timeout)
+    return run_estimator("mine", estimator, recording)[0]
+
+
+def test_a_program_of_any_language(tmp_path: Path):
+    recording = short()
+    estimate = run(tmp_path, PROGRAM, recording)
+    assert np.allclose(estimate.poses, slamgauge.dead_reckoning(recording).poses, atol=1e-12)
+    assert (estimate.kind, estimate.pose_covs, estimate.association) == ("filtered", None, None)
+
+
+@pytest.mark.parametrize("name", ["q1-short-dense", "q2-short-dense", "q4-ring", "ukfm-slam2d"])
+def test_the_files_hold_the_whole_recording(tmp_path: Path, name: str):
+    recording = short(name)
+    source = f"""
+import shutil, sys
+shutil.copytree(sys.argv[1], {str(tmp_path / "kept")!r})
+{PROGRAM}
+"""
+    run(tmp_path, source, recording)
+    start, odometry, observations = (
+        np.genfromtxt(tmp_path / f"kept/{name}.csv", delimiter=",", skip_header=1, ndmin=2)
+        for name in ("start", "odometry", "observations")
+    )
+    assert np.array_equal(start[0, :4], [recording.stamps[0], *recording.prior_mean])
+    assert np.array_equal(odometry[:, 1], recording.stamps[1:])
+    assert np.array_equal(odometry[:, 2:5], recording.odometry)
+    rows, columns = np.triu_indices(3)
+    assert np.array_equal(odometry[:, 5:], recording.odometry_cov[:, rows, columns])
+    dim = recording.observation.shape[1]
+    rows, columns = np.triu_indices(dim)
+    assert np.array_equal(observations[:, 0], recording.observation_step)
+    ids = np.full(len(observations), -1) if recording.landmark is None else recording.landmark
+    assert np.array_equal(observations[:, 1], ids)
+    assert np.array_equal(observations[:, 2 : 2 + dim], recording.observation)
+    assert np.array_equal(observations[:, 2 + dim :], recording.observation_cov[:, rows, columns])
+
+
+def test_covariances_and_a_map(tmp_path: Path):
+    recording = short()
+    assert recording.landmark is not None
+    ids = np.unique(recording.landmark)
+    source = f"""
+import os, sys
+with open(sys.argv[2], "w") as file:
+    file.write("step,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\\n")
+    for step in range({recording.steps + 1}):
+        file.write(f"{{step}},1,2,3,4,0.5,0,5,0.25,6\\n")
+with open(os.path.join(os.path.dirname(sys.argv[2]), "landmarks.csv"), "w") as file:
+    file.write("landmark,x,y,cov_xx,cov_xy,cov_yy\\n")
+    for name in {ids.tolist()}:
+        file.write(f"{{name}},{{name}},2,3,1,4\\n")
+"""
+    estimate = run(tmp_path, source, recording)
+    assert estimate.pose_covs is not None
+    assert estimate.landmark_covs is not None
+    assert estimate.pose_covs[2].tolist() == [[4.0, 0.5, 0.0], [0.5, 5.0, 0.25], [0.0, 0.25, 6.0]]
+    assert estimate.landmark_covs[1].tolist() == [[3.0, 1.0], [1.0, 4.0]]
+    assert np.array_equal(estimate.landmarks[:, 0], ids)
+    assert np.array_equal(np.asarray(estimate.association), recording.landmark)
+
+
+WRITE = "import sys\nopen(sys.argv[2], 'w').write({!r})\n"
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("import sys\nprint('no gate', file=sys.stderr)\nsys.exit(3)", "ended with status 3: no gate; mend it"),
+        ("raise RuntimeError('lost')", "ended with status 1: RuntimeError: lost; mend it"),
+        ("pass", r"has written no {estimate}; write the poses to that file"),
+        (
+            WRITE.format(""),
+            "estimate.csv: line 1 is no header of this file; write step,x,y,theta, with or without cov_xx",
+        ),
+        (WRITE.format("step,x,y\n0,1,2\n"), "estimate.csv: line 1 is no header"),
+        (
+            WRITE.format("step,x,y,theta\n0,0,0,0\n1,0,a,0\n"),
+            "estimate.csv, line 3: '1,0,a,0' holds no number somewhere",
+        ),
+        (WRITE.format("step,x,y,theta\n0,0,0,nan\n"), "estimate.csv, line 2: '0,0,0,nan'; write 4 finite numbers"),
+        (WRITE.format("step,x,y,theta\n0,0,0\n"), "estimate.csv, line 2: '0,0,0'; write 4 finite numbers"),
+        (
+            WRITE.format("step,x,y,theta\n0,0,0,0\n2,0,0,0\n"),
+            "estimate.csv, line 3: step 2 where 1 should be; sort them",
+        ),
+        (WRITE.format("step,x,y,theta\n0,0,0,0\n"), "estimate.csv: has 1 rows; write 41, one for the start"),
+    ],
+)
+def test_what_goes_wrong_is_one_line(tmp_path: Path, source: str, message: str):
+    with pytest.raises(slamgauge.UserError, match="estimator mine: ") as caught:
+        run(tmp_path, source, short())
+    line = str(caught.value)
+    assert message in line
+    assert "\n" not in line
+    assert "slamgauge-" not in line
+
+
+def test_a_program_that_hangs_is_ended_with_its_children(tmp_path: Path):
+    source = f"""
+import subprocess, sys, time
+child = "import time, pathlib; time.sleep(3); pathlib.Path({str(tmp_path / "alive")!r}).touch()"
+subprocess.Popen([sys.executable, "-c", child])
+time.sleep(60)
+"""
+    start = monotonic()
+    with pytest.raises(slamgauge.UserError, match=r"was not done after 1 s; give a longer timeout"):
+        run(tmp_path, source, short(), timeout=1.0)
+    assert monotonic() - start < 30
+    sleep(max(0.0, start + 5 - monotonic()))  # longer than the child would wait
+    assert not (tmp_path / "alive").exists()
+
+
+def test_a_program_that_is_not_there():
+    estimator = external(["./no-such-slam", "{recording}", "{estimate}"])
+    with pytest.raises(slamgauge.UserError, match=r"./no-such-slam cannot be started \(No such file or directory\)"):
+        run_estimator("mine", estimator, short())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((["./my_slam", "{recording}"],), "has no word with {estimate}; give a list of words like"),
+        (("./my_slam {recording} {estimate}",), "give a list of words"),
+        ((["{recording}", "{estimate}"], 0.0), "timeout 0 s leaves no time"),
+        ((["{recording}", "{estimate}"], 1.0, "best"), "kind 'best' is not known"),
+    ],
+)
+def test_commands_that_cannot_be_meant(arguments: tuple[object, ...], message: str):
+    with pytest.raises(slamgauge.UserError, match=message):
+        external(*arguments)  # pyright: ignore[reportArgumentType]
