@@ -139,7 +139,8 @@ class Evaluate:
             fitted(INITIALISATIONS[self.initialisation], self.reach),
         )
         stored = {label: _as_it_lies(load_stored(path, recording)) for label, path in self._stored().items()}
-        grading = Grading([*ask(split_names(self.estimators)), *ask(stored)], self.out, self.json, title, *settings)
+        asked = ask([*ask(split_names(self.estimators)), *ask(stored)])
+        grading = Grading(asked, self.out, self.json, title, *settings)
         grading.grade(truth, recording)
 
     def _stored(self) -> dict[str, Path]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from slamgauge.compare.estimators.own import Address, address
+from slamgauge.compare.estimators.own import Address, address, require_label
 from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS, entry_of
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
@@ -72,6 +72,7 @@ def ask(chosen: Chosen) -> list[Asked]:
 
 def _asked(label: str, what: str | Estimator) -> Asked:
     if not isinstance(what, str):
+        require_label(label, label)
         return Asked(label, call=what)
     if ":" not in what and "=" not in what:
         return Asked(label or what, entry_of(what).name)

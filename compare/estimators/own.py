@@ -53,10 +53,15 @@ def address(text: str) -> Address:
         raise UserError(f"estimator {text!r}: {FORM}")
     if place.endswith(".py") and "." in Path(place).stem:
         raise UserError(f"estimator {text!r}: no Python module can have a dot in its name; rename the file")
+    require_label(label, text)
+    return Address(text, label, place, attribute, _sources(place))
+
+
+def require_label(label: str, text: str) -> None:
+    """Refuse a label that cannot name a file; `text` is what was asked for."""
     if not label.strip() or set("/\\") & set(label) or not label.isprintable():
         remedy = "give a word without slashes, and with no blanks but plain ones"
         raise UserError(f"estimator {text!r}: label {label!r} names files of results; {remedy}")
-    return Address(text, label, place, attribute, _sources(place))
 
 
 def _sources(place: str) -> Sources | None:

@@ -1,6 +1,6 @@
 """Estimates that lie in files: slamgauge's own, CSV (`csv_folder`), and trajectories in the TUM format.
 
-A TUM file has a line `t x y z qx qy qz qw` for every step, and may go on with the upper triangle of the pose's covariance:
+A TUM file has a line `t x y z qx qy qz qw` for every step, and may go on with the upper triangle of a covariance:
 6 numbers of (x, y, heading), or 21 of (x, y, z, roll, pitch, yaw). Of the planar parts alone anything is made.
 """
 
