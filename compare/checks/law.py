@@ -5,7 +5,7 @@ from __future__ import annotations
 import resource
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import process_time
+from time import thread_time
 
 import numpy as np
 
@@ -49,7 +49,7 @@ class Subject:
 
 def _cpu_seconds() -> float:
     called = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return process_time() + called.ru_utime + called.ru_stime
+    return thread_time() + called.ru_utime + called.ru_stime
 
 
 @dataclass(frozen=True)

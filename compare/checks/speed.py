@@ -9,6 +9,7 @@ from slamgauge.compare.checks.world import KNOWN_START, SIGMA, World
 
 SMALLEST, LARGEST = 20, 320  # landmarks
 STEPS = 6
+BOUND = 2.75
 PATIENCE = 0.2  # s: a map is doubled only after a run that took no longer; the next may take 16 times that
 UNNOTICED = 1e-3  # s: faster steps count as this long, as clocks and caches decide there
 
@@ -29,7 +30,7 @@ def _run_seconds(subject: Subject, landmarks: int, steps: int) -> float:
     return min(subject.cpu_seconds(world.recording()) for _ in range(2))
 
 
-def _growth(subject: Subject, _: np.random.Generator) -> float:
+def _growth(subject: Subject) -> float:
     """Growth exponent of the step time over the last two doublings of the map, or the one that there is."""
     times: list[float] = []
     landmarks = SMALLEST
@@ -43,14 +44,23 @@ def _growth(subject: Subject, _: np.random.Generator) -> float:
     return float(np.log2(last[-1] / last[0]) / (len(last) - 1))
 
 
+def _smallest_growth(subject: Subject, _rng: np.random.Generator) -> float:
+    """The smallest of up to three measurements: idle threads of a matrix library count as work now and then."""
+    exponent = _growth(subject)
+    for _ in range(2):
+        if exponent > BOUND:
+            exponent = min(exponent, _growth(subject))
+    return exponent
+
+
 SPEED = (
     Law(
         name="step-time",
         figure="growth exponent of the time of a step over the last two doublings of the map",
-        bound=2.75,
+        bound=BOUND,
         reason="the update of P is quadratic in the map; where P outgrows the cache 2.5 is measured",
         blame="work per step beyond products of full matrices: those repeated for every landmark, seen or not",
-        judge=_growth,
+        judge=_smallest_growth,
         excused_to=3.5,
         limit="products of full matrices, as the textbook writes them, are cubic: right, but slow with large maps; "
         "change the robot's rows of P in the prediction, and subtract K (H P) in the update",
