@@ -10,6 +10,7 @@ import importlib
 TYPE_CHECKING = False  # as in `typing`, which is not loaded: `python -m slamgauge` might find a file of that name first
 if TYPE_CHECKING:
     from slamgauge.arrays import Float, Int, Marks
+    from slamgauge.compare.checks.examination import Verdict, check_estimator
     from slamgauge.compare.estimators import adapters
     from slamgauge.compare.estimators.loading import load_estimators
     from slamgauge.compare.figures.error_panels import plot_errors
@@ -81,12 +82,14 @@ if TYPE_CHECKING:
         "Truth",
         "UndeterminedError",
         "UserError",
+        "Verdict",
         "__version__",
         "adapters",
         "assert_error_bounds",
         "batch",
         "between",
         "chain",
+        "check_estimator",
         "compare_estimators",
         "compose",
         "cost",
@@ -134,6 +137,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
         "OnlineFilter SlamFilter"
     ),
     "graph_baseline": "UndeterminedError batch cost isam2 robust_batch",
+    "compare.checks.examination": "Verdict check_estimator",
     "compare.scoring.comparison": "Comparison compare_estimators",
     "compare.studies.budget": "ErrorBudget error_budget",
     "compare.scenarios.scenario": "Scenario load_scenario shipped_scenarios",

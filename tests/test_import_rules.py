@@ -25,6 +25,7 @@ ROOMS = {
         "datasets",
         "estimators",
         "scoring",
+        "checks",
         "studies",
         "bench",
         "figures",

@@ -17,14 +17,14 @@ import tyro
 from slamgauge import __version__
 from slamgauge.compare.cli.animate import Animate
 from slamgauge.compare.cli.bench import Bench
+from slamgauge.compare.cli.check import Check
 from slamgauge.compare.cli.imports import Import
 from slamgauge.compare.cli.many_runs import Budget, Claims, Study
 from slamgauge.compare.cli.one_run import Evaluate, Run
-from slamgauge.compare.cli.options import EmptyPathError, RowsFailedError
+from slamgauge.compare.cli.options import EmptyPathError
 from slamgauge.compare.cli.scenarios import Scenarios
 from slamgauge.errors import UserError, refused_by_the_machine
 
-FAILED = 1  # exit status: a row failed, or a check did not hold
 DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
 REFUSED = 71  # EX_OSERR
 
@@ -37,6 +37,7 @@ Command = (
     | Annotated[Budget, tyro.conf.subcommand(name="budget")]
     | Annotated[Claims, tyro.conf.subcommand(name="claims")]
     | Annotated[Animate, tyro.conf.subcommand(name="animate")]
+    | Annotated[Check, tyro.conf.subcommand(name="check")]
     | Annotated[Bench, tyro.conf.subcommand(name="bench")]
 )
 
@@ -45,10 +46,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command.
 
     Returns:
-        The exit status: 0 done, 1 a row failed and the others are there, 2 bad input (one line on standard error), 70 a
-        defect of slamgauge (its traceback and where to report it), 71 memory or room was lacking (one line), 130
-        interrupted.
+        The exit status: 0 done, 1 a row failed and the others are there, or a check did not hold, 2 bad input (one line
+        on standard error), 70 a defect of slamgauge (its traceback and where to report it), 71 memory or room was
+        lacking (one line), 130 interrupted.
     """
+    status = 0
     words = sys.argv[1:] if arguments is None else arguments
     if list(words) == ["--version"]:
         print(f"slamgauge {__version__}")
@@ -62,14 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             args=words,
             config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
         )
-        command()
+        status = command() or 0
         sys.stdout.flush()
     except BrokenPipeError:  # whoever reads our output (`head`, a pager) has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except RowsFailedError as error:
-        for line in error.args:
-            print(f"slamgauge: {line}", file=sys.stderr)
-        return FAILED
     except (UserError, EmptyPathError) as error:
         print(f"slamgauge: {error}", file=sys.stderr)
         return 2
@@ -78,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     except Exception as error:  # noqa: BLE001 whatever else comes here has to be reported
         return _not_the_users_mistake(error)
-    return 0
+    return status
 
 
 def _not_the_users_mistake(error: Exception) -> int:

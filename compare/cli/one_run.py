@@ -14,7 +14,6 @@ from slamgauge.compare.cli.options import (
     Estimators,
     Folder,
     Overrides,
-    RowsFailedError,
     flattened,
     print_result,
     results_folder,
@@ -56,8 +55,8 @@ class Run:
     json: bool = False
     """Print metrics.json on standard output instead of the table."""
 
-    def __call__(self) -> None:
-        """Simulate, grade and write."""
+    def __call__(self) -> int:
+        """Simulate, grade and write; the exit status."""
         from slamgauge.compare.scenarios.scenario import load_scenario
         from slamgauge.compare.scenarios.simulation import informed, simulate
         from slamgauge.compare.storage.manifest import require_free
@@ -80,7 +79,7 @@ class Run:
             scenario.name,
             self.seed,
         )
-        grading.grade(truth, recording, told)
+        return grading.grade(truth, recording, told)
 
 
 @dataclass
@@ -120,8 +119,8 @@ class Evaluate:
     json: bool = False
     """Print metrics.json on standard output instead of the table."""
 
-    def __call__(self) -> None:
-        """Load, grade and, if asked to, write."""
+    def __call__(self) -> int:
+        """Load, grade and, if asked to, write; the exit status."""
         from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
         from slamgauge.compare.storage.files import load_recording, load_truth
         from slamgauge.compare.storage.stored_estimates import load_stored
@@ -141,7 +140,7 @@ class Evaluate:
         stored = {label: _as_it_lies(load_stored(path, recording)) for label, path in self._stored().items()}
         asked = ask([*ask(split_names(self.estimators)), *ask(stored)])
         grading = Grading(asked, self.out, self.json, title, *settings)
-        grading.grade(truth, recording)
+        return grading.grade(truth, recording)
 
     def _stored(self) -> dict[str, Path]:
         """Paths of estimates by label."""
@@ -170,8 +169,8 @@ class Grading:
     scenario: str | None = None
     seed: int | None = None
 
-    def grade(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> None:
-        """Run the estimators, print the table and write the folder."""
+    def grade(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> int:
+        """Run the estimators, print the table and write the folder; 1 if one of them failed, else 0."""
         from slamgauge.compare.estimators.loading import load_each
         from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
         from slamgauge.compare.storage.files import explained
@@ -194,5 +193,4 @@ class Grading:
         print_result(content if self.as_json else table(comparison))
         if self.out is not None:
             print(f"written to {self.out}", file=sys.stderr)
-        if comparison.failures:
-            raise RowsFailedError(list(comparison.failures.values()) if self.as_json else [])
+        return 1 if comparison.failures else 0

@@ -26,13 +26,6 @@ Overrides = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
 ALL_CORES = os.cpu_count() or 1
 
 
-class RowsFailedError(Exception):
-    """Results are printed and written, but some rows have failed: exit status 1. What is left to say, in lines."""
-
-    def __init__(self, lines: Sequence[str]) -> None:
-        super().__init__(*lines)
-
-
 class EmptyPathError(Exception):
     """A path of no characters, which would mean the current folder; no `UserError`, which tyro would reword."""
 

@@ -1,0 +1,96 @@
+"""All laws on one estimator, and the table of verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from slamgauge.compare.checks.belief import BELIEF
+from slamgauge.compare.checks.bookkeeping import BOOKKEEPING
+from slamgauge.compare.checks.first_sight import FIRST_SIGHT
+from slamgauge.compare.checks.law import Law, NotJudgedError, Subject
+from slamgauge.compare.checks.prediction import PREDICTION
+from slamgauge.compare.checks.speed import SPEED
+from slamgauge.compare.checks.truth import TRUTH
+from slamgauge.compare.checks.update import UPDATE
+from slamgauge.compare.scoring.text_table import aligned, cell
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimator
+
+LAWS = (*TRUTH, *PREDICTION, *FIRST_SIGHT, *UPDATE, *BOOKKEEPING, *BELIEF, *SPEED)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What one law says of an estimator; its fields are the keys of the JSON.
+
+    Attributes:
+        name: of the law.
+        passed: whether the law is kept; None if it could not be judged.
+        figure: what was measured; None if there is none.
+        bound: what it may be at most.
+        blame: the part of a filter that is to blame where the law is broken; why it is not judged, where it is not.
+        limit_of_method: the law is broken as the textbook method itself breaks it.
+    """
+
+    name: str
+    passed: bool | None
+    figure: float | None
+    bound: float
+    blame: str
+    limit_of_method: bool = False
+
+    @property
+    def is_failure(self) -> bool:
+        """Broken, and no limit of the method."""
+        return self.passed is False and not self.limit_of_method
+
+
+def check_estimator(name: str, estimator: Estimator, seed: int = 0, laws: Sequence[Law] = LAWS) -> list[Verdict]:
+    """Hold an estimator to the laws.
+
+    Args:
+        name: what error texts call it.
+        estimator: any callable `Recording -> Estimate`.
+        seed: of what is drawn in the laws' recordings; each law has its own stream.
+        laws: all of them, or some.
+    """
+    subject = Subject(name, estimator)
+    return [_verdict(law, subject, np.random.default_rng([seed, *law.name.encode()])) for law in laws]
+
+
+def _verdict(law: Law, subject: Subject, rng: np.random.Generator) -> Verdict:
+    try:
+        figure = law.judge(subject, rng)
+    except NotJudgedError as lacking:
+        return Verdict(law.name, None, None, law.bound, f"not judged: {lacking}")
+    except UserError as error:
+        return Verdict(law.name, False, None, law.bound, f"{error}; {law.blame}")
+    if figure <= law.bound:
+        return Verdict(law.name, True, figure, law.bound, law.blame)
+    is_limit = figure <= law.excused_to
+    blame = law.limit if is_limit else law.blame
+    return Verdict(law.name, False, figure if np.isfinite(figure) else None, law.bound, blame, is_limit)
+
+
+def verdicts_json(verdicts: Sequence[Verdict]) -> list[dict[str, object]]:
+    """The verdicts as `slamgauge check --json` prints them."""
+    return [asdict(verdict) for verdict in verdicts]
+
+
+def verdicts_table(verdicts: Sequence[Verdict]) -> str:
+    """A line for every law; below it, what to look at for those that are not kept."""
+    head = ("law", "verdict", "figure", "bound")
+    rows = [(each.name, _word(each), cell(each.figure, "{:.2g}"), f"{each.bound:g}") for each in verdicts]
+    said = [f"{each.name}: {each.blame}" for each in verdicts if not each.passed]
+    failed = sum(each.is_failure for each in verdicts)
+    summary = f"{len(verdicts)} laws, {failed} failed" if failed else f"{len(verdicts)} laws, none failed"
+    return "\n".join([*aligned([head, *rows], words=2), *said, summary])
+
+
+def _word(verdict: Verdict) -> str:
+    if verdict.passed is None:
+        return "not judged"
+    return "passed" if verdict.passed else "limit" if verdict.limit_of_method else "FAILED"

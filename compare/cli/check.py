@@ -1,0 +1,40 @@
+"""`slamgauge check`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import tyro
+
+from slamgauge.compare.cli.options import print_result
+from slamgauge.errors import UserError
+
+
+@dataclass
+class Check:
+    """Hold one estimator to laws that every filter must obey; each names the part that is to blame.
+
+    Exit status 1 if a law fails. What the textbook method itself cannot keep is told as a limit, which is no failure.
+    """
+
+    estimator: tyro.conf.Positional[str]
+    """One of ours by its name, or your own as [LABEL=]FILE.py:callable or module:callable (Recording -> Estimate).
+    LOADS AND RUNS THAT CODE."""
+
+    seed: int = 0
+    """Seed of what is drawn in the laws' recordings."""
+
+    json: bool = False
+    """Print JSON on standard output instead of the table."""
+
+    def __call__(self) -> int:
+        """Judge and print; the exit status."""
+        from slamgauge.compare.checks.examination import check_estimator, verdicts_json, verdicts_table
+        from slamgauge.compare.estimators.loading import load_estimators
+
+        if self.seed < 0:
+            raise UserError(f"seed {self.seed}: no generator takes it; give one >= 0")
+        ((name, estimator),) = load_estimators([self.estimator]).items()
+        verdicts = check_estimator(name, estimator, self.seed)
+        print_result(verdicts_json(verdicts) if self.json else verdicts_table(verdicts))
+        return 1 if any(verdict.is_failure for verdict in verdicts) else 0
