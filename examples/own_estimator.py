@@ -9,7 +9,7 @@ From this folder, grade it on q1-long-dense,
 or on a stored recording, beside the filters that come along:
 
     slamgauge run q1-long-dense --out first-run
-    slamgauge evaluate first-run/recording.npz --estimator own_estimator.py:estimate
+    slamgauge evaluate first-run/recording.npz --estimators ekf,isam2,own_estimator.py:estimate
 """
 
 from __future__ import annotations

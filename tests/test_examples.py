@@ -57,7 +57,7 @@ def test_own_estimator(folder: Path):
     assert 0.0 < float(table["isam2"]["NEES"]) < 5.0
 
     run(folder, "-m", "slamgauge", "run", "q1-long-dense", "--estimators", "dead-reckoning", "--out", "first-run")
-    arguments = ("--estimators", "dead-reckoning,riekf", "--estimator", "own_estimator:estimate")
+    arguments = ("--estimators", "dead-reckoning,riekf,own_estimator:estimate")
     printed, _ = run(folder, "-m", "slamgauge", "evaluate", "first-run/recording.npz", *arguments)
     again = rows(printed)
     assert list(again) == ["dead-reckoning", "riekf", "own_estimator:estimate"]
@@ -75,7 +75,7 @@ def test_own_estimator_refuses_what_it_does_not_know(folder: Path):
     path.write_text("".join(line for line in lines if not line.startswith(("sigma_range", "sigma_bearing"))))
     simulated = ("run", "positions.toml", "--estimators", "dead-reckoning", "--out", "run", "--set", *overrides)
     run(folder, "-m", "slamgauge", *simulated)
-    own = ("--estimators", "dead-reckoning", "--estimator", "own_estimator:estimate")
+    own = ("--estimators", "own_estimator:estimate")
     printed, errors = run(folder, "-m", "slamgauge", "evaluate", "run/recording.npz", *own, status=2)
     assert printed == ""
     (line,) = errors.splitlines()

@@ -148,8 +148,9 @@ def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Floa
     return ErrorBudget(scenario, filter_name, len(table), rungs, costliest)
 
 
-def rung_errors(scenario: Scenario, seed: int, asked: Asked) -> RungErrors:
+def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked) -> RungErrors:
     """What the rungs make of one run; those that coincide are run once."""
+    (asked,) = ask([chosen])
     truth, recording = simulate(scenario, seed)
     told = simulate(informed(scenario), seed)[1]
     assert truth.association is not None

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.asked import Asked
+from slamgauge.compare.estimators.asked import Asked, Chosen, ask
 from slamgauge.compare.estimators.loading import load
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
@@ -45,11 +44,12 @@ def run_seed(seed: int, run: int) -> int:
     return int(np.random.SeedSequence(seed, spawn_key=(run,)).generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 
-def run_once(scenario: Scenario, seed: int, asked: Sequence[Asked]) -> list[Outcome]:
+def run_once(scenario: Scenario, seed: int, estimators: Chosen) -> list[Outcome]:
     """Simulate one run and score estimators on it; one that cannot be loaded, or fails, leaves its error.
 
     The optima see the measurements with their true noise and associations (`simulation.informed`).
     """
+    asked = ask(estimators)
     try:
         truth, recording = simulate(scenario, seed)
         told = simulate(informed(scenario), seed)[1] if any(each.is_yardstick for each in asked) else recording

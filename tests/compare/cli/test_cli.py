@@ -303,8 +303,8 @@ def test_ones_own_estimator_gets_a_row(
     stored: Path, tmp_path: Path, module: Module, capsys: pytest.CaptureFixture[str]
 ):
     own = f"{module(OWN)}:estimate"
-    shipped = ("--estimators", "dead-reckoning,isam2")
-    assert run("evaluate", stored / "recording.npz", *shipped, "--estimator", own, "--out", tmp_path / "out") == 0
+    chosen = ("--estimators", f"dead-reckoning,isam2,{own}")
+    assert run("evaluate", stored / "recording.npz", *chosen, "--out", tmp_path / "out") == 0
     printed = capsys.readouterr()
     assert [line.split()[:2] for line in printed.out.splitlines()[1:]] == [
         ["dead-reckoning", "filtered"],
@@ -319,7 +319,7 @@ def test_ones_own_estimator_gets_a_row(
     assert entries[own]["nees_pose"] is None
     assert entries[own]["seconds_total"] > 0
     assert load_estimate(tmp_path / "out/estimates" / f"{own}.npz").poses.shape == (STEPS + 1, 3)
-    assert run("evaluate", stored / "recording.npz", *shipped, "--estimator", own, "--json") == 0
+    assert run("evaluate", stored / "recording.npz", *chosen, "--json") == 0
     assert set(json.loads(capsys.readouterr().out)["estimators"]) == {"dead-reckoning", "isam2", own}
 
 
@@ -558,12 +558,25 @@ ESTIMATE = "from slamgauge import Estimate\nimport numpy as np\nimport sys\n\nde
         ("estimate = 3", "is a int; give a callable Recording -> Estimate"),
     ],
 )
-def test_estimators_that_fail(stored: Path, refuse: Refuse, module: Module, source: str, message: str):
-    """After one of ours has already run."""
+def test_estimators_that_fail(
+    stored: Path,
+    refuse: Refuse,
+    module: Module,
+    source: str,
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+):
+    """Alone they are a mistake in one line; beside others they are a row with that line as its reason."""
     own = module(source)
-    arguments = ("--estimators", "dead-reckoning", "--estimator", f"{own}:estimate")
-    line = refuse.line("evaluate", stored / "recording.npz", *arguments)
-    assert re.fullmatch(f"estimator {own}:estimate: {message.replace('OWN', own)}.*", line)
+    reason = f"estimator {own}:estimate: {message.replace('OWN', own)}.*"
+    line = refuse.line("evaluate", stored / "recording.npz", "--estimators", f"{own}:estimate")
+    assert re.fullmatch(reason, line)
+    assert run("evaluate", stored / "recording.npz", "--estimators", f"dead-reckoning,{own}:estimate") == 1
+    head, ours, row, *notes = capsys.readouterr().out.splitlines()
+    assert head.split()[0] == "estimator"
+    assert ours.split()[:2] == ["dead-reckoning", "filtered"]
+    assert row.split()[:2] == [f"{own}:estimate", "failed"]
+    assert any(re.fullmatch(reason, note) for note in notes)
 
 
 @pytest.mark.parametrize(
@@ -578,7 +591,7 @@ def test_estimators_that_fail(stored: Path, refuse: Refuse, module: Module, sour
 )
 def test_import_paths_that_lead_nowhere(stored: Path, refuse: Refuse, module: Module, path: str, message: str):
     module("")
-    assert message in refuse.line("evaluate", stored / "recording.npz", "--estimator", path)
+    assert message in refuse.line("evaluate", stored / "recording.npz", "--estimators", path)
 
 
 def test_every_array_that_estimators_see_is_read_only(stored: Path):

@@ -83,7 +83,7 @@ def test_an_estimator_of_any_name_with_neighbours_of_any_name(
     for name in (*NAMES, "helper"):
         (mine / f"{name}.py").write_text('NAME = "theirs"\n')
     (mine / "ekf.py").write_text(OWN)
-    arguments = ("evaluate", str(folder / "recording.npz"), "--estimators", "dead-reckoning", "--estimator", own)
+    arguments = ("evaluate", str(folder / "recording.npz"), "--estimators", f"dead-reckoning,{own}")
     found = rows(command, mine, *arguments)
     assert found[label] == pytest.approx(found["dead-reckoning"], rel=1e-9)
     assert not list(mine.rglob("__pycache__"))

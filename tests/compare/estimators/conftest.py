@@ -31,7 +31,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Own:
 
     def run(source: str, recording: Recording, attribute: str = "ekf_slam") -> Estimate:
         Path("mine.py").write_text(dedent(source))
-        estimators = load_estimators([], [f"mine=mine.py:{attribute}"])
+        estimators = load_estimators([f"mine=mine.py:{attribute}"])
         return run_estimator("mine", estimators["mine"], recording)[0]
 
     return run

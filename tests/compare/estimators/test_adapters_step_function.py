@@ -104,7 +104,7 @@ def test_the_handout_feeds_it_as_its_own_simulation_does(own: Own):
 
 
 def example(name: str) -> slamgauge.Estimator:
-    return load_estimators([], [f"mine={EXAMPLES / name}.py:ekf_slam"])["mine"]
+    return load_estimators([f"mine={EXAMPLES / name}.py:ekf_slam"])["mine"]
 
 
 def test_the_example_is_our_ekf_with_one_observation_a_scan():
@@ -188,7 +188,7 @@ def test_runs_do_not_meet(own: Own):
     recording = short()
     before = recording.odometry.copy()
     first, second = own(source, recording), own(source, recording)
-    estimator = load_estimators([], ["mine=mine.py:ekf_slam"])["mine"]
+    estimator = load_estimators(["mine=mine.py:ekf_slam"])["mine"]
     third, fourth = estimator(recording), estimator(recording)
     for estimate in (first, second, third, fourth):
         assert np.array_equal(estimate.poses[:, 0], np.arange(1, recording.steps + 2))

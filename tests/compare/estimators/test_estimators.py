@@ -136,7 +136,7 @@ def test_people_may_not_take_a_name_twice(tmp_path: Path, monkeypatch: pytest.Mo
     for own, whose in ((["ekf=own.py:f"], "ekf is one of ours"), (["a=own.py:f", "a=own:f"], "a is two of yours")):
         with pytest.raises(ValueError, match=f"{whose}; write another LABEL= in front"):
             load_estimators(["isam2"], own)
-    assert [*load_estimators(["isam2"], ["a=own.py:f", "own:f", "own.py:f"])] == ["isam2", "a", "own:f", "own.py:f"]
+    assert [*load_estimators(["isam2", "a=own.py:f", "own:f", "own.py:f"])] == ["isam2", "a", "own:f", "own.py:f"]
 
 
 def test_without_true_associations_the_optima_ask_for_them():
