@@ -133,9 +133,9 @@ def test_the_box_is_listed_with_all_its_names():
 def test_people_may_not_take_a_name_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text("def f(recording): ...\n")
-    for own, whose in ((["ekf=own.py:f"], "ekf is one of ours"), (["a=own.py:f", "a=own:f"], "a is two of yours")):
+    for own, whose in ((["ekf=own.py:f"], "ekf is one of ours"), (["a=own.py:f", "a=own:f"], "a stands there twice")):
         with pytest.raises(ValueError, match=f"{whose}; write another LABEL= in front"):
-            load_estimators(["isam2"], own)
+            load_estimators(["isam2", *own])
     assert [*load_estimators(["isam2", "a=own.py:f", "own:f", "own.py:f"])] == ["isam2", "a", "own:f", "own.py:f"]
 
 
