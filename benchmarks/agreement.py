@@ -25,6 +25,8 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parent))  # Python may be told not to look there
+
 from referees.judge import judge
 from referees.recordings import draw
 from referees.table import bars_missed, describe, messages, table, worst_cases
