@@ -19,7 +19,6 @@ from slamgauge.compare.cli.options import (
     results_folder,
     split_names,
 )
-from slamgauge.compare.estimators.asked import ask
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
@@ -57,6 +56,7 @@ class Run:
 
     def __call__(self) -> int:
         """Simulate, grade and write; the exit status."""
+        from slamgauge.compare.estimators.asked import ask
         from slamgauge.compare.scenarios.scenario import load_scenario
         from slamgauge.compare.scenarios.simulation import informed, simulate
         from slamgauge.compare.storage.manifest import require_free
@@ -121,6 +121,7 @@ class Evaluate:
 
     def __call__(self) -> int:
         """Load, grade and, if asked to, write; the exit status."""
+        from slamgauge.compare.estimators.asked import ask
         from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
         from slamgauge.compare.storage.files import load_recording, load_truth
         from slamgauge.compare.storage.stored_estimates import load_stored

@@ -74,7 +74,7 @@ def _asked(label: str, what: str | Estimator) -> Asked:
     if not isinstance(what, str):
         require_label(label, label)
         return Asked(label, call=what)
-    if ":" not in what and "=" not in what:
+    if not set(":=/\\") & set(what):
         return Asked(label or what, entry_of(what).name)
     where = address(what)
     return Asked(label or where.label, where=where)

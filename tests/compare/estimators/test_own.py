@@ -183,7 +183,7 @@ def test_installed_modules_are_found_where_the_folder_has_none(write: Write):
     ],
 )
 def test_addresses(text: str, label: str, place: str, attribute: str):
-    assert address(text) == (text, label, place, attribute)
+    assert address(text)[:4] == (text, label, place, attribute)
 
 
 def test_a_path_with_an_equals_sign_is_no_label(write: Write):

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.cli.main import main
+from slamgauge.compare.estimators.asked import Asked
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.figures.publishing import write_study
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
@@ -93,9 +94,9 @@ def test_a_study_goes_on_where_it_was_and_repeats_nothing(
     carried: list[tuple[int, tuple[str, ...]]] = []
     original = study_run.run_once
 
-    def counted(each: Scenario, seed: int, names: list[str]) -> list[study_run.Outcome]:
-        carried.append((seed, tuple(names)))
-        return original(each, seed, names)
+    def counted(each: Scenario, seed: int, asked: list[Asked]) -> list[study_run.Outcome]:
+        carried.append((seed, tuple(one.label for one in asked)))
+        return original(each, seed, asked)
 
     monkeypatch.setattr("slamgauge.compare.studies.study.run_once", counted)
     parts = run_study(scenario, 5, 0, ("ekf", "riekf"), tmp_path / "parts", thread)

@@ -1,0 +1,56 @@
+"""Estimates that somebody has stored: read as they were, or refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from random_recordings import random_recording
+
+from slamgauge.compare.storage.files import save, write_tum
+from slamgauge.compare.storage.stored_estimates import load_stored
+from slamgauge.ekf import ekf
+from slamgauge.errors import UserError
+
+_, RECORDING = random_recording(0, steps=10)
+ESTIMATE = ekf(RECORDING)
+
+
+def test_tum_with_and_without_covariances(tmp_path: Path) -> None:
+    path = tmp_path / "mine.tum"
+    write_tum(path, RECORDING.stamps, ESTIMATE.poses)
+    bare = load_stored(path, RECORDING)
+    np.testing.assert_allclose(bare.poses, ESTIMATE.poses, atol=1e-12)
+    assert bare.pose_covs is None
+    assert ESTIMATE.pose_covs is not None
+    lines = path.read_text().splitlines()
+    upper = np.triu_indices(3)
+    for size, at in ((3, upper), (6, np.triu_indices(6))):
+        covs = np.zeros((len(lines), size, size))
+        rows = [0, 1, size - 1]
+        covs[np.ix_(range(len(lines)), rows, rows)] = ESTIMATE.pose_covs
+        more = [f"{line} {' '.join(map(repr, cov[at].tolist()))}" for line, cov in zip(lines, covs, strict=True)]
+        path.write_text("# t x y z qx qy qz qw\n" + "\n".join(reversed(more)))
+        np.testing.assert_allclose(load_stored(path, RECORDING).pose_covs, ESTIMATE.pose_covs, atol=1e-15)
+
+
+def test_ours(tmp_path: Path) -> None:
+    save(tmp_path / "estimate.npz", ESTIMATE)
+    assert load_stored(tmp_path / "estimate.npz", RECORDING) == ESTIMATE
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("0 0 0 0 0 0 0\n", "line 1: 7 columns; write 8, 14, 29 finite numbers"),
+        ("0 0 0 0 0 0 0 one\n", "line 1: .* holds no number somewhere"),
+        ("0 0 0 0 0 0 0 1\n", "no line for step 1"),
+        ("", "no line for step 0"),
+    ],
+)
+def test_tum_that_does_not_fit(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "mine.tum"
+    path.write_text(text)
+    with pytest.raises(UserError, match=f"mine.tum.*{message}"):
+        load_stored(path, RECORDING)
