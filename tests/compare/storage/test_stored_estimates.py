@@ -32,7 +32,9 @@ def test_tum_with_and_without_covariances(tmp_path: Path) -> None:
         covs[np.ix_(range(len(lines)), rows, rows)] = ESTIMATE.pose_covs
         more = [f"{line} {' '.join(map(repr, cov[at].tolist()))}" for line, cov in zip(lines, covs, strict=True)]
         path.write_text("# t x y z qx qy qz qw\n" + "\n".join(reversed(more)))
-        np.testing.assert_allclose(load_stored(path, RECORDING).pose_covs, ESTIMATE.pose_covs, atol=1e-15)
+        found = load_stored(path, RECORDING).pose_covs
+        assert found is not None
+        np.testing.assert_allclose(found, ESTIMATE.pose_covs, atol=1e-15)
 
 
 def test_ours(tmp_path: Path) -> None:
