@@ -14,8 +14,12 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))  # Python may be told not to look there
+
 from referees.seeded_bugs import SEEDED, seeded_ekf
 
 from slamgauge.compare.checks.examination import LAWS, check_estimator
