@@ -24,7 +24,7 @@ from slamgauge.compare.studies.run import run_seed
 from slamgauge.ekf import riekf
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch, cost
-from slamgauge.graph_baseline.descent import descend
+from slamgauge.graph_baseline.descent import approach, settle
 from slamgauge.graph_baseline.factors import LENT_SLIP, build_graph, landmarks_at_first_sight, make_values, read_values
 from slamgauge.graph_baseline.search import levenberg_marquardt
 from slamgauge.recording import Recording
@@ -70,7 +70,7 @@ def _from(recording: Recording, poses: Float, landmarks: Float) -> float:
     assert recording.landmark is not None
     ids = np.unique(recording.landmark)
     values = levenberg_marquardt(build_graph(recording, LENT_SLIP), make_values(poses, ids, landmarks))
-    found = descend(recording, ids, *read_values(values))
+    found = settle(recording, ids, approach(recording, ids, *read_values(values)))
     return cost(recording, found.poses, ids, found.landmarks)
 
 

@@ -67,23 +67,15 @@ class Merit:
         return cost if np.isfinite(cost) else np.inf
 
 
-def descend(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> Minimum:
-    """The minimum that a start leads to.
+def approach(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> Approach:
+    """Where damped steps lead from a start: near a minimum, or wherever they come to a halt.
 
     Args:
         recording: known association.
         landmark_ids: (L,) all of its landmarks, increasing.
         poses: (N+1, 3).
         landmarks: (L, 2).
-
-    Raises:
-        UndeterminedError: there is none, or rounding hides it.
     """
-    return settle(recording, landmark_ids, approach(recording, landmark_ids, poses, landmarks))
-
-
-def approach(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> Approach:
-    """Where damped steps lead from a start, as in `descend`: near a minimum, or wherever they come to a halt."""
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     merit = Merit(recording, slot)
     poses = merit.noise.followed(poses)
@@ -151,8 +143,8 @@ def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
     poses, landmarks, _, merit = start
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     _refuse_landmarks_at_poses(recording, slot, poses, landmarks)
-    weight = 1.0 / np.concatenate([each.ravel() for each in _sigmas(solve_at(recording, landmark_ids, *start[:2]))])
-    mixing = Mixing(weight)
+    sigmas = _sigmas(solve_at(recording, landmark_ids, *start[:2]))
+    mixing = Mixing(1.0 / np.concatenate([each.ravel() for each in sigmas]))
     best, smallest, stalled = (poses, landmarks), np.inf, 0
     for _ in range(MAX_NEWTON_STEPS):
         model = linearise(recording, slot, poses, landmarks)
@@ -162,7 +154,7 @@ def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
             break
         ahead = moved(model, merit.noise, poses, landmarks, *step)
         apart = _apart(ahead, (poses, landmarks))
-        size = float(np.max(np.abs(apart) * weight, initial=0.0))
+        size = mixing.size(apart)
         if size < smallest:
             best, smallest, stalled = (poses, landmarks), size, 0
         else:

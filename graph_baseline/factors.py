@@ -148,11 +148,6 @@ class GraphBuilder:
             return gtsam.BearingFactor2D(*keys, gtsam.Rot2(*sight), noise)
         return gtsam.BearingRangeFactor2D(*keys, gtsam.Rot2(sight[1]), sight[0], noise)
 
-    def body_point(self, row: int) -> Float:
-        """The landmark of an observation with a range, in the body frame."""
-        distance, bearing = self._polar[row]
-        return np.array([distance * np.cos(bearing), distance * np.sin(bearing)])
-
 
 def build_graph(recording: Recording, lent: float = 0.0) -> gtsam.NonlinearFactorGraph:
     """The whole recording as a graph; see `GraphBuilder`."""

@@ -5,7 +5,9 @@ The rest of the path stays behind, and what the linear problem misses is not see
 the whole path, which end where the gradient of the exact cost is zero: at every scan while the path is short, later as
 often as it takes to keep small what is missed, which grows with the square of how far the newest pose is moved. All is
 linearised anew where the observations' Jacobians have moved, or a chord step takes too little away, and a minimum that
-undamped steps do not find is searched by damped ones (`descent`).
+undamped steps do not find is sought from several starts (`search`).
+
+Of bearings alone, landmarks wait until the optimum places them, and leave where it no longer does.
 """
 
 from __future__ import annotations
@@ -17,13 +19,14 @@ from numpy.linalg import LinAlgError
 from scipy.linalg import cho_solve, solve_triangular
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline import chord
-from slamgauge.graph_baseline.chord import SENSORS, Measured, Place
+from slamgauge.graph_baseline import chord, elimination
+from slamgauge.graph_baseline.elimination import Place
 from slamgauge.graph_baseline.factors import prior_cov_in_body, require_known_landmarks
 from slamgauge.graph_baseline.linearisation import inverse_cholesky
+from slamgauge.graph_baseline.models import SENSORS, Measured
 from slamgauge.graph_baseline.search import Start, grown, placed_minimum, searched
 from slamgauge.graph_baseline.smoother import EXHAUSTED, own_blocks_of_inverse
-from slamgauge.graph_baseline.triangulation import triangulate_one
+from slamgauge.graph_baseline.triangulation import SURE, triangulate_one
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
@@ -40,6 +43,7 @@ STALE = 0.3  # relative change of the observations' Jacobians times reach: linea
 MAX_STEPS = 12
 PASSES = 2  # of the newest scan, the second linearised where the first has led
 SOUGHT_AGAIN = 1.2  # times the steps at which no minimum was found: look again
+SURELY = SURE / 2  # sigma over distance of a landmark that bearings will go on to place
 EXACT = 1e-9  # m or rad: a smaller standard deviation measures nothing
 
 
@@ -56,11 +60,12 @@ class GrowingOptimum:
         self._ids = require_known_landmarks(recording)
         self._measured = _measured(recording)
         poses, landmarks = recording.steps + 1, len(np.unique(self._ids))
-        self._place = chord.allocate_place(poses, landmarks)
-        self._before = chord.allocate_place(poses, landmarks)  # its newest scan
-        self._linear = chord.allocate_linear(poses, landmarks, *recording.observation.shape)
+        self._place = elimination.allocate_place(poses, landmarks)
+        self._before = elimination.allocate_place(poses, landmarks)  # its newest scan
+        self._linear = elimination.allocate_linear(poses, landmarks, *recording.observation.shape)
         self._chord = chord.allocate_chord(poses, landmarks)
         self._slot: dict[int, int] = {}  # of each landmark that has been mapped
+        self._unsure: set[int] = set()  # mapped, of bearings that may cease to place them
         self._newest = -1
         self._factor: Float = np.zeros((0, 0))  # (2L, 2L) lower triangular, of the landmarks' information
         self._sigma = np.full(3, np.inf)  # of the newest pose
@@ -82,7 +87,7 @@ class GrowingOptimum:
         return self._place.poses[self._newest].copy()
 
     def newest_cov(self) -> Float:
-        """(3, 3) of the newest pose, world frame."""
+        """(3, 3) of the newest pose, world frame, by the matrices at hand; while unsettled, of what they are about."""
         M = self._linear.M[:, : len(self._factor)]
         spread = solve_triangular(self._factor, M.T, lower=True, check_finite=False)
         cov = self._linear.newest_cov + spread.T @ spread
@@ -121,29 +126,34 @@ class GrowingOptimum:
     def finish(self) -> None:
         """Go to the minimum, with all matrices taken there."""
         if self.settled:
-            self._settle_anew()
+            self._settle(anew=True)
         else:
             self._seek()
+        if self._recording.sensor == "bearing":
+            self._settle_placed()
         self.settled = self.settled and self._linearise_anew()
 
     def _take_in_step(self) -> None:
         """Take in the newest scan, and settle if it is time to."""
         k, mapped = self._newest, len(self._slot)
-        self._map_new_landmarks()
-        self._linear.at.landmarks[mapped : len(self._slot)] = self._place.landmarks[mapped : len(self._slot)]
-        if self._recording.sensor == "bearing" and len(self._slot) > mapped:
-            self._settle_anew()
-        elif self._measured.first[k] == self._measured.first[k + 1]:
+        if self._measured.first[k] == self._measured.first[k + 1]:
             self._take_in(self._place, k)
-        elif not self._take_in_newest_scan(mapped):
-            self._settle_anew()
+            return
+        self._map_seen_landmarks()
+        self._linear.at.landmarks[mapped : len(self._slot)] = self._place.landmarks[mapped : len(self._slot)]
+        if not self._take_in_newest_scan(mapped):
+            self._settle(anew=True)
         elif k <= SHORT or self._scans >= LONGEST or self._travel * self._bend > MISSED:
             self._settle()
+        if self._recording.sensor == "bearing":
+            self._settle_placed()
 
-    def _settle_anew(self) -> None:
-        """Go to the minimum with all matrices taken anew; of bearings alone with all landmarks that it then places."""
-        self._settle(anew=True)
-        while self._recording.sensor == "bearing" and self.settled and self._map_waiting_landmarks():
+    def _settle_placed(self) -> None:
+        """Go to the minimum of the landmarks that bearings place from there, as `placed_minimum` does."""
+        while self.settled and self._map_waiting_landmarks():
+            self._unsure = set(self._slot)
+            self._settle(anew=True)
+        if self.settled and self._leave_out_landmarks():
             self._settle(anew=True)
 
     def _take_in_newest_scan(self, mapped: int) -> bool:
@@ -243,10 +253,9 @@ class GrowingOptimum:
             taken, found = placed_minimum(part, chain(part.prior_mean, part.odometry), starts)
         except UndeterminedError:
             return False
-        ids = np.unique(taken[taken >= 0])
-        self._slot = {name: slot for slot, name in enumerate(ids.tolist())}
-        self._measured.slot[: len(taken)] = np.where(taken >= 0, np.searchsorted(ids, taken), -1)
-        place.poses[: k + 1], place.landmarks[: len(ids)] = found.poses, found.landmarks
+        place.poses[: k + 1] = found.poses
+        self._map_alone(np.unique(taken[taken >= 0]), found.landmarks)
+        self._unsure = set(self._slot)
         return self._linearise_anew()
 
     # --- matrices --------------------------------------------------------------------------------
@@ -266,7 +275,7 @@ class GrowingOptimum:
         """
         landmarks, until = len(self._slot), self._newest + 1
         try:
-            chord.take_in(self._measured, self._linear, self._place, before, landmarks, since, until)
+            elimination.take_in(self._measured, self._linear, self._place, before, landmarks, since, until)
         except LinAlgError:
             return False
         return True
@@ -291,39 +300,60 @@ class GrowingOptimum:
 
     # --- landmarks -------------------------------------------------------------------------------
 
-    def _map_new_landmarks(self) -> None:
-        """Give slots to landmarks that the newest scan sees first, or whose bearings it completes."""
+    def _map_seen_landmarks(self) -> None:
+        """Give slots to the observations of the newest scan; with bearings alone, new landmarks wait."""
         first, last = self._measured.first[self._newest : self._newest + 2]
         for row in range(first, last):
             name = int(self._ids[row])
-            if name in self._slot:
-                self._measured.slot[row] = self._slot[name]
-            else:
-                self._map_landmark(name, row)
+            if name not in self._slot and self._recording.sensor != "bearing":
+                self._map_landmark(name, self._landmark_at_sight(row))
+            self._measured.slot[row] = self._slot.get(name, -1)
 
     def _map_waiting_landmarks(self) -> bool:
-        """Give slots to landmarks that bearings place from the path as it stands now; whether there are any."""
-        mapped, last = len(self._slot), self._measured.first[self._newest + 1]
-        waiting = np.unique(self._ids[:last][self._measured.slot[:last] < 0])
-        for name in waiting.tolist():
-            self._map_landmark(name, last - 1)
+        """Give slots to landmarks that bearings place from the path as it stands; whether there are any."""
+        rows = np.arange(self._measured.first[self._newest + 1])
+        mapped, ids = len(self._slot), self._ids[: len(rows)]
+        for name in np.unique(ids[self._measured.slot[rows] < 0]).tolist():
+            landmark, sigma = triangulate_one(self._recording, rows[ids == name], self._place.poses)
+            if np.isfinite(sigma):
+                self._map_landmark(name, landmark)
+                self._measured.slot[rows[ids == name]] = self._slot[name]
         return len(self._slot) > mapped
 
-    def _map_landmark(self, name: int, row: int) -> None:
-        """Give a slot to a landmark, with all its observations up to the row, if they place it."""
-        landmark = self._landmark_at_sight(name, row)
-        if landmark is not None:
-            slot = self._slot[name] = len(self._slot)
-            self._place.landmarks[slot] = landmark
-            self._measured.slot[: row + 1][self._ids[: row + 1] == name] = slot
+    def _leave_out_landmarks(self) -> bool:
+        """Take their slots from landmarks that bearings no longer place; whether there are any."""
+        kept = {name for name in self._slot if name not in self._unsure or self._is_placed(name)}
+        ids = self.landmark_ids
+        if len(kept) == len(ids):
+            return False
+        self._unsure &= kept
+        stays = np.isin(ids, list(kept))
+        self._map_alone(ids[stays], self.landmarks()[stays])
+        return True
 
-    def _landmark_at_sight(self, name: int, row: int) -> Float | None:
-        """(2,) in the world, seen from the newest pose; None for one that its bearings do not place yet."""
+    def _is_placed(self, name: int) -> bool:
+        """Whether bearings place a landmark; one that they place well is no longer looked at."""
+        rows = np.flatnonzero(self._ids[: self._measured.first[self._newest + 1]] == name)
+        if np.isfinite(triangulate_one(self._recording, rows, self._place.poses, SURELY)[1]):
+            self._unsure.remove(name)
+            return True
+        return bool(np.isfinite(triangulate_one(self._recording, rows, self._place.poses)[1]))
+
+    def _map_landmark(self, name: int, landmark: Float) -> None:
+        """Give a slot to a landmark (2,)."""
+        slot = self._slot[name] = len(self._slot)
+        self._place.landmarks[slot] = landmark
+
+    def _map_alone(self, ids: Int, landmarks: Float) -> None:
+        """Give slots to landmarks (L, 2) of these ids, and to no others."""
+        self._slot = {name: slot for slot, name in enumerate(ids.tolist())}
+        self._place.landmarks[: len(ids)] = landmarks
+        rows = self._measured.first[self._newest + 1]
+        self._measured.slot[:rows] = [self._slot.get(name, -1) for name in self._ids[:rows].tolist()]
+
+    def _landmark_at_sight(self, row: int) -> Float:
+        """(2,) in the world, of an observation from the newest pose that has a range."""
         z, pose = self._recording.observation[row], self._place.poses[self._newest]
-        if self._recording.sensor == "bearing":
-            rows = np.flatnonzero(self._ids[: row + 1] == name)
-            landmark, sigma = triangulate_one(self._recording, rows, self._place.poses)
-            return landmark if np.isfinite(sigma) else None
         body = z if self._recording.sensor == "position" else z[0] * np.array([np.cos(z[1]), np.sin(z[1])])
         return pose[:2] + rotation(pose[2]) @ body
 

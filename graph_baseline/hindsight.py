@@ -7,19 +7,22 @@
    starts are tried: the causal optimum's path, a start that is grown portion by portion, and dead reckoning itself.
 4. Newton steps end at the minimum of the lowest.
 
-Bearings alone: a landmark that they do not place from the path at hand is left out at first, and taken in as soon as
-they place it from the optimum without it.
+Bearings alone: a landmark is taken in as soon as bearings place it from the optimum without it, and left out where they
+no longer do from the optimum with it. Unless all are in, this begins anew with the path of the causal optimum, which
+places more of them than dead reckoning does.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.correlations import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
+from slamgauge.graph_baseline.descent import Minimum
 from slamgauge.graph_baseline.factors import (
     among_mapped,
     first_sights,
@@ -48,12 +51,24 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
     """
     if association is not None:
         return among_mapped(batch(recording.associated(association)), association)
-    return optimum_from(recording, chain(recording.prior_mean, recording.odometry))
+    path = chain(recording.prior_mean, recording.odometry)
+    if recording.sensor != "bearing":
+        return optimum_from(recording, path)
+    with suppress(UndeterminedError):
+        taken, found = placed_minimum(recording, path, _starts)
+        if (taken >= 0).all():
+            return _estimate(recording, taken, found)
+    with suppress(UndeterminedError):
+        path = _causal(recording)[0]
+    return optimum_from(recording, path)
 
 
 def optimum_from(recording: Recording, path: Float) -> Estimate:
     """`batch` whose first start is a path (N+1, 3)."""
-    taken, found = placed_minimum(recording, path, _starts)
+    return _estimate(recording, *placed_minimum(recording, path, _starts))
+
+
+def _estimate(recording: Recording, taken: Int, found: Minimum) -> Estimate:
     return Estimate(
         kind="smoothed",
         poses=found.poses,

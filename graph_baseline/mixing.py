@@ -34,7 +34,7 @@ class Mixing:
         """What to move by (n,) where the iteration would go on by `step` (n,)."""
         self._steps.append(step)
         changes = [after - before for before, after in pairwise(self._steps)]
-        if not changes or self._size(step) < FAST * self._size(self._steps[-2]):
+        if not changes or self.size(step) < FAST * self.size(self._steps[-2]):
             return step
         C = np.column_stack(changes)
         share = np.linalg.lstsq(self._weight[:, None] * C, self._weight * step, rcond=RESOLVED)[0]
@@ -45,5 +45,6 @@ class Mixing:
         self._moves.append(move)
         del self._moves[:-MEMORY], self._steps[:-MEMORY]
 
-    def _size(self, step: Float) -> float:
+    def size(self, step: Float) -> float:
+        """Of a step (n,), the largest coordinate in standard deviations."""
         return float(np.max(np.abs(step) * self._weight, initial=0.0))

@@ -6,7 +6,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compiled import kernel
-from slamgauge.graph_baseline.small import (
+from slamgauge.graph_baseline.three_by_three import (
     add_identity,
     add_product,
     copy,

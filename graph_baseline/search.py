@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 from scipy.special import chdtr
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, Marks
 from slamgauge.graph_baseline.chain import carried_on, keyed
 from slamgauge.graph_baseline.descent import Approach, Merit, Minimum, approach, settle
 from slamgauge.graph_baseline.factors import (
@@ -34,21 +34,29 @@ Start = Callable[[], tuple[Float, Float]]  # poses (N+1, 3), and landmarks (L, 2
 def placed_minimum(
     recording: Recording, path: Float, starts: Callable[[Recording, Float], Iterable[Start]]
 ) -> tuple[Int, Minimum]:
-    """The lowest minimum of all that is placed from a path (N+1, 3), and then from the optimum.
+    """The lowest minimum of all that is placed: from a path (N+1, 3) at first, in the end from the minimum itself.
+
+    Landmarks are taken in until no more are placed; then those that are not are left out.
 
     Returns:
         Association (M,), -1 for what bearings alone do not place, and the minimum without that.
     """
-    ids = require_known_landmarks(recording)
-    taken, found = np.full(len(ids), -1), None
-    while True:
-        placed = np.where(are_placed(recording, path) | (taken >= 0), ids, -1)
-        if found is not None and np.array_equal(placed, taken):
-            return taken, found
+
+    def minimum(taken: Marks, path: Float) -> Minimum:
+        part = recording if taken.all() else recording.only(taken)
+        return lowest_minimum(part, starts(part, path))
+
+    taken = are_placed(recording, path)
+    found = minimum(taken, path)
+    placed = are_placed(recording, found.poses)
+    while (placed & ~taken).any():
+        taken |= placed
+        found = minimum(taken, found.poses)
+        placed = are_placed(recording, found.poses)
+    if (taken & ~placed).any():
         taken = placed
-        part = recording if (taken >= 0).all() else recording.associated(taken)
-        found = lowest_minimum(part, starts(part, path))
-        path = found.poses
+        found = minimum(taken, found.poses)
+    return np.where(taken, require_known_landmarks(recording), -1), found
 
 
 def lowest_minimum(recording: Recording, starts: Iterable[Start]) -> Minimum:

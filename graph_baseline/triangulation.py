@@ -32,12 +32,12 @@ def triangulate_all(recording: Recording, poses: Float) -> tuple[Int, Float, Flo
     return ids, landmarks, sigmas
 
 
-def triangulate_one(recording: Recording, rows: Int, poses: Float) -> tuple[Float, float]:
+def triangulate_one(recording: Recording, rows: Int, poses: Float, sure: float = SURE) -> tuple[Float, float]:
     """The landmark (2,) and sigma [m], as in `triangulate_all`, that the bearings in `rows` are of."""
     landmark, bearings, variances = np.zeros(2), recording.observation[:, 0], recording.observation_cov[:, 0, 0]
     for chosen in (*tracks(recording, rows), rows):
         seen_from = poses[recording.observation_step[chosen]]
-        found = triangulate(seen_from, bearings[chosen], variances[chosen], SURE)
+        found = triangulate(seen_from, bearings[chosen], variances[chosen], sure)
         landmark = found.landmark
         if found.placed:
             return landmark, found.sigma

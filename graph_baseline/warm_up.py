@@ -7,17 +7,19 @@ import functools
 import numpy as np
 
 from slamgauge.compiled import announced
-from slamgauge.graph_baseline import chord, recursions
+from slamgauge.graph_baseline import chord, elimination, recursions
+from slamgauge.graph_baseline.models import POSITION, Measured
 
 
 @functools.cache
 def compile_graphs_once() -> None:
     """Compile (or load from the cache) every kernel of the graphs, once per process."""
     measured = _one_sight()
-    place, linear, step = chord.allocate_place(1, 1), chord.allocate_linear(1, 1, 1, 2), chord.allocate_chord(1, 1)
+    place, linear = elimination.allocate_place(1, 1), elimination.allocate_linear(1, 1, 1, 2)
+    step = chord.allocate_chord(1, 1)
     place.landmarks[0] = measured.value[0]
     with announced("graph kernels"):
-        chord.take_in(measured, linear, place, place, 1, 0, 1)
+        elimination.take_in(measured, linear, place, place, 1, 0, 1)
         chord.find_defects(measured, linear, place, 0, step)
         chord.smooth(linear, 0, step)
         chord.pull_landmarks(measured, linear, 0, step)
@@ -29,12 +31,12 @@ def compile_graphs_once() -> None:
         recursions.run_adjoints(one, one, one)
 
 
-def _one_sight() -> chord.Measured:
+def _one_sight() -> Measured:
     """A pose that sees a landmark; the types of its arrays are those of every recording."""
     value = np.array([[1.0, 0.0]])
     value.setflags(write=False)
-    return chord.Measured(
-        sensor=chord.POSITION,
+    return Measured(
+        sensor=POSITION,
         start=np.zeros(3),
         motion=np.zeros((1, 3)),
         motion_cov=np.eye(3)[None],

@@ -2,7 +2,7 @@
 
 The referee runs from several starts and keeps its lowest cost. Which landmarks bearings place is a matter of
 definition: it is asked about those that batch has placed, on the whole recording or on its first steps. What batch
-leaves out though the true path places it well is told beside that.
+leaves out is held against what the true path places well and the referee can map.
 """
 
 from __future__ import annotations
@@ -34,9 +34,8 @@ def judge_optima(drawn: Drawn) -> list[Outcome]:
     recording = drawn.recording
     outcomes: list[Outcome] = []
     if recording.sensor == "bearing":
-        left = [] if isinstance(batched, str) else _left_out(drawn, batched)
-        worse = f"{len(left)} landmarks are not mapped though the true path places them"
-        outcomes.append(Outcome("batch mapped", "worse" if left else "agrees", len(left), worse if left else ""))
+        if not isinstance(batched, str):
+            outcomes.append(_judge_map(drawn, batched))
         placed = _well_placed(drawn) if isinstance(batched, str) else batched.landmark_ids
         recording = placed_only(recording, placed)
     model = Model(recording)
@@ -122,9 +121,15 @@ def _in_sigmas(model: Model, poses: Float, others: Float, covs: Float) -> float:
     return float((np.abs(apart) / np.maximum(sigma, floor)).max())
 
 
-def _left_out(drawn: Drawn, batched: Estimate) -> list[int]:
-    """Landmarks that the true path places well and batch has not mapped."""
-    return sorted({*_well_placed(drawn).tolist()} - {*batched.landmark_ids.tolist()})
+def _judge_map(drawn: Drawn, batched: Estimate) -> Outcome:
+    """Whether bearings that the true path places well are left out, and the referee finds a minimum with them."""
+    left = np.setdiff1d(_well_placed(drawn), batched.landmark_ids)
+    if not len(left):
+        return Outcome("batch mapped", "agrees")
+    with_each = (Model(placed_only(drawn.recording, np.union1d(batched.landmark_ids, [name]))) for name in left)
+    solved = sum(lowest(model, starts(model, drawn, batched)) is not None for model in with_each)
+    note = f"{len(left)} landmarks are not mapped though the true path places them; the referee can map {solved}"
+    return Outcome("batch mapped", "worse" if solved else "undecided", solved, note)
 
 
 def _well_placed(drawn: Drawn) -> Int:

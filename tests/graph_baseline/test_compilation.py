@@ -15,8 +15,8 @@ from random_recordings import random_recording
 
 from slamgauge import Recording, batch, isam2
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline import chord, recursions, small
-from slamgauge.graph_baseline.small import factorise, invert
+from slamgauge.graph_baseline import chord, elimination, recursions, three_by_three
+from slamgauge.graph_baseline.three_by_three import factorise, invert
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 
 
@@ -24,7 +24,7 @@ def specialisations() -> dict[str, int]:
     """How many types of arguments each kernel has been compiled for."""
     return {
         f"{module.__name__}.{name}": len(each.signatures)
-        for module in (chord, recursions, small)
+        for module in (chord, elimination, recursions, three_by_three)
         for name, each in vars(module).items()
         if isinstance(each, Dispatcher)
     }
@@ -33,7 +33,7 @@ def specialisations() -> dict[str, int]:
 def test_first_use_is_announced_and_later_ones_load_from_disk(tmp_path: Path) -> None:
     program = (
         "from slamgauge.graph_baseline.warm_up import compile_graphs_once as once; once();"
-        "from slamgauge.graph_baseline.chord import take_in; print(len(take_in.stats.cache_hits))"
+        "from slamgauge.graph_baseline.elimination import take_in; print(len(take_in.stats.cache_hits))"
     )
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     first, second = (
@@ -62,7 +62,7 @@ def test_no_recording_asks_for_other_types_than_the_first_use() -> None:
         recording = random_recording(1, sensor=sensor)[1]
         isam2(recording)
         batch(recording)
-    isam2(bearings_alone(random_recording(1, noise=0.1)[1]))
+    isam2(bearings_alone(random_recording(1)[1]))
     assert specialisations() == before
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.factors import LENT_SLIP, GraphBuilder
+from slamgauge.graph_baseline.factors import LENT_SLIP, GraphBuilder, as_range_bearing
 from slamgauge.recording import Recording
 
 
@@ -21,6 +21,7 @@ def gtsam_isam2(recording: Recording, relinearize_threshold: float = 0.05, relin
     parameters.setRelinearizeThreshold(relinearize_threshold)
     parameters.relinearizeSkip = relinearize_every
     solver, builder, known = gtsam.ISAM2(parameters), GraphBuilder(recording, LENT_SLIP), set[int]()
+    polar = as_range_bearing(recording)[0]
     guess, path = gtsam.Pose2(*recording.prior_mean), np.empty((recording.steps + 1, 3))
     for k in range(recording.steps + 1):
         graph, values, order = gtsam.NonlinearFactorGraph(), gtsam.Values(), gtsam.KeyGroupMap()
@@ -32,7 +33,7 @@ def gtsam_isam2(recording: Recording, relinearize_threshold: float = 0.05, relin
         values.insert(X(k), guess)
         for name, row in builder.sights(k):
             if name not in known:
-                values.insert(L(name), guess.transformFrom(builder.body_point(row)))
+                values.insert(L(name), guess.transformFrom(point_at(*polar[row])))
                 known.add(name)
             order.insert2(L(name), 1)
             graph.add(builder.sight_factor(k, row))
@@ -40,3 +41,8 @@ def gtsam_isam2(recording: Recording, relinearize_threshold: float = 0.05, relin
         guess = solver.calculateEstimatePose2(X(k))
         path[k] = guess.x(), guess.y(), guess.theta()
     return path
+
+
+def point_at(distance: float, bearing: float) -> Float:
+    """(2,) in the body frame."""
+    return np.array([distance * np.cos(bearing), distance * np.sin(bearing)])
