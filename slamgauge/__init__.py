@@ -164,10 +164,8 @@ _VOCABULARY = {module for module in _NAMES if "." not in module} | {"near_names"
 def __getattr__(name: str) -> object:
     if name in _FLOORS:
         return importlib.import_module(f"slamgauge.{name}")
-    if name == "adapters":
-        return importlib.import_module(f"slamgauge.{_HOME[name]}.{name}")
-    if name in _HOME:
-        return getattr(importlib.import_module(f"slamgauge.{_HOME[name]}"), name)
+    if name in _HOME:  # as `from HOME import name`, whatever in HOME it names, a module too
+        return getattr(__import__(f"slamgauge.{_HOME[name]}", fromlist=[name]), name)
     if name == "__all__":
         return sorted([*_HOME, *_filters(), "__version__"])
     if name in _VOCABULARY:
