@@ -15,7 +15,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.fresh_code import Code, Fresh
 from slamgauge.compare.estimators.own import OwnCodeError
-from slamgauge.compare.estimators.their_calls import called, pair, required
+from slamgauge.compare.estimators.their_calls import called, pair, required_of_pair
 from slamgauge.compare.estimators.trail import Trail
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
@@ -25,10 +25,8 @@ PREDICT, UPDATE = "predict", "update"
 
 def description(given: Fresh) -> str | None:
     """What people are told of one of both functions, beside the other; None for anything else."""
-    if given.callee not in (given.beside.get(PREDICT), given.beside.get(UPDATE)):
-        return None
-    found = [required(given.beside.get(name)) for name in (PREDICT, UPDATE)]
-    if [len(names) for names in found] != [3, 3]:
+    found = required_of_pair(given, (PREDICT, UPDATE), (3, 3))
+    if found is None:
         return None
     return f"functions {PREDICT} ({', '.join(found[0])}) and {UPDATE} ({', '.join(found[1])})"
 
