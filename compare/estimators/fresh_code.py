@@ -65,6 +65,11 @@ class GivenCode:
         return _copied(self._kept)
 
 
+def as_it_stands(given: Callee) -> Fresh:
+    """A callable that a program has at hand, not copied: to look at, not to run."""
+    return Fresh(given, given.__globals__ if isinstance(given, FunctionType) else {})
+
+
 def _copied(given: Callee) -> Fresh:
     if not isinstance(given, FunctionType):
         return Fresh(given, {})
