@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from types import ModuleType
 from typing import NamedTuple
 
@@ -14,11 +15,13 @@ from slamgauge.compare.estimators import course_steps, online_class, predict_upd
 from slamgauge.compare.estimators import step_function as steps
 from slamgauge.compare.estimators.external_program import external
 from slamgauge.compare.estimators.fresh_code import AddressedCode, Code, Fresh, GivenCode, as_it_stands
-from slamgauge.compare.estimators.own import Address, Callee
+from slamgauge.compare.estimators.own import Address, Callee, load_own_module
+from slamgauge.compare.estimators.private_import import present
 from slamgauge.compare.estimators.step_function import Noise, StepFunction
 from slamgauge.compare.estimators.their_calls import required
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimator
+from slamgauge.estimate import Estimate, Estimator
+from slamgauge.recording import Recording
 
 __all__ = ["adapt", "external", "step_function"]
 
@@ -74,10 +77,23 @@ def adapt(given: Callee | ModuleType, name: str, *, announced: bool = True) -> E
 
 def adapted(where: Address, *, announced: bool = True) -> Estimator:
     """`adapt` for what stands in a file or module; but for a callable `Recording -> Estimate` loaded for every run."""
-    code = AddressedCode(where)
-    fresh = code.fresh()
-    form = _form_of(fresh, where.label, announced=announced)
-    return fresh.callee if form is None else form.estimator(code)
+    module = load_own_module(where)
+    callee = getattr(module, where.attribute)
+    form = _form_of(Fresh(callee, vars(module)), where.label, announced=announced)
+    return LoadedCallable(callee, module) if form is None else form.estimator(AddressedCode(where, module))
+
+
+@dataclass(frozen=True)
+class LoadedCallable:
+    """A callable `Recording -> Estimate` of a module that has been loaded; called like any."""
+
+    callee: Callee
+    module: ModuleType
+
+    def __call__(self, recording: Recording) -> Estimate:
+        """Run it."""
+        with present(self.module):
+            return self.callee(recording)
 
 
 def _form_of(fresh: Fresh, name: str, *, announced: bool) -> Form | None:

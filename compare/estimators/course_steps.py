@@ -78,11 +78,11 @@ class CourseSteps:
         """
         if recording.landmark is None or recording.sensor != "range-bearing":
             raise OwnCodeError("the course's functions need ranges, bearings and ids; give a recording that has them")
-        beside = self.code.fresh().beside
-        belief = _Belief(beside[PREDICTION], beside[CORRECTION], recording)
         trail = Trail(recording, ("mu", "sigma"))
-        for step, scan in enumerate(recording.scans()):
-            trail.step(step, scan.landmark, lambda step=step, scan=scan: belief.advanced(step, scan))
+        with self.code.fresh() as fresh:
+            belief = _Belief(fresh.beside[PREDICTION], fresh.beside[CORRECTION], recording)
+            for step, scan in enumerate(recording.scans()):
+                trail.step(step, scan.landmark, lambda step=step, scan=scan: belief.advanced(step, scan))
         return trail.estimate()
 
 

@@ -75,11 +75,6 @@ class OwnCodeError(UserError):
     """What people's own code does that its form does not allow, said by the adapter that has noticed it."""
 
 
-def load_own(where: Address) -> Callee:
-    """The callable of `load_own_module`. THIS RUNS THAT CODE."""
-    return getattr(load_own_module(where), where.attribute)
-
-
 def load_own_module(where: Address) -> ModuleType:
     """Load the module afresh, in which the callable stands. THIS RUNS THAT CODE; what it prints goes to standard error.
 

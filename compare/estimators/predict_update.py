@@ -49,22 +49,22 @@ class PredictUpdate:
         """
         if recording.sensor != "range-bearing":
             raise OwnCodeError("predict and update take ranges and bearings; give a recording that has them")
-        beside = self.code.fresh().beside
-        predict, update = beside[PREDICT], beside[UPDATE]
         trail = Trail(recording, ("eta", "P"))
         belief: list[Any] = [recording.prior_mean.copy(), recording.prior_cov.copy()]
+        with self.code.fresh() as fresh:
+            predict, update = fresh.beside[PREDICT], fresh.beside[UPDATE]
 
-        def advance(step: int, scan: Observations) -> tuple[Any, Any]:
-            if step > 0:
-                _tell(predict, "Q", recording.odometry_cov[step - 1])
-                belief[:] = pair(called(predict, *belief, recording.odometry[step - 1].copy()), PREDICT)[:2]
-            if len(scan.value):
-                _tell(update, "R", scan.cov[0])
-                belief[:] = pair(called(update, *belief, scan.value.copy()), UPDATE)[:2]
-            return belief[0], belief[1]
+            def advance(step: int, scan: Observations) -> tuple[Any, Any]:
+                if step > 0:
+                    _tell(predict, "Q", recording.odometry_cov[step - 1])
+                    belief[:] = pair(called(predict, *belief, recording.odometry[step - 1].copy()), PREDICT)[:2]
+                if len(scan.value):
+                    _tell(update, "R", scan.cov[0])
+                    belief[:] = pair(called(update, *belief, scan.value.copy()), UPDATE)[:2]
+                return belief[0], belief[1]
 
-        for step, scan in enumerate(recording.scans()):
-            trail.step(step, None, lambda step=step, scan=scan: advance(step, scan))
+            for step, scan in enumerate(recording.scans()):
+                trail.step(step, None, lambda step=step, scan=scan: advance(step, scan))
         return trail.estimate()
 
 
