@@ -100,8 +100,9 @@ def near_and_far(truth: Truth, recording: Recording, estimate: Estimate) -> dict
     sigmas = np.full(len(ids), np.nan) if covs is None else np.sqrt(np.trace(covs, axis1=1, axis2=2).clip(min=0))
     offsets = landmark_errors(ids, np.tile(truth.poses[0, :2], (len(ids), 1)), truth.landmark_ids, truth.landmarks)
     distances = np.linalg.norm(offsets, axis=1)
-    near = distances <= np.median(distances[~np.isnan(distances)]) if len(ids) else np.zeros(0, dtype=bool)
-    far = ~near & ~np.isnan(distances)
+    known = ~np.isnan(distances)
+    near = distances <= np.median(distances[known]) if known.any() else known
+    far = ~near & known
     return {
         "landmark_sigma_near_m": rms(sigmas[near]),
         "landmark_sigma_far_m": rms(sigmas[far]),
