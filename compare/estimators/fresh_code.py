@@ -46,6 +46,10 @@ class AddressedCode:
         self._where = where
         self._untouched = iter([_cleared(loaded, where)] if where.sources is not None else [])
 
+    def __getstate__(self) -> dict[str, object]:
+        """What travels to another process: the address, by which the module is loaded there."""
+        return {"_where": self._where, "_untouched": iter(())}
+
     @contextmanager
     def fresh(self) -> Generator[Fresh]:
         """The callable of a loading; a simulation that its file runs while it is loaded leaves nothing behind."""

@@ -71,6 +71,15 @@ def test_code_travels_and_stays_what_it_was(folder: Path) -> None:
     assert (load(asked)(recording).poses == ekf(recording).poses).all()
 
 
+def test_a_loaded_step_function_travels(folder: Path) -> None:
+    (folder / "mine.py").write_text("DT = Q = Py = 1.0\ndef ekf_slam(xEst, PEst, u, y):\n    return xEst + DT, PEst\n")
+    loaded = load(ask(["mine.py:ekf_slam"])[0])
+    recording = __import__("slamgauge").simulate(load_scenario("q1-short-dense", [*SHORT, "sensor.max_range=0.1"]), 0)[
+        1
+    ]
+    assert (pickle.loads(pickle.dumps(loaded))(recording).poses == loaded(recording).poses).all()
+
+
 def test_code_travels_to_the_workers_of_a_cluster(folder: Path) -> None:
     from distributed import LocalCluster
 
