@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import tyro
 
@@ -13,13 +14,19 @@ from slamgauge.compare.cli.options import (
     FilterName,
     Folder,
     Overrides,
+    Strict,
+    Timeout,
     carried_by,
     flattened,
+    kept_apart,
     print_result,
     results_folder,
     sampled_scenario,
     split_names,
 )
+
+if TYPE_CHECKING:
+    from slamgauge.compare.estimators.asked import Asked
 
 
 @dataclass
@@ -40,6 +47,10 @@ class Study:
     """Root seed, from which the runs' own seeds are spawned."""
 
     estimators: Estimators = "ekf,riekf,isam2"
+
+    strict: Strict = False
+
+    timeout: Timeout = None
 
     set: Overrides = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
@@ -65,15 +76,19 @@ class Study:
         print_result(content if self.json else table)
         print(f"written to {self.out}", file=sys.stderr)
 
-    def _study(self) -> tuple[object, str]:
+    def _asked(self) -> list[Asked]:
         from slamgauge.compare.estimators.asked import ask
+
+        return kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
+
+    def _study(self) -> tuple[object, str]:
         from slamgauge.compare.figures.publishing import write_study
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import STUDY_FILES
         from slamgauge.compare.studies.study import load_runs, run_study
         from slamgauge.compare.studies.summary import summary_table
 
-        scenario, asked = sampled_scenario(self.scenario, self.set), ask(split_names(self.estimators))
+        scenario, asked = sampled_scenario(self.scenario, self.set), self._asked()
         require_free(self.out, STUDY_FILES)
         with carried_by(self.jobs, self.scheduler) as executor:
             summary = run_study(scenario, self.runs, self.seed, asked, self.out, executor)
@@ -82,11 +97,10 @@ class Study:
         return summary.to_json(), summary_table(summary)
 
     def _sweep(self, sweep: str) -> tuple[object, str]:
-        from slamgauge.compare.estimators.asked import ask
         from slamgauge.compare.figures.publishing import write_study, write_sweep
         from slamgauge.compare.studies.sweep import run_sweep, sweep_table
 
-        overrides, asked = ["start=sampled", *flattened(self.set)], ask(split_names(self.estimators))
+        overrides, asked = ["start=sampled", *flattened(self.set)], self._asked()
         with carried_by(self.jobs, self.scheduler) as executor:
             arguments = (self.scenario, overrides, sweep, self.runs, self.seed, asked, self.out, executor)
             result = run_sweep(*arguments, finished=write_study)

@@ -14,7 +14,10 @@ from slamgauge.compare.cli.options import (
     Estimators,
     Folder,
     Overrides,
+    Strict,
+    Timeout,
     flattened,
+    kept_apart,
     print_result,
     results_folder,
     split_names,
@@ -45,6 +48,10 @@ class Run:
 
     estimators: Estimators = DEFAULT_ESTIMATORS
 
+    strict: Strict = False
+
+    timeout: Timeout = None
+
     set: Overrides = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
 
@@ -64,7 +71,7 @@ class Run:
 
         scenario = load_scenario(self.scenario, flattened(self.set))
         out = self.out or Path("results") / f"{scenario.name}-seed-{self.seed}"
-        asked = ask(split_names(self.estimators))
+        asked = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
         require_free(out, comparison_files(each.label for each in asked))
         truth, recording = simulate(scenario, self.seed)
         told = simulate(informed(scenario), self.seed)[1]
@@ -100,6 +107,10 @@ class Evaluate:
     estimates: Overrides = field(default_factory=list)
     """Estimates that are graded as they lie there, LABEL=PATH ...: an estimate.npz, CSV, or TUM with or without the
     columns of covariances (docs/your_filter.md). Nothing of yours is run for them."""
+
+    strict: Strict = False
+
+    timeout: Timeout = None
 
     association: Literal["nearest-neighbour", "jcbb"] = "nearest-neighbour"
     """How filters associate a recording without ids; jcbb is joint, and manages its map."""
@@ -139,7 +150,8 @@ class Evaluate:
             fitted(INITIALISATIONS[self.initialisation], self.reach),
         )
         stored = {label: _as_it_lies(load_stored(path, recording)) for label, path in self._stored().items()}
-        asked = ask([*ask(split_names(self.estimators)), *ask(stored)])
+        named = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
+        asked = ask([*named, *ask(stored)])
         grading = Grading(asked, self.out, self.json, title, *settings)
         return grading.grade(truth, recording)
 

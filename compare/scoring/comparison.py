@@ -24,6 +24,7 @@ from slamgauge.compare.scoring.optimum_notes import (
 )
 from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.compare.scoring.text_table import aligned, cell, marked
+from slamgauge.compare.scoring.too_good import WHY, is_too_near_the_truth
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.recording import Recording
@@ -147,6 +148,16 @@ def table(comparison: Comparison) -> str:
     return "\n".join([*aligned(rows, words=2), *optimum_notes(comparison), *comparison.failures.values()])
 
 
+def too_near(name: str, comparison: Comparison) -> str | None:
+    """What to say of an estimate that is nearer to the truth than chance allows; None if it is not."""
+    causal = comparison.optima.get("filtered")
+    if causal is None or comparison.truth is None:
+        return None
+    if not is_too_near_the_truth(comparison.truth, comparison.estimates[name], comparison.estimates[causal]):
+        return None
+    return f"{name}: nearer to the truth than chance allows with what {causal} is sure of: {WHY}"
+
+
 def optimum_notes(comparison: Comparison) -> list[str]:
     """What there is to say of the optima: the fit of the model, what they leave out, which of them is in doubt."""
     notes: list[str | None] = []
@@ -159,4 +170,5 @@ def optimum_notes(comparison: Comparison) -> list[str]:
     notes += [doubt(name, comparison.estimates[name].optimum_check) for _, name in judges]
     others = {name: each for name, each in comparison.estimates.items() if name not in comparison.optima.values()}
     notes += [distance_from_hindsight(name, each.optimum_check) for name, each in others.items()]
+    notes += [too_near(name, comparison) for name in others]
     return [note for note in notes if note]

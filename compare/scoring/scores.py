@@ -28,8 +28,8 @@ class Score:
     """How good an estimate is; a figure that does not apply is None.
 
     What each figure means, and its unit, stands in `catalogue`. `kind` is `filtered` (compared with iSAM2) or
-    `smoothed` (compared with batch), `nees` (N+1,) the pose NEES of each step, NaN where it is undefined, `others`
-    the figures that have no field of their own.
+    `smoothed` (compared with batch), `nees` (N+1,) the pose NEES of each step and `sigmas` (N+1, 3) those of x, y [m]
+    and heading [rad], NaN where they are undefined, `others` the figures that have no field of their own.
     """
 
     kind: Kind
@@ -62,6 +62,7 @@ class Score:
     seconds_total: float | None
     seconds_per_step_median: float | None
     nees: Float
+    sigmas: Float
     nis_total: float
     nis_dof_total: int
     others: dict[str, float | None] = field(default_factory=dict)
@@ -133,6 +134,7 @@ def _path_figures(truth: Truth, recording: Recording, estimate: Estimate) -> dic
         "final_heading_error_rad": number(abs(errors[-1, 2])),
         "rpe_m": rms(step_errors(reference, poses)),
         "nees": nees,
+        "sigmas": np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0)),
         "nees_pose": mean(nees),
         "loop_closure": None if closures is None else describe_closures(closures, off, sigmas),
     }

@@ -80,15 +80,20 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
 
 
 def _failed(name: str, error: Exception) -> Outcome:
+    """An outcome that is a failure."""
+    return Outcome(name, error=failure_text(error), transient=refused_by_the_machine(error))
+
+
+def failure_text(error: Exception) -> str:
     """What is known of a failure, in one line: a mistake, a refusal of the machine, or a defect and where it shows."""
     if isinstance(error, UserError):
-        return Outcome(name, error=str(error), transient=refused_by_the_machine(error))
+        return str(error)
     what = f"{type(error).__name__}: {' '.join(str(error).split())}"
     if refused_by_the_machine(error):
-        return Outcome(name, error=what, transient=True)
+        return what
     frame = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{Path(frame.filename).name}, line {frame.lineno}"
-    return Outcome(name, error=f"{what} ({where}; a defect of slamgauge, please report it)")
+    return f"{what} ({where}; a defect of slamgauge, please report it)"
 
 
 def near_and_far(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, float | None]:

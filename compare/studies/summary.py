@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT, REGISTRY
+from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT, REGISTRY, UNDER
 from slamgauge.compare.scoring.catalogue import RELATIVE, SUMMED_UP, columns
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, mean_fit
@@ -14,6 +14,7 @@ from slamgauge.compare.scoring.over_runs import BAND_LEVEL
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_table import aligned, cell, interval_cell, marked
+from slamgauge.compare.scoring.too_good import beats_the_optimum
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +135,8 @@ def summary_table(summary: Summary) -> str:
     rays = [
         f"{name}: a run's {describe(each.rays)}" for name, each in summary.estimators.items() if each.rays is not None
     ]
-    return "\n".join([*aligned(rows, words=1), *optimum_lines(summary), *rays, *failure_lines(summary)])
+    below = [*optimum_lines(summary), *rays, *too_good_lines(summary), *failure_lines(summary)]
+    return "\n".join([*aligned(rows, words=1), *below])
 
 
 def share_in_doubt(summary: Summary) -> float:
@@ -163,6 +165,16 @@ def optimum_lines(summary: Summary) -> list[str]:
         doubt_in_runs(CAUSAL, share_in_doubt(summary)),
     ]
     return [line for line in lines if line]
+
+
+def too_good_lines(summary: Summary) -> list[str]:
+    """A line for each of people's own filters that is better than the causal optimum beyond chance, if that is one."""
+    if share_in_doubt(summary):
+        return []
+    ours = {*REGISTRY, *(name for name in summary.estimators if UNDER in name)}
+    own = {name: each for name, each in summary.estimators.items() if name not in ours and each.kind == "filtered"}
+    found = {name: beats_the_optimum(each.ratio_to_causal, each.runs) for name, each in own.items()}
+    return [f"{name}: {text}" for name, text in found.items() if text]
 
 
 def failure_lines(summary: Summary) -> list[str]:

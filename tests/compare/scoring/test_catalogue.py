@@ -21,7 +21,7 @@ from slamgauge.compare.studies.run import run_once
 from slamgauge.compare.studies.summary import EstimatorSummary, Summary, summarise, summary_table
 
 SHORT = ["start=sampled", "trajectory.duration=2"]
-WORKED_OUT = {"kind", "nees", "nis_total", "nis_dof_total", "others"}  # what a score keeps beside its figures
+WORKED_OUT = {"kind", "nees", "sigmas", "nis_total", "nis_dof_total", "others"}  # what a score keeps beside its figures
 
 
 def test_every_figure_is_catalogued_once():
