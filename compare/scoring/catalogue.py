@@ -9,9 +9,11 @@ from __future__ import annotations
 from typing import Any
 
 from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
-from slamgauge.compare.scoring import optimum_figures
+from slamgauge.compare.scoring import credibility, optimum_figures
 from slamgauge.compare.scoring.over_runs import (
+    excess_over,
     final_sigma_ratio,
+    late_coverage,
     late_mean_of,
     mean_of,
     mean_rays,
@@ -87,11 +89,41 @@ CATALOGUE = (
         over_runs=share_inside_band,
     ),
     Quantity(
+        key="coverage_50",
+        help="share of the positions inside their 50 % ellipses; of a study, from the 11th step on",
+        scored=True,
+        measure=credibility.coverage_50,
+        over_runs=late_coverage(0.5),
+    ),
+    Quantity(
+        key="coverage_95",
+        help="likewise inside their 95 % ellipses",
+        scored=True,
+        measure=credibility.coverage_95,
+        over_runs=late_coverage(0.95),
+        column=Column(title="in 95% ellipse", form="{:.1%}", run=5, study=7),
+    ),
+    Quantity(
+        key="coverage_99",
+        help="likewise inside their 99 % ellipses",
+        scored=True,
+        measure=credibility.coverage_99,
+        over_runs=late_coverage(0.99),
+    ),
+    Quantity(
+        key="log_score",
+        help="mean over time of -log p of the true pose [m, m, rad] under the estimate's Gaussian, in nats per step",
+        scored=True,
+        stored=True,
+        measure=credibility.log_score,
+        over_runs=mean_of("log_score"),
+    ),
+    Quantity(
         key="nis_per_dof",
         help="NIS over its degrees of freedom; a filter that knows its noise reads about 1",
         scored=True,
         over_runs=total_nis,
-        column=Column(title="NIS/dof", run=5, study=7),
+        column=Column(title="NIS/dof", run=6, study=9),
     ),
     Quantity(key="nis_total", help="sum of the NIS of all steps", stored=True),
     Quantity(key="nis_dof_total", help="its degrees of freedom", stored=True),
@@ -102,7 +134,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("landmark_rmse_m"),
-        column=Column(title="map [m]", run=6),
+        column=Column(title="map [m]", run=7),
     ),
     Quantity(
         key="landmark_nees_per_dof",
@@ -110,7 +142,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("landmark_nees_per_dof"),
-        column=Column(title="map NEES/2", form="{:.2f}", study=8),
+        column=Column(title="map NEES/2", form="{:.2f}", study=10),
     ),
     Quantity(
         key="landmark_sigma_near_m",
@@ -128,14 +160,14 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("landmarks_mapped"),
-        column=Column(title="mapped", form="{:d}", mean_form="{:.1f}", run=7, study=10, sweep=5),
+        column=Column(title="mapped", form="{:d}", mean_form="{:.1f}", run=8, study=12, sweep=5),
     ),
     Quantity(
         key="landmarks_true",
         help="number of distinct landmarks that were observed",
         scored=True,
         stored=True,
-        column=Column(title="of", form="{:d}", run=8),
+        column=Column(title="of", form="{:d}", run=9),
     ),
     Quantity(
         key="landmarks_missed",
@@ -157,7 +189,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("wrong_associations"),
-        column=Column(title="wrong", form="{:d}", mean_form="{:.1f}", run=9, study=9, sweep=6),
+        column=Column(title="wrong", form="{:d}", mean_form="{:.1f}", run=10, study=11, sweep=6),
     ),
     Quantity(key="observations_rejected", help="number of observations given to none", scored=True, stored=True),
     Quantity(
@@ -178,7 +210,7 @@ CATALOGUE = (
         help="ATE over that of the optimum of the same kind, paired run by run",
         scored=True,
         over_runs=over_yardstick(),
-        column=Column(title="x optimum", form="{:.2f}", run=10, relative=True),
+        column=Column(title="x optimum", form="{:.2f}", run=11, relative=True),
     ),
     Quantity(
         key="ratio_to_causal",
@@ -213,14 +245,26 @@ CATALOGUE = (
         key="mahalanobis_to_optimum",
         help="mean over time of the squared Mahalanobis distance to the optimum, under its covariance",
         scored=True,
-        column=Column(title="d to optimum", form="{:.3g}", run=11, relative=True),
+        column=Column(title="d to optimum", form="{:.3g}", run=12, relative=True),
+    ),
+    Quantity(
+        key="log_score_to_optimum",
+        help="log score less that of the optimum of the same kind at the same steps; 0 is as good, more is worse",
+        scored=True,
+        column=Column(title="nats to optimum", form="{:.2f}", run=13, relative=True),
+    ),
+    Quantity(
+        key="log_score_to_causal",
+        help="log score less that of the causal optimum, paired run by run",
+        over_runs=excess_over("log_score", CAUSAL),
+        column=Column(title="nats to causal", form="{:.2f}", study=8, relative=True),
     ),
     Quantity(
         key="final_distance_to_batch_m",
         unit="m",
         help="distance of the last position from batch's",
         scored=True,
-        column=Column(title="end to batch [m]", run=12),
+        column=Column(title="end to batch [m]", run=14),
     ),
     Quantity(
         key="landmark_distance_to_batch_m", unit="m", help="RMS distance of the landmarks from batch's", scored=True
@@ -262,14 +306,14 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=plain_mean_of("seconds_total"),
-        column=Column(title="time [s]", form="{:.2f}", run=13),
+        column=Column(title="time [s]", form="{:.2f}", run=15),
     ),
     Quantity(key="seconds_per_step_median", unit="s", help="its median over the steps", scored=True),
 )
 SCORED = frozenset(each.key for each in CATALOGUE if each.scored)
 STORED = (*(each.key for each in CATALOGUE if each.stored), *(f"rays_{name}" for name in RayFigures._fields))
 # figures that stores of studies have not had from the beginning: rows that lack them have NaN there
-LATER = ("optimum_check_sigma", "chi_square_per_dof")
+LATER = ("optimum_check_sigma", "chi_square_per_dof", "log_score")
 RELATIVE = frozenset(each.key for each in CATALOGUE if each.column is not None and each.column.relative)
 SUMMED_UP = {each.key: each.over_runs for each in CATALOGUE if each.over_runs is not None}
 

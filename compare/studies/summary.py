@@ -49,6 +49,7 @@ class EstimatorSummary:
     rays: RayFigures | None
     seconds_total: float | None
     optimum_check_share: float | None = None
+    log_score_to_causal: Interval | None = None
     others: dict[str, Interval | None] = field(default_factory=dict)
 
     def figure(self, key: str) -> Any:
