@@ -26,8 +26,8 @@ def is_inside(nees_position: Float, level: float) -> Float:
 def log_scores(errors: Float, covs: Float) -> Float:
     """-log p (n,) [nats] of the truth, under Gaussians with additive `errors` (n, d) and `covs` (n, d, d).
 
-    NaN where the covariance is singular. A proper score (Good 1952): no other sigmas have a smaller one in the mean than
-    the right ones. The units of the errors, metres and radians here, are in it, so that only differences say something.
+    NaN where the covariance is singular. A proper score (Good 1952): in the mean no sigmas have a smaller one than the
+    right ones. The units of the errors, metres and radians here, are in it, so that only differences say something.
     """
     nees = squared_mahalanobis(errors, covs)
     scores = np.full(len(errors), np.nan)

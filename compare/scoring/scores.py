@@ -18,6 +18,7 @@ from slamgauge.compare.scoring.landmark_identity import association_figures, lan
 from slamgauge.compare.scoring.loop_closures import LoopClosure, closure_steps, describe_closures
 from slamgauge.compare.scoring.ray_figures import RayFigures, ray_figures
 from slamgauge.compare.scoring.trajectory_error import aligned_errors, distances, pose_errors, step_errors
+from slamgauge.compare.scoring.verdicts import Evidence, verdict
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
 from slamgauge.recording import Recording
@@ -66,6 +67,7 @@ class Score:
     mahalanobis_to_optimum: float | None
     log_score_to_optimum: float | None
     yardstick_check_sigma: float | None
+    verdict: str | None
     final_distance_to_batch_m: float | None
     landmark_distance_to_batch_m: float | None
     loop_closure: tuple[LoopClosure, ...] | None
@@ -125,7 +127,17 @@ def evaluate(
     figures |= map_figures(truth, recording, estimate, batch)
     figures |= _optimum_figures(truth, estimate, optimum)
     figures |= filter_figures(estimate)
-    return Score(kind=estimate.kind, **figures, others=measured(truth, recording, estimate))
+    others = measured(truth, recording, estimate)
+    nees = figures["nees_pose"]
+    evidence = Evidence(
+        runs=1,
+        nees_per_dof=None if nees is None else nees / 3,
+        coverage_95=others["coverage_95"],
+        nis_per_dof=figures["nis_per_dof"],
+        nis_dof=figures["nis_dof_total"],
+        wrong_associations=figures["wrong_associations"],
+    )
+    return Score(kind=estimate.kind, **figures, verdict=verdict(evidence), others=others)
 
 
 def _path_figures(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, Any]:

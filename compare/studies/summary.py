@@ -7,13 +7,15 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT, REGISTRY
-from slamgauge.compare.scoring.catalogue import RELATIVE, SUMMED_UP, columns
+from slamgauge.compare.scoring.catalogue import RELATIVE, SUMMED_UP, columns, empty_columns
+from slamgauge.compare.scoring.empty_columns import empty_lines
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, mean_fit
 from slamgauge.compare.scoring.over_runs import BAND_LEVEL
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_table import aligned, cell, interval_cell, marked
+from slamgauge.compare.scoring.verdicts import verdict_lines
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +52,7 @@ class EstimatorSummary:
     seconds_total: float | None
     optimum_check_share: float | None = None
     log_score_to_causal: Interval | None = None
+    verdict: str | None = None
     others: dict[str, Interval | None] = field(default_factory=dict)
 
     def figure(self, key: str) -> Any:
@@ -135,7 +138,9 @@ def summary_table(summary: Summary) -> str:
     rays = [
         f"{name}: a run's {describe(each.rays)}" for name, each in summary.estimators.items() if each.rays is not None
     ]
-    return "\n".join([*aligned(rows, words=1), *optimum_lines(summary), *rays, *failure_lines(summary)])
+    notes = [*optimum_lines(summary), *why_empty(summary)]
+    said = verdict_lines({name: each.verdict for name, each in summary.estimators.items()})
+    return "\n".join([*aligned(rows, words=1), *notes, *rays, *said, *failure_lines(summary)])
 
 
 def share_in_doubt(summary: Summary) -> float:
@@ -164,6 +169,29 @@ def optimum_lines(summary: Summary) -> list[str]:
         doubt_in_runs(CAUSAL, share_in_doubt(summary)),
     ]
     return [line for line in lines if line]
+
+
+def why_empty(summary: Summary) -> list[str]:
+    """Which columns are empty, and why."""
+    entries = summary.estimators.values()
+    known = {
+        "truth": True,
+        "true poses": True,
+        "true landmarks": True,
+        "true associations": True,
+        "covariances": any(each.nees_pose_per_dof is not None for each in entries),
+        "map": any(each.landmark_rmse_m is not None for each in entries),
+        "associations": any(each.wrong_associations is not None for each in entries),
+        "nis": any(each.nis_per_dof is not None for each in entries),
+        "causal optimum": _has_run(summary, CAUSAL),
+        "hindsight optimum": _has_run(summary, HINDSIGHT),
+    }
+    empty = empty_columns("study", lambda key: all(each.figure(key) is None for each in entries))
+    return empty_lines(empty, [what for what, is_there in known.items() if is_there])
+
+
+def _has_run(summary: Summary, name: str) -> bool:
+    return name in summary.estimators and summary.estimators[name].runs > 0
 
 
 def failure_lines(summary: Summary) -> list[str]:

@@ -45,8 +45,8 @@ def test_every_figure_is_catalogued_once():
         ),
         (
             "study",
-            "ATE [m],x causal,x hindsight,heading [rad],end [m],NEES/3,in 95% ellipse,nats to causal,NIS/dof,map NEES/2,"
-            "wrong,mapped",
+            "ATE [m],x causal,x hindsight,heading [rad],end [m],NEES/3,in 95% ellipse,nats to causal,NIS/dof,"
+            "map NEES/2,wrong,mapped",
         ),
         ("sweep", "ATE [m],x causal,NEES/3,sigma [m],mapped,wrong"),
     ],

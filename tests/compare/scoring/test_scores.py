@@ -39,6 +39,7 @@ METRICS_JSON = {
     "coverage_95",
     "coverage_99",
     "log_score",
+    "verdict",
     "log_score_to_optimum",
     "loop_closure",
     "seconds_total",
