@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,6 +68,19 @@ def ask(chosen: Chosen) -> list[Asked]:
             why = "is one of ours" if is_ours else "stands there twice"
             raise UserError(f"estimator {text!r}: {each.label} {why}; write another LABEL= in front")
     return asked
+
+
+def labels_among(names: Sequence[str], among: Collection[str], otherwise: str) -> list[str]:
+    """The labels, given as such or by address, of estimators that are `among` those at hand.
+
+    Raises:
+        UserError: one is not; `otherwise` says so.
+    """
+    labels = [name if name in among or ":" not in name else address(name).label for name in names]
+    for name, label in zip(names, labels, strict=True):
+        if label not in among:
+            raise UserError(f"estimator {name!r}: {otherwise}; choose from {', '.join(among)}")
+    return labels
 
 
 def _asked(label: str, what: str | Estimator) -> Asked:

@@ -16,6 +16,7 @@ from slamgauge.compare.scoring.ray_figures import RayFigures, describe
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_table import aligned, cell, interval_cell, marked
 from slamgauge.compare.scoring.verdicts import verdict_lines
+from slamgauge.compare.studies.resolution import Against, Precision, against_lines
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +90,11 @@ class Failure:
 
 @dataclass(frozen=True)
 class Summary:
-    """summary.json as an object."""
+    """summary.json as an object.
+
+    `against` has the paired comparisons that were asked for, `precision` where a study ended that went on until its
+    ratios were known.
+    """
 
     scenario: str
     runs: int
@@ -97,6 +102,8 @@ class Summary:
     digest: str
     failures: tuple[Failure, ...]
     estimators: dict[str, EstimatorSummary]
+    against: Against = field(default_factory=dict)
+    precision: Precision | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The content of summary.json."""
@@ -107,6 +114,13 @@ class Summary:
             "digest": self.digest,
             "failures": [asdict(failure) for failure in self.failures],
             "estimators": {name: entry.to_json() for name, entry in self.estimators.items()},
+            "against": {
+                name: {
+                    label: {key: each.to_json() for key, each in figures.items()} for label, figures in others.items()
+                }
+                for name, others in self.against.items()
+            },
+            "precision": None if self.precision is None else self.precision.to_json(),
         }
 
 
@@ -140,7 +154,9 @@ def summary_table(summary: Summary) -> str:
     ]
     notes = [*optimum_lines(summary), *why_empty(summary)]
     said = verdict_lines({name: each.verdict for name, each in summary.estimators.items()})
-    return "\n".join([*aligned(rows, words=1), *notes, *rays, *said, *failure_lines(summary)])
+    known = [] if summary.precision is None else summary.precision.lines()
+    pairs = against_lines(summary.against)
+    return "\n".join([*aligned(rows, words=1), *notes, *known, *rays, *said, *failure_lines(summary), *pairs])
 
 
 def share_in_doubt(summary: Summary) -> float:
