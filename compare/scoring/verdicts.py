@@ -1,7 +1,7 @@
 """Verdicts in words: what the figures of an estimator say, in a sentence, by rules and nothing else.
 
 A thing is said if it is significant, and if it is worth saying: at least WORTH in a sigma or in a ratio.
-docs/consistency.md has the rules too.
+docs/verdicts.md has the rules too.
 
 Significance of NEES needs no knowledge of how its errors last. Its mean over the steps of a run varies most where they
 last for the whole run, and is then chi-square with 3 degrees of freedom; so the mean over R independent runs is held
