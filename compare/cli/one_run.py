@@ -86,7 +86,8 @@ class Run:
 class Evaluate:
     """Grade estimators, your own among them, on a stored recording.
 
-    From a truth with associations isam2 and batch are told these; the noise that all assume is the recording's.
+    From a truth with associations isam2 and batch are told these; where nobody knows them, those of the first estimator
+    that makes any (isam2@ekf). The noise that all assume is the recording's.
     """
 
     recording: tyro.conf.Positional[Path]
