@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from slamgauge.compare.scoring.intervals import mean_interval
+from slamgauge.compare.scoring.intervals import mean_interval, ratio_interval
 from slamgauge.compare.scoring.sequential import Look, boundaries, plan_looks, repeated_p_value
 
 
@@ -65,6 +65,20 @@ def test_a_study_that_ends_when_its_interval_is_narrow_holds_the_truth():
     assert fixed < low
     assert len({number for number, _ in ended}) > 1
     assert sum(held for _, held in ended) >= low
+
+
+def test_ratios_of_lasting_errors_hold_at_all_looks_from_twenty_runs_on():
+    """ATEs of an optimum, and of a filter that strays from it, by a Rayleigh's luck: 95 % (0.99 binomial bounds)."""
+    rng = np.random.default_rng(0)
+    looks, trials = plan_looks(20, 200), 1500
+    luck = rng.standard_normal((trials, 2, 200))
+    strayed = luck + 0.75 * rng.standard_normal(luck.shape)
+    optimum, ours = np.hypot(luck[:, 0], luck[:, 1]), np.hypot(strayed[:, 0], strayed[:, 1]) / 1.25
+    held = 0
+    for above, below in zip(ours, optimum, strict=True):
+        held += all(holds_one(ratio_interval(above[: n.runs], below[: n.runs], n.level)) for n in looks)
+    low, high = stats.binom.interval(0.99, trials, 0.95)
+    assert low <= held <= high
 
 
 def holds_one(interval: tuple[float, float | None, float | None] | None) -> bool:
