@@ -232,7 +232,9 @@ def test_run_prints_a_table_and_keeps_talk_off_standard_output(
     arguments = ("run", "q1-long-sparse", "--set", SHORT[0], "--set", *SHORT[1:], "--estimators", "dead-reckoning, ekf")
     assert run(*arguments) == 0
     printed = capsys.readouterr()
-    assert [line.split()[0] for line in printed.out.splitlines()] == ["estimator", "dead-reckoning", "ekf"]
+    *lines, luck = printed.out.splitlines()
+    assert [line.split()[0] for line in lines] == ["estimator", "dead-reckoning", "ekf", "empty:", "empty:"]
+    assert luck.startswith("a single run: ")
     assert printed.err == "written to results/q1-long-sparse-seed-0\n"
     assert run(*arguments, "--json") == 0
     assert json.loads(capsys.readouterr().out) == metrics_of(tmp_path / "results/q1-long-sparse-seed-0")
@@ -312,6 +314,9 @@ def test_ones_own_estimator_gets_a_row(
         ["isam2", "filtered"],
         [own, "filtered"],
         ["fit", "of"],
+        ["empty:", "NIS/dof:"],
+        ["empty:", "end"],
+        ["a", "single"],
     ]
     assert printed.err.splitlines() == ["loading", "estimating", f"written to {tmp_path / 'out'}"]
     entries = metrics_of(tmp_path / "out")["estimators"]
