@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from slamgauge.compare.studies.budget import ErrorBudget, error_budget
     from slamgauge.compare.studies.claims import judge_claims
     from slamgauge.compare.studies.executors import dask_cluster, local_processes
+    from slamgauge.compare.studies.resolution import Until
     from slamgauge.compare.studies.study import load_runs, run_study
     from slamgauge.compare.studies.summary import Summary
     from slamgauge.compare.studies.sweep import run_sweep
@@ -81,6 +82,7 @@ if TYPE_CHECKING:
         "Triangulation",
         "Truth",
         "UndeterminedError",
+        "Until",
         "UserError",
         "Verdict",
         "__version__",
@@ -150,6 +152,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
     "compare.storage.files": "load_estimate load_recording load_truth save",
     "compare.estimators": "adapters",
     "compare.estimators.loading": "load_estimators",
+    "compare.studies.resolution": "Until",
     "compare.studies.study": "load_runs run_study",
     "compare.figures.publishing": "write_study",
     "compare.figures.error_panels": "plot_errors",

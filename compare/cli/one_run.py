@@ -93,7 +93,8 @@ class Run:
 class Evaluate:
     """Grade estimators, your own among them, on a stored recording.
 
-    From a truth with associations isam2 and batch are told these; the noise that all assume is the recording's.
+    From a truth with associations isam2 and batch are told these; where nobody knows them, those of the first estimator
+    that makes any (isam2@ekf). The noise that all assume is the recording's.
     """
 
     recording: tyro.conf.Positional[Path]
@@ -185,6 +186,7 @@ class Grading:
     def grade(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> int:
         """Run the estimators, print the table and write the folder; 1 if one of them failed, else 0."""
         from slamgauge.compare.estimators.loading import load_each
+        from slamgauge.compare.estimators.side_by_side import with_stand_ins
         from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
         from slamgauge.compare.storage.files import explained
         from slamgauge.compare.storage.result_files import METRICS, OUTDATED, comparison_files
@@ -194,7 +196,8 @@ class Grading:
         estimators, failures = load_each(self.asked, self.association, self.initialisation, FRAMES)
         if not estimators:
             raise UserError(next(iter(failures.values())))
-        with results_folder(self.out, comparison_files(estimators), METRICS, OUTDATED) as folder:
+        files = comparison_files(estimators if recording.landmark is not None else with_stand_ins(estimators))
+        with results_folder(self.out, files, METRICS, OUTDATED) as folder:
             comparison = compare_estimators(truth, recording, estimators, informed)
             comparison = replace(comparison, failures=failures | comparison.failures)
             content = metrics(comparison, self.scenario, self.seed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -89,6 +89,19 @@ def ask(chosen: Chosen) -> list[Asked]:
 def isolated(asked: Sequence[Asked], isolation: Isolation | None) -> list[Asked]:
     """People's own among them kept apart; the others are ours, or at hand in this process."""
     return [each if each.where is None else replace(each, isolation=isolation) for each in asked]
+
+
+def labels_among(names: Sequence[str], among: Collection[str], otherwise: str) -> list[str]:
+    """The labels, given as such or by address, of estimators that are `among` those at hand.
+
+    Raises:
+        UserError: one is not; `otherwise` says so.
+    """
+    labels = [name if name in among or ":" not in name else address(name).label for name in names]
+    for name, label in zip(names, labels, strict=True):
+        if label not in among:
+            raise UserError(f"estimator {name!r}: {otherwise}; choose from {', '.join(among)}")
+    return labels
 
 
 def _asked(label: str, what: str | Estimator) -> Asked:

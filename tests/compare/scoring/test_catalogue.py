@@ -39,8 +39,15 @@ def test_every_figure_is_catalogued_once():
 @pytest.mark.parametrize(
     ("where", "titles"),
     [
-        ("run", "ATE [m],heading [rad],end [m],NEES,NIS/dof,map [m],mapped,of,wrong,x optimum,d to optimum,"),
-        ("study", "ATE [m],x causal,x hindsight,heading [rad],end [m],NEES/3,NIS/dof,map NEES/2,wrong,mapped"),
+        (
+            "run",
+            "ATE [m],heading [rad],end [m],NEES,in 95% ellipse,NIS/dof,map [m],mapped,of,wrong,x optimum,d to optimum,",
+        ),
+        (
+            "study",
+            "ATE [m],x causal,x hindsight,heading [rad],end [m],NEES/3,in 95% ellipse,nats to causal,NIS/dof,"
+            "map NEES/2,wrong,mapped",
+        ),
         ("sweep", "ATE [m],x causal,NEES/3,sigma [m],mapped,wrong"),
     ],
 )
