@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from slamgauge.compare.studies.budget import ErrorBudget, error_budget
     from slamgauge.compare.studies.claims import judge_claims
     from slamgauge.compare.studies.executors import dask_cluster, local_processes
+    from slamgauge.compare.studies.resolution import Until
     from slamgauge.compare.studies.study import load_runs, run_study
     from slamgauge.compare.studies.summary import Summary
     from slamgauge.compare.studies.sweep import run_sweep
@@ -81,6 +82,7 @@ if TYPE_CHECKING:
         "Triangulation",
         "Truth",
         "UndeterminedError",
+        "Until",
         "UserError",
         "Verdict",
         "__version__",
@@ -150,6 +152,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
     "compare.storage.files": "load_estimate load_recording load_truth save",
     "compare.estimators": "adapters",
     "compare.estimators.loading": "load_estimators",
+    "compare.studies.resolution": "Until",
     "compare.studies.study": "load_runs run_study",
     "compare.figures.publishing": "write_study",
     "compare.figures.error_panels": "plot_errors",
@@ -164,10 +167,8 @@ _VOCABULARY = {module for module in _NAMES if "." not in module} | {"near_names"
 def __getattr__(name: str) -> object:
     if name in _FLOORS:
         return importlib.import_module(f"slamgauge.{name}")
-    if name == "adapters":
-        return importlib.import_module(f"slamgauge.{_HOME[name]}.{name}")
-    if name in _HOME:
-        return getattr(importlib.import_module(f"slamgauge.{_HOME[name]}"), name)
+    if name in _HOME:  # as `from HOME import name`, whatever in HOME it names, a module too
+        return getattr(__import__(f"slamgauge.{_HOME[name]}", fromlist=[name]), name)
     if name == "__all__":
         return sorted([*_HOME, *_filters(), "__version__"])
     if name in _VOCABULARY:

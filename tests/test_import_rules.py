@@ -27,6 +27,7 @@ ROOMS = {
         "scoring",
         "checks",
         "studies",
+        "grading",
         "bench",
         "figures",
         "cli",

@@ -15,10 +15,12 @@ from slamgauge.compare.checks.prediction import PREDICTION
 from slamgauge.compare.checks.speed import SPEED
 from slamgauge.compare.checks.truth import TRUTH
 from slamgauge.compare.checks.update import UPDATE
+from slamgauge.compare.estimators.isolated import OverdueError
 from slamgauge.compare.scoring.text_table import aligned, cell
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 
+OVERDUE = "a law before this one took too long"
 LAWS = (*TRUTH, *PREDICTION, *FIRST_SIGHT, *UPDATE, *BOOKKEEPING, *BELIEF, *SPEED)
 
 
@@ -56,9 +58,20 @@ def check_estimator(name: str, estimator: Estimator, seed: int = 0, laws: Sequen
         estimator: any callable `Recording -> Estimate`.
         seed: of what is drawn in the laws' recordings; each law has its own stream.
         laws: all of them, or some.
+
+    After a law on which it is not done in time (`isolated`) the others are not judged.
     """
-    subject = Subject(name, estimator)
-    return [_verdict(law, subject, np.random.default_rng([seed, *law.name.encode()])) for law in laws]
+    subject, found, is_overdue = Subject(name, estimator), list[Verdict](), False
+    for law in laws:
+        if is_overdue:
+            found.append(Verdict(law.name, None, None, law.bound, f"not judged: {OVERDUE}"))
+            continue
+        try:
+            found.append(_verdict(law, subject, np.random.default_rng([seed, *law.name.encode()])))
+        except OverdueError as error:
+            is_overdue = True
+            found.append(Verdict(law.name, False, None, law.bound, f"{error}; {law.blame}"))
+    return found
 
 
 def _verdict(law: Law, subject: Subject, rng: np.random.Generator) -> Verdict:
@@ -66,6 +79,8 @@ def _verdict(law: Law, subject: Subject, rng: np.random.Generator) -> Verdict:
         figure = law.judge(subject, rng)
     except NotJudgedError as lacking:
         return Verdict(law.name, None, None, law.bound, f"not judged: {lacking}")
+    except OverdueError:
+        raise
     except UserError as error:
         return Verdict(law.name, False, None, law.bound, f"{error}; {law.blame}")
     if figure <= law.bound:

@@ -9,6 +9,7 @@ import tyro
 
 from slamgauge.compare.cli.options import (
     Folder,
+    split_names,
 )
 
 
@@ -19,9 +20,9 @@ class Animate:
     folder: tyro.conf.Positional[Folder]
     """What `slamgauge run` or `slamgauge evaluate --out` has written; the animation goes there too."""
 
-    estimator: str | None = None
-    """Whose path, robot and map to show; if not given those of all filtered estimates (of more than three, of the
-    first), and the paths of the smoothed ones."""
+    estimators: str = ""
+    """Comma-separated, as that command was given them: whose paths, robots and maps to show; if not given those of all
+    filtered estimates (of more than three, of the first), and the paths of the smoothed ones. Nobody's code is run."""
 
     seconds: float = 10.0
     """How long it lasts."""
@@ -33,7 +34,7 @@ class Animate:
         """Draw and write."""
         from slamgauge.compare.figures.animation import animate
 
-        missing = animate(self.folder, self.estimator, self.seconds, self.fps)
+        missing = animate(self.folder, split_names(self.estimators), self.seconds, self.fps)
         print(f"written to {self.folder / 'animation.gif'}{'' if missing else ' and .mp4'}", file=sys.stderr)
         if missing:
             print(f"animation.mp4 is left out: {missing}", file=sys.stderr)

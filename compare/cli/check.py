@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import tyro
 
-from slamgauge.compare.cli.options import print_result
+from slamgauge.compare.cli.options import print_result, require_timeout
 from slamgauge.errors import UserError
 
 
@@ -24,17 +24,23 @@ class Check:
     seed: int = 0
     """Seed of what is drawn in the laws' recordings."""
 
+    timeout: float = 60.0
+    """Seconds that your own code, in a process of its own, may take for one of them; a law that it takes longer for
+    fails, and the laws after it are not judged."""
+
     json: bool = False
     """Print JSON on standard output instead of the table."""
 
     def __call__(self) -> int:
         """Judge and print; the exit status."""
         from slamgauge.compare.checks.examination import check_estimator, verdicts_json, verdicts_table
-        from slamgauge.compare.estimators.loading import load_estimators
+        from slamgauge.compare.estimators.asked import Isolation, ask, isolated
+        from slamgauge.compare.estimators.loading import load
 
         if self.seed < 0:
             raise UserError(f"seed {self.seed}: no generator takes it; give one >= 0")
-        ((name, estimator),) = load_estimators([self.estimator]).items()
-        verdicts = check_estimator(name, estimator, self.seed)
+        isolation = Isolation(require_timeout(self.timeout), strict=False)  # no-future is a law
+        (asked,) = isolated(ask([self.estimator]), isolation)
+        verdicts = check_estimator(asked.label, load(asked), self.seed)
         print_result(verdicts_json(verdicts) if self.json else verdicts_table(verdicts))
         return 1 if any(verdict.is_failure for verdict in verdicts) else 0

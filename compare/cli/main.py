@@ -18,6 +18,7 @@ from slamgauge import __version__
 from slamgauge.compare.cli.animate import Animate
 from slamgauge.compare.cli.bench import Bench
 from slamgauge.compare.cli.check import Check
+from slamgauge.compare.cli.grade import Grade
 from slamgauge.compare.cli.imports import Import
 from slamgauge.compare.cli.many_runs import Budget, Claims, Study
 from slamgauge.compare.cli.one_run import Evaluate, Run
@@ -38,6 +39,7 @@ Command = (
     | Annotated[Claims, tyro.conf.subcommand(name="claims")]
     | Annotated[Animate, tyro.conf.subcommand(name="animate")]
     | Annotated[Check, tyro.conf.subcommand(name="check")]
+    | Annotated[Grade, tyro.conf.subcommand(name="grade")]
     | Annotated[Bench, tyro.conf.subcommand(name="bench")]
 )
 

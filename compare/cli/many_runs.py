@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import tyro
 
@@ -13,13 +14,20 @@ from slamgauge.compare.cli.options import (
     FilterName,
     Folder,
     Overrides,
+    Strict,
+    Timeout,
     carried_by,
     flattened,
+    kept_apart,
     print_result,
     results_folder,
     sampled_scenario,
     split_names,
 )
+from slamgauge.errors import UserError
+
+if TYPE_CHECKING:
+    from slamgauge.compare.estimators.asked import Asked
 
 
 @dataclass
@@ -41,8 +49,22 @@ class Study:
 
     estimators: Estimators = "ekf,riekf,isam2"
 
+    strict: Strict = False
+
+    timeout: Timeout = None
+
     set: Overrides = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
+
+    against: str = ""
+    """Comma-separated, of --estimators: whom the others are compared with run by run, in ATE and NEES."""
+
+    precision: float | None = None
+    """Go on after --runs until the half-width of the interval of every ratio of ATEs, to those of --against or else to
+    the optima, is below this share of it, 0.02 for instance. The intervals hold wherever that is."""
+
+    max_runs: int = 2000
+    """With --precision: how many runs at most."""
 
     sweep: str | None = None
     """A study at each value of a key, key=v1,v2,..., in a folder each; sweep.json and a figure beside them."""
@@ -65,28 +87,36 @@ class Study:
         print_result(content if self.json else table)
         print(f"written to {self.out}", file=sys.stderr)
 
-    def _study(self) -> tuple[object, str]:
+    def _asked(self) -> list[Asked]:
         from slamgauge.compare.estimators.asked import ask
+
+        return kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
+
+    def _study(self) -> tuple[object, str]:
         from slamgauge.compare.figures.publishing import write_study
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import STUDY_FILES
+        from slamgauge.compare.studies.resolution import Until
         from slamgauge.compare.studies.study import load_runs, run_study
         from slamgauge.compare.studies.summary import summary_table
 
-        scenario, asked = sampled_scenario(self.scenario, self.set), ask(split_names(self.estimators))
+        scenario, asked = sampled_scenario(self.scenario, self.set), self._asked()
         require_free(self.out, STUDY_FILES)
         with carried_by(self.jobs, self.scheduler) as executor:
-            summary = run_study(scenario, self.runs, self.seed, asked, self.out, executor)
-        runs = load_runs(scenario, self.runs, self.seed, asked, self.out)
+            until = None if self.precision is None else Until(self.precision, self.max_runs)
+            arguments = (scenario, self.runs, self.seed, asked, self.out, executor)
+            summary = run_study(*arguments, against=split_names(self.against), until=until)
+        runs = load_runs(scenario, summary.runs, self.seed, asked, self.out)
         write_study(self.out, summary, runs, scenario.trajectory.step)
         return summary.to_json(), summary_table(summary)
 
     def _sweep(self, sweep: str) -> tuple[object, str]:
-        from slamgauge.compare.estimators.asked import ask
         from slamgauge.compare.figures.publishing import write_study, write_sweep
         from slamgauge.compare.studies.sweep import run_sweep, sweep_table
 
-        overrides, asked = ["start=sampled", *flattened(self.set)], ask(split_names(self.estimators))
+        if self.against or self.precision is not None:
+            raise UserError("sweep: takes no --against and no --precision; leave them out, or study a single value")
+        overrides, asked = ["start=sampled", *flattened(self.set)], self._asked()
         with carried_by(self.jobs, self.scheduler) as executor:
             arguments = (self.scenario, overrides, sweep, self.runs, self.seed, asked, self.out, executor)
             result = run_sweep(*arguments, finished=write_study)

@@ -14,7 +14,10 @@ from slamgauge.compare.cli.options import (
     Estimators,
     Folder,
     Overrides,
+    Strict,
+    Timeout,
     flattened,
+    kept_apart,
     print_result,
     results_folder,
     split_names,
@@ -45,6 +48,10 @@ class Run:
 
     estimators: Estimators = DEFAULT_ESTIMATORS
 
+    strict: Strict = False
+
+    timeout: Timeout = None
+
     set: Overrides = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
 
@@ -64,7 +71,7 @@ class Run:
 
         scenario = load_scenario(self.scenario, flattened(self.set))
         out = self.out or Path("results") / f"{scenario.name}-seed-{self.seed}"
-        asked = ask(split_names(self.estimators))
+        asked = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
         require_free(out, comparison_files(each.label for each in asked))
         truth, recording = simulate(scenario, self.seed)
         told = simulate(informed(scenario), self.seed)[1]
@@ -86,7 +93,8 @@ class Run:
 class Evaluate:
     """Grade estimators, your own among them, on a stored recording.
 
-    From a truth with associations isam2 and batch are told these; the noise that all assume is the recording's.
+    From a truth with associations isam2 and batch are told these; where nobody knows them, those of the first estimator
+    that makes any (isam2@ekf). The noise that all assume is the recording's.
     """
 
     recording: tyro.conf.Positional[Path]
@@ -100,6 +108,10 @@ class Evaluate:
     estimates: Overrides = field(default_factory=list)
     """Estimates that are graded as they lie there, LABEL=PATH ...: an estimate.npz, CSV, or TUM with or without the
     columns of covariances (docs/your_filter.md). Nothing of yours is run for them."""
+
+    strict: Strict = False
+
+    timeout: Timeout = None
 
     association: Literal["nearest-neighbour", "jcbb"] = "nearest-neighbour"
     """How filters associate a recording without ids; jcbb is joint, and manages its map."""
@@ -139,7 +151,8 @@ class Evaluate:
             fitted(INITIALISATIONS[self.initialisation], self.reach),
         )
         stored = {label: _as_it_lies(load_stored(path, recording)) for label, path in self._stored().items()}
-        asked = ask([*ask(split_names(self.estimators)), *ask(stored)])
+        named = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
+        asked = ask([*named, *ask(stored)])
         grading = Grading(asked, self.out, self.json, title, *settings)
         return grading.grade(truth, recording)
 
@@ -173,6 +186,7 @@ class Grading:
     def grade(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> int:
         """Run the estimators, print the table and write the folder; 1 if one of them failed, else 0."""
         from slamgauge.compare.estimators.loading import load_each
+        from slamgauge.compare.estimators.side_by_side import with_stand_ins
         from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
         from slamgauge.compare.storage.files import explained
         from slamgauge.compare.storage.result_files import METRICS, OUTDATED, comparison_files
@@ -182,7 +196,8 @@ class Grading:
         estimators, failures = load_each(self.asked, self.association, self.initialisation, FRAMES)
         if not estimators:
             raise UserError(next(iter(failures.values())))
-        with results_folder(self.out, comparison_files(estimators), METRICS, OUTDATED) as folder:
+        files = comparison_files(estimators if recording.landmark is not None else with_stand_ins(estimators))
+        with results_folder(self.out, files, METRICS, OUTDATED) as folder:
             comparison = compare_estimators(truth, recording, estimators, informed)
             comparison = replace(comparison, failures=failures | comparison.failures)
             content = metrics(comparison, self.scenario, self.seed)

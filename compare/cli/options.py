@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -17,12 +18,24 @@ from slamgauge.errors import UserError
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from slamgauge.compare.estimators.asked import Asked
     from slamgauge.compare.scenarios.scenario import Scenario
 
 OWN = "Your own: [LABEL=]FILE.py:callable or [LABEL=]package.module:callable. THIS LOADS AND RUNS THAT CODE."
 Estimators = Annotated[str, tyro.conf.arg(help=f"{HELP} {OWN}")]
 FilterName = Annotated[str, tyro.conf.arg(help=f"The filter whose error is split: {', '.join(FILTERS)}.")]
 Overrides = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
+Strict = Annotated[
+    bool,
+    tyro.conf.arg(
+        help="Run your own code in processes of its own, without the truth, and refuse poses that use the future."
+    ),
+]
+Timeout = Annotated[
+    float | None,
+    tyro.conf.arg(help="Seconds that your own code may take for a run, in a process of its own; 600 with --strict."),
+]
+PATIENCE = 600.0  # s
 ALL_CORES = os.cpu_count() or 1
 
 
@@ -64,6 +77,23 @@ def carried_by(jobs: int, scheduler: str | None = None) -> AbstractContextManage
     if jobs < 1:
         raise UserError(f"jobs: {jobs} carry nothing; give at least 1")
     return local_processes(jobs)
+
+
+def require_timeout(seconds: float) -> float:
+    """A time that people's code may take."""
+    if not 0 < seconds < math.inf:
+        raise UserError(f"timeout: {seconds:g} s leaves no time, or no end; give seconds > 0")
+    return seconds
+
+
+def kept_apart(asked: list[Asked], *, strict: bool, timeout: float | None) -> list[Asked]:
+    """People's own code in processes of its own, if it is to be strict or has a time-out."""
+    from slamgauge.compare.estimators.asked import Isolation, isolated
+
+    if not strict and timeout is None:
+        return asked
+    seconds = PATIENCE if timeout is None else require_timeout(timeout)
+    return isolated(asked, Isolation(seconds, strict))
 
 
 def split_names(comma_separated: str) -> list[str]:

@@ -7,18 +7,21 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from types import ModuleType
 from typing import NamedTuple
 
 from slamgauge.compare.estimators import course_steps, online_class, predict_update
 from slamgauge.compare.estimators import step_function as steps
 from slamgauge.compare.estimators.external_program import external
-from slamgauge.compare.estimators.fresh_code import AddressedCode, Code, Fresh, GivenCode
-from slamgauge.compare.estimators.own import Address, Callee
+from slamgauge.compare.estimators.fresh_code import AddressedCode, Code, Fresh, GivenCode, as_it_stands
+from slamgauge.compare.estimators.own import Address, Callee, load_own_module
+from slamgauge.compare.estimators.private_import import present
 from slamgauge.compare.estimators.step_function import Noise, StepFunction
 from slamgauge.compare.estimators.their_calls import required
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimator
+from slamgauge.estimate import Estimate, Estimator
+from slamgauge.recording import Recording
 
 __all__ = ["adapt", "external", "step_function"]
 
@@ -68,17 +71,29 @@ def adapt(given: Callee | ModuleType, name: str, *, announced: bool = True) -> E
         UserError: it has none of the forms.
     """
     callee = _within(given, name) if isinstance(given, ModuleType) else given
-    code = GivenCode(callee)
-    form = _form_of(code.fresh(), name, announced=announced)
-    return callee if form is None else form.estimator(code)
+    form = _form_of(as_it_stands(callee), name, announced=announced)
+    return callee if form is None else form.estimator(GivenCode(callee))
 
 
 def adapted(where: Address, *, announced: bool = True) -> Estimator:
     """`adapt` for what stands in a file or module; but for a callable `Recording -> Estimate` loaded for every run."""
-    code = AddressedCode(where)
-    fresh = code.fresh()
-    form = _form_of(fresh, where.label, announced=announced)
-    return fresh.callee if form is None else form.estimator(code)
+    module = load_own_module(where)
+    callee = getattr(module, where.attribute)
+    form = _form_of(Fresh(callee, vars(module)), where.label, announced=announced)
+    return LoadedCallable(callee, module) if form is None else form.estimator(AddressedCode(where, module))
+
+
+@dataclass(frozen=True)
+class LoadedCallable:
+    """A callable `Recording -> Estimate` of a module that has been loaded; called like any."""
+
+    callee: Callee
+    module: ModuleType
+
+    def __call__(self, recording: Recording) -> Estimate:
+        """Run it."""
+        with present(self.module):
+            return self.callee(recording)
 
 
 def _form_of(fresh: Fresh, name: str, *, announced: bool) -> Form | None:
@@ -107,10 +122,9 @@ def step_function(given: Callee, noise: Noise = "recording") -> StepFunction:
     """
     if noise not in ("recording", "file"):
         raise UserError(f"noise: {noise!r} is not known; use 'recording' or 'file'")
-    code = GivenCode(given)
-    if steps.description(code.fresh()) is None:
+    if steps.description(as_it_stands(given)) is None:
         raise UserError(f"step_function: {_spelt(given)} is none; give ekf_slam(xEst, PEst, u, y)")
-    return StepFunction(code, noise)
+    return StepFunction(GivenCode(given), noise)
 
 
 def _spelt(given: Callee) -> str:
@@ -121,7 +135,7 @@ def _spelt(given: Callee) -> str:
 def _within(module: ModuleType, name: str) -> Callee:
     """What a module brings."""
     classes = [each for each in vars(module).values() if isinstance(each, type) and each.__module__ == module.__name__]
-    online = [each for each in classes if online_class.description(Fresh(each, {})) is not None]
+    online = [each for each in classes if online_class.description(as_it_stands(each)) is not None]
     named = [getattr(module, each) for each in NAMES if callable(getattr(module, each, None))]
     found = [*named, *(online if len(online) == 1 else [])]
     if not found:

@@ -4,14 +4,27 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from slamgauge.compare.estimators.own import Address, address, require_label
 from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS, entry_of
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
+
+
+@dataclass(frozen=True)
+class Isolation:
+    """How people's own code is run in a process of its own (`isolated`).
+
+    Attributes:
+        timeout: of a run [s].
+        strict: whether a filtered estimate is looked at for the future (`strict`).
+    """
+
+    timeout: float
+    strict: bool
 
 
 @dataclass(frozen=True)
@@ -23,12 +36,14 @@ class Asked:
         name: of the registry, if it is one of ours.
         where: the address of people's own.
         call: a callable given in Python.
+        isolation: how people's own is kept apart from this process; None runs it within.
     """
 
     label: str
     name: str = ""
     where: Address | None = None
     call: Estimator | None = None
+    isolation: Isolation | None = None
 
     @property
     def is_yardstick(self) -> bool:
@@ -39,7 +54,8 @@ class Asked:
     def key(self) -> str:
         """What stores call its results: people's own by label and digest, so that edited code is another estimator."""
         if self.where is not None and self.where.sources is not None:
-            return f"{self.label} {self.where.attribute} {self.where.sources.digest[:16]}"
+            apart = "" if self.isolation is None else f" {self.isolation.timeout:g}s strict={self.isolation.strict}"
+            return f"{self.label} {self.where.attribute} {self.where.sources.digest[:16]}{apart}"
         if self.call is not None:
             return f"{self.label} {_digest_of(self.call)[:16]}"
         return self.label
@@ -68,6 +84,24 @@ def ask(chosen: Chosen) -> list[Asked]:
             why = "is one of ours" if is_ours else "stands there twice"
             raise UserError(f"estimator {text!r}: {each.label} {why}; write another LABEL= in front")
     return asked
+
+
+def isolated(asked: Sequence[Asked], isolation: Isolation | None) -> list[Asked]:
+    """People's own among them kept apart; the others are ours, or at hand in this process."""
+    return [each if each.where is None else replace(each, isolation=isolation) for each in asked]
+
+
+def labels_among(names: Sequence[str], among: Collection[str], otherwise: str) -> list[str]:
+    """The labels, given as such or by address, of estimators that are `among` those at hand.
+
+    Raises:
+        UserError: one is not; `otherwise` says so.
+    """
+    labels = [name if name in among or ":" not in name else address(name).label for name in names]
+    for name, label in zip(names, labels, strict=True):
+        if label not in among:
+            raise UserError(f"estimator {name!r}: {otherwise}; choose from {', '.join(among)}")
+    return labels
 
 
 def _asked(label: str, what: str | Estimator) -> Asked:

@@ -18,7 +18,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.estimators.fresh_code import Code, Fresh
 from slamgauge.compare.estimators.own import OwnCodeError
-from slamgauge.compare.estimators.their_calls import called, pair, required
+from slamgauge.compare.estimators.their_calls import called, pair, required_of_pair
 from slamgauge.compare.estimators.trail import Trail
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
@@ -54,10 +54,8 @@ class Sight(NamedTuple):
 
 def description(given: Fresh) -> str | None:
     """What people are told of one of both functions, beside the other; None for anything else."""
-    if given.callee not in (given.beside.get(PREDICTION), given.beside.get(CORRECTION)):
-        return None
-    found = [required(given.beside.get(name)) for name in (PREDICTION, CORRECTION)]
-    if [len(names) for names in found] != [3, 4]:
+    found = required_of_pair(given, (PREDICTION, CORRECTION), (3, 4))
+    if found is None:
         return None
     return f"functions of the Octave course, {PREDICTION} ({', '.join(found[0])}) and {CORRECTION}"
 
@@ -80,11 +78,11 @@ class CourseSteps:
         """
         if recording.landmark is None or recording.sensor != "range-bearing":
             raise OwnCodeError("the course's functions need ranges, bearings and ids; give a recording that has them")
-        beside = self.code.fresh().beside
-        belief = _Belief(beside[PREDICTION], beside[CORRECTION], recording)
         trail = Trail(recording, ("mu", "sigma"))
-        for step, scan in enumerate(recording.scans()):
-            trail.step(step, scan.landmark, lambda step=step, scan=scan: belief.advanced(step, scan))
+        with self.code.fresh() as fresh:
+            belief = _Belief(fresh.beside[PREDICTION], fresh.beside[CORRECTION], recording)
+            for step, scan in enumerate(recording.scans()):
+                trail.step(step, scan.landmark, lambda step=step, scan=scan: belief.advanced(step, scan))
         return trail.estimate()
 
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from copy import deepcopy
-from dataclasses import dataclass
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from slamgauge.compare.estimators.own import Address, Callee, load_own_module
+from slamgauge.compare.estimators.private_import import present
 
 CHANGING = ("add", "append", "clear", "extend", "insert", "pop", "remove", "update")  # methods of lists and dicts
 PLAIN = (bool, int, float, complex, str, type(None), np.ndarray, np.generic)
@@ -28,24 +29,33 @@ class Fresh(NamedTuple):
 class Code(Protocol):
     """A callable that can be had as new."""
 
-    def fresh(self) -> Fresh:
-        """The callable as its file leaves it."""
+    def fresh(self) -> AbstractContextManager[Fresh]:
+        """The callable as its file leaves it, for a run."""
         ...
 
 
-@dataclass(frozen=True)
 class AddressedCode:
-    """A callable in a file or module, which is loaded again each time."""
+    """A callable in a file or module, which is loaded again for every run.
 
-    where: Address
+    Args:
+        where: its address.
+        loaded: its module, which no run has touched yet; that of a file serves the first run.
+    """
 
-    def fresh(self) -> Fresh:
-        """The callable of a new loading; a simulation that its file runs while it is loaded leaves nothing behind."""
-        module = load_own_module(self.where)
-        loaded = getattr(module, self.where.attribute)
-        if isinstance(loaded, FunctionType):
-            loaded.__globals__.update(_first_values(loaded))
-        return Fresh(loaded, vars(module))
+    def __init__(self, where: Address, loaded: ModuleType) -> None:
+        self._where = where
+        self._untouched = iter([_cleared(loaded, where)] if where.sources is not None else [])
+
+    def __getstate__(self) -> dict[str, object]:
+        """What travels to another process: the address, by which the module is loaded there."""
+        return {"_where": self._where, "_untouched": iter(())}
+
+    @contextmanager
+    def fresh(self) -> Generator[Fresh]:
+        """The callable of a loading; a simulation that its file runs while it is loaded leaves nothing behind."""
+        module = next(self._untouched, None) or _cleared(load_own_module(self._where), self._where)
+        with present(module):
+            yield Fresh(getattr(module, self._where.attribute), vars(module))
 
 
 class GivenCode:
@@ -60,9 +70,15 @@ class GivenCode:
     def __init__(self, given: Callee) -> None:
         self._kept = _copied(given).callee
 
-    def fresh(self) -> Fresh:
+    @contextmanager
+    def fresh(self) -> Generator[Fresh]:
         """A copy."""
-        return _copied(self._kept)
+        yield _copied(self._kept)
+
+
+def as_it_stands(given: Callee) -> Fresh:
+    """A callable that a program has at hand, not copied: to look at, not to run."""
+    return Fresh(given, given.__globals__ if isinstance(given, FunctionType) else {})
 
 
 def _copied(given: Callee) -> Fresh:
@@ -90,6 +106,15 @@ def _is_data(value: object) -> bool:
     if isinstance(value, list | tuple | set | frozenset):
         return all(map(_is_data, value))
     return isinstance(value, PLAIN)
+
+
+def _cleared(module: ModuleType, where: Address) -> ModuleType:
+    """The module, globals that its functions change set to their first values again."""
+    loaded = getattr(module, where.attribute)
+    if isinstance(loaded, FunctionType):
+        with present(module):
+            loaded.__globals__.update(_first_values(loaded))
+    return module
 
 
 def _first_values(function: FunctionType) -> dict[str, object]:

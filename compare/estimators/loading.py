@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 from slamgauge.compare.estimators.adapters import adapt, adapted
-from slamgauge.compare.estimators.asked import Asked, Chosen, ask
+from slamgauge.compare.estimators.asked import Asked, Chosen, Isolation, ask
+from slamgauge.compare.estimators.isolated import Isolated, Spent
+from slamgauge.compare.estimators.own import Address
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
+from slamgauge.compare.estimators.strict import Strict
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.ekf.settings.initialisation import Initialisation
 from slamgauge.errors import UserError
@@ -81,6 +85,8 @@ def load(
     if asked.name:
         return _ours(entry_of(asked.name), _settings(association, initialisation), frames)
     own = Entry(name=asked.label, kind=None, is_own=True, is_benched=False)
+    if asked.where is not None and asked.isolation is not None:
+        return LoadedEstimator(own, _apart(asked.where, asked.isolation, announced=announced))
     if asked.where is not None:
         return LoadedEstimator(own, adapted(asked.where, announced=announced))
     assert asked.call is not None
@@ -88,11 +94,25 @@ def load(
     return LoadedEstimator(entry or own, asked.call if entry else adapt(asked.call, asked.label, announced=announced))
 
 
+def spent_by(estimator: Estimator) -> Spent | None:
+    """What the last run of an estimator in a process of its own has cost there; None of any other."""
+    within = estimator.estimate if isinstance(estimator, LoadedEstimator) else estimator
+    return within.spent if isinstance(within, Isolated | Strict) else None
+
+
 def entry_behind(estimator: Estimator) -> Entry | None:
     """What the registry says of a callable, whatever name it goes by; None if it is not known there."""
     if isinstance(estimator, LoadedEstimator):
         return estimator.entry
     return next((entry for entry in REGISTRY.values() if entry.is_home_of(estimator)), None)
+
+
+def _apart(where: Address, isolation: Isolation, *, announced: bool) -> Isolated | Strict:
+    estimator = Isolated(where, isolation.timeout)
+    form = estimator.begin()
+    if announced and form:
+        print(f"{where.label}: {form}", file=sys.stderr)
+    return Strict(estimator) if isolation.strict else estimator
 
 
 def _ours(entry: Entry, settings: dict[str, object], frames: int) -> LoadedEstimator:

@@ -49,22 +49,24 @@ class OnlineClass:
         Raises:
             OwnCodeError: its constructor waits for something else.
         """
-        slam, steps = _made(self.code.fresh().callee, recording), recording.steps
+        steps = recording.steps
         poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
         nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, np.int64), np.zeros(steps + 1)
         given, has_nis = [np.zeros(0, np.int64)], True
-        for step, scan in enumerate(recording.scans()):
-            start = perf_counter()
-            if step > 0:
-                called(slam.predict, recording.odometry[step - 1].copy(), recording.odometry_cov[step - 1].copy())
-            if len(scan.value):
-                told = _update(slam, scan)
-                given.append(np.array(getattr(slam, "associated", np.zeros(0)), np.int64))
-                has_nis = has_nis and isinstance(told, tuple) and len(told) == 2
-                nis[step], nis_dof[step] = told if has_nis else (0.0, 0)
-            seconds[step] = perf_counter() - start
-            poses[step], pose_covs[step] = slam.pose, slam.pose_cov
-        fields = _map(slam, np.concatenate(given), len(recording.observation))
+        with self.code.fresh() as fresh:
+            slam = _made(fresh.callee, recording)
+            for step, scan in enumerate(recording.scans()):
+                start = perf_counter()
+                if step > 0:
+                    called(slam.predict, recording.odometry[step - 1].copy(), recording.odometry_cov[step - 1].copy())
+                if len(scan.value):
+                    told = _update(slam, scan)
+                    given.append(np.array(getattr(slam, "associated", np.zeros(0)), np.int64))
+                    has_nis = has_nis and isinstance(told, tuple) and len(told) == 2
+                    nis[step], nis_dof[step] = told if has_nis else (0.0, 0)
+                seconds[step] = perf_counter() - start
+                poses[step], pose_covs[step] = slam.pose, slam.pose_cov
+            fields = _map(slam, np.concatenate(given), len(recording.observation))
         if has_nis:
             fields |= {"nis": nis, "nis_dof": nis_dof}
         return Estimate("filtered", poses, pose_covs, seconds=seconds, **fields)

@@ -75,11 +75,6 @@ class OwnCodeError(UserError):
     """What people's own code does that its form does not allow, said by the adapter that has noticed it."""
 
 
-def load_own(where: Address) -> Callee:
-    """The callable of `load_own_module`. THIS RUNS THAT CODE."""
-    return getattr(load_own_module(where), where.attribute)
-
-
 def load_own_module(where: Address) -> ModuleType:
     """Load the module afresh, in which the callable stands. THIS RUNS THAT CODE; what it prints goes to standard error.
 
@@ -89,16 +84,7 @@ def load_own_module(where: Address) -> ModuleType:
     Raises:
         UserError: it is not there, cannot be loaded, or is no callable.
     """
-    try:
-        with redirect_stdout(sys.stderr), without_windows():
-            module = _module(where)
-    except (Exception, SystemExit) as error:
-        if isinstance(error, _MissingError):
-            raise UserError(f"estimator {where.text}: no file {where.place!r} is found; check the path") from None
-        if isinstance(error, ModuleNotFoundError) and _is_asked_for(error.name, where.place):
-            missing, remedy = public(error.name or ""), "run in its folder or install it, or give its file"
-            raise UserError(f"estimator {where.text}: no module {missing!r} is found; {remedy}") from None
-        raise UserError(f"estimator {where.text}: cannot be loaded, {where_it_broke(error)}") from error
+    module = load_whole_module(where)
     if not hasattr(module, where.attribute):
         remedy = did_you_mean(where.attribute, vars(module), "name a callable Recording -> Estimate of that module")
         raise UserError(f"estimator {where.text}: {where.place} has no {where.attribute!r}; {remedy}")
@@ -109,6 +95,24 @@ def load_own_module(where: Address) -> ModuleType:
     return module
 
 
+def load_whole_module(where: Address) -> ModuleType:
+    """`load_own_module`, whatever it defines; an address without an attribute allows it an exit anywhere.
+
+    Raises:
+        UserError: it is not there, or cannot be loaded.
+    """
+    try:
+        with redirect_stdout(sys.stderr), without_windows():
+            return _module(where)
+    except (Exception, SystemExit) as error:
+        if isinstance(error, _MissingError):
+            raise UserError(f"estimator {where.text}: no file {where.place!r} is found; check the path") from None
+        if isinstance(error, ModuleNotFoundError) and _is_asked_for(error.name, where.place):
+            missing, remedy = public(error.name or ""), "run in its folder or install it, or give its file"
+            raise UserError(f"estimator {where.text}: no module {missing!r} is found; {remedy}") from None
+        raise UserError(f"estimator {where.text}: cannot be loaded, {where_it_broke(error)}") from error
+
+
 def _module(where: Address) -> ModuleType:
     if where.sources is None:
         if where.place.endswith(".py"):
@@ -117,7 +121,7 @@ def _module(where: Address) -> ModuleType:
     folder = PrivateFolder(where.sources.place())
     module = folder.load(where.sources.module)
     left = folder.exits.get(module.__name__)
-    if left is not None and not hasattr(module, where.attribute):
+    if left is not None and where.attribute and not hasattr(module, where.attribute):
         raise left
     return module
 
@@ -129,6 +133,11 @@ class _MissingError(Exception):
 def _is_asked_for(missing: str | None, place: str) -> bool:
     """Whether the missing module is the one that was asked for, not one that it imports."""
     return missing is not None and f"{place}.".startswith(f"{public(missing)}.")
+
+
+def reason_of(error: BaseException) -> str:
+    """Why people's code gave no estimate, in one line."""
+    return str(error) if isinstance(error, OwnCodeError) else where_it_broke(error)
 
 
 def where_it_broke(error: BaseException) -> str:

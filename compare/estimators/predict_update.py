@@ -15,7 +15,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.fresh_code import Code, Fresh
 from slamgauge.compare.estimators.own import OwnCodeError
-from slamgauge.compare.estimators.their_calls import called, pair, required
+from slamgauge.compare.estimators.their_calls import called, pair, required_of_pair
 from slamgauge.compare.estimators.trail import Trail
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
@@ -25,10 +25,8 @@ PREDICT, UPDATE = "predict", "update"
 
 def description(given: Fresh) -> str | None:
     """What people are told of one of both functions, beside the other; None for anything else."""
-    if given.callee not in (given.beside.get(PREDICT), given.beside.get(UPDATE)):
-        return None
-    found = [required(given.beside.get(name)) for name in (PREDICT, UPDATE)]
-    if [len(names) for names in found] != [3, 3]:
+    found = required_of_pair(given, (PREDICT, UPDATE), (3, 3))
+    if found is None:
         return None
     return f"functions {PREDICT} ({', '.join(found[0])}) and {UPDATE} ({', '.join(found[1])})"
 
@@ -51,22 +49,22 @@ class PredictUpdate:
         """
         if recording.sensor != "range-bearing":
             raise OwnCodeError("predict and update take ranges and bearings; give a recording that has them")
-        beside = self.code.fresh().beside
-        predict, update = beside[PREDICT], beside[UPDATE]
         trail = Trail(recording, ("eta", "P"))
         belief: list[Any] = [recording.prior_mean.copy(), recording.prior_cov.copy()]
+        with self.code.fresh() as fresh:
+            predict, update = fresh.beside[PREDICT], fresh.beside[UPDATE]
 
-        def advance(step: int, scan: Observations) -> tuple[Any, Any]:
-            if step > 0:
-                _tell(predict, "Q", recording.odometry_cov[step - 1])
-                belief[:] = pair(called(predict, *belief, recording.odometry[step - 1].copy()), PREDICT)[:2]
-            if len(scan.value):
-                _tell(update, "R", scan.cov[0])
-                belief[:] = pair(called(update, *belief, scan.value.copy()), UPDATE)[:2]
-            return belief[0], belief[1]
+            def advance(step: int, scan: Observations) -> tuple[Any, Any]:
+                if step > 0:
+                    _tell(predict, "Q", recording.odometry_cov[step - 1])
+                    belief[:] = pair(called(predict, *belief, recording.odometry[step - 1].copy()), PREDICT)[:2]
+                if len(scan.value):
+                    _tell(update, "R", scan.cov[0])
+                    belief[:] = pair(called(update, *belief, scan.value.copy()), UPDATE)[:2]
+                return belief[0], belief[1]
 
-        for step, scan in enumerate(recording.scans()):
-            trail.step(step, None, lambda step=step, scan=scan: advance(step, scan))
+            for step, scan in enumerate(recording.scans()):
+                trail.step(step, None, lambda step=step, scan=scan: advance(step, scan))
         return trail.estimate()
 
 

@@ -5,6 +5,9 @@ A folder is loaded as a package of a name that nobody has, `_slamgauge_own_1` fo
 `import random` finds the neighbour `random.py`, as it does in a script of that folder, and nowhere else. Nothing is
 put on `sys.path`, so that whatever people call their files, no other import meets them; two folders, or one folder
 loaded twice, do not meet either. Installed libraries are the same for all.
+
+Their names stand in `sys.modules` while the modules are loaded and run (`present`); afterwards they leave, and are
+forgotten with the last that refers to them. What is still imported later finds them all the same.
 """
 
 from __future__ import annotations
@@ -15,11 +18,14 @@ import importlib.util
 import itertools
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+import threading
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from importlib.machinery import BuiltinImporter, FrozenImporter, ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
+from weakref import WeakValueDictionary
 
 from slamgauge.compare.estimators.quiet_import import hold_windows
 
@@ -27,7 +33,8 @@ PREFIX = "_slamgauge_own_"
 OURS = "slamgauge"  # what people import by this name is always this program
 
 _numbers = itertools.count(1)
-_folders: dict[str, PrivateFolder] = {}  # by the name of their package
+_folders: WeakValueDictionary[str, PrivateFolder] = WeakValueDictionary()  # by the name of their package
+_coming_and_going = threading.RLock()  # what the garbage collector runs meanwhile may import, too
 
 
 class PrivateFolder:
@@ -47,7 +54,8 @@ class PrivateFolder:
         importlib.invalidate_caches()  # a file may be younger than the last look into its folder
         package = ModuleType(self._name)
         package.__path__ = [str(self.folder)]
-        sys.modules[self._name] = package
+        self._away = {self._name: package}  # its modules, while they are not present
+        self._present = 0  # how many need them just now
         _folders[self._name] = self
         if _Finder not in sys.meta_path:
             sys.meta_path.insert(0, _Finder)
@@ -69,7 +77,24 @@ class PrivateFolder:
             ImportError: it is not there; and whatever it raises.
         """
         self._asked.add(self.private(name))
-        return importlib.import_module(self.private(name))
+        with self.present():
+            return importlib.import_module(self.private(name))
+
+    @contextmanager
+    def present(self) -> Generator[None]:
+        """In here its modules have their names, for imports, for pickles, for whoever reads their source."""
+        with _coming_and_going:
+            self._present += 1
+            sys.modules.update(self._away)
+            self._away = {}
+        try:
+            yield
+        finally:
+            with _coming_and_going:
+                self._present -= 1
+                if not self._present:
+                    names = [name for name in [*sys.modules] if name.partition(".")[0] == self._name]
+                    self._away = {name: sys.modules.pop(name) for name in names}
 
     def run(self, module: ModuleType, body: Callable[[], None]) -> None:
         """Run the body of a module of the folder; an exit in one that was asked for is kept in `exits`."""
@@ -105,12 +130,14 @@ class PrivateFolder:
         fromlist: Sequence[str] | None = (),
         level: int = 0,
     ) -> ModuleType:
-        if level or not self.owns(name):
+        if not level and self.owns(name):
+            with self.present():
+                found = builtins.__import__(self.private(name), globals, locals, fromlist or (), 0)
+                return found if fromlist else sys.modules[self.private(name.partition(".")[0])]
+        with self.present() if level else nullcontext():
             found = builtins.__import__(name, globals, locals, fromlist or (), level)
-            hold_windows()
-            return self._own_importlib() if found is importlib else found
-        found = builtins.__import__(self.private(name), globals, locals, fromlist or (), 0)
-        return found if fromlist else sys.modules[self.private(name.partition(".")[0])]
+        hold_windows()
+        return self._own_importlib() if found is importlib else found
 
     def _own_importlib(self) -> ModuleType:
         """A stand-in for `importlib` whose `import_module` looks into the folder first, too."""
@@ -119,7 +146,8 @@ class PrivateFolder:
         return self._importlib
 
     def _import_module(self, name: str, package: str | None = None) -> ModuleType:
-        return importlib.import_module(self.private(name) if self.owns(name) else name, package)
+        with self.present():
+            return importlib.import_module(self.private(name) if self.owns(name) else name, package)
 
 
 class _Finder:
@@ -148,6 +176,12 @@ class _Loader(SourceFileLoader):
 
     def exec_module(self, module: ModuleType) -> None:
         self._folder.run(module, partial(super().exec_module, module))
+
+
+def present(module: ModuleType) -> AbstractContextManager[None]:
+    """In here the modules of the private folder that `module` is from have their names; others have them anyway."""
+    folder = _folders.get(module.__name__.partition(".")[0])
+    return nullcontext() if folder is None else folder.present()
 
 
 def public(text: str) -> str:

@@ -7,8 +7,9 @@ from contextlib import nullcontext, redirect_stdout
 from time import perf_counter
 from typing import cast
 
-from slamgauge.compare.estimators.loading import entry_behind
-from slamgauge.compare.estimators.own import OwnCodeError, where_it_broke
+from slamgauge.compare.estimators.isolated import OverdueError
+from slamgauge.compare.estimators.loading import entry_behind, spent_by
+from slamgauge.compare.estimators.own import reason_of
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
@@ -23,7 +24,8 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
         recording: what it sees.
 
     Raises:
-        UserError: the estimator raised, or what it returned does not fit the recording.
+        UserError: the estimator raised, or what it returned does not fit the recording; an `OverdueError` if it was
+            not done in time.
     """
     entry = entry_behind(estimator)
     is_ours = entry is not None and not entry.is_own
@@ -35,9 +37,11 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
     except (Exception, SystemExit) as error:
         if is_ours and not isinstance(error, UserError):
             raise
-        reason = str(error) if is_ours or isinstance(error, OwnCodeError) else where_it_broke(error)
-        raise UserError(f"estimator {name}: {reason}") from error
-    seconds = perf_counter() - start
+        reason = str(error) if is_ours else reason_of(error)
+        kind = OverdueError if isinstance(error, OverdueError) else UserError
+        raise kind(f"estimator {name}: {reason}") from error
+    spent = spent_by(estimator)
+    seconds = perf_counter() - start if spent is None else spent.seconds
     return _checked(name, estimate, recording), seconds
 
 

@@ -60,11 +60,12 @@ class StepFunction:
             OwnCodeError: it cannot be told what the recording says, or returns no state.
         """
         _require_expressible(recording)
-        told = _Told(self.code.fresh().callee, recording, self.noise)
         trail = Trail(recording)
-        for step, scan in enumerate(recording.scans()):
-            if step > 0 or len(scan.value):
-                trail.step(step, scan.landmark, told.advance_by(step, scan))
+        with self.code.fresh() as fresh:
+            told = _Told(fresh.callee, recording, self.noise)
+            for step, scan in enumerate(recording.scans()):
+                if step > 0 or len(scan.value):
+                    trail.step(step, scan.landmark, told.advance_by(step, scan))
         return trail.estimate()
 
 

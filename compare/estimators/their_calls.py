@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slamgauge.compare.estimators.fresh_code import Fresh
 from slamgauge.compare.estimators.own import SILENT, Callee, OwnCodeError
 
 # what numpy says where an array stands in place of a number
@@ -26,6 +27,20 @@ def parameters(given: object) -> list[inspect.Parameter]:
 def required(given: object) -> list[str]:
     """Names of the positional parameters without a default."""
     return [each.name for each in parameters(given) if each.default is each.empty]
+
+
+def required_of_pair(given: Fresh, names: tuple[str, str], counts: tuple[int, int]) -> list[list[str]] | None:
+    """`required` of two functions, one of which is given and the other stands beside it; None if that is not so.
+
+    Args:
+        given: one of them.
+        names: of both.
+        counts: how many parameters each requires.
+    """
+    functions = [given.beside.get(name) for name in names]
+    found = [required(function) for function in functions]
+    is_pair = given.callee in functions and [len(each) for each in found] == [*counts]
+    return found if is_pair else None
 
 
 def called(function: Callee, *arguments: object) -> object:

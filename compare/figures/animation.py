@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from subprocess import CalledProcessError
@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from tqdm import tqdm
 
+from slamgauge.compare.estimators.asked import labels_among
 from slamgauge.compare.figures.animation_scene import DOTS, Scene
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT
 from slamgauge.compare.storage.files import explained
@@ -33,13 +34,13 @@ FASTEST = 50  # frames per second that viewers of GIFs keep up with
 SCREEN: dict[Any, Any] = {**PRINT, "savefig.bbox": None}
 
 
-def animate(folder: Path, name: str | None, seconds: float, fps: int) -> str | None:
+def animate(folder: Path, names: Sequence[str], seconds: float, fps: int) -> str | None:
     """Write animation.gif and animation.mp4 into a folder of results, whole or not at all.
 
     Args:
         folder: what `slamgauge run` or `evaluate --out` has written.
-        name: the estimate to show; without it the filtered ones with their maps (the first alone if there are more
-            than three), and the smoothed ones' paths.
+        names: labels or addresses of the estimates to show, with their maps; without any the filtered ones with their
+            maps (the first alone if there are more than three), and the smoothed ones' paths.
         seconds: how long it lasts.
         fps: frames per second; fewer where the run has fewer steps.
 
@@ -51,7 +52,7 @@ def animate(folder: Path, name: str | None, seconds: float, fps: int) -> str | N
             ours would be replaced.
     """
     results = load_results(folder)
-    shown, mapped = _chosen(results.estimates, name)
+    shown, mapped = _chosen(results.estimates, names)
     frames = min(_frames(seconds, fps), results.recording.steps + 1)
     steps = np.linspace(0, results.recording.steps, frames).round().astype(int).tolist()
     rate: Any = frames / seconds  # by the writers' types a whole number, which it need not be
@@ -63,12 +64,11 @@ def animate(folder: Path, name: str | None, seconds: float, fps: int) -> str | N
             return _render_video(scene, rate, stage / VIDEO, steps)
 
 
-def _chosen(estimates: Mapping[str, Estimate], name: str | None) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
+def _chosen(estimates: Mapping[str, Estimate], names: Sequence[str]) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
     """Whose paths are shown, and whose maps among them."""
-    if name is not None:
-        if name not in estimates:
-            raise UserError(f"estimator {name!r}: has no estimate in the folder; choose from {', '.join(estimates)}")
-        return {name: estimates[name]}, {name: estimates[name]}
+    if names:
+        chosen = {name: estimates[name] for name in labels_among(names, estimates, "has no estimate in the folder")}
+        return chosen, chosen
     others = {name: each for name, each in estimates.items() if name != DEAD_RECKONING} or dict(estimates)
     smoothed = {name: each for name, each in others.items() if each.kind == "smoothed"}
     filtered = [name for name in others if name not in smoothed]

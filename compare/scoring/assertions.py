@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from slamgauge.compare.scoring.against_reference import against_reference
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.optimum_figures import share_of_doubt
 from slamgauge.compare.scoring.optimum_notes import distance_from_hindsight, distance_in_runs
@@ -20,6 +21,7 @@ def assert_error_bounds(
     max_ratio_to_optimum: float | None = None,
     nees_level: float | None = None,
     nis_level: float | None = None,
+    reference: Sequence[Score] | None = None,
 ) -> None:
     """Assert that one run, or the mean over independent runs, keeps every bound that is given.
 
@@ -34,6 +36,8 @@ def assert_error_bounds(
         nees_level: probability, 0.95 for instance, for the pose NEES at the last step: its sum over M runs is
             chi-square with 3 M degrees of freedom. Its average over time is not, as it is correlated.
         nis_level: probability for the NIS: it is white, so its total over steps and runs is chi-square.
+        reference: scores of another estimator on the same runs, in their order, which it shall not be shown to be worse
+            than: `slamgauge grade` judges by the same rules (`against_reference`).
 
     Raises:
         AssertionError: with figure and bound of every bound that does not hold or cannot be evaluated.
@@ -43,13 +47,14 @@ def assert_error_bounds(
     scores = [score] if isinstance(score, Score) else list(score)
     if not scores:
         raise UserError("score: no score given; pass one Score, or one for each run")
-    if max_ate_m is None and max_ratio_to_optimum is None and nees_level is None and nis_level is None:
-        raise UserError("no bound given; pass max_ate_m, max_ratio_to_optimum, nees_level or nis_level")
+    if (max_ate_m, max_ratio_to_optimum, nees_level, nis_level, reference) == (None,) * 5:
+        raise UserError("no bound given; pass max_ate_m, max_ratio_to_optimum, nees_level, nis_level or reference")
     verdicts = [
         _mean_below("ate_m", "evaluate with a Truth that has poses", scores, max_ate_m),
         _ratio_below(scores, max_ratio_to_optimum),
         _nees_inside(scores, nees_level),
         _nis_inside(scores, nis_level),
+        *([] if reference is None else [f"  {text}" for text in against_reference(scores, reference).broken]),
     ]
     failures = [verdict for verdict in verdicts if verdict]
     if failures:

@@ -6,12 +6,15 @@ which files have it; a figure that they have no field for, one with a `measure`,
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
-from slamgauge.compare.scoring import optimum_figures
+from slamgauge.compare.scoring import credibility, optimum_figures, verdicts
 from slamgauge.compare.scoring.over_runs import (
+    excess_over,
     final_sigma_ratio,
+    late_coverage,
     late_mean_of,
     mean_of,
     mean_rays,
@@ -29,6 +32,8 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
+TRUTH = ("truth", "true poses")  # what columns of errors need
+
 CATALOGUE = (
     Quantity(
         key="ate_m",
@@ -37,7 +42,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("ate_m"),
-        column=Column(title="ATE [m]", run=1, study=1, sweep=1),
+        column=Column(title="ATE [m]", run=1, study=1, sweep=1, needs=TRUTH),
     ),
     Quantity(key="ate_aligned_m", unit="m", help="the same after the best rigid motion in SE(2)", scored=True),
     Quantity(
@@ -52,7 +57,7 @@ CATALOGUE = (
         help="RMS heading error; of a study, mean over steps of the RMS over runs",
         scored=True,
         over_runs=mean_root_of("error_heading"),
-        column=Column(title="heading [rad]", form="{:.4f}", run=2, study=4),
+        column=Column(title="heading [rad]", form="{:.4f}", run=2, study=4, needs=TRUTH),
     ),
     Quantity(
         key="final_position_error_m",
@@ -61,7 +66,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("final_position_error_m"),
-        column=Column(title="end [m]", run=3, study=5),
+        column=Column(title="end [m]", run=3, study=5, needs=TRUTH),
     ),
     Quantity(key="final_heading_error_rad", unit="rad", help="absolute heading error of the last pose", scored=True),
     Quantity(key="rpe_m", unit="m", help="RMS translation error of single steps, in the body frame", scored=True),
@@ -69,13 +74,13 @@ CATALOGUE = (
         key="nees_pose",
         help="mean over time of the pose NEES; a consistent estimate reads about 3",
         scored=True,
-        column=Column(title="NEES", form="{:.2f}", run=4),
+        column=Column(title="NEES", form="{:.2f}", run=4, needs=(*TRUTH, "covariances")),
     ),
     Quantity(
         key="nees_pose_per_dof",
         help="mean over runs and steps from the 11th on of the pose NEES over 3",
         over_runs=late_mean_of("nees_pose", 3),
-        column=Column(title="NEES/3", form="{:.2f}", study=6, sweep=3),
+        column=Column(title="NEES/3", form="{:.2f}", study=6, sweep=3, needs=(*TRUTH, "covariances")),
     ),
     Quantity(
         key="nees_position_per_dof", help="likewise of the position, over 2", over_runs=late_mean_of("nees_position", 2)
@@ -87,11 +92,41 @@ CATALOGUE = (
         over_runs=share_inside_band,
     ),
     Quantity(
+        key="coverage_50",
+        help="share of the positions inside their 50 % ellipses; of a study, from the 11th step on",
+        scored=True,
+        measure=credibility.coverage_50,
+        over_runs=late_coverage(0.5),
+    ),
+    Quantity(
+        key="coverage_95",
+        help="likewise inside their 95 % ellipses",
+        scored=True,
+        measure=credibility.coverage_95,
+        over_runs=late_coverage(0.95),
+        column=Column(title="in 95% ellipse", form="{:.1%}", run=5, study=7, needs=(*TRUTH, "covariances")),
+    ),
+    Quantity(
+        key="coverage_99",
+        help="likewise inside their 99 % ellipses",
+        scored=True,
+        measure=credibility.coverage_99,
+        over_runs=late_coverage(0.99),
+    ),
+    Quantity(
+        key="log_score",
+        help="mean over time of -log p of the true pose [m, m, rad] under the estimate's Gaussian, in nats per step",
+        scored=True,
+        stored=True,
+        measure=credibility.log_score,
+        over_runs=mean_of("log_score"),
+    ),
+    Quantity(
         key="nis_per_dof",
         help="NIS over its degrees of freedom; a filter that knows its noise reads about 1",
         scored=True,
         over_runs=total_nis,
-        column=Column(title="NIS/dof", run=5, study=7),
+        column=Column(title="NIS/dof", run=6, study=9, needs=("nis",)),
     ),
     Quantity(key="nis_total", help="sum of the NIS of all steps", stored=True),
     Quantity(key="nis_dof_total", help="its degrees of freedom", stored=True),
@@ -102,7 +137,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("landmark_rmse_m"),
-        column=Column(title="map [m]", run=6),
+        column=Column(title="map [m]", run=7, needs=("truth", "true landmarks", "map")),
     ),
     Quantity(
         key="landmark_nees_per_dof",
@@ -110,7 +145,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("landmark_nees_per_dof"),
-        column=Column(title="map NEES/2", form="{:.2f}", study=8),
+        column=Column(title="map NEES/2", form="{:.2f}", study=10, needs=("truth", "true landmarks", "map")),
     ),
     Quantity(
         key="landmark_sigma_near_m",
@@ -128,14 +163,14 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("landmarks_mapped"),
-        column=Column(title="mapped", form="{:d}", mean_form="{:.1f}", run=7, study=10, sweep=5),
+        column=Column(title="mapped", form="{:d}", mean_form="{:.1f}", run=8, study=12, sweep=5),
     ),
     Quantity(
         key="landmarks_true",
         help="number of distinct landmarks that were observed",
         scored=True,
         stored=True,
-        column=Column(title="of", form="{:d}", run=8),
+        column=Column(title="of", form="{:d}", run=9, needs=("truth", "true associations")),
     ),
     Quantity(
         key="landmarks_missed",
@@ -157,7 +192,15 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("wrong_associations"),
-        column=Column(title="wrong", form="{:d}", mean_form="{:.1f}", run=9, study=9, sweep=6),
+        column=Column(
+            title="wrong",
+            form="{:d}",
+            mean_form="{:.1f}",
+            run=10,
+            study=11,
+            sweep=6,
+            needs=("truth", "true associations", "associations"),
+        ),
     ),
     Quantity(key="observations_rejected", help="number of observations given to none", scored=True, stored=True),
     Quantity(
@@ -178,19 +221,19 @@ CATALOGUE = (
         help="ATE over that of the optimum of the same kind, paired run by run",
         scored=True,
         over_runs=over_yardstick(),
-        column=Column(title="x optimum", form="{:.2f}", run=10, relative=True),
+        column=Column(title="x optimum", form="{:.2f}", run=11, relative=True, needs=(*TRUTH, "optimum")),
     ),
     Quantity(
         key="ratio_to_causal",
         help="ATE over that of the causal optimum",
         over_runs=over_yardstick(CAUSAL),
-        column=Column(title="x causal", study=2, sweep=2, relative=True),
+        column=Column(title="x causal", study=2, sweep=2, relative=True, needs=(*TRUTH, "causal optimum")),
     ),
     Quantity(
         key="ratio_to_hindsight",
         help="ATE over that of the hindsight optimum",
         over_runs=over_yardstick(HINDSIGHT),
-        column=Column(title="x hindsight", study=3),
+        column=Column(title="x hindsight", study=3, needs=(*TRUTH, "hindsight optimum")),
     ),
     Quantity(
         key="position_sigma_m",
@@ -213,14 +256,34 @@ CATALOGUE = (
         key="mahalanobis_to_optimum",
         help="mean over time of the squared Mahalanobis distance to the optimum, under its covariance",
         scored=True,
-        column=Column(title="d to optimum", form="{:.3g}", run=11, relative=True),
+        column=Column(title="d to optimum", form="{:.3g}", run=12, relative=True, needs=("optimum",)),
+    ),
+    Quantity(
+        key="log_score_to_optimum",
+        help="log score less that of the optimum of the same kind at the same steps; 0 is as good, more is worse",
+        scored=True,
+        column=Column(
+            title="nats to optimum", form="{:.2f}", run=13, relative=True, needs=(*TRUTH, "covariances", "optimum")
+        ),
+    ),
+    Quantity(
+        key="log_score_to_causal",
+        help="log score less that of the causal optimum, paired run by run",
+        over_runs=excess_over("log_score", CAUSAL),
+        column=Column(
+            title="nats to causal",
+            form="{:.2f}",
+            study=8,
+            relative=True,
+            needs=(*TRUTH, "covariances", "causal optimum"),
+        ),
     ),
     Quantity(
         key="final_distance_to_batch_m",
         unit="m",
         help="distance of the last position from batch's",
         scored=True,
-        column=Column(title="end to batch [m]", run=12),
+        column=Column(title="end to batch [m]", run=14, needs=("hindsight optimum",)),
     ),
     Quantity(
         key="landmark_distance_to_batch_m", unit="m", help="RMS distance of the landmarks from batch's", scored=True
@@ -254,6 +317,12 @@ CATALOGUE = (
         scored=True,
         measure=optimum_figures.observations_left_out,
     ),
+    Quantity(
+        key="verdict",
+        help="what the figures say, in words (`verdicts`)",
+        scored=True,
+        over_runs=verdicts.verdict_over_runs,
+    ),
     Quantity(key="loop_closure", help="one entry per loop closure (`loop_closures.LoopClosure`)", scored=True),
     Quantity(
         key="seconds_total",
@@ -262,14 +331,14 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=plain_mean_of("seconds_total"),
-        column=Column(title="time [s]", form="{:.2f}", run=13),
+        column=Column(title="time [s]", form="{:.2f}", run=15, needs=("time",)),
     ),
     Quantity(key="seconds_per_step_median", unit="s", help="its median over the steps", scored=True),
 )
 SCORED = frozenset(each.key for each in CATALOGUE if each.scored)
 STORED = (*(each.key for each in CATALOGUE if each.stored), *(f"rays_{name}" for name in RayFigures._fields))
 # figures that stores of studies have not had from the beginning: rows that lack them have NaN there
-LATER = ("optimum_check_sigma", "chi_square_per_dof")
+LATER = ("optimum_check_sigma", "chi_square_per_dof", "log_score")
 RELATIVE = frozenset(each.key for each in CATALOGUE if each.column is not None and each.column.relative)
 SUMMED_UP = {each.key: each.over_runs for each in CATALOGUE if each.over_runs is not None}
 
@@ -284,6 +353,12 @@ def columns(table: Table) -> list[tuple[str, str, str]]:
             form = column.form if table == "run" else column.mean_form or column.form
             found.append((place, (column.title, each.key, form)))
     return [head for _, head in sorted(found)]
+
+
+def empty_columns(table: Table, is_empty: Callable[[str], bool]) -> list[tuple[str, tuple[str, ...]]]:
+    """Title and needs of the columns of a table whose figures, by their key, are not there."""
+    needs = {each.key: each.column.needs for each in CATALOGUE if each.column is not None}
+    return [(title, needs[key]) for title, key, _ in columns(table) if is_empty(key)]
 
 
 def measured(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, Any]:

@@ -8,12 +8,11 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
-from slamgauge.compare.estimators.loading import entry_behind
 from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS
-from slamgauge.compare.estimators.running import run_estimator
-from slamgauge.compare.scoring.catalogue import RELATIVE, columns
+from slamgauge.compare.estimators.side_by_side import run_side_by_side
+from slamgauge.compare.scoring.catalogue import RELATIVE, columns, empty_columns
+from slamgauge.compare.scoring.empty_columns import empty_lines
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt
 from slamgauge.compare.scoring.optimum_notes import (
     MARK,
@@ -21,9 +20,12 @@ from slamgauge.compare.scoring.optimum_notes import (
     doubt,
     fit_of_the_model,
     left_out,
+    under_associations,
 )
 from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.compare.scoring.text_table import aligned, cell, marked
+from slamgauge.compare.scoring.too_good import WHY, is_too_near_the_truth
+from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.recording import Recording
@@ -34,7 +36,8 @@ from slamgauge.truth import Truth, require_same_run
 class Comparison:
     """What came out: the estimate and the score of each estimator, by name, and who is the optimum of which kind.
 
-    `failures` has those without: the reason in a line, by name.
+    `failures` has those without: the reason in a line, by name. `stand_ins` are optima that were told the associations
+    of an estimator, since nobody knows the true ones.
     """
 
     truth: Truth | None
@@ -43,6 +46,7 @@ class Comparison:
     scores: dict[str, Score]
     optima: dict[Kind, str] = field(default_factory=dict)
     failures: dict[str, str] = field(default_factory=dict)
+    stand_ins: tuple[str, ...] = ()
 
 
 def compare_estimators(
@@ -72,22 +76,8 @@ def compare_estimators(
         informed = recording
         if recording.landmark is None and truth is not None and truth.association is not None:
             informed = recording.associated(truth.association)
-    estimates: dict[str, Estimate] = {}
-    seconds: dict[str, float] = {}
-    optima: dict[Kind, str] = {}
-    failures: dict[str, str] = {}
-    progress = tqdm(estimators.items(), disable=None, leave=False, unit="estimator")
-    for name, estimator in progress:
-        progress.set_description(name)
-        entry = entry_behind(estimator)
-        is_yardstick = entry is not None and entry.is_yardstick
-        try:
-            estimates[name], seconds[name] = run_estimator(name, estimator, informed if is_yardstick else recording)
-        except UserError as error:
-            failures[name] = str(error)
-            continue
-        if is_yardstick:
-            optima[estimates[name].kind] = name
+    ran = run_side_by_side(estimators, recording, informed)
+    estimates, seconds, optima, failures = ran.estimates, ran.seconds, ran.optima, ran.failures
     scores: dict[str, Score] = {}
     best = {kind: estimates[name] for kind, name in optima.items()}
     for name, estimate in estimates.items():
@@ -100,7 +90,7 @@ def compare_estimators(
     if not scores and failures:
         raise UserError(next(iter(failures.values())))
     estimates = {name: estimates[name] for name in scores}
-    return Comparison(truth, recording, estimates, scores, optima, failures)
+    return Comparison(truth, recording, estimates, scores, optima, failures, tuple(ran.stand_ins))
 
 
 def metrics(comparison: Comparison, scenario: str | None, seed: int | None) -> dict[str, Any]:
@@ -112,6 +102,7 @@ def metrics(comparison: Comparison, scenario: str | None, seed: int | None) -> d
         "truth": comparison.truth is not None and comparison.truth.poses is not None,
         "estimators": {name: score.to_json() for name, score in comparison.scores.items()},
         "failures": [{"estimator": name, "error": error} for name, error in comparison.failures.items()],
+        "notes": remarks(comparison),
     }
 
 
@@ -144,7 +135,47 @@ def table(comparison: Comparison) -> str:
             ]
         rows.append([name, score.kind, *cells])
     rows += [[name, "failed", *("-" for _ in found)] for name in comparison.failures]
-    return "\n".join([*aligned(rows, words=2), *optimum_notes(comparison), *comparison.failures.values()])
+    notes = [*optimum_notes(comparison), *remarks(comparison)]
+    verdicts = verdict_lines({name: score.verdict for name, score in comparison.scores.items()})
+    return "\n".join([*aligned(rows, words=2), *notes, *verdicts, *comparison.failures.values()])
+
+
+def remarks(comparison: Comparison) -> list[str]:
+    """What there is to say of the run: whom estimates are held against, why columns are empty, that it is one run."""
+    scores = comparison.scores.values()
+    found = [] if not comparison.stand_ins else [under_associations(comparison.stand_ins)]
+    empty = empty_columns("run", lambda key: all(score.figure(key) is None for score in scores))
+    found += empty_lines(empty, what_is_there(comparison))
+    return found if all(score.ate_m is None for score in scores) else [*found, single_run()]
+
+
+def what_is_there(comparison: Comparison) -> set[str]:
+    """What columns may need (`empty_columns.REASONS`), as far as it is there."""
+    truth, estimates = comparison.truth or Truth(), comparison.estimates.values()
+    known = {
+        "truth": comparison.truth is not None,
+        "true poses": truth.poses is not None and bool(np.isfinite(truth.poses).all(axis=1).any()),
+        "true landmarks": truth.landmarks is not None,
+        "true associations": truth.association is not None,
+        "covariances": any(each.pose_covs is not None for each in estimates),
+        "map": any(len(each.landmark_ids) for each in estimates),
+        "associations": any(each.association is not None for each in estimates),
+        "nis": any(score.nis_dof_total for score in comparison.scores.values()),
+        "optimum": any(each.kind in comparison.optima for each in estimates),
+        "hindsight optimum": "smoothed" in comparison.optima,
+        "time": any(score.seconds_total is not None for score in comparison.scores.values()),
+    }
+    return {what for what, is_there in known.items() if is_there}
+
+
+def too_near(name: str, comparison: Comparison) -> str | None:
+    """What to say of an estimate that is nearer to the truth than chance allows; None if it is not."""
+    causal = comparison.optima.get("filtered")
+    if causal is None or comparison.truth is None or comparison.stand_ins:
+        return None
+    if not is_too_near_the_truth(comparison.truth, comparison.estimates[name], comparison.estimates[causal]):
+        return None
+    return f"{name}: nearer to the truth than chance allows with what {causal} is sure of: {WHY}"
 
 
 def optimum_notes(comparison: Comparison) -> list[str]:
@@ -159,4 +190,5 @@ def optimum_notes(comparison: Comparison) -> list[str]:
     notes += [doubt(name, comparison.estimates[name].optimum_check) for _, name in judges]
     others = {name: each for name, each in comparison.estimates.items() if name not in comparison.optima.values()}
     notes += [distance_from_hindsight(name, each.optimum_check) for name, each in others.items()]
+    notes += [too_near(name, comparison) for name in others]
     return [note for note in notes if note]

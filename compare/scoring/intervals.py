@@ -1,4 +1,4 @@
-"""95 % intervals over independent runs: of a mean, of a ratio of paired means, of any figure of all runs."""
+"""Intervals over independent runs, 95 % if not told: of a mean, a ratio of paired means, any figure of all runs."""
 
 from __future__ import annotations
 
@@ -14,22 +14,23 @@ LEVEL = 0.95
 
 
 class Interval(NamedTuple):
-    """An estimate and its 95 % interval; the interval is None for a single run."""
+    """An estimate and its interval; the interval is None for a single run."""
 
     mean: float
     low: float | None
     high: float | None
 
 
-def mean_interval(values: Float) -> Interval | None:
+def mean_interval(values: Float, level: float = LEVEL) -> Interval | None:
     """Student's interval of the mean of the entries that are not NaN; None if there are none."""
     values = values[~np.isnan(values)]
     if not len(values):
         return None
-    return _around(float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else np.nan, len(values))
+    spread = float(values.std(ddof=1)) if len(values) > 1 else np.nan
+    return _around(float(values.mean()), spread, len(values), level)
 
 
-def ratio_interval(numerator: Float, denominator: Float) -> Interval | None:
+def ratio_interval(numerator: Float, denominator: Float, level: float = LEVEL) -> Interval | None:
     """Interval of mean / mean over the same runs, to first order (the delta method); NaN pairs are left out."""
     both = ~np.isnan(numerator) & ~np.isnan(denominator)
     above, below = numerator[both], denominator[both]
@@ -37,7 +38,7 @@ def ratio_interval(numerator: Float, denominator: Float) -> Interval | None:
         return None
     ratio = float(above.mean() / below.mean())
     spread = float((above - ratio * below).std(ddof=1) / below.mean()) if len(above) > 1 else np.nan
-    return _around(ratio, spread, len(above))
+    return _around(ratio, spread, len(above), level)
 
 
 def jackknife_interval(figure: Callable[[Float, int], Float], totals: Float) -> Interval | None:
@@ -67,9 +68,9 @@ def bootstrap_interval(values: Float, seed: int = 0, resamples: int = 10_000) ->
     return Interval(float(values.mean()), None if single else float(low), None if single else float(high))
 
 
-def _around(mean: float, spread: float, runs: int) -> Interval:
+def _around(mean: float, spread: float, runs: int, level: float = LEVEL) -> Interval:
     """The mean and its Student interval for a standard deviation `spread` over `runs` runs."""
     from scipy.special import stdtrit  # here: scipy is slow to start
 
-    half = stdtrit(runs - 1, (1 + LEVEL) / 2) * spread / np.sqrt(runs) if runs > 1 else np.nan
+    half = stdtrit(runs - 1, (1 + level) / 2) * spread / np.sqrt(runs) if runs > 1 else np.nan
     return Interval(mean, number(mean - half), number(mean + half))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -59,6 +59,11 @@ def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Esti
     counts = [_counted(landmarks, "landmark")] * (landmarks > 0) + [_counted(observations, "observation")]
     why = " that bearings alone do not place" if recording.sensor == "bearing" else ""
     return f"{name} leaves out {' and '.join(counts)}{why}"
+
+
+def under_associations(names: Sequence[str]) -> str:
+    """That the optima are told no true associations, but those of an estimator."""
+    return f"no ids, and no true associations: held against {' and '.join(names)}, with associations right or wrong"
 
 
 def distance_from_hindsight(name: str, check: float | None) -> str | None:

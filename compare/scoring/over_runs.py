@@ -10,6 +10,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.estimators.registry import YARDSTICKS
 from slamgauge.compare.scoring.consistency import chi2_band
+from slamgauge.compare.scoring.credibility import is_inside
 from slamgauge.compare.scoring.defined import mean
 from slamgauge.compare.scoring.intervals import Interval, jackknife_interval, mean_interval, ratio_interval
 from slamgauge.compare.scoring.optimum_figures import share_of_doubt
@@ -58,6 +59,15 @@ def reported_sigma(runs: Runs) -> Float:
     return np.sqrt(late.mean(axis=1)) if late.size else np.full(len(variances), np.nan)
 
 
+def late_means(series: Float) -> Float:
+    """(R,) means from step FIRST_STEP on of a series (R, N+1) that may have gaps; NaN where nothing is defined."""
+    late = series[:, FIRST_STEP:]
+    defined = ~np.isnan(late)
+    count = defined.sum(axis=1)
+    sums = np.where(defined, late, 0.0).sum(axis=1)
+    return np.divide(sums, count, out=np.full(len(series), np.nan), where=count > 0)
+
+
 # --- what the catalogue names --------------------------------------------------------------------
 
 
@@ -83,7 +93,12 @@ def mean_root_of(*series: str) -> OverRuns:
 
 def late_mean_of(series: str, dof: int) -> OverRuns:
     """The mean over runs of each run's mean from step FIRST_STEP on, of a NEES over its degrees of freedom."""
-    return lambda runs, _: _late_mean(runs.series[series] / dof)
+    return lambda runs, _: mean_interval(late_means(runs.series[series] / dof))
+
+
+def late_coverage(level: float) -> OverRuns:
+    """The mean over runs of the share of the steps, from FIRST_STEP on, whose ellipse of `level` holds the position."""
+    return lambda runs, _: mean_interval(late_means(is_inside(runs.series["nees_position"], level)))
 
 
 def over_yardstick(name: str | None = None) -> OverRuns:
@@ -95,6 +110,18 @@ def over_yardstick(name: str | None = None) -> OverRuns:
             return None
         ours, theirs = paired(runs, optimum)
         return ratio_interval(runs.figures["ate_m"][ours], optimum.figures["ate_m"][theirs])
+
+    return sum_up
+
+
+def excess_over(key: str, name: str) -> OverRuns:
+    """The mean of a stored figure less that of another estimator, paired run by run."""
+
+    def sum_up(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
+        if name not in others:
+            return None
+        ours, theirs = paired(runs, others[name])
+        return mean_interval(runs.figures[key][ours] - others[name].figures[key][theirs])
 
     return sum_up
 
@@ -152,11 +179,3 @@ def _optimum(runs: Runs, others: Mapping[str, Runs]) -> Runs | None:
 def _mean_root(sums: Float, count: int) -> Float:
     """Mean over steps of the root of the mean over runs."""
     return np.sqrt(np.maximum(sums, 0.0) / count).mean(axis=-1)
-
-
-def _late_mean(series: Float) -> Interval | None:
-    late = series[:, FIRST_STEP:]
-    defined = ~np.isnan(late)
-    count = defined.sum(axis=1)
-    sums = np.where(defined, late, 0.0).sum(axis=1)
-    return mean_interval(np.divide(sums, count, out=np.full(len(series), np.nan), where=count > 0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,6 +40,13 @@ class Runs:
     kind: str
     figures: dict[str, Float]
     series: dict[str, Float]
+
+
+class Ates(NamedTuple):
+    """Numbers (R,) of an estimator's runs that did not fail, and the ATE [m] of each, NaN where it is undefined."""
+
+    run: Int
+    ate_m: Float
 
 
 def paired(runs: Runs, optimum: Runs) -> tuple[Int, Int]:

@@ -12,15 +12,25 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.scoring.catalogue import SCORED, measured
 from slamgauge.compare.scoring.consistency import sigma_ratios, squared_mahalanobis
+from slamgauge.compare.scoring.credibility import log_scores
 from slamgauge.compare.scoring.defined import mean, number, rms
 from slamgauge.compare.scoring.landmark_identity import association_figures, landmark_errors, true_landmarks
 from slamgauge.compare.scoring.loop_closures import LoopClosure, closure_steps, describe_closures
 from slamgauge.compare.scoring.ray_figures import RayFigures, ray_figures
 from slamgauge.compare.scoring.trajectory_error import aligned_errors, distances, pose_errors, step_errors
+from slamgauge.compare.scoring.verdicts import Evidence, verdict
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
+
+OPTIMUM_FIGURES = (
+    "ratio_to_optimum",
+    "sigma_ratio_to_optimum",
+    "mahalanobis_to_optimum",
+    "log_score_to_optimum",
+    "yardstick_check_sigma",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -28,8 +38,8 @@ class Score:
     """How good an estimate is; a figure that does not apply is None.
 
     What each figure means, and its unit, stands in `catalogue`. `kind` is `filtered` (compared with iSAM2) or
-    `smoothed` (compared with batch), `nees` (N+1,) the pose NEES of each step, NaN where it is undefined, `others`
-    the figures that have no field of their own.
+    `smoothed` (compared with batch), `nees` (N+1,) the pose NEES of each step and `sigmas` (N+1, 3) those of x, y [m]
+    and heading [rad], NaN where they are undefined, `others` the figures that have no field of their own.
     """
 
     kind: Kind
@@ -55,13 +65,16 @@ class Score:
     ratio_to_optimum: float | None
     sigma_ratio_to_optimum: tuple[float | None, ...] | None
     mahalanobis_to_optimum: float | None
+    log_score_to_optimum: float | None
     yardstick_check_sigma: float | None
+    verdict: str | None
     final_distance_to_batch_m: float | None
     landmark_distance_to_batch_m: float | None
     loop_closure: tuple[LoopClosure, ...] | None
     seconds_total: float | None
     seconds_per_step_median: float | None
     nees: Float
+    sigmas: Float
     nis_total: float
     nis_dof_total: int
     others: dict[str, float | None] = field(default_factory=dict)
@@ -115,7 +128,17 @@ def evaluate(
     figures |= map_figures(truth, recording, estimate, batch)
     figures |= _optimum_figures(truth, estimate, optimum)
     figures |= filter_figures(estimate)
-    return Score(kind=estimate.kind, **figures, others=measured(truth, recording, estimate))
+    others = measured(truth, recording, estimate)
+    nees = figures["nees_pose"]
+    evidence = Evidence(
+        runs=1,
+        nees_per_dof=None if nees is None else nees / 3,
+        coverage_95=others["coverage_95"],
+        nis_per_dof=figures["nis_per_dof"],
+        nis_dof=figures["nis_dof_total"],
+        wrong_associations=figures["wrong_associations"],
+    )
+    return Score(kind=estimate.kind, **figures, verdict=verdict(evidence), others=others)
 
 
 def _path_figures(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, Any]:
@@ -133,6 +156,7 @@ def _path_figures(truth: Truth, recording: Recording, estimate: Estimate) -> dic
         "final_heading_error_rad": number(abs(errors[-1, 2])),
         "rpe_m": rms(step_errors(reference, poses)),
         "nees": nees,
+        "sigmas": np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0)),
         "nees_pose": mean(nees),
         "loop_closure": None if closures is None else describe_closures(closures, off, sigmas),
     }
@@ -162,16 +186,17 @@ def map_figures(truth: Truth, recording: Recording, estimate: Estimate, batch: E
 
 def _optimum_figures(truth: Truth, estimate: Estimate, optimum: Estimate | None) -> dict[str, Any]:
     if optimum is None:
-        keys = ("ratio_to_optimum", "sigma_ratio_to_optimum", "mahalanobis_to_optimum", "yardstick_check_sigma")
-        return dict.fromkeys(keys)
+        return dict.fromkeys(OPTIMUM_FIGURES)
     reference = _true_poses(truth, estimate)
     ate, optimal = (rms(distances(pose_errors(reference, path.poses))) for path in (estimate, optimum))
     covs, optimum_covs = pose_covs_of(estimate), pose_covs_of(optimum)
+    score, best = (log_scores(pose_errors(reference, each.poses), pose_covs_of(each)) for each in (estimate, optimum))
     ratios = tuple(mean(column) for column in sigma_ratios(covs, optimum_covs).T)
     return {
         "ratio_to_optimum": ate / optimal if ate is not None and optimal else None,
         "sigma_ratio_to_optimum": None if ratios == (None, None, None) else ratios,
         "mahalanobis_to_optimum": mean(squared_mahalanobis(pose_errors(optimum.poses, estimate.poses), optimum_covs)),
+        "log_score_to_optimum": mean(score - best),
         "yardstick_check_sigma": optimum.optimum_check,
     }
 

@@ -35,6 +35,14 @@ CLAIMS = "claims.json"
 BENCH = "bench.json"
 BENCH_FILES = (BENCH, "bench.png")
 
+GRADES, GRADES_XML = "grades.csv", "grades.xml"
+PAGES = "submissions"  # folder of a page for each
+
+
+def grade_files(submissions: Iterable[str]) -> list[str]:
+    """Every file that is written of submissions of these names."""
+    return [GRADES, GRADES_XML, *(f"{PAGES}/{name}.md" for name in submissions)]
+
 
 def comparison_files(estimators: Iterable[str]) -> list[str]:
     """Every file that may be written of a run of estimators of these names."""

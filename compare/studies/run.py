@@ -80,15 +80,20 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
 
 
 def _failed(name: str, error: Exception) -> Outcome:
+    """An outcome that is a failure."""
+    return Outcome(name, error=failure_text(error), transient=refused_by_the_machine(error))
+
+
+def failure_text(error: Exception) -> str:
     """What is known of a failure, in one line: a mistake, a refusal of the machine, or a defect and where it shows."""
     if isinstance(error, UserError):
-        return Outcome(name, error=str(error), transient=refused_by_the_machine(error))
+        return str(error)
     what = f"{type(error).__name__}: {' '.join(str(error).split())}"
     if refused_by_the_machine(error):
-        return Outcome(name, error=what, transient=True)
+        return what
     frame = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{Path(frame.filename).name}, line {frame.lineno}"
-    return Outcome(name, error=f"{what} ({where}; a defect of slamgauge, please report it)")
+    return f"{what} ({where}; a defect of slamgauge, please report it)"
 
 
 def near_and_far(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, float | None]:
@@ -100,8 +105,9 @@ def near_and_far(truth: Truth, recording: Recording, estimate: Estimate) -> dict
     sigmas = np.full(len(ids), np.nan) if covs is None else np.sqrt(np.trace(covs, axis1=1, axis2=2).clip(min=0))
     offsets = landmark_errors(ids, np.tile(truth.poses[0, :2], (len(ids), 1)), truth.landmark_ids, truth.landmarks)
     distances = np.linalg.norm(offsets, axis=1)
-    near = distances <= np.median(distances[~np.isnan(distances)]) if len(ids) else np.zeros(0, dtype=bool)
-    far = ~near & ~np.isnan(distances)
+    known = ~np.isnan(distances)
+    near = distances <= np.median(distances[known]) if known.any() else known
+    far = ~near & known
     return {
         "landmark_sigma_near_m": rms(sigmas[near]),
         "landmark_sigma_far_m": rms(sigmas[far]),

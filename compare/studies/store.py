@@ -19,7 +19,7 @@ import numpy as np
 from slamgauge import __version__
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.catalogue import LATER, STORED
-from slamgauge.compare.scoring.runs import SERIES, Runs
+from slamgauge.compare.scoring.runs import SERIES, Ates, Runs
 from slamgauge.compare.studies.run import Outcome
 from slamgauge.errors import UserError
 
@@ -89,6 +89,13 @@ class StudyStore:
         """Run, estimator and error of each failure among the first `runs`."""
         query = "SELECT run, estimator, error FROM outcome WHERE error IS NOT NULL AND run < ? ORDER BY run, estimator"
         return list(self._connection.execute(query, (runs,)))
+
+    def ates(self, estimator: str, runs: int) -> Ates:
+        """Of the first `runs` runs of `estimator` the ATE alone, which takes no room."""
+        query = "SELECT run, figures FROM outcome WHERE estimator = ? AND run < ? AND error IS NULL ORDER BY run"
+        rows = [(run, json.loads(text)["ate_m"]) for run, text in self._connection.execute(query, (estimator, runs))]
+        ates = np.array([ate for _, ate in rows], dtype=np.float64)
+        return Ates(np.array([run for run, _ in rows], dtype=np.int64), ates)
 
     def load(self, estimator: str, runs: int) -> Runs:
         """What the first `runs` runs gave for `estimator`."""

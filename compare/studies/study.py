@@ -11,12 +11,22 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from slamgauge.compare.estimators.asked import Asked, Chosen, ask
+from slamgauge.compare.estimators.asked import Asked, Chosen, ask, labels_among
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.scoring.sequential import Look
 from slamgauge.compare.storage.manifest import begin_file, require_free
 from slamgauge.compare.storage.result_files import STORE, STORE_FILES
 from slamgauge.compare.studies.executors import lost_worker
+from slamgauge.compare.studies.resolution import (
+    Pair,
+    Precision,
+    Until,
+    compare_against,
+    looks_of,
+    pairs_to_resolve,
+    ratios_at,
+)
 from slamgauge.compare.studies.run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.store import StudyStore, begin_store, digest, open_store
 from slamgauge.compare.studies.summary import Failure, Summary, summarise
@@ -29,7 +39,17 @@ AGAIN = "not stored: the same command carries it out again"
 _Task = tuple[int, list[Asked]]  # a run, and the estimators that it is still to be given to
 
 
-def run_study(scenario: Scenario, runs: int, seed: int, estimators: Chosen, out: Path, executor: Executor) -> Summary:
+def run_study(
+    scenario: Scenario,
+    runs: int,
+    seed: int,
+    estimators: Chosen,
+    out: Path,
+    executor: Executor,
+    *,
+    against: Sequence[str] = (),
+    until: Until | None = None,
+) -> Summary:
     """Carry out the runs that the store in `out` lacks, and sum up the first `runs` of them.
 
     An estimator's error is stored as what became of the run. What the machine refused (memory, room, a worker that
@@ -45,6 +65,9 @@ def run_study(scenario: Scenario, runs: int, seed: int, estimators: Chosen, out:
             noise and associations.
         out: folder of `study.sqlite`.
         executor: carries the runs, for example `executors.local_processes(2)`.
+        against: labels of the estimators that the others are compared with, run by run.
+        until: go on after the first `runs` until every ratio is known as well as that; it is looked at after numbers of
+            runs that are fixed beforehand, so that a study that was killed ends where it would have ended.
 
     Raises:
         UserError: bad names or numbers, a store that holds another study, a file in its place that is not ours, or
@@ -57,23 +80,27 @@ def run_study(scenario: Scenario, runs: int, seed: int, estimators: Chosen, out:
         raise UserError(f"runs: {runs} is no study; give at least 1")
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
+    against = labels_among(against, [each.label for each in asked], "is not among --estimators")
+    looks, pairs = looks_of(runs, until), pairs_to_resolve(asked, against) if until is not None else []
     require_free(out, STORE_FILES)
     begin_file(out, STORE)
     begin_store(out / STORE, scenario, seed)
     with open_store(out / STORE, scenario, seed) as store:
-        refused = _carry_out(store, scenario, runs, seed, asked, executor)
-        loaded = {each.label: store.load(each.key, runs) for each in asked}
+        look, precision, refused = _carry_out_looks(store, scenario, seed, asked, executor, looks, pairs, until)
+        loaded = {each.label: store.load(each.key, look.runs) for each in asked}
         labels = {each.key: each.label for each in asked}
-        found = [*(Failure(*each) for each in store.failures(runs)), *refused]
+        found = [*(Failure(*each) for each in store.failures(look.runs)), *refused]
         failures = [replace(each, estimator=labels[each.estimator]) for each in found if each.estimator in labels]
         failures.sort(key=lambda failure: (failure.run, failure.estimator))
     return Summary(
         scenario=scenario.name,
-        runs=runs,
+        runs=look.runs,
         seed=seed,
         digest=digest(scenario, seed),
         failures=tuple(failures),
         estimators=summarise(loaded),
+        against=compare_against(loaded, against, looks, look),
+        precision=precision,
     )
 
 
@@ -83,6 +110,28 @@ def load_runs(scenario: Scenario, runs: int, seed: int, estimators: Chosen, out:
         raise UserError(f"{out / STORE}: there is no study; carry one out with run_study")
     with open_store(out / STORE, scenario, seed) as store:
         return {each.label: store.load(each.key, runs) for each in ask(estimators)}
+
+
+def _carry_out_looks(
+    store: StudyStore,
+    scenario: Scenario,
+    seed: int,
+    asked: Sequence[Asked],
+    executor: Executor,
+    looks: Sequence[Look],
+    pairs: Sequence[Pair],
+    until: Until | None,
+) -> tuple[Look, Precision | None, list[Failure]]:
+    """Carry out runs up to the look at which enough is known, and return that, what is known, and what failed."""
+    look, precision, refused = looks[0], None, list[Failure]()
+    for look in looks:
+        refused = _carry_out(store, scenario, look.runs, seed, asked, executor)
+        if until is not None:
+            ates = {each.label: store.ates(each.key, look.runs) for each in asked}
+            precision = Precision(until, look, ratios_at(look, pairs, ates))
+        if precision is None or precision.reached:
+            break
+    return look, precision, refused
 
 
 def _carry_out(

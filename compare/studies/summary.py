@@ -6,14 +6,18 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT, REGISTRY
-from slamgauge.compare.scoring.catalogue import RELATIVE, SUMMED_UP, columns
+from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT, REGISTRY, UNDER
+from slamgauge.compare.scoring.catalogue import RELATIVE, SUMMED_UP, columns, empty_columns
+from slamgauge.compare.scoring.empty_columns import empty_lines
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, mean_fit
 from slamgauge.compare.scoring.over_runs import BAND_LEVEL
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_table import aligned, cell, interval_cell, marked
+from slamgauge.compare.scoring.too_good import beats_the_optimum
+from slamgauge.compare.scoring.verdicts import verdict_lines
+from slamgauge.compare.studies.resolution import Against, Precision, against_lines
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +53,8 @@ class EstimatorSummary:
     rays: RayFigures | None
     seconds_total: float | None
     optimum_check_share: float | None = None
+    log_score_to_causal: Interval | None = None
+    verdict: str | None = None
     others: dict[str, Interval | None] = field(default_factory=dict)
 
     def figure(self, key: str) -> Any:
@@ -85,7 +91,11 @@ class Failure:
 
 @dataclass(frozen=True)
 class Summary:
-    """summary.json as an object."""
+    """summary.json as an object.
+
+    `against` has the paired comparisons that were asked for, `precision` where a study ended that went on until its
+    ratios were known.
+    """
 
     scenario: str
     runs: int
@@ -93,6 +103,8 @@ class Summary:
     digest: str
     failures: tuple[Failure, ...]
     estimators: dict[str, EstimatorSummary]
+    against: Against = field(default_factory=dict)
+    precision: Precision | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The content of summary.json."""
@@ -103,6 +115,13 @@ class Summary:
             "digest": self.digest,
             "failures": [asdict(failure) for failure in self.failures],
             "estimators": {name: entry.to_json() for name, entry in self.estimators.items()},
+            "against": {
+                name: {
+                    label: {key: each.to_json() for key, each in figures.items()} for label, figures in others.items()
+                }
+                for name, others in self.against.items()
+            },
+            "precision": None if self.precision is None else self.precision.to_json(),
         }
 
 
@@ -134,7 +153,11 @@ def summary_table(summary: Summary) -> str:
     rays = [
         f"{name}: a run's {describe(each.rays)}" for name, each in summary.estimators.items() if each.rays is not None
     ]
-    return "\n".join([*aligned(rows, words=1), *optimum_lines(summary), *rays, *failure_lines(summary)])
+    notes = [*optimum_lines(summary), *why_empty(summary)]
+    said = verdict_lines({name: each.verdict for name, each in summary.estimators.items()})
+    known = [] if summary.precision is None else summary.precision.lines()
+    below = [*notes, *known, *rays, *said, *too_good_lines(summary), *failure_lines(summary)]
+    return "\n".join([*aligned(rows, words=1), *below, *against_lines(summary.against)])
 
 
 def share_in_doubt(summary: Summary) -> float:
@@ -163,6 +186,39 @@ def optimum_lines(summary: Summary) -> list[str]:
         doubt_in_runs(CAUSAL, share_in_doubt(summary)),
     ]
     return [line for line in lines if line]
+
+
+def too_good_lines(summary: Summary) -> list[str]:
+    """A line for each of people's own filters that is better than the causal optimum beyond chance, if that is one."""
+    if share_in_doubt(summary):
+        return []
+    ours = {*REGISTRY, *(name for name in summary.estimators if UNDER in name)}
+    own = {name: each for name, each in summary.estimators.items() if name not in ours and each.kind == "filtered"}
+    found = {name: beats_the_optimum(each.ratio_to_causal, each.runs) for name, each in own.items()}
+    return [f"{name}: {text}" for name, text in found.items() if text]
+
+
+def why_empty(summary: Summary) -> list[str]:
+    """Which columns are empty, and why."""
+    entries = summary.estimators.values()
+    known = {
+        "truth": True,
+        "true poses": True,
+        "true landmarks": True,
+        "true associations": True,
+        "covariances": any(each.nees_pose_per_dof is not None for each in entries),
+        "map": any(each.landmark_rmse_m is not None for each in entries),
+        "associations": any(each.wrong_associations is not None for each in entries),
+        "nis": any(each.nis_per_dof is not None for each in entries),
+        "causal optimum": _has_run(summary, CAUSAL),
+        "hindsight optimum": _has_run(summary, HINDSIGHT),
+    }
+    empty = empty_columns("study", lambda key: all(each.figure(key) is None for each in entries))
+    return empty_lines(empty, [what for what, is_there in known.items() if is_there])
+
+
+def _has_run(summary: Summary, name: str) -> bool:
+    return name in summary.estimators and summary.estimators[name].runs > 0
 
 
 def failure_lines(summary: Summary) -> list[str]:

@@ -40,6 +40,12 @@ SMALLEST = {
         "start failed lower equal higher lowest, relative to batch",
         "truth 0 0 1 0 ",
     ),
+    "class_of_thirty": (  # 25 s
+        "--graded 2 --runs 2 --scenario q1-short-dense --timeout 15 --jobs 1",
+        "submission verdict ATE [m] x ekf",
+        "(ekf) reference ",
+        "2 graded, 6 named with their reasons",
+    ),
     "close_landmarks": ("--runs 2 --distances 1.0 --jobs 1", "distance [m] ekf: ATE NEES/3 lost", "1.0 "),  # 3 s
     "causal_optimum": ("--landmarks 20 --steps 60 --prefixes 5 --log 2000", "estimator landmarks", "isam2 20 60 "),
     "kill_a_study": ("--runs 2 --kills 1 --jobs 1", "killed with", "the same summary after 1 kills; 2 runs"),  # 10 s

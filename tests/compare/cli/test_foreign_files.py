@@ -25,6 +25,7 @@ COMMANDS = {
     "study": STUDY,
     "sweep": (*STUDY, "--sweep", "association.gate=4,9"),
     "claims": ("claims", "--runs", "2", "--jobs", "1"),
+    "grade": ("grade", "INPUT/class", "--scenario", "INPUT/short.toml", "--runs", "2", "--jobs", "1"),
     "animate": ("animate", "--seconds", "1", "--fps", "2"),
 }
 # beside or within what some command writes
@@ -44,12 +45,14 @@ IN_THE_WAY = [
     *(("sweep", name) for name in ("sweep.json", "sweep.png", "association.gate=9/study.sqlite", "association.gate=9")),
     *(("sweep", name) for name in ("association.gate=9/summary.json", "association.gate=4/nis.svg", "optimum")),
     *(("claims", name) for name in ("claims.json", "studies", "studies/q1-long-sparse/study.sqlite")),
+    *(("grade", name) for name in ("grades.csv", "grades.xml/", "submissions", "submissions/dead.md")),
     *(("animate", name) for name in ("animation.gif", "animation.mp4", "animation.gif/")),
 ]
 WORK = (
     *("scenarios.simulation.simulate", "scoring.comparison.compare_estimators"),
     *("datasets.victoria_park.read_victoria_park", "figures.animation.Scene"),
     *("studies.budget.error_budget", "bench.bench.run_bench", "studies.study._carry_out"),
+    *("grading.grading.grade_folder",),
 )
 
 
@@ -59,6 +62,9 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("given") / "input"
     assert main([*COMMANDS["run"], "--out", str(folder)]) == 0
     (folder / "park.txt").write_text(PARK)
+    (folder / "short.toml").write_text('extends = "q1-long-dense"\n[trajectory]\nduration = 3.0\n')
+    (folder / "class").mkdir()
+    (folder / "class/dead.py").write_text("from slamgauge import dead_reckoning as estimate\n")
     return folder
 
 

@@ -197,6 +197,28 @@ def test_a_callable_on_recordings_stays_as_it_is(capsys: pytest.CaptureFixture[s
     assert capsys.readouterr().err == ""
 
 
+def test_a_callable_on_recordings_has_nothing_copied():
+    class Large(list[int]):
+        def __deepcopy__(self, memo: object) -> Large:
+            raise AssertionError(memo)
+
+    space: dict[str, object] = {"table": Large([1])}
+    exec("def estimate(recording):\n    return table", space)
+    given = space["estimate"]
+    assert callable(given)
+    assert adapt(given, "mine") is given
+
+
+@pytest.mark.parametrize(("source", "name"), [(COURSE, "prediction_step"), (PAIR, "update")])
+def test_functions_at_hand_bring_those_beside_them(own: Own, source: str, name: str):
+    space: dict[str, object] = {"__name__": "mine"}
+    exec(source, space)
+    given, recording = space[name], short()
+    assert callable(given)
+    agree(adapt(given, "mine")(recording), own(source, recording, name), atol=0.0)
+    assert space.get("calls", []) == []
+
+
 def test_a_module_is_looked_through():
     module = ModuleType("mine")
     vars(module)["estimate"] = ekf

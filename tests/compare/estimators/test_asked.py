@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import pickle
+import signal
+import subprocess
+import sys
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,7 +17,9 @@ from slamgauge.compare.estimators.asked import ask
 from slamgauge.compare.estimators.loading import load
 from slamgauge.compare.estimators.sources import sources_of
 from slamgauge.compare.scenarios.scenario import load_scenario
-from slamgauge.compare.studies.study import run_study
+from slamgauge.compare.studies.executors import dask_cluster
+from slamgauge.compare.studies.run import run_once
+from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.ekf import dead_reckoning, ekf
 from slamgauge.errors import UserError
 
@@ -62,6 +69,62 @@ def test_code_travels_and_stays_what_it_was(folder: Path) -> None:
     (folder / "helper.py").write_text("raise ImportError\n")
     recording = __import__("slamgauge").simulate(load_scenario("q1-short-dense", SHORT), 0)[1]
     assert (load(asked)(recording).poses == ekf(recording).poses).all()
+
+
+def test_a_loaded_step_function_travels(folder: Path) -> None:
+    (folder / "mine.py").write_text("DT = Q = Py = 1.0\ndef ekf_slam(xEst, PEst, u, y):\n    return xEst + DT, PEst\n")
+    loaded = load(ask(["mine.py:ekf_slam"])[0])
+    recording = __import__("slamgauge").simulate(load_scenario("q1-short-dense", [*SHORT, "sensor.max_range=0.1"]), 0)[
+        1
+    ]
+    assert (pickle.loads(pickle.dumps(loaded))(recording).poses == loaded(recording).poses).all()
+
+
+def test_code_travels_to_the_workers_of_a_cluster(folder: Path) -> None:
+    from distributed import LocalCluster
+
+    scenario, asked = load_scenario("q1-short-dense", SHORT), ask(["ekf", "mine=mine.py:estimate"])
+    for path in folder.glob("*.py"):
+        path.unlink()  # as on a machine that has none of them
+    cluster: Any = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0")
+    with cluster, dask_cluster(cluster.scheduler_address) as executor:
+        summary = run_study(scenario, 4, 0, asked, folder / "study", executor)
+    assert summary.failures == ()
+    assert summary.estimators["mine"].figure("ate_m") == summary.estimators["ekf"].figure("ate_m")
+
+
+def test_a_killed_study_of_own_code_goes_on(folder: Path) -> None:
+    """At its third run it kills the study that has begun it, once."""
+    source = """
+import os, signal, time
+from slamgauge.ekf import ekf
+
+def estimate(recording):
+    with open("runs", "a+") as file:
+        file.write("x")
+        if file.tell() == 3:
+            os.kill(os.getppid(), signal.SIGKILL)
+            time.sleep(60)
+    return ekf(recording)
+"""
+    (folder / "mine.py").write_text(source)
+    command = [sys.executable, "-m", "slamgauge", "study", "q1-short-dense", "--set", "trajectory.duration=2"]
+    command += ["--runs", "4", "--jobs", "1", "--estimators", "ekf,mine=mine.py:estimate", "--out", "study"]
+    statuses = [subprocess.run(command, capture_output=True, check=False).returncode for _ in range(2)]
+    assert statuses == [-signal.SIGKILL, 0]
+    assert len((folder / "runs").read_text()) in (5, 6)  # the third again, the second too if it was on its way
+    runs = load_runs(load_scenario("q1-short-dense", SHORT), 4, 0, ["ekf", "mine=mine.py:estimate"], folder / "study")
+    assert len(runs["mine"].run) == 4
+    assert (runs["mine"].figures["ate_m"] == runs["ekf"].figures["ate_m"]).all()
+
+
+def test_a_map_that_nobody_can_name_warns_of_nothing() -> None:
+    example = Path(__file__).parents[3] / "examples/student_ekf.py"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (outcome,) = run_once(load_scenario("q2-short-dense", SHORT), 0, [f"{example}:ekf_slam"])
+    assert outcome.error is None
+    assert outcome.figures["landmark_error_near_m"] is None
 
 
 def test_a_study_takes_callables_and_names_failures_by_their_labels(folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import random
@@ -10,12 +11,17 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 
-from slamgauge.compare.estimators.own import address, load_own
+import slamgauge.ekf
+from slamgauge.compare.estimators.adapters import adapted
+from slamgauge.compare.estimators.own import address, load_own_module
 from slamgauge.compare.estimators.private_import import PrivateFolder
+
+from .conftest import short
 
 Write = Callable[..., Path]
 
@@ -36,7 +42,11 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
 
 
 def value(text: str) -> object:
-    return load_own(address(text))(None)  # pyright: ignore[reportArgumentType]
+    return own(text)(None)  # pyright: ignore[reportArgumentType]
+
+
+def own(text: str) -> slamgauge.Estimator:
+    return adapted(address(text), announced=False)
 
 
 @pytest.mark.parametrize(
@@ -119,10 +129,68 @@ def test_every_loading_is_afresh(write: Write):
             "helper.py": "X = []",
         }
     )
-    first, second = load_own(address("own.py:f")), load_own(address("own.py:f"))
+    first, second = own("own.py:f"), own("own.py:f")
     assert [first(None), first(None), second(None)] == [1, 2, 1]  # pyright: ignore[reportArgumentType]
     write({"helper.py": "X = [0] * 5"})  # of the same second, perhaps
     assert value("own.py:f") == 6
+
+
+STEP = """
+import helper
+DT, Q, Py = 0.1, helper.eye(2), helper.eye(2)
+def ekf_slam(xEst, PEst, u, y):
+    import late
+    return xEst, PEst
+"""
+PLAIN = """
+import helper
+def estimate(recording):
+    import late
+    return late.dead_reckoning(recording)
+"""
+BESIDE = {"helper.py": "from numpy import eye\n", "late.py": "import helper\nfrom slamgauge import dead_reckoning\n"}
+
+
+@pytest.mark.parametrize(("source", "callee"), [(STEP, "ekf_slam"), (PLAIN, "estimate")])
+@pytest.mark.parametrize("place", ["own.py", "own"])
+def test_fifty_runs_leave_no_more_modules_than_one(write: Write, source: str, callee: str, place: str):
+    write({"own.py": source, **BESIDE})
+    recording = short("q1-short-dense", "trajectory.duration=0.2")
+
+    def left_by(runs: int) -> tuple[int, int]:
+        for _ in range(runs):
+            own(f"{place}:{callee}")(recording)
+        gc.collect()
+        living = sum(isinstance(each, PrivateFolder) for each in gc.get_objects())
+        return len(sys.modules), living
+
+    assert left_by(1) == left_by(50)
+    assert not any(name.startswith("_slamgauge_own_") for name in sys.modules)
+
+
+def test_the_first_loading_serves_the_first_run(write: Write):
+    """By it the form is found, too."""
+    count = "with open('loaded', 'a') as file:\n    file.write('x')\n"
+    folder = write({"own.py": f"{count}{STEP}", **BESIDE})
+    estimator, recording = own("own.py:ekf_slam"), short("q1-short-dense", "trajectory.duration=0.2")
+    for times in (1, 2, 3):
+        estimator(recording)
+        assert len((folder / "loaded").read_text()) == times
+
+
+def test_code_that_runs_after_its_run_imports_what_it_has_imported(write: Write):
+    write(
+        {
+            "own.py": "import helper\ndef f(_):\n    def late():\n        import helper as again, other\n"
+            "        return again is helper is other.helper, other\n    return late\n",
+            "helper.py": "",
+            "other.py": "import helper\n",
+        }
+    )
+    late: Any = value("own.py:f")
+    is_the_same, other = late()
+    assert is_the_same
+    assert late() == (True, other)
 
 
 def test_modules_that_import_each_other(write: Write):
@@ -150,9 +218,9 @@ def test_a_file_in_a_package_may_import_relatively(write: Write):
 def test_threads_import_at_the_same_time(write: Write):
     source = "import time\ntime.sleep(0.05)\nX = object()\n"
     write({"own.py": "def f(_):\n    import slow\n    return slow.X\n", "slow.py": source})
-    own = load_own(address("own.py:f"))
+    estimator = own("own.py:f")
     with ThreadPoolExecutor(8) as pool:
-        assert len({id(each) for each in pool.map(own, [None] * 8)}) == 1  # pyright: ignore[reportArgumentType]
+        assert len({id(each) for each in pool.map(estimator, [None] * 8)}) == 1  # pyright: ignore[reportArgumentType]
 
 
 def test_their_classes_can_be_pickled_and_their_source_read(write: Write):
@@ -168,8 +236,8 @@ def test_their_classes_can_be_pickled_and_their_source_read(write: Write):
 
 def test_installed_modules_are_found_where_the_folder_has_none(write: Write):
     write({})
-    assert getattr(load_own(address("slamgauge.ekf:dead_reckoning")), "__name__", "") == "dead_reckoning"
-    assert load_own(address("textwrap:dedent")).__module__ == "textwrap"
+    assert load_own_module(address("slamgauge.ekf:dead_reckoning")) is slamgauge.ekf
+    assert own("textwrap:dedent")(" a") == "a"  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize(
@@ -221,7 +289,7 @@ def test_addresses_that_lead_nowhere(write: Write, text: str, message: str):
         }
     )
     with pytest.raises(ValueError, match=message) as caught:
-        load_own(address(text))
+        own(text)
     assert "_slamgauge_own_" not in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -178,8 +178,16 @@ def test_scales_are_equal_and_everything_is_inside():
     [
         (["dead-reckoning", "ekf", "isam2", "batch"], [], ["ekf", "isam2", "batch"], ["ekf", "isam2"]),
         (["ekf", "riekf", "iekf", "isam2", "batch"], [], ["ekf", "batch"], ["ekf"]),
-        (["ekf", "isam2", "batch"], ["--estimator", "isam2"], ["isam2"], ["isam2"]),
-        (["ekf", "batch"], ["--estimator", "batch"], ["batch"], ["batch"]),
+        (["ekf", "isam2", "batch"], ["--estimators", "isam2"], ["isam2"], ["isam2"]),
+        (["ekf", "batch"], ["--estimators", "batch"], ["batch"], ["batch"]),
+        (
+            ["a", "b", "c", "d", "batch"],
+            ["--estimators", "d,batch,b,c"],
+            ["d", "batch", "b", "c"],
+            ["d", "batch", "b", "c"],
+        ),
+        (["ekf", "me"], ["--estimators", "me=some/where.py:slam,ekf"], ["me", "ekf"], ["me", "ekf"]),
+        (["ekf", "mine.py:slam"], ["--estimators", "far/mine.py:slam"], ["mine.py:slam"], ["mine.py:slam"]),
         (["batch"], [], ["batch"], ["batch"]),
         (["dead-reckoning"], [], ["dead-reckoning"], ["dead-reckoning"]),
     ],
@@ -352,7 +360,7 @@ def test_results_without_estimates_are_refused(tmp_path: Path, capsys: pytest.Ca
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--estimator", "fej"], "estimator 'fej': has no estimate in the folder; choose from ekf, isam2, batch"),
+        (["--estimators", "fej"], "estimator 'fej': has no estimate in the folder; choose from ekf, isam2, batch"),
         (["--seconds", "0"], "seconds 0.0: no length of an animation; give a number > 0, for example 10"),
         (["--seconds", "nan"], "seconds nan: no length of an animation; give a number > 0, for example 10"),
         (["--fps", "0"], "fps 0: not what viewers show; give 1 to 50 frames per second"),
@@ -372,4 +380,6 @@ def test_help_mentions_every_option(capsys: pytest.CaptureFixture[str]):
         main(["animate", "--help"])
     assert caught.value.code == 0
     text = capsys.readouterr().out
-    assert [each for each in ("--estimator", "--seconds", "--fps", "animation.gif", "ffmpeg") if each not in text] == []
+    assert [
+        each for each in ("--estimators", "--seconds", "--fps", "animation.gif", "ffmpeg") if each not in text
+    ] == []

@@ -21,7 +21,7 @@ from slamgauge.compare.studies.run import run_once
 from slamgauge.compare.studies.summary import EstimatorSummary, Summary, summarise, summary_table
 
 SHORT = ["start=sampled", "trajectory.duration=2"]
-WORKED_OUT = {"kind", "nees", "nis_total", "nis_dof_total", "others"}  # what a score keeps beside its figures
+WORKED_OUT = {"kind", "nees", "sigmas", "nis_total", "nis_dof_total", "others"}  # what a score keeps beside its figures
 
 
 def test_every_figure_is_catalogued_once():
@@ -39,8 +39,15 @@ def test_every_figure_is_catalogued_once():
 @pytest.mark.parametrize(
     ("where", "titles"),
     [
-        ("run", "ATE [m],heading [rad],end [m],NEES,NIS/dof,map [m],mapped,of,wrong,x optimum,d to optimum,"),
-        ("study", "ATE [m],x causal,x hindsight,heading [rad],end [m],NEES/3,NIS/dof,map NEES/2,wrong,mapped"),
+        (
+            "run",
+            "ATE [m],heading [rad],end [m],NEES,in 95% ellipse,NIS/dof,map [m],mapped,of,wrong,x optimum,d to optimum,",
+        ),
+        (
+            "study",
+            "ATE [m],x causal,x hindsight,heading [rad],end [m],NEES/3,in 95% ellipse,nats to causal,NIS/dof,"
+            "map NEES/2,wrong,mapped",
+        ),
         ("sweep", "ATE [m],x causal,NEES/3,sigma [m],mapped,wrong"),
     ],
 )

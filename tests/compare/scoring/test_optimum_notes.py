@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import vocabulary_examples as examples
 
-from slamgauge.compare.scoring.comparison import Comparison, metrics, table
+from slamgauge.compare.scoring.comparison import Comparison, metrics, optimum_notes, table
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT
@@ -45,8 +45,10 @@ def compared(
 
 
 def notes(comparison: Comparison) -> list[str]:
-    """What stands under the table."""
-    return table(comparison).splitlines()[1 + len(comparison.scores) :]
+    """What stands of the optima under the table, before all else."""
+    found = optimum_notes(comparison)
+    assert table(comparison).splitlines()[1 + len(comparison.scores) :][: len(found)] == found
+    return found
 
 
 def test_metrics_tell_how_good_an_optimum_is():

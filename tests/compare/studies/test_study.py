@@ -246,9 +246,11 @@ def test_the_command_prints_the_table_and_writes_summary_and_figures(
     words += ["--estimators", "ekf,isam2,batch", "--out", str(tmp_path / "study")]
     assert main(words) == 0
     table = capsys.readouterr().out
-    assert [line.split()[0] for line in table.splitlines()] == ["estimator", "ekf", "isam2", "batch", "fit"]
+    below = ["fit", "ekf:", "isam2:", "batch:"]
+    assert [line.split()[0] for line in table.splitlines()] == ["estimator", "ekf", "isam2", "batch", *below]
     content = json.loads((tmp_path / "study" / "summary.json").read_text())
-    assert set(content) == {"scenario", "runs", "seed", "digest", "failures", "estimators"}
+    keys = {"scenario", "runs", "seed", "digest", "failures", "estimators", "against", "precision"}
+    assert set(content) == keys
     assert set(content["estimators"]["ekf"]["ate_m"]) == {"mean", "low", "high"}
     assert content["estimators"]["ekf"]["nees_share_inside_band"]["level"] == 0.999
     for name in ("nees", "nis", "errors", "ratios"):

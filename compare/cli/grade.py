@@ -1,0 +1,85 @@
+"""`slamgauge grade`."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from slamgauge.compare.cli.options import (
+    ALL_CORES,
+    Folder,
+    carried_by,
+    print_result,
+    require_timeout,
+    results_folder,
+    sampled_scenario,
+)
+from slamgauge.errors import UserError
+
+
+@dataclass
+class Grade:
+    """Grade a folder of submissions, each in a process of its own and without the truth, against a reference filter.
+
+    Exit status 1 if one could not be graded; the others are.
+    """
+
+    folder: tyro.conf.Positional[Folder]
+    """Python files, and folders with them: one submission each, in any form that slamgauge knows
+    (docs/your_filter.md). LOADS AND RUNS THAT CODE."""
+
+    scenario: str
+    """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file; the true start is drawn
+    from the prior."""
+
+    runs: int = 20
+    """How many runs."""
+
+    seed: int = 0
+    """Root seed, from which the runs' own seeds are spawned. Whoever knows it can make the truth: give one that
+    nobody knows."""
+
+    reference: str = "ekf"
+    """The filter that a submission may not be shown to be worse than: one of ours, or [LABEL=]FILE.py:callable."""
+
+    timeout: float = 60.0
+    """Seconds that a submission may take for a run."""
+
+    jobs: int = ALL_CORES
+    """How many submissions are run at the same time."""
+
+    out: Folder | None = None
+    """Folder of grades.csv, grades.xml (JUnit) and submissions/NAME.md; results/grades-FOLDER if not given."""
+
+    json: bool = False
+    """Print JSON on standard output instead of the table."""
+
+    def __call__(self) -> int:
+        """Run, judge, print and write; the exit status."""
+        from slamgauge.compare.estimators.asked import ask
+        from slamgauge.compare.grading.grade_files import write_grades
+        from slamgauge.compare.grading.grade_table import grade_table
+        from slamgauge.compare.grading.grading import grade_folder
+        from slamgauge.compare.grading.submissions import submissions_in
+        from slamgauge.compare.storage.result_files import GRADES, PAGES, grade_files
+
+        out = self.out or Path("results") / f"grades-{self.folder.resolve().name}"
+        scenario, (reference,) = sampled_scenario(self.scenario, []), ask([self.reference])
+        submissions, timeout = submissions_in(self.folder), require_timeout(self.timeout)
+        writes = grade_files(each.name for each in submissions)
+        with results_folder(out, writes, GRADES, [f"{PAGES}/*.md"]) as staged:
+            with carried_by(self.jobs) as executor:
+                grades = grade_folder(
+                    self.folder, submissions, scenario, self.runs, self.seed, reference, timeout, executor
+                )
+            if not any(each.is_graded for each in grades.grades):
+                first = grades.grades[0]
+                raise UserError(f"{self.folder}: nothing could be graded; {first.submission}: {first.reasons[0]}")
+            if staged is not None:
+                write_grades(staged, grades)
+        print_result([each.to_json() for each in grades.grades] if self.json else grade_table(grades))
+        print(f"written to {out}", file=sys.stderr)
+        return 0 if all(each.is_graded for each in grades.grades) else 1

@@ -1,0 +1,128 @@
+"""The other end of `isolated`: a fresh interpreter that loads people's code and runs it on recordings.
+
+    python -P -m slamgauge.compare.estimators.isolated_program REQUESTS ANSWERS
+
+Both are numbers of open files. A line of JSON comes in for each task and one goes out: first the address of the code,
+then a word for every run, whose recording lies beside the current folder and whose estimate is left there.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import resource
+import shutil
+import signal
+import sys
+import threading
+from base64 import b64decode
+from collections.abc import Mapping
+from contextlib import redirect_stderr, redirect_stdout, suppress
+from pathlib import Path
+from time import perf_counter, sleep, thread_time
+from typing import Any, cast
+
+from slamgauge.compare.estimators.adapters import adapted
+from slamgauge.compare.estimators.discovery import found_in
+from slamgauge.compare.estimators.isolated import GIVEN, MADE
+from slamgauge.compare.estimators.own import Address, reason_of
+from slamgauge.compare.estimators.sources import Sources
+from slamgauge.compare.storage.files import load_recording, save
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate, Estimator
+
+LARGEST_FILE = 500_000_000  # bytes of a file that people's code may write
+
+
+def main() -> None:
+    """Serve one task after the other until there are no more."""
+    requests, answers = (int(number) for number in sys.argv[1:3])
+    folder = Path.cwd().parent
+    resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
+    signal.signal(signal.SIGTERM, _leave)
+    threading.Thread(target=_follow_parent, args=[os.getppid(), folder], daemon=True).start()
+    with os.fdopen(requests, encoding="utf-8") as tasks, os.fdopen(answers, "w", encoding="utf-8") as out:
+        _tell(out, {})
+        where = _address(json.loads(tasks.readline()))
+        sys.argv = [where.place]
+        estimator = _loaded(out, where)
+        for _ in tasks if estimator is not None else ():
+            _tell(out, _run(cast("Estimator", estimator), folder))
+
+
+def _loaded(out: Any, where: Address) -> Estimator | None:
+    """The estimator; what there is to say of it, or why there is none, is told."""
+    heard = io.StringIO()
+    try:
+        with redirect_stderr(heard):
+            found = where if where.attribute else found_in(where)
+            estimator = adapted(found)
+    except UserError as error:
+        sys.stderr.write(heard.getvalue())
+        _tell(out, {"reason": str(error)})
+        return None
+    lines = heard.getvalue().splitlines(keepends=True)
+    begin = f"{where.label}: "
+    form = lines.pop().removeprefix(begin).strip() if lines and lines[-1].startswith(begin) else ""
+    sys.stderr.writelines(lines)
+    _tell(out, {"attribute": found.attribute, "form": form})
+    return estimator
+
+
+def _run(estimator: Estimator, folder: Path) -> Mapping[str, object]:
+    """Run it on the recording that lies there; what it cost, or why there is no estimate."""
+    recording = load_recording(folder / GIVEN)
+    (folder / GIVEN).unlink()
+    start, cpu = perf_counter(), _cpu_seconds()
+    try:
+        with redirect_stdout(sys.stderr):
+            estimate = cast("object", estimator(recording))
+        if not isinstance(estimate, Estimate):
+            return {"reason": f"returned a {type(estimate).__name__}; return a slamgauge.Estimate"}
+    except (Exception, SystemExit) as error:  # noqa: BLE001 whatever people's code raises is told
+        return {"reason": reason_of(error)}
+    spent = {"seconds": perf_counter() - start, "cpu_seconds": _cpu_seconds() - cpu}
+    save(folder / MADE, estimate)
+    return spent
+
+
+def _tell(out: Any, answer: Mapping[str, object]) -> None:
+    with suppress(OSError, ValueError):  # their code may have closed it
+        sys.stderr.flush()
+    out.write(json.dumps(answer) + "\n")
+    out.flush()
+
+
+def _address(told: dict[str, Any]) -> Address:
+    within = told.pop("sources")
+    if within is None:
+        return Address(**told)
+    files = tuple((path, b64decode(content)) for path, content in within["files"])
+    return Address(**told, sources=Sources(within["folder"], within["module"], files))
+
+
+def _cpu_seconds() -> float:
+    """Of this thread, and of programs that it has called."""
+    called = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return thread_time() + called.ru_utime + called.ru_stime
+
+
+def _follow_parent(parent: int, folder: Path) -> None:
+    """End, and leave nothing behind, when the process is gone that has started this one."""
+    while os.getppid() == parent:
+        sleep(1.0)
+    shutil.rmtree(folder, ignore_errors=True)
+    os.kill(os.getpid(), signal.SIGTERM)
+    sleep(1.0)
+    os._exit(1)
+
+
+def _leave(*_: object) -> None:
+    """End as an interrupt does: whatever this process has started is ended on the way out."""
+    raise KeyboardInterrupt
+
+
+if __name__ == "__main__":
+    with suppress(KeyboardInterrupt):
+        main()

@@ -1,0 +1,92 @@
+"""Estimators run on one recording: what has become of each, and which of them are the optima of which kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+from tqdm import tqdm
+
+from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind
+from slamgauge.compare.estimators.registry import UNDER, YARDSTICKS, Entry
+from slamgauge.compare.estimators.running import run_estimator
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate, Estimator, Kind
+from slamgauge.recording import Recording
+
+
+@dataclass(frozen=True)
+class SideBySide:
+    """Estimates and computing times [s] by name, the reasons of those without, and who is the optimum of which kind.
+
+    `stand_ins` are optima under somebody's associations, where nobody knows the true ones.
+    """
+
+    estimates: dict[str, Estimate] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    failures: dict[str, str] = field(default_factory=dict)
+    optima: dict[Kind, str] = field(default_factory=dict)
+    stand_ins: list[str] = field(default_factory=list)
+
+    def run(self, name: str, estimator: Estimator, recording: Recording, *, is_yardstick: bool = False) -> None:
+        """Run one, and keep its estimate or the reason why there is none."""
+        try:
+            self.estimates[name], self.seconds[name] = run_estimator(name, estimator, recording)
+        except UserError as error:
+            self.failures[name] = str(error)
+            return
+        if is_yardstick:
+            self.optima[self.estimates[name].kind] = name
+
+
+def run_side_by_side(estimators: Mapping[str, Estimator], recording: Recording, informed: Recording) -> SideBySide:
+    """Run every estimator on the recording, the yardsticks on the informed one.
+
+    Where that has no ids, yardsticks stand under the associations that the first of the others has made, `isam2@ekf`.
+    """
+    entries = {name: entry_behind(estimator) for name, estimator in estimators.items()}
+    yardsticks = {name: entry for name, entry in entries.items() if entry is not None and entry.is_yardstick}
+    waiting = yardsticks if informed.landmark is None else {}
+    ran = SideBySide()
+    progress = tqdm(estimators.items(), disable=None, leave=False, unit="estimator")
+    for name, estimator in progress:
+        progress.set_description(name)
+        if name not in waiting:
+            is_yardstick = name in yardsticks
+            ran.run(name, estimator, informed if is_yardstick else recording, is_yardstick=is_yardstick)
+    if informed.landmark is None:
+        graphs = {name: entry for name, entry in entries.items() if entry is not None and entry.is_graph}
+        _stand_in(ran, waiting, graphs, estimators, recording)
+    return ran
+
+
+def with_stand_ins(names: Iterable[str]) -> set[str]:
+    """Every name that an estimate may have where these estimators are asked for."""
+    asked = {*names}
+    return asked | {f"{yardstick}{UNDER}{name}" for yardstick in asked & {*YARDSTICKS.values()} for name in asked}
+
+
+def _stand_in(
+    ran: SideBySide,
+    waiting: Mapping[str, Entry],
+    graphs: Mapping[str, Entry],
+    estimators: Mapping[str, Estimator],
+    recording: Recording,
+) -> None:
+    """Run yardsticks under the associations of the first that has any; what was asked for as `isam2@ekf` will do."""
+    makers = (name for name, each in ran.estimates.items() if name not in graphs and each.association is not None)
+    maker = next(makers, None)
+    for name, entry in waiting.items():
+        if maker is None:
+            ran.run(name, estimators[name], recording)  # which says why it cannot
+        elif f"{name}{UNDER}{maker}" not in ran.estimates:
+            stand_in = replace(entry, name=f"{name}{UNDER}{maker}")
+            graph: Callable[..., Estimate] = entry.load()
+            under = partial(graph, association=ran.estimates[maker].association)
+            ran.run(stand_in.name, LoadedEstimator(stand_in, under), recording, is_yardstick=True)
+    for name, entry in graphs.items():
+        kind = ran.estimates[name].kind if name in ran.estimates else None
+        if kind is not None and entry.name.partition(UNDER)[0] == YARDSTICKS[kind]:
+            ran.optima.setdefault(kind, name)
+    ran.stand_ins.extend(ran.optima.values())

@@ -1,0 +1,1 @@
+"""Submissions graded: a folder of people's filters held against a reference."""

@@ -1,0 +1,129 @@
+"""A folder of submissions graded on the same runs, side by side and apart from each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Executor, Future, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from tqdm import tqdm
+
+from slamgauge.compare.estimators.asked import Asked
+from slamgauge.compare.grading.grades import Grade, grade
+from slamgauge.compare.grading.submissions import Submission
+from slamgauge.compare.grading.trial import Trial, Yardstick, examine, yardstick
+from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.studies.executors import lost_worker
+from slamgauge.compare.studies.run import run_seed
+from slamgauge.errors import UserError
+
+T = TypeVar("T")
+
+LOST = "the worker process that watched it died (out of memory?); make room and grade it again"
+
+
+@dataclass(frozen=True)
+class Grades:
+    """What came out, submissions in the order of their names.
+
+    Attributes:
+        folder: of the submissions.
+        scenario: its name.
+        runs: how many.
+        seed: root seed.
+        reference: label of the reference.
+        reference_grade: the reference held against itself: its own figures.
+        grades: of the submissions.
+    """
+
+    folder: Path
+    scenario: str
+    runs: int
+    seed: int
+    reference: str
+    reference_grade: Grade
+    grades: tuple[Grade, ...]
+
+
+def grade_folder(
+    folder: Path,
+    submissions: Sequence[Submission],
+    scenario: Scenario,
+    runs: int,
+    seed: int,
+    reference: Asked,
+    timeout: float,
+    executor: Executor,
+) -> Grades:
+    """Grade submissions, each in a process of its own; nothing that they do keeps the others from being graded.
+
+    Args:
+        folder: where they lie.
+        submissions: `submissions_in` it.
+        scenario: what to simulate; draw the true start from the prior (`start = "sampled"`).
+        runs: how many, at least 2; their seeds are spawned from `seed`, as those of a study.
+        seed: root seed. Who knows it and the scenario can make the truth: give one that nobody knows.
+        reference: what a right submission is not shown to be worse than.
+        timeout: of a run of a submission [s].
+        executor: carries submissions, one at a time for each of its workers.
+
+    Raises:
+        UserError: bad numbers, or a reference that gives no estimates.
+    """
+    if runs < 2:
+        raise UserError(f"runs: {runs} has no interval, and nothing could be judged by it; give at least 2")
+    if seed < 0:
+        raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
+    seeds = [run_seed(seed, run) for run in range(runs)]
+    arguments = [(scenario, each, reference) for each in seeds]
+    measured = dict(_carried(executor, yardstick, arguments, "run"))
+    lost = next((each for each in measured.values() if isinstance(each, Exception)), None)
+    if lost is not None:
+        raise UserError(f"reference {reference.label}: {lost}")
+    yardsticks = [each for _, each in sorted(measured.items()) if isinstance(each, Yardstick)]
+    optima, scores = [each.optimum for each in yardsticks], [each.reference for each in yardsticks]
+    waiting = [(place, each) for place, each in enumerate(submissions) if each.where is not None]
+    arguments = [(each.where, each.name, scenario, seeds, optima, timeout) for _, each in waiting]
+    trials = {place: Trial(reason=each.reason) for place, each in enumerate(submissions)}
+    for number, trial in _carried(executor, examine, arguments, "submission"):
+        trials[waiting[number][0]] = trial if isinstance(trial, Trial) else Trial(reason=LOST)
+    return Grades(
+        folder=folder,
+        scenario=scenario.name,
+        runs=runs,
+        seed=seed,
+        reference=reference.label,
+        reference_grade=grade(reference.label, Trial(scores=scores), scores),
+        grades=tuple(grade(each.name, trials[place], scores) for place, each in enumerate(submissions)),
+    )
+
+
+def _carried(
+    executor: Executor, work: Callable[..., T], arguments: Sequence[tuple[Any, ...]], unit: str
+) -> Generator[tuple[int, T | Exception]]:
+    """Number and result of each piece of work, as it arrives.
+
+    When a worker dies, all that its pool carried is lost; that is done again, one after the other.
+    """
+    pending: dict[Future[T], int] = {executor.submit(work, *each): place for place, each in enumerate(arguments)}
+    lost: list[int] = []
+    with tqdm(total=len(pending), disable=None, leave=False, unit=unit) as progress:
+        try:
+            for future in as_completed(pending):
+                error = future.exception()
+                if error is not None and lost_worker(error):
+                    lost.append(pending[future])
+                    continue
+                yield pending[future], future.result()
+                progress.update()
+            for place in sorted(lost):
+                again = executor.submit(work, *arguments[place])
+                error = again.exception()
+                is_lost = isinstance(error, Exception) and lost_worker(error)
+                yield place, error if is_lost and isinstance(error, Exception) else again.result()
+                progress.update()
+        finally:
+            for future in pending:
+                future.cancel()

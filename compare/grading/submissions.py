@@ -1,0 +1,84 @@
+"""What of a folder is a submission."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from slamgauge.compare.estimators.isolated import printable
+from slamgauge.compare.estimators.own import Address
+from slamgauge.compare.estimators.sources import sources_of
+from slamgauge.compare.storage.files import explained
+from slamgauge.errors import UserError
+
+MAIN = ("submission.py", "main.py")  # of a folder with several files
+
+
+@dataclass(frozen=True)
+class Submission:
+    """Somebody's filter.
+
+    Attributes:
+        name: of the file or folder.
+        where: its file, or package; the callable in it is found by itself. None if there is none.
+        reason: why there is none.
+    """
+
+    name: str
+    where: Address | None
+    reason: str = ""
+
+
+def submissions_in(folder: Path) -> list[Submission]:
+    """Every Python file of a folder, and every folder in it that holds Python code, by name; none of its code runs.
+
+    Of a folder the submission is the package that it is, or its only Python file, or `submission.py` or `main.py`. What
+    begins with a dot or an underscore is none.
+
+    Raises:
+        UserError: the folder cannot be read, or holds none.
+    """
+    with explained(folder, "read"):
+        entries = sorted(each for each in folder.iterdir() if each.name[0] not in "._")
+    given = [each for each in entries if _is_python(each) or (each.is_dir() and any(each.glob("*.py")))]
+    if not given:
+        raise UserError(f"{folder}: holds no submission; give a folder of Python files, or of folders with them")
+    stems = [each.stem if _is_python(each) else each.name for each in given]
+    return [
+        _submission(folder, path, printable(stem if stems.count(stem) == 1 else path.name))
+        for path, stem in zip(given, stems, strict=True)
+    ]
+
+
+def _submission(folder: Path, path: Path, name: str) -> Submission:
+    try:
+        file = path if path.is_file() else _main_file(path)
+        inside = (folder, path.name) if file is None else (file.parent, file.stem)
+        if file is not None and "." in file.stem:
+            return Submission(name, None, f"{file.name}: no Python module can have a dot in its name; rename the file")
+        place = str(path if file is None else file)
+        return Submission(name, Address(place, name, place, "", sources_of(*inside)))
+    except UserError as error:
+        return Submission(name, None, str(error))
+    except OSError as error:
+        return Submission(name, None, f"{path.name}: cannot be read ({error.strerror}); check its permissions")
+
+
+def _main_file(folder: Path) -> Path | None:
+    """The file that counts; None for a package.
+
+    Raises:
+        UserError: there are several.
+    """
+    files = sorted(each for each in folder.glob("*.py") if not each.name.startswith("."))
+    if (folder / "__init__.py") in files:
+        return None
+    found = files if len(files) == 1 else [each for each in files if each.name in MAIN]
+    if len(found) != 1:
+        names = ", ".join(each.name for each in files)
+        raise UserError(f"{folder.name}: may be {names}; call the one that counts {MAIN[0]}")
+    return found[0]
+
+
+def _is_python(path: Path) -> bool:
+    return path.suffix == ".py" and path.is_file()

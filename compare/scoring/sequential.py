@@ -1,0 +1,121 @@
+"""Intervals that hold although a study is looked at again and again, and ended when they are narrow enough.
+
+A 95 % interval that is looked at after 100 runs, 150, 225 and so on, until one pleases, holds less often than it says.
+Repeated confidence intervals (Jennison and Turnbull 1989) hold at all looks at once with that probability: each is as
+much wider as its share of the error makes it. The shares are spent as by Lan and DeMets (1983), here the same at every
+look, since nobody knows beforehand where a study will end; what the looks have in common is taken into account by the
+recursion of Armitage, McPherson and Rowe (1969) over the score process, a Brownian motion at the times of the looks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float
+from slamgauge.compare.scoring.intervals import LEVEL
+
+GROWTH = 1.5  # of the number of runs from look to look
+GRID = 201  # points of the density between the boundaries; more of them change the boundaries by less than 1e-6
+FARTHEST = 9.0  # in standard deviations: the probability beyond is less than 1e-18
+
+
+class Look(NamedTuple):
+    """A look at the first `runs` runs, number `number` of at most `of` looks, from 1.
+
+    `level` is that of the fixed-sample interval which is the repeated one at this look.
+    """
+
+    runs: int
+    number: int
+    of: int
+    level: float
+
+
+def plan_looks(first: int, most: int) -> tuple[Look, ...]:
+    """The looks of a study that may end at any: at `first` runs, at GROWTH times as many, ..., and at `most`."""
+    counts = [min(first, most)]
+    while counts[-1] < most:
+        counts.append(min(math.ceil(GROWTH * counts[-1]), most))
+    levels = [1 - 2 * _tail(bound) for bound in boundaries(tuple(counts), 1 - LEVEL)]
+    return tuple(
+        Look(runs, number, len(counts), level)
+        for number, (runs, level) in enumerate(zip(counts, levels, strict=True), start=1)
+    )
+
+
+def repeated_p_value(looks: Sequence[Look], look: Look, p_value: float) -> float:
+    """The p-value that holds at all looks at once, of a fixed-sample one at `look`.
+
+    It is the largest error probability at which the repeated interval of this look still holds what was tested.
+    """
+    from scipy.special import ndtri  # here: scipy is slow to start
+
+    counts = tuple(each.runs for each in looks)
+    if p_value <= 2 * _tail(FARTHEST):
+        return 0.0
+    z = -float(ndtri(p_value / 2))
+    low, high = 1e-9, 1.0 - 1e-9
+    if boundaries(counts, high)[look.number - 1] > z:
+        return 1.0
+    for _ in range(26):  # in the logarithm: to a relative 1e-6
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if boundaries(counts, middle)[look.number - 1] > z else (low, middle)
+    return high
+
+
+@lru_cache(maxsize=256)
+def boundaries(counts: tuple[int, ...], alpha: float) -> tuple[float, ...]:
+    """How many standard errors (K,) repeated intervals reach at looks at `counts` (K,) runs.
+
+    A mean of independent figures with a normal distribution leaves any of them with probability `alpha`, and each for
+    the first time with the same share of that.
+    """
+    times = np.array(counts) / counts[-1]
+    share = alpha / len(counts)
+    found = [_root(lambda bound: 2 * _tail(bound) - share)]
+    points = np.linspace(-1.0, 1.0, GRID) * found[0] * math.sqrt(times[0])
+    density = np.exp(-(points**2) / (2 * times[0])) / math.sqrt(2 * math.pi * times[0])
+    for before, now in pairwise(times):
+        weights = density * _simpson(points)
+        spread = math.sqrt(now - before)
+        bound = _root(lambda z, w=weights, p=points, s=spread, t=now: _leaves(z * math.sqrt(t), w, p, s) - share)
+        found.append(bound)
+        wider = np.linspace(-1.0, 1.0, GRID) * bound * math.sqrt(now)
+        steps = np.exp(-(((wider[:, None] - points) / spread) ** 2) / 2) / (math.sqrt(2 * math.pi) * spread)
+        points, density = wider, steps @ weights
+    return tuple(found)
+
+
+def _leaves(bound: float, weights: Float, points: Float, spread: float) -> float:
+    """Probability that a step of standard deviation `spread` from `points`, with these weights, leads out of ±bound."""
+    from scipy.special import ndtr  # here: scipy is slow to start
+
+    return float(weights @ (ndtr((points - bound) / spread) + ndtr((-bound - points) / spread)))
+
+
+def _simpson(points: Float) -> Float:
+    """Weights of Simpson's rule on an odd number of equally spaced points."""
+    weights = np.full(len(points), 2.0)
+    weights[1::2] = 4.0
+    weights[[0, -1]] = 1.0
+    return weights * (points[1] - points[0]) / 3
+
+
+def _root(excess: Callable[[float], float]) -> float:
+    """Where a falling function of a boundary is zero, by bisection."""
+    low, high = 0.0, FARTHEST
+    for _ in range(36):
+        middle = (low + high) / 2
+        low, high = (middle, high) if excess(middle) > 0 else (low, middle)
+    return high
+
+
+def _tail(bound: float) -> float:
+    """Probability that a normal variable exceeds `bound`."""
+    return math.erfc(bound / math.sqrt(2)) / 2

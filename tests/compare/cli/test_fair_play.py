@@ -1,0 +1,126 @@
+"""`--strict` and `--timeout`: own code apart from ours, in every command that takes it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from slamgauge import load_scenario, simulate
+from slamgauge.compare.checks import law as law_module
+from slamgauge.compare.checks.examination import LAWS, OVERDUE, check_estimator
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.estimators.isolated import Isolated, OverdueError
+from slamgauge.compare.estimators.own import address
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+
+FILES = {
+    "shifted": """
+from dataclasses import replace
+import numpy as np
+from slamgauge import riekf
+def estimate(recording):
+    right = riekf(recording)
+    return replace(right, poses=np.concatenate([right.poses[1:], right.poses[-1:]]))
+""",
+    "endless": "def estimate(recording):\n    while True:\n        pass\n",
+    "right": "from slamgauge import riekf as estimate\n",
+}
+SHORT = ("--set", "trajectory.duration=4", "start=sampled")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The current folder, with those files."""
+    for name, content in FILES.items():
+        (tmp_path / f"{name}.py").write_text(content)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def own(*names: str) -> str:
+    return ",".join(f"{name}={name}.py:estimate" for name in names)
+
+
+def reasons(out: Path) -> dict[str, str]:
+    content = json.loads((out / "metrics.json").read_text())
+    assert {"ekf", "right"} <= content["estimators"].keys()
+    return {each["estimator"]: each["error"] for each in content["failures"]}
+
+
+def test_run_and_evaluate(folder: Path):
+    words = ("--estimators", f"ekf,{own('right', 'shifted', 'endless')}", "--strict", "--timeout", "5")
+    assert main(["run", "q1-short-dense", *SHORT, *words, "--out", "run"]) == 1
+    assert main(["evaluate", "run/recording.npz", *words, "--out", "evaluated"]) == 1
+    for out in ("run", "evaluated"):
+        found = reasons(folder / out)
+        assert found.keys() == {"shifted", "endless"}
+        assert found["shifted"].startswith("estimator shifted: uses the future: from the recording up to step 10 alone")
+        assert found["endless"] == "estimator endless: it was not done after 5 s"
+
+
+def test_without_strict_the_future_is_not_looked_for(folder: Path):
+    words = ("--estimators", f"ekf,{own('right', 'shifted')}", "--timeout", "60")
+    assert main(["run", "q1-short-dense", *SHORT, *words, "--out", "run"]) == 0
+    assert not reasons(folder / "run")
+
+
+def test_study(folder: Path):
+    words = ("--runs", "2", "--jobs", "1", "--estimators", f"ekf,{own('right', 'shifted')}", "--out", "study")
+    for strict, expected in (((), set[str]()), (("--strict",), {"shifted"})):  # and what is stored is not taken for it
+        main(["study", "q1-short-dense", "--set", "trajectory.duration=4", *words, *strict])
+        content = json.loads((folder / "study/summary.json").read_text())
+        assert {each["estimator"] for each in content["failures"]} == expected
+        assert content["estimators"]["right"]["runs"] == 2
+
+
+@pytest.mark.usefixtures("folder")
+def test_check_ends_at_the_law_that_takes_too_long(capsys: pytest.CaptureFixture[str]):
+    assert main(["check", own("endless"), "--timeout", "2", "--json"]) == 1
+    first, *others = json.loads(capsys.readouterr().out)
+    assert first["passed"] is False
+    assert first["blame"].startswith("estimator endless: it was not done after 2 s; ")
+    assert len(others) == len(LAWS) - 1
+    assert {(each["passed"], each["blame"]) for each in others} == {(None, f"not judged: {OVERDUE}")}
+
+
+@pytest.mark.usefixtures("folder")
+def test_check_finds_the_future_and_times_the_code_where_it_runs(capsys: pytest.CaptureFixture[str]):
+    assert main(["check", own("shifted"), "--json"]) == 1
+    verdicts = {each["name"]: each["passed"] for each in json.loads(capsys.readouterr().out)}
+    assert verdicts["no-future"] is False
+    assert verdicts["step-time"] is True
+
+
+def test_processor_time_is_that_of_the_other_process(folder: Path):
+    (folder / "busy.py").write_text(
+        "from time import thread_time\nfrom slamgauge import riekf\n"
+        "def estimate(recording):\n"
+        "    end = thread_time() + 0.5\n"
+        "    while thread_time() < end:\n        pass\n"
+        "    return riekf(recording)\n"
+    )
+    recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=1"]), 0)[1]
+    with Isolated(address("busy.py:estimate"), 60.0) as estimator:
+        assert law_module.Subject("busy", estimator).cpu_seconds(recording) >= 0.5
+
+
+def test_a_law_after_one_that_took_too_long_is_not_run():
+    runs: list[int] = []
+
+    def estimator(recording: Recording) -> Estimate:
+        runs.append(recording.steps)
+        raise OverdueError("it was not done after 1 s")
+
+    assert [each.passed for each in check_estimator("slow", estimator)][:2] == [False, None]
+    assert len(runs) == 1
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "inf"])
+def test_a_time_that_is_none(folder: Path, seconds: str, capsys: pytest.CaptureFixture[str]):
+    assert main(["check", own("right"), "--timeout", seconds]) == 2
+    assert main(["run", "q1-short-dense", "--estimators", own("right"), "--timeout", seconds, "--out", "run"]) == 2
+    assert "leaves no time" in capsys.readouterr().err
+    assert not (folder / "run").exists()

@@ -1,0 +1,189 @@
+"""A class graded: every form, every way of not being gradable, and what is written of it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.grading.grades import grade
+from slamgauge.compare.grading.submissions import submissions_in
+from slamgauge.compare.grading.trial import Trial
+from slamgauge.compare.scoring.scores import Score
+from slamgauge.errors import UserError
+
+from ..scoring.test_against_reference import scores
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+SCENARIO = 'extends = "q1-short-dense"\n\n[trajectory]\nduration = 6.0\n'
+SHIFTED = """
+from dataclasses import replace
+import numpy as np
+from slamgauge.ekf import ekf
+
+def estimate(recording):
+    right = ekf(recording)
+    return replace(right, poses=np.concatenate([right.poses[1:], right.poses[-1:]]))
+"""
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scenario") / "little.toml"
+    path.write_text(SCENARIO)
+    return path
+
+
+def write_class(folder: Path) -> None:
+    """Submissions in several forms."""
+    for name in ("student_ekf", "student_ekf_wrong_jacobian"):
+        shutil.copy(EXAMPLES / f"{name}.py", folder)
+    (folder / "package").mkdir()
+    (folder / "package/__init__.py").write_text("from .core import ekf_slam\n")
+    shutil.copy(EXAMPLES / "student_ekf.py", folder / "package/core.py")
+    (folder / "several").mkdir()
+    (folder / "several/main.py").write_text("from other import ekf_slam\n")
+    shutil.copy(EXAMPLES / "student_ekf.py", folder / "several/other.py")
+    own_noise = "\nfrom slamgauge import adapters\nestimate = adapters.step_function(ekf_slam, noise='file')\n"
+    (folder / "own_noise.py").write_text((EXAMPLES / "student_ekf.py").read_text() + own_noise)
+    (folder / "shifted.py").write_text(SHIFTED)
+    (folder / "broken.py").write_text("def estimate(recording)\n")
+    (folder / "a.b.py").write_text("")
+    (folder / "_helper.py").write_text("1 / 0")
+    (folder / "notes.txt").write_text("")
+
+
+@pytest.fixture(scope="module")
+def graded(scenario: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of results of that class."""
+    folder, out = tmp_path_factory.mktemp("class"), tmp_path_factory.mktemp("out") / "grades"
+    write_class(folder)
+    assert main(["grade", str(folder), "--scenario", str(scenario), "--runs", "3", "--out", str(out)]) == 1
+    return out
+
+
+def rows(out: Path) -> dict[str, dict[str, str]]:
+    with (out / "grades.csv").open(encoding="utf-8", newline="") as file:
+        return {row["submission"]: row for row in csv.DictReader(file)}
+
+
+def test_every_form_is_graded_and_the_others_are_named_with_their_reasons(graded: Path):
+    found = rows(graded)
+    right = {"student_ekf", "package", "several", "own_noise"}
+    assert {name for name, row in found.items() if row["passed"] == "true"} == right
+    assert {name for name, row in found.items() if row["graded"] == "true"} == right | {"student_ekf_wrong_jacobian"}
+    reasons = {name: row["reason"] for name, row in found.items() if row["reason"]}
+    assert "breaks the laws prediction-jacobian, rigid-motion" in reasons.pop("student_ekf_wrong_jacobian")
+    assert reasons.pop("shifted").startswith("run 0: uses the future: from the recording up to step 15 alone, ")
+    assert reasons.pop("broken").startswith("cannot be loaded, it raised SyntaxError: expected ':' (broken.py, line 1)")
+    assert reasons == {"a.b": "a.b.py: no Python module can have a dot in its name; rename the file"}
+
+
+def test_a_right_filter_has_the_figures_of_the_reference(graded: Path):
+    row = rows(graded)["student_ekf"]
+    assert [*row][:3] == ["submission", "passed", "reason"]
+    assert (row["callable"], row["kind"], row["runs"], row["failed_laws"]) == ("ekf_slam", "filtered", "3", "")
+    assert row["form"] == "step function of the practical (xEst, PEst, u, y)"
+    for key in ("ate_ratio", "nees_ratio", "sigma_position_ratio", "sigma_heading_ratio"):
+        assert float(row[key]) == pytest.approx(1.0, abs=0.03)
+        assert float(row[f"{key}_low"]) <= float(row[key]) <= float(row[f"{key}_high"])
+
+
+def test_junit_tells_failures_from_errors(graded: Path):
+    suite = ElementTree.parse(graded / "grades.xml").getroot()
+    assert {key: suite.attrib[key] for key in ("tests", "failures", "errors")} == {
+        "tests": "8",
+        "failures": "1",
+        "errors": "3",
+    }
+    kinds = {case.attrib["name"]: [each.tag for each in case] for case in suite}
+    assert (kinds["student_ekf"], kinds["student_ekf_wrong_jacobian"], kinds["broken"]) == ([], ["failure"], ["error"])
+
+
+def test_a_page_tells_each_of_them_what_there_is_to_know(graded: Path):
+    page = (graded / "submissions/student_ekf_wrong_jacobian.md").read_text()
+    assert page.startswith("# student_ekf_wrong_jacobian: FAILED\n\nlittle, 3 of 3 runs; reference: ekf.\n")
+    assert "\n    prediction-jacobian: " in page  # the part that is to blame
+    assert "| ATE [m] | " in page
+    assert "do not judge it: its noise is its own" in (graded / "submissions/own_noise.md").read_text()
+    assert (graded / "submissions/broken.md").read_text().startswith("# broken: not graded\n")
+    assert {path.name for path in graded.iterdir()} == {"grades.csv", "grades.xml", "submissions", ".slamgauge.json"}
+
+
+def test_all_graded_is_status_0_and_json_has_the_rows(
+    scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "class").mkdir()
+    shutil.copy(EXAMPLES / "student_ekf.py", tmp_path / "class/anna.py")
+    shutil.copy(EXAMPLES / "student_ekf_no_cross_covariance.py", tmp_path / "class/bert.py")
+    words = ["--scenario", str(scenario), "--runs", "2", "--reference", f"right={EXAMPLES}/student_ekf.py:ekf_slam"]
+    assert main(["grade", str(tmp_path / "class"), *words, "--jobs", "1", "--json", "--out", str(tmp_path / "o")]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert [(each["submission"], each["passed"]) for each in content] == [("anna", True), ("bert", False)]
+    assert content[0]["ate_ratio"] == 1.0  # the reference is the same filter
+
+
+@pytest.mark.parametrize(
+    ("files", "words", "said"),
+    [
+        ({}, (), "holds no submission; give a folder of Python files"),
+        ({"a.py": "1 / 0"}, (), "nothing could be graded; a: cannot be loaded, it raised ZeroDivisionError"),
+        ({"a.py": ""}, ("--runs", "1"), "runs: 1 has no interval"),
+        ({"a.py": ""}, ("--reference", "efk"), "estimator 'efk' is not known"),
+        ({"a.py": ""}, ("--timeout", "0"), "timeout: 0 s leaves no time"),
+        ({"a.py": ""}, ("--seed", "-1"), "seed: -1 is negative"),
+        ({"a/x.py": "", "a/y.py": ""}, (), "a: may be x.py, y.py; call the one that counts submission.py"),
+    ],
+)
+def test_where_nothing_can_be_done_it_is_a_line_and_status_2(
+    scenario: Path,
+    tmp_path: Path,
+    files: dict[str, str],
+    words: tuple[str, ...],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+):
+    folder = tmp_path / "class"
+    folder.mkdir()
+    for name, content in files.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(content)
+    command = ["grade", str(folder), "--scenario", str(scenario), "--runs", "2", "--out", str(tmp_path / "out"), *words]
+    assert main(command) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith("slamgauge: ") and said in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_who_is_better_than_the_optimum_does_not_pass():
+    ours = scores(ate=0.5, spread=0.1)
+    relative = [_relative(each, other.ate_m) for each, other in zip(ours, scores(ate=1.0, spread=0.1), strict=True)]
+    found = grade("mine", Trial(scores=relative), ours)
+    assert not found.passed
+    assert found.reasons[0].startswith("its error is 0.5 ± ")
+    doubtful = [_relative(each, 1.0, check=9.0) for each in ours]
+    assert grade("mine", Trial(scores=doubtful), ours).passed
+
+
+def _relative(score: Score, best: float | None, check: float | None = None) -> Score:
+    assert score.ate_m is not None and best is not None
+    return replace(score, ratio_to_optimum=score.ate_m / best, yardstick_check_sigma=check, seconds_total=1.0)
+
+
+def test_submissions_of_one_name_are_told_apart(tmp_path: Path):
+    (tmp_path / "anna.py").write_text("")
+    (tmp_path / "anna").mkdir()
+    (tmp_path / "anna/main.py").write_text("")
+    (tmp_path / "empty").mkdir()
+    assert [each.name for each in submissions_in(tmp_path)] == ["anna", "anna.py"]
+
+
+def test_a_folder_that_is_not_there(tmp_path: Path):
+    with pytest.raises(UserError, match="cannot be read"):
+        submissions_in(tmp_path / "nowhere")

@@ -1,0 +1,128 @@
+"""Verdicts: what is said of which figures, and how often of a right filter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from slamgauge.compare.scoring.consistency import chi2_band
+from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.verdicts import (
+    LEVEL,
+    SCATTER,
+    WORTH,
+    Evidence,
+    runs_to_resolve,
+    single_run,
+    verdict,
+    verdict_lines,
+)
+
+TEXTBOOK = Evidence(
+    runs=100,
+    nees_per_dof=4.84,
+    coverage_95=0.61,
+    nis_per_dof=1.002,
+    nis_dof=2_900_000,
+    ratio=Interval(1.42, 1.25, 1.59),
+    ratio_runs=100,
+    optimum="causal optimum",
+    wrong_associations=0.0,
+)
+RIGHT = replace(TEXTBOOK, nees_per_dof=0.98, coverage_95=0.951, nis_per_dof=1.0, ratio=Interval(0.99, 0.97, 1.01))
+
+
+def test_the_textbook_filter():
+    assert verdict(TEXTBOOK) == (
+        "claims 2.2 times too small a sigma (95 % ellipses hold 61 %); 1.42 ± 0.17 times the causal optimum's error; "
+        "lost by itself, associations and noise being right: its linearisation, or a bug; "
+        "NIS looks fine and is blind to this"
+    )
+
+
+def test_a_right_filter():
+    assert verdict(RIGHT) == (
+        "its sigmas are right as far as 100 runs tell (95 % ellipses hold 95 %); "
+        "as accurate as the causal optimum (0.99 ± 0.02)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("changed", "said", "unsaid"),
+    [
+        (
+            {"nees_per_dof": 0.25, "coverage_95": 0.999},
+            "claims 2 times too large a sigma (95 % ellipses hold 100 %)",
+            "",
+        ),
+        ({"nees_per_dof": 0.0}, "claims inf times too large a sigma", ""),
+        ({"nis_per_dof": 1.69}, "innovations are 1.3 times as large as it expects: noise is stated too small", "blind"),
+        ({"nis_per_dof": 0.25}, "innovations are 0.5 times as large as it expects: noise is stated too large", "blind"),
+        ({"nis_per_dof": 1.69}, "claims", "linearisation"),
+        ({"nis_per_dof": None, "nis_dof": 0}, "claims", "NIS"),
+        ({"nis_per_dof": None, "nis_dof": 0}, "claims", "linearisation"),
+        ({"wrong_associations": 12.3}, "takes 12 observations a run for others", "linearisation"),
+        ({"wrong_associations": None}, "claims", "linearisation"),
+        ({"nees_per_dof": 1.0}, "1.42 ± 0.17 times", "linearisation"),
+        ({"ratio": None}, "claims", "times the"),
+        ({"ratio": Interval(0.8, 0.7, 0.9)}, "0.80 ± 0.10 times the causal optimum's error, less than that", "lost"),
+        ({"ratio": Interval(1.02, 0.92, 1.12)}, "which decides nothing: about 400 runs resolve 5 %", "lost"),
+    ],
+)
+def test_what_is_said_follows_the_figures(changed: dict[str, object], said: str, unsaid: str):
+    sentence = verdict(replace(TEXTBOOK, **changed))  # pyright: ignore[reportArgumentType]
+    assert sentence is not None
+    assert said in sentence
+    assert not unsaid or unsaid not in sentence
+
+
+def test_a_single_run_tells_of_gross_errors_alone():
+    single = replace(TEXTBOOK, runs=1, ratio=None, ratio_runs=0, nis_dof=29_000)
+    assert verdict(replace(single, nees_per_dof=4.0)) is None
+    assert verdict(replace(single, nees_per_dof=4.84)) is not None
+    assert verdict_lines({"ekf": None, "mine": "claims"}) == ["mine: claims"]
+    assert verdict(replace(single, nees_per_dof=None, nis_per_dof=None, nis_dof=0)) is None
+
+
+def test_nothing_is_said_that_is_not_worth_it():
+    barely = chi2_band(LEVEL, 3 * 10_000)[1] / 30_000
+    assert math.sqrt(barely) < 1 + WORTH  # significant, yet small
+    assert "claims" not in str(verdict(replace(RIGHT, runs=10_000, nees_per_dof=barely + 0.001)))
+    assert "claims" in str(verdict(replace(RIGHT, runs=10_000, nees_per_dof=(1 + WORTH) ** 2 + 1e-6)))
+    assert "innovations" not in str(verdict(replace(RIGHT, nis_per_dof=1.05)))
+    assert "innovations" in str(verdict(replace(RIGHT, nis_per_dof=1.11)))
+
+
+def test_how_many_runs_resolve_a_twentieth():
+    """Of Rayleigh errors, which last a whole run; bounds of a variance of 420 draws, twice 0.1 %."""
+    assert runs_to_resolve(SCATTER) == 420
+    assert runs_to_resolve(0.01) == 1
+    assert "about 420 runs resolve 5 %" in single_run()
+    rng = np.random.default_rng(3)
+    errors = np.hypot(*rng.standard_normal((2, 2000, 420)))
+    half = 1.96 * errors.std(axis=1, ddof=1) / math.sqrt(420) / errors.mean(axis=1)
+    assert np.mean(half) == pytest.approx(WORTH, rel=0.02)
+
+
+@pytest.mark.parametrize("lasting", [0.0, 0.9, 0.99, 1.0])
+@pytest.mark.parametrize("runs", [1, 20])
+def test_a_right_filter_is_accused_no_more_often_than_is_said(lasting: float, runs: int):
+    """Errors of any correlation over time: at most 1 - LEVEL, exactly that if they last (0.999 binomial bounds)."""
+    rng = np.random.default_rng(11)
+    trials, steps = 4000, 60
+    errors = rng.standard_normal((trials * runs, 3))
+    nees = np.zeros(trials * runs)
+    for _ in range(steps):
+        errors = lasting * errors + math.sqrt(1 - lasting**2) * rng.standard_normal(errors.shape)
+        nees += np.square(errors).sum(axis=1) / (3 * steps)
+    means = nees.reshape(trials, runs).mean(axis=1)
+    low, high = np.array(chi2_band(LEVEL, 3 * runs)) / (3 * runs)
+    accused = int(np.sum((means < low) | (means > high)))
+    fewest, most = stats.binom.interval(0.999, trials, 1 - LEVEL)
+    assert accused <= most
+    if lasting == 1.0:
+        assert accused >= fewest
