@@ -281,3 +281,22 @@ def add_landmarks_alone(linear: Linear, scan: Float, slots: Int) -> None:
                 for j in range(2):
                     linear.information[2 * slots[n] + i, 2 * slots[o] + j] += added[2 * n + i, 2 * o + j]
             linear.pull[2 * slots[n] + i] -= added[2 * n + i, 2 * len(slots)]
+
+
+@kernel
+def newest_covariance(linear: Linear, factor: Float, cov: Float) -> None:
+    """`cov` (3, 3) <- of the newest pose, P + M Lambda^-1 M', given the factor L of Lambda = L L' (2L, 2L)."""
+    width = len(factor)
+    spread = np.empty((3, width))  # M L'^-1
+    for i in range(width):
+        s0, s1, s2 = linear.M[0, i], linear.M[1, i], linear.M[2, i]
+        for j in range(i):
+            s0 -= factor[i, j] * spread[0, j]
+            s1 -= factor[i, j] * spread[1, j]
+            s2 -= factor[i, j] * spread[2, j]
+        spread[0, i], spread[1, i], spread[2, i] = s0 / factor[i, i], s1 / factor[i, i], s2 / factor[i, i]
+    for i in range(3):
+        for j in range(3):
+            cov[i, j] = linear.newest_cov[i, j]
+            for n in range(width):
+                cov[i, j] += spread[i, n] * spread[j, n]

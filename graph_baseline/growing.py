@@ -16,7 +16,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.linalg import LinAlgError
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import cho_solve
 
 from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline import chord, elimination
@@ -88,9 +88,8 @@ class GrowingOptimum:
 
     def newest_cov(self) -> Float:
         """(3, 3) of the newest pose, world frame, by the matrices at hand; while unsettled, of what they are about."""
-        M = self._linear.M[:, : len(self._factor)]
-        spread = solve_triangular(self._factor, M.T, lower=True, check_finite=False)
-        cov = self._linear.newest_cov + spread.T @ spread
+        cov = np.empty((3, 3))
+        elimination.newest_covariance(self._linear, self._factor, cov)
         return (cov + cov.T) / 2
 
     def landmarks(self) -> Float:

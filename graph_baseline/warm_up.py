@@ -20,6 +20,7 @@ def compile_graphs_once() -> None:
     place.landmarks[0] = measured.value[0]
     with announced("graph kernels"):
         elimination.take_in(measured, linear, place, place, 1, 0, 1)
+        elimination.newest_covariance(linear, np.eye(2), np.empty((3, 3)))
         chord.find_defects(measured, linear, place, 0, step)
         chord.smooth(linear, 0, step)
         chord.pull_landmarks(measured, linear, 0, step)
