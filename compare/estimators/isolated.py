@@ -34,6 +34,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
 PROGRAM = "slamgauge.compare.estimators.isolated_program"
+FOLDERS = "slamgauge-own-"  # how names of the temporary folders begin, which are removed in the end
 HERE, GIVEN, MADE = "here", "given.npz", "made.npz"  # in the temporary folder: where it runs, and beside it what flows
 STARTING = 120.0  # s: for Python and our own modules
 LEAVING = 1.0  # s: what it has to end what it has started
@@ -141,7 +142,7 @@ class _Child:
     """A process that runs `isolated_program`, and the pipes to it."""
 
     def __init__(self) -> None:
-        self.folder = Path(tempfile.mkdtemp(prefix="slamgauge-"))
+        self.folder = Path(tempfile.mkdtemp(prefix=FOLDERS))
         here = self.folder / HERE
         here.mkdir()
         requests, self._requests = os.pipe()

@@ -25,7 +25,7 @@ from typing import Any, cast
 
 from slamgauge.compare.estimators.adapters import adapted
 from slamgauge.compare.estimators.discovery import found_in
-from slamgauge.compare.estimators.isolated import GIVEN, MADE
+from slamgauge.compare.estimators.isolated import FOLDERS, GIVEN, HERE, MADE
 from slamgauge.compare.estimators.own import Address, reason_of
 from slamgauge.compare.estimators.sources import Sources
 from slamgauge.compare.storage.files import load_recording, save
@@ -38,7 +38,9 @@ LARGEST_FILE = 500_000_000  # bytes of a file that people's code may write
 def main() -> None:
     """Serve one task after the other until there are no more."""
     requests, answers = (int(number) for number in sys.argv[1:3])
-    folder = Path.cwd().parent
+    here, folder = Path.cwd(), Path.cwd().parent
+    if here.name != HERE or not folder.name.startswith(FOLDERS):
+        raise SystemExit("isolated_program: is started by slamgauge alone, in a folder that it will remove")
     resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
     signal.signal(signal.SIGTERM, _leave)
     threading.Thread(target=_follow_parent, args=[os.getppid(), folder], daemon=True).start()

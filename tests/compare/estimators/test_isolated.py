@@ -230,7 +230,10 @@ def test_an_estimate_too_large_to_read_is_refused(made: Made, monkeypatch: pytes
 
 def test_an_answer_that_is_none_is_a_line(made: Made):
     body = """
-        out = next(each for each in sys._getframe(2).f_locals.values() if getattr(each, "mode", "") == "w")
+        frame = sys._getframe()
+        while "out" not in frame.f_locals or getattr(frame.f_locals["out"], "mode", "") != "w":
+            frame = frame.f_back
+        out = frame.f_locals["out"]
         out.write("[]\\n")
         out.flush()
         return dead_reckoning(recording)
@@ -284,3 +287,11 @@ def test_results_of_a_study_are_kept_apart_by_how_the_code_is_run():
     assert len(keys | {within.key}) == 3
     (ours,) = kept_apart(ask(["ekf"]), Isolation(60.0, strict=True))
     assert ours.isolation is None
+
+
+def test_started_by_hand_it_removes_nothing(tmp_path: Path):
+    (tmp_path / "mine").mkdir()
+    command = [sys.executable, "-P", "-m", isolated.PROGRAM, "3", "4"]
+    ended = subprocess.run(command, cwd=tmp_path / "mine", capture_output=True, text=True, check=False)
+    assert (ended.returncode, len(ended.stderr.splitlines())) == (1, 1)
+    assert (tmp_path / "mine").is_dir()
