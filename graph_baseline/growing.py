@@ -148,8 +148,13 @@ class GrowingOptimum:
             self._settle_placed()
 
     def _settle_placed(self) -> None:
-        """Go to the minimum of the landmarks that bearings place from there, as `placed_minimum` does."""
-        while self.settled and self._map_waiting_landmarks():
+        """Go to the minimum of the landmarks that bearings place from there, as `placed_minimum` does.
+
+        Each is taken in once at most: a search may leave it out again.
+        """
+        taken_in = set[int]()
+        while self.settled and (placed := self._map_waiting_landmarks(taken_in)):
+            taken_in |= placed
             self._unsure = set(self._slot)
             self._settle(anew=True)
         if self.settled and self._leave_out_landmarks():
@@ -308,16 +313,17 @@ class GrowingOptimum:
                 self._map_landmark(name, self._landmark_at_sight(row))
             self._measured.slot[row] = self._slot.get(name, -1)
 
-    def _map_waiting_landmarks(self) -> bool:
-        """Give slots to landmarks that bearings place from the path as it stands; whether there are any."""
+    def _map_waiting_landmarks(self, but: set[int]) -> set[int]:
+        """Give slots to landmarks that bearings place from the path as it stands, `but` some; which have got one."""
         rows = np.arange(self._measured.first[self._newest + 1])
-        mapped, ids = len(self._slot), self._ids[: len(rows)]
-        for name in np.unique(ids[self._measured.slot[rows] < 0]).tolist():
+        found, ids = set[int](), self._ids[: len(rows)]
+        for name in sorted({*ids[self._measured.slot[rows] < 0].tolist()} - but):
             landmark, sigma = triangulate_one(self._recording, rows[ids == name], self._place.poses)
             if np.isfinite(sigma):
                 self._map_landmark(name, landmark)
                 self._measured.slot[rows[ids == name]] = self._slot[name]
-        return len(self._slot) > mapped
+                found.add(name)
+        return found
 
     def _leave_out_landmarks(self) -> bool:
         """Take their slots from landmarks that bearings no longer place; whether there are any."""
