@@ -45,19 +45,21 @@ def submissions_in(folder: Path) -> list[Submission]:
         raise UserError(f"{folder}: holds no submission; give a folder of Python files, or of folders with them")
     stems = [each.stem if _is_python(each) else each.name for each in given]
     return [
-        _submission(folder, path, printable(stem if stems.count(stem) == 1 else path.name))
+        _submission(folder, path, printable(stem if stems.count(stem) == 1 else path.name), tuple(stems))
         for path, stem in zip(given, stems, strict=True)
     ]
 
 
-def _submission(folder: Path, path: Path, name: str) -> Submission:
+def _submission(folder: Path, path: Path, name: str, stems: tuple[str, ...]) -> Submission:
+    """A submission beside those of the others, whose files must not hide a library from it."""
     try:
         file = path if path.is_file() else _main_file(path)
         inside = (folder, path.name) if file is None else (file.parent, file.stem)
         if file is not None and "." in file.stem:
             return Submission(name, None, f"{file.name}: no Python module can have a dot in its name; rename the file")
         place = str(path if file is None else file)
-        return Submission(name, Address(place, name, place, "", sources_of(*inside)))
+        strangers = tuple(each for each in stems if each != path.name) if inside[0] == folder else ()
+        return Submission(name, Address(place, name, place, "", sources_of(*inside), strangers))
     except UserError as error:
         return Submission(name, None, str(error))
     except OSError as error:
