@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from slamgauge.compare.estimators.sources import sources_of
 from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
 
+LONGEST_NAME = 100  # bytes, so that it can name a page
 MAIN = ("submission.py", "main.py")  # of a folder with several files
 
 
@@ -44,9 +46,16 @@ def submissions_in(folder: Path) -> list[Submission]:
     if not given:
         raise UserError(f"{folder}: holds no submission; give a folder of Python files, or of folders with them")
     stems = [each.stem if _is_python(each) else each.name for each in given]
+    names = _told_apart(stems, [each.name for each in given])
+    return [_submission(folder, path, name, tuple(stems)) for path, name in zip(given, names, strict=True)]
+
+
+def _told_apart(stems: Sequence[str], files: Sequence[str]) -> list[str]:
+    """A name for each that no other has, and that a page can have; where need be, with its place in the folder."""
+    names = [printable(stem if stems.count(stem) == 1 else file) for stem, file in zip(stems, files, strict=True)]
     return [
-        _submission(folder, path, printable(stem if stems.count(stem) == 1 else path.name), tuple(stems))
-        for path, stem in zip(given, stems, strict=True)
+        name if names.count(name) == 1 and 0 < len(name.encode()) <= LONGEST_NAME else f"{name[:20]} #{place}".strip()
+        for place, name in enumerate(names, start=1)
     ]
 
 

@@ -184,6 +184,14 @@ def test_submissions_of_one_name_are_told_apart(tmp_path: Path):
     assert [each.name for each in submissions_in(tmp_path)] == ["anna", "anna.py"]
 
 
+def test_names_that_look_alike_or_cannot_name_a_page_have_a_number(tmp_path: Path):
+    for name in ("a b", "a  b", " ", "c"):
+        (tmp_path / f"{name}.py").write_text("")
+    (tmp_path / ("x" * 255)).mkdir()
+    (tmp_path / ("x" * 255) / "main.py").write_text("")
+    assert [each.name for each in submissions_in(tmp_path)] == ["#1", "a b #2", "a b #3", "c", f"{'x' * 20} #5"]
+
+
 def test_no_file_of_the_folder_hides_a_library_from_the_others(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
