@@ -32,7 +32,10 @@ if TYPE_CHECKING:
 
 @dataclass
 class Study:
-    """Monte Carlo: many independent runs, their statistics and figures. Interrupted, it goes on where it was."""
+    """Monte Carlo: many independent runs, their statistics and figures. Interrupted, it goes on where it was.
+
+    Exit status 1 if an estimator failed in a run; all others are summed up.
+    """
 
     scenario: tyro.conf.Positional[str]
     """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file; the true start is drawn
@@ -78,21 +81,22 @@ class Study:
     json: bool = False
     """Print summary.json (of a sweep sweep.json) on standard output instead of the table."""
 
-    def __call__(self) -> None:
-        """Run what is missing, sum up, print and write."""
+    def __call__(self) -> int:
+        """Run what is missing, sum up, print and write; the exit status."""
         try:
-            content, table = self._study() if self.sweep is None else self._sweep(self.sweep)
+            content, table, failed = self._study() if self.sweep is None else self._sweep(self.sweep)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
         print_result(content if self.json else table)
         print(f"written to {self.out}", file=sys.stderr)
+        return 1 if failed else 0
 
     def _asked(self) -> list[Asked]:
         from slamgauge.compare.estimators.asked import ask
 
         return kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
 
-    def _study(self) -> tuple[object, str]:
+    def _study(self) -> tuple[object, str, bool]:
         from slamgauge.compare.figures.publishing import write_study
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import STUDY_FILES
@@ -108,9 +112,9 @@ class Study:
             summary = run_study(*arguments, against=split_names(self.against), until=until)
         runs = load_runs(scenario, summary.runs, self.seed, asked, self.out)
         write_study(self.out, summary, runs, scenario.trajectory.step)
-        return summary.to_json(), summary_table(summary)
+        return summary.to_json(), summary_table(summary), bool(summary.failures)
 
-    def _sweep(self, sweep: str) -> tuple[object, str]:
+    def _sweep(self, sweep: str) -> tuple[object, str, bool]:
         from slamgauge.compare.figures.publishing import write_study, write_sweep
         from slamgauge.compare.studies.sweep import run_sweep, sweep_table
 
@@ -121,7 +125,7 @@ class Study:
             arguments = (self.scenario, overrides, sweep, self.runs, self.seed, asked, self.out, executor)
             result = run_sweep(*arguments, finished=write_study)
         write_sweep(self.out, result)
-        return result.to_json(), sweep_table(result)
+        return result.to_json(), sweep_table(result), any(each.failures for each in result.summaries)
 
 
 @dataclass

@@ -28,6 +28,7 @@ class Address(NamedTuple):
     """Where an estimator is: `place` is a file or a module, `label` the name that results carry.
 
     `sources` are those of a file, or of a module of the current folder; None of what is installed, or not there.
+    `strangers` are modules beside it that are other people's: they do not hide what is installed under their names.
     """
 
     text: str
@@ -35,6 +36,7 @@ class Address(NamedTuple):
     place: str
     attribute: str
     sources: Sources | None = None
+    strangers: tuple[str, ...] = ()
 
 
 def address(text: str) -> Address:
@@ -118,7 +120,7 @@ def _module(where: Address) -> ModuleType:
         if where.place.endswith(".py"):
             raise _MissingError(where.place)
         return importlib.import_module(where.place)
-    folder = PrivateFolder(where.sources.place())
+    folder = PrivateFolder(where.sources.place(), where.strangers)
     module = folder.load(where.sources.module)
     left = folder.exits.get(module.__name__)
     if left is not None and where.attribute and not hasattr(module, where.attribute):

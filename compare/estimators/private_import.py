@@ -19,7 +19,7 @@ import itertools
 import re
 import sys
 import threading
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from importlib.machinery import BuiltinImporter, FrozenImporter, ModuleSpec, PathFinder, SourceFileLoader
@@ -42,10 +42,12 @@ class PrivateFolder:
 
     Args:
         folder: where their modules lie.
+        strangers: modules there that count only where no installed one has their name.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, strangers: Collection[str] = ()) -> None:
         self.folder = folder.resolve()
+        self._strangers = strangers
         self._name = f"{PREFIX}{next(_numbers)}"
         self._owned: dict[str, bool] = {}
         self.exits: dict[str, SystemExit] = {}  # of modules that were asked for, by their private names
@@ -118,7 +120,7 @@ class PrivateFolder:
         if not top or top == OURS or BuiltinImporter.find_spec(top) or FrozenImporter.find_spec(top):
             return False
         found = PathFinder.find_spec(top, [str(self.folder)])
-        if found is None or found.loader is not None:
+        if found is None or (found.loader is not None and top not in self._strangers):
             return found is not None
         return top not in sys.modules and importlib.util.find_spec(top) is None
 

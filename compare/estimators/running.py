@@ -7,12 +7,16 @@ from contextlib import nullcontext, redirect_stdout
 from time import perf_counter
 from typing import cast
 
+import numpy as np
+
 from slamgauge.compare.estimators.isolated import OverdueError
 from slamgauge.compare.estimators.loading import entry_behind, spent_by
 from slamgauge.compare.estimators.own import reason_of
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
+
+FARTHEST = 1e12  # m, rad: beyond any map; squares of errors are numbers still
 
 
 def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tuple[Estimate, float]:
@@ -53,6 +57,11 @@ def _checked(name: str, estimate: object, recording: Recording) -> Estimate:
             f"estimator {name}: returned {len(estimate.poses)} poses; "
             f"return {recording.steps + 1}, one for the start and one for every step"
         )
+    far = np.abs(estimate.poses).max(axis=1) > FARTHEST
+    if far.any():
+        step = int(far.argmax())
+        pose = ", ".join(f"{each:.3g}" for each in estimate.poses[step])
+        raise UserError(f"estimator {name}: has diverged, its pose of step {step} is ({pose}); mend it and run again")
     if estimate.association is not None and len(estimate.association) != len(recording.observation):
         raise UserError(
             f"estimator {name}: association has {len(estimate.association)} entries; "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from slamgauge.compare.estimators.sources import sources_of
 from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
 
+LONGEST_NAME = 100  # bytes, so that it can name a page
 MAIN = ("submission.py", "main.py")  # of a folder with several files
 
 
@@ -44,20 +46,29 @@ def submissions_in(folder: Path) -> list[Submission]:
     if not given:
         raise UserError(f"{folder}: holds no submission; give a folder of Python files, or of folders with them")
     stems = [each.stem if _is_python(each) else each.name for each in given]
+    names = _told_apart(stems, [each.name for each in given])
+    return [_submission(folder, path, name, tuple(stems)) for path, name in zip(given, names, strict=True)]
+
+
+def _told_apart(stems: Sequence[str], files: Sequence[str]) -> list[str]:
+    """A name for each that no other has, and that a page can have; where need be, with its place in the folder."""
+    names = [printable(stem if stems.count(stem) == 1 else file) for stem, file in zip(stems, files, strict=True)]
     return [
-        _submission(folder, path, printable(stem if stems.count(stem) == 1 else path.name))
-        for path, stem in zip(given, stems, strict=True)
+        name if names.count(name) == 1 and 0 < len(name.encode()) <= LONGEST_NAME else f"{name[:20]} #{place}".strip()
+        for place, name in enumerate(names, start=1)
     ]
 
 
-def _submission(folder: Path, path: Path, name: str) -> Submission:
+def _submission(folder: Path, path: Path, name: str, stems: tuple[str, ...]) -> Submission:
+    """A submission beside those of the others, whose files must not hide a library from it."""
     try:
         file = path if path.is_file() else _main_file(path)
         inside = (folder, path.name) if file is None else (file.parent, file.stem)
         if file is not None and "." in file.stem:
             return Submission(name, None, f"{file.name}: no Python module can have a dot in its name; rename the file")
         place = str(path if file is None else file)
-        return Submission(name, Address(place, name, place, "", sources_of(*inside)))
+        strangers = tuple(each for each in stems if each != path.name) if inside[0] == folder else ()
+        return Submission(name, Address(place, name, place, "", sources_of(*inside), strangers))
     except UserError as error:
         return Submission(name, None, str(error))
     except OSError as error:

@@ -8,6 +8,7 @@ from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 
 SINGULAR = 1e-9  # smallest eigenvalue of a correlation matrix that is more than rounding (as in `slamgauge.validation`)
+LARGEST = 1e100  # of a distance: sums of squares of them are numbers still, as files of results need
 
 
 def squared_mahalanobis(errors: Float, covs: Float) -> Float:
@@ -26,7 +27,7 @@ def squared_mahalanobis(errors: Float, covs: Float) -> Float:
     doubtful = ~regular
     regular[doubtful] = np.linalg.eigvalsh(correlations[doubtful])[:, 0] > SINGULAR
     distances = np.full(len(errors), np.nan)
-    distances[np.flatnonzero(defined)[regular]] = found[regular]
+    distances[np.flatnonzero(defined)[regular]] = np.minimum(found[regular], LARGEST)
     return distances
 
 

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 from slamgauge.compare.scoring.intervals import Interval
 
+VAST = 1e9  # figures from here on have an exponent, so that one lost filter does not make a table unreadable
+
 
 def aligned(rows: Sequence[Sequence[str]], words: int) -> list[str]:
     """Lines of equal columns: the first `words` to the left, the figures after them to the right."""
@@ -21,14 +23,16 @@ def aligned(rows: Sequence[Sequence[str]], words: int) -> list[str]:
 
 def cell(value: float | None, form: str) -> str:
     """A figure formatted by `form`, `-` where there is none."""
-    return "-" if value is None else form.format(value)
+    if value is None:
+        return "-"
+    return form.format(value) if abs(value) < VAST else f"{value:.3g}"
 
 
 def interval_cell(interval: Interval | None, form: str) -> str:
     """`mean ± half width`, `-` where there is none."""
     if interval is None or interval.low is None or interval.high is None:
         return cell(None if interval is None else interval.mean, form)
-    return f"{form.format(interval.mean)} ± {form.format((interval.high - interval.low) / 2)}"
+    return f"{cell(interval.mean, form)} ± {cell((interval.high - interval.low) / 2, form)}"
 
 
 def marked(text: str, mark: str, *, is_marked: bool) -> str:

@@ -154,7 +154,7 @@ def _ratio(evidence: Evidence) -> str:
     figure, of = f"{ratio.mean:.2f} ± {half:.2f}", f"the {evidence.optimum}'s error"
     if ratio.low >= 1 - WORTH and ratio.high <= 1 + WORTH:
         return f"as accurate as the {evidence.optimum} ({figure})"
-    if ratio.low > 1:
+    if _loses(ratio):
         return f"{figure} times {of}"
     if ratio.high < 1:
         return f"{figure} times {of}, less than that: look whether it knows more than the measurements"
@@ -162,9 +162,16 @@ def _ratio(evidence: Evidence) -> str:
     return f"{figure} times {of}, which decides nothing: about {needed} runs resolve {100 * WORTH:g} %"
 
 
+def _loses(ratio: Interval | None) -> bool:
+    """Whether errors are significantly larger than the optimum's, and not shown to be as good as those."""
+    if ratio is None or ratio.low is None or ratio.high is None:
+        return False
+    return ratio.low > 1 and ratio.high > 1 + WORTH
+
+
 def _cause(evidence: Evidence, sigma: _Said, innovations: _Said) -> str:
     """Where a loss comes from, as far as the figures tell: by elimination of what is known to be right."""
-    loses = evidence.ratio is not None and evidence.ratio.low is not None and evidence.ratio.low > 1
+    loses = _loses(evidence.ratio)
     if not loses and not sigma.is_wrong:
         return ""
     if evidence.wrong_associations:

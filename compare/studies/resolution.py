@@ -35,17 +35,24 @@ class Until(NamedTuple):
 class Precision:
     """What a study with `Until` came to: the look at which it ended, and its ratios of ATEs.
 
-    Their intervals hold with 95 % at all looks at once, so at the one at which the study ended.
+    Their intervals hold with 95 % at all looks at once, so at the one at which the study ended. `unknown` are those of
+    which no run has both.
     """
 
     until: Until
     look: Look
     ratios: dict[Pair, Interval]
+    unknown: tuple[Pair, ...] = ()
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether more runs would be in vain: every ratio that can be known is known well enough."""
+        return all(is_narrow(ratio, self.until.precision) for ratio in self.ratios.values())
 
     @property
     def reached(self) -> bool:
         """Whether every ratio is known well enough."""
-        return all(is_narrow(ratio, self.until.precision) for ratio in self.ratios.values())
+        return self.is_settled and not self.unknown
 
     def to_json(self) -> dict[str, Any]:
         """Its entry in summary.json."""
@@ -62,6 +69,7 @@ class Precision:
         """What stands under the table."""
         ended = f"{'reached' if self.reached else 'not reached'} with {self.look.runs} runs"
         known = [f"{ours} / {theirs} {interval_cell(each, '{:.3f}')}" for (ours, theirs), each in self.ratios.items()]
+        known += [f"{ours} / {theirs} unknown, no run has both" for ours, theirs in self.unknown]
         return [
             f"precision {100 * self.until.precision:g} %: {ended} (look {self.look.number} of at most {self.look.of}); "
             f"ratios of ATEs with 95 % intervals that hold wherever it ends: {', '.join(known)}"

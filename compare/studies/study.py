@@ -128,8 +128,9 @@ def _carry_out_looks(
         refused = _carry_out(store, scenario, look.runs, seed, asked, executor)
         if until is not None:
             ates = {each.label: store.ates(each.key, look.runs) for each in asked}
-            precision = Precision(until, look, ratios_at(look, pairs, ates))
-        if precision is None or precision.reached:
+            ratios = ratios_at(look, pairs, ates)
+            precision = Precision(until, look, ratios, tuple(pair for pair in pairs if pair not in ratios))
+        if precision is None or precision.is_settled:
             break
     return look, precision, refused
 

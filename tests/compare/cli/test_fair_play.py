@@ -70,7 +70,8 @@ def test_without_strict_the_future_is_not_looked_for(folder: Path):
 def test_study(folder: Path):
     words = ("--runs", "2", "--jobs", "1", "--estimators", f"ekf,{own('right', 'shifted')}", "--out", "study")
     for strict, expected in (((), set[str]()), (("--strict",), {"shifted"})):  # and what is stored is not taken for it
-        main(["study", "q1-short-dense", "--set", "trajectory.duration=4", *words, *strict])
+        command = ["study", "q1-short-dense", "--set", "trajectory.duration=4", *words, *strict]
+        assert main(command) == (1 if expected else 0)
         content = json.loads((folder / "study/summary.json").read_text())
         assert {each["estimator"] for each in content["failures"]} == expected
         assert content["estimators"]["right"]["runs"] == 2

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from slamgauge import dead_reckoning
 from slamgauge.compare.estimators.loading import entry_behind, load_estimators
 from slamgauge.compare.estimators.registry import FILTERS, GRAPHS, HELP, REGISTRY, entry_of
+from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.compare.scenarios.simulation import informed, simulate
@@ -19,9 +21,12 @@ from slamgauge.ekf import ekf, riekf
 from slamgauge.ekf.maps.rules import CORRECTIONS
 from slamgauge.ekf.settings.association import Association as FilterAssociation
 from slamgauge.ekf.settings.association import MapManagement
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, isam2
 from slamgauge.recording import Recording
+
+from .conftest import short
 
 SHORT = ["start=sampled", "trajectory.duration=4"]
 
@@ -153,3 +158,11 @@ def test_a_study_tells_the_optima_the_true_noise():
     assert told.error is None
     assert told.series == honest.series
     assert misled.series != run_once(load_scenario("q3-scale-1", SHORT), 4, names)[1].series
+
+
+def test_poses_beyond_any_map_are_no_estimate():
+    recording = short()
+    right = dead_reckoning(recording)
+    lost = replace(right, poses=right.poses * 1e200)
+    with pytest.raises(UserError, match=r"^estimator mine: has diverged, its pose of step \d+ is \(.*e\+\d{3}.*; mend"):
+        run_estimator("mine", lambda _: lost, recording)

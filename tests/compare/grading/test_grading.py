@@ -184,6 +184,40 @@ def test_submissions_of_one_name_are_told_apart(tmp_path: Path):
     assert [each.name for each in submissions_in(tmp_path)] == ["anna", "anna.py"]
 
 
+def test_names_that_look_alike_or_cannot_name_a_page_have_a_number(tmp_path: Path):
+    for name in ("a b", "a  b", " ", "c"):
+        (tmp_path / f"{name}.py").write_text("")
+    (tmp_path / ("x" * 255)).mkdir()
+    (tmp_path / ("x" * 255) / "main.py").write_text("")
+    assert [each.name for each in submissions_in(tmp_path)] == ["#1", "a b #2", "a b #3", "c", f"{'x' * 20} #5"]
+
+
+def test_no_file_of_the_folder_hides_a_library_from_the_others(
+    scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "class").mkdir()
+    for name in ("anna", "numpy", "random"):
+        shutil.copy(EXAMPLES / "student_ekf.py", tmp_path / f"class/{name}.py")
+    with (tmp_path / "class/anna.py").open("a") as file:
+        file.write("\nimport random\n\nrandom.seed(1)\n")
+    words = ["--scenario", str(scenario), "--runs", "2", "--jobs", "1", "--out", str(tmp_path / "out")]
+    assert main(["grade", str(tmp_path / "class"), *words]) == 0
+    assert capsys.readouterr().out.endswith("3 of 3 graded, 3 passed\n")
+
+
+def test_the_code_of_a_package_is_its_own(tmp_path: Path):
+    for name in ("package", "alone"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("")
+    (tmp_path / "numpy.py").write_text("")
+    strangers = {each.name: each.where and each.where.strangers for each in submissions_in(tmp_path)}
+    assert strangers == {
+        "alone": ("numpy", "package"),
+        "numpy": ("alone", "numpy", "package"),
+        "package": ("alone", "numpy"),
+    }
+
+
 def test_a_folder_that_is_not_there(tmp_path: Path):
     with pytest.raises(UserError, match="cannot be read"):
         submissions_in(tmp_path / "nowhere")

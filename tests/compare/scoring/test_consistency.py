@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from slamgauge.compare.scoring.consistency import SINGULAR, chi2_band, sigma_ratios, squared_mahalanobis
+from slamgauge.compare.scoring.consistency import LARGEST, SINGULAR, chi2_band, sigma_ratios, squared_mahalanobis
 
 
 def test_squared_mahalanobis_agrees_with_the_inverse_whatever_the_units() -> None:
@@ -20,6 +20,11 @@ def test_squared_mahalanobis_agrees_with_the_inverse_whatever_the_units() -> Non
 def test_a_singular_covariance_has_no_distance() -> None:
     covs = np.array([np.diag([1, 1, 0.0]), [[1, 1, 0], [1, 1, 0], [0, 0, 1]], np.eye(3), np.full((3, 3), np.nan)])
     assert squared_mahalanobis(np.ones((4, 3)), covs) == pytest.approx([np.nan, np.nan, 3, np.nan], nan_ok=True)
+
+
+def test_a_covariance_that_is_all_but_zero_has_a_vast_distance_and_not_an_infinite_one() -> None:
+    distances = squared_mahalanobis(np.full((2, 3), 1e9), np.array([np.eye(3) * 1e-307, np.eye(3)]))
+    assert distances == pytest.approx([LARGEST, 3e18])
 
 
 def test_sigma_ratios_need_both_sigmas() -> None:

@@ -69,6 +69,7 @@ def test_a_right_filter():
         ({"wrong_associations": None}, "claims", "linearisation"),
         ({"nees_per_dof": 1.0}, "1.42 ± 0.17 times", "linearisation"),
         ({"ratio": None}, "claims", "times the"),
+        ({"ratio": Interval(1.02, 1.01, 1.03)}, "as accurate as the causal optimum (1.02 ± 0.01)", "lost"),
         ({"ratio": Interval(0.8, 0.7, 0.9)}, "0.80 ± 0.10 times the causal optimum's error, less than that", "lost"),
         ({"ratio": Interval(1.02, 0.92, 1.12)}, "which decides nothing: about 400 runs resolve 5 %", "lost"),
     ],

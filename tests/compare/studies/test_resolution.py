@@ -23,6 +23,8 @@ from slamgauge.compare.studies.run import Outcome
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
 
 NAMES = ("ekf", "riekf", "dead-reckoning")
 UNTIL = Until(precision=0.25, most=40)
@@ -107,6 +109,19 @@ def test_a_study_that_cannot_know_ends_at_the_most(scenario: Scenario, thread: T
     assert not summary.precision.reached
     assert [*summary.precision.ratios] == [("ekf", "isam2")]  # over the optimum, where nobody is named
     assert "not reached with 7 runs" in summary_table(summary)
+
+
+def test_a_ratio_that_no_run_tells_is_not_called_known(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path):
+    def broken(_: Recording) -> Estimate:
+        raise ArithmeticError
+
+    estimators = {"ekf": "ekf", "broken": broken}
+    summary = run_study(scenario, 3, 0, estimators, tmp_path, thread, against=["ekf"], until=UNTIL)
+    assert summary.precision is not None
+    assert (summary.runs, summary.precision.reached) == (3, False)  # more runs would be in vain
+    line = next(line for line in summary_table(summary).splitlines() if line.startswith("precision"))
+    assert ": not reached with 3 runs " in line
+    assert line.endswith("broken / ekf unknown, no run has both")
 
 
 def test_killed_and_resumed_it_ends_where_it_would_have(
