@@ -17,8 +17,9 @@ import signal
 import sys
 import threading
 from base64 import b64decode
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr, redirect_stdout, suppress
+from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter, sleep, thread_time
 from typing import Any, cast
@@ -28,6 +29,7 @@ from slamgauge.compare.estimators.discovery import found_in
 from slamgauge.compare.estimators.isolated import FOLDERS, GIVEN, HERE, MADE
 from slamgauge.compare.estimators.own import Address, reason_of
 from slamgauge.compare.estimators.sources import Sources
+from slamgauge.compare.estimators.write_fence import write_only_in
 from slamgauge.compare.storage.files import load_recording, save
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
@@ -45,12 +47,23 @@ def main() -> None:
     signal.signal(signal.SIGTERM, _leave)
     threading.Thread(target=_follow_parent, args=[os.getppid(), folder], daemon=True).start()
     with os.fdopen(requests, encoding="utf-8") as tasks, os.fdopen(answers, "w", encoding="utf-8") as out:
+        write_only_in([folder, Path("/dev/null"), Path("/dev/tty"), Path("/dev/shm"), *_caches_of_kernels()])
         _tell(out, {})
         where = _address(json.loads(tasks.readline()))
         sys.argv = [where.place]
         estimator = _loaded(out, where)
         for _ in tasks if estimator is not None else ():
             _tell(out, _run(cast("Estimator", estimator), folder))
+
+
+def _caches_of_kernels() -> Iterator[Path]:
+    """Where compiled kernels are kept for later processes, ours and those of whoever else uses numba."""
+    for name in ("slamgauge", "slamgauge.ekf", "slamgauge.graph_baseline"):
+        spec = find_spec(name)
+        for place in spec.submodule_search_locations or () if spec is not None else ():
+            yield from Path(place).rglob("__pycache__")
+    if "NUMBA_CACHE_DIR" in os.environ:
+        yield Path(os.environ["NUMBA_CACHE_DIR"])
 
 
 def _loaded(out: Any, where: Address) -> Estimator | None:
