@@ -92,6 +92,8 @@ def grade(submission: str, trial: Trial, reference: Sequence[Score]) -> Grade:
         return Grade(submission=submission, trial=trial, reasons=(printable(trial.reason),))
     scores = trial.scores
     figures = against_reference(scores, reference)
+    kinds = [each.kind for each in scores if each.kind != reference[0].kind]
+    unlike = [f"says that its poses are {kinds[0]}; {reference[0].kind} ones are asked for"] if kinds else []
     ratio = ratio_interval(ates(scores), optimum_ates(scores))
     laws = [each.name for each in trial.verdicts if each.is_failure]
     broken = [f"breaks the law{'s' if len(laws) > 1 else ''} {', '.join(laws)}"] if laws else []
@@ -100,7 +102,7 @@ def grade(submission: str, trial: Trial, reference: Sequence[Score]) -> Grade:
     return Grade(
         submission=submission,
         trial=trial,
-        reasons=(*([too_good] if too_good else []), *figures.broken, *broken),
+        reasons=(*unlike, *([too_good] if too_good else []), *figures.broken, *broken),
         kind=scores[0].kind,
         ate_m=mean_interval(ates(scores)),
         nees=mean_interval(late_nees(scores)),

@@ -171,6 +171,13 @@ def test_who_is_better_than_the_optimum_does_not_pass():
     assert grade("mine", Trial(scores=doubtful), ours).passed
 
 
+def test_poses_that_know_the_future_do_not_pass_beside_a_filter():
+    theirs = scores(ate=1.0, spread=0.1)
+    smoothed = [replace(each, kind="smoothed") for each in theirs]
+    reasons = grade("mine", Trial(scores=smoothed), theirs).reasons
+    assert reasons[0] == "says that its poses are smoothed; filtered ones are asked for"
+
+
 def _relative(score: Score, best: float | None, check: float | None = None) -> Score:
     assert score.ate_m is not None and best is not None
     return replace(score, ratio_to_optimum=score.ate_m / best, yardstick_check_sigma=check, seconds_total=1.0)
