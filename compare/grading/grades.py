@@ -98,7 +98,7 @@ def grade(submission: str, trial: Trial, reference: Sequence[Score]) -> Grade:
     laws = [each.name for each in trial.verdicts if each.is_failure]
     broken = [f"breaks the law{'s' if len(laws) > 1 else ''} {', '.join(laws)}"] if laws else []
     doubt = share_of_doubt(np.array([each.yardstick_check_sigma for each in scores], dtype=np.float64))
-    too_good = None if doubt else beats_the_optimum(ratio, len(scores))
+    too_good = None if doubt else beats_the_optimum(ratio, int(np.isfinite(optimum_ates(scores)).sum()))
     return Grade(
         submission=submission,
         trial=trial,
