@@ -23,7 +23,13 @@ if TYPE_CHECKING:
 
 OWN = "Your own: [LABEL=]FILE.py:callable or [LABEL=]package.module:callable. THIS LOADS AND RUNS THAT CODE."
 Estimators = Annotated[str, tyro.conf.arg(help=f"{HELP} {OWN}")]
-FilterName = Annotated[str, tyro.conf.arg(help=f"The filter whose error is split: {', '.join(FILTERS)}. {OWN}")]
+FilterName = Annotated[
+    str,
+    tyro.conf.arg(
+        help=f"The filter whose error is split: {', '.join(FILTERS)}. {OWN}",
+        aliases=["--estimators"],  # as every other command calls it
+    ),
+]
 Overrides = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
 Strict = Annotated[
     bool,

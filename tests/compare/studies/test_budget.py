@@ -152,7 +152,9 @@ def test_a_run_tells_the_checks_of_its_optima(monkeypatch: pytest.MonkeyPatch) -
     np.testing.assert_array_equal(checks, [np.nan, 0.3, 0.3, 0.3, np.nan])
 
 
-@pytest.mark.parametrize("words", [["--filter", "batch"], ["--filter", "efk"], ["--seed", "-1"], ["--runs", "0"]])
+@pytest.mark.parametrize(
+    "words", [["--filter", "batch"], ["--estimators", "batch"], ["--filter", "efk"], ["--seed", "-1"], ["--runs", "0"]]
+)
 def test_bad_input_is_one_line_and_exit_2(words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["budget", "q1-long-dense", "--out", str(tmp_path / "budget"), *words]) == 2
     assert capsys.readouterr().err.count("\n") == 1
