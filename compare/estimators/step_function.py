@@ -127,6 +127,9 @@ class _Told:
             raise OwnCodeError(f"{what}; take its own, {WRAPPER}")
         given: Float = scan.cov[0]
         Py = np.array(self._file_noise.get("Py", given))
+        if Py.ndim != 2 or len(Py) != Py.shape[1] or len(Py) < len(given):
+            what = f"its Py is no square matrix of at least {len(given)} rows, to put an observation's noise in"
+            raise OwnCodeError(f"{what}; mend it, or take its own, {WRAPPER}")
         Py[-len(given) :, -len(given) :] = given  # of bearings alone: the last of the file's
         self._globals["Py"] = Py
 

@@ -293,6 +293,9 @@ def test_what_cannot_be_said(own: Own):
         own(spy("pass"), replace(recording, odometry=odometry))
     with pytest.raises(slamgauge.UserError, match="step 0: observations of one scan have different noise"):
         own(spy("pass"), replace(recording, observation_cov=cov))
+    for Py in ("None", "0.1", "np.ones(2)", "np.eye(1)"):
+        with pytest.raises(slamgauge.UserError, match="its Py is no square matrix of at least 2 rows"):
+            own(f"{spy('pass')}\nPy = {Py}\n", recording)
     positions = replace(recording, sensor="position")
     with pytest.raises(slamgauge.UserError, match="this recording has positions"):
         own(spy("pass"), positions)
