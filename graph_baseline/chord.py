@@ -40,10 +40,11 @@ def allocate_chord(poses: int, landmarks: int) -> Chord:
 
 
 @kernel
-def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, chord: Chord) -> float:
+def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, chord: Chord) -> tuple[float, float]:
     """Leave in `chord` the defects of all steps and the gradient by the landmarks, of the exact cost at `place`.
 
-    Returns the relative change of the observations' Jacobians since they were taken in.
+    Returns the relative change of the observations' Jacobians since they were taken in, and the sum of squared
+    residuals, exact where there are no defects: there a step's noise is W l, and its square l' W l.
     """
     poses, places = place
     chord.landmark[:] = 0.0
@@ -51,7 +52,7 @@ def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, 
     r, Hx, Hm = np.empty(2), np.empty((2, 3)), np.empty((2, 2))
     w, B, t, Qt = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(3)
     l0, l1, l2 = 0.0, 0.0, 0.0
-    moved, norm = 0.0, 0.0
+    moved, norm, squares = 0.0, 0.0, 0.0
     for k in range(newest, -1, -1):
         if k < newest:
             l2 += (poses[k, 1] - poses[k + 1, 1]) * l0 + (poses[k + 1, 0] - poses[k, 0]) * l1
@@ -61,6 +62,7 @@ def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, 
                 continue
             observe(measured, row, poses[k], places[slot], r, Hx, Hm)
             for i in range(measured.value.shape[1]):
+                squares += r[i] * r[i]
                 l0 -= Hx[i, 0] * r[i]
                 l1 -= Hx[i, 1] * r[i]
                 l2 -= Hx[i, 2] * r[i]
@@ -77,8 +79,9 @@ def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, 
         for i in range(3):
             Qt[i] = Q[i, 0] * t[0] + Q[i, 1] * t[1] + Q[i, 2] * t[2]
         for i in range(3):
+            squares += t[i] * Qt[i]
             chord.defect[k, i] = B[i, 0] * Qt[0] + B[i, 1] * Qt[1] + B[i, 2] * Qt[2] - w[i]
-    return math.sqrt(moved / norm) if norm > 0.0 else 0.0
+    return math.sqrt(moved / norm) if norm > 0.0 else 0.0, squares
 
 
 @kernel

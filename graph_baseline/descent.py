@@ -21,7 +21,7 @@ from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 
-MAX_STEPS = 60
+MAX_STEPS = 200
 NEAR = 1e-6  # relative decrease of the cost after which Newton steps alone go on
 TOO_NEAR = 1e-4  # m
 NEGLIGIBLE = 1e-6  # of a standard deviation
@@ -102,8 +102,9 @@ def _tried(
     model: LinearModel, noise: FreeNoise, poses: Float, landmarks: Float, scale: Damping, factor: float
 ) -> tuple[Float, Float] | None:
     """Where a step damped by `factor` leads; None if there is no such step."""
+    damping = Damping(factor * scale.pose, factor * scale.landmark, factor * scale.motion)
     try:
-        dx, dm = damped_step(model, len(landmarks), Damping(factor * scale.pose, factor * scale.landmark))
+        dx, dm = damped_step(model, len(landmarks), damping)
     except LinAlgError:
         return None
     return moved(model, noise, poses, landmarks, dx, dm)
@@ -125,11 +126,13 @@ def moved(
 
 
 def _mean_information(model: LinearModel, landmarks: int) -> Damping:
-    """What a scan says of its pose, and all scans of a landmark, in the mean."""
+    """What a scan says of its pose and of the motion that led to it, and all scans of a landmark, in the mean."""
     poses = max(len(np.unique(model.step)), 1)
     by_pose = np.square(model.Hx).sum(axis=(0, 1)) / poses
-    by_landmark = np.square(model.Hm).sum() / (2 * max(landmarks, 1))
-    return Damping(np.array([by_pose[:2].mean(), by_pose[:2].mean(), by_pose[2]]), float(by_landmark))
+    by_pose[:2] = by_pose[:2].mean()
+    by_landmark = float(np.square(model.Hm).sum()) / (2 * max(landmarks, 1))
+    by_motion = float(np.einsum("nii,i->", model.W, by_pose)) / max(len(model.W), 1)
+    return Damping(by_pose, by_landmark, by_motion)
 
 
 def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:

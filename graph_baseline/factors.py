@@ -195,6 +195,13 @@ def are_placed(recording: Recording, path: Float) -> Marks:
     return np.isin(require_known_landmarks(recording), ids[np.isfinite(sigmas)])
 
 
+def are_seen_again(recording: Recording) -> Marks:
+    """Which observations (M,) are of landmarks that several poses have seen."""
+    _, slot = np.unique(require_known_landmarks(recording), return_inverse=True)
+    sights = np.unique(np.column_stack([slot, recording.observation_step]), axis=0)
+    return np.bincount(sights[:, 0])[slot] > 1
+
+
 def among_mapped(estimate: Estimate, association: Int) -> Estimate:
     """The estimate for an association (M,) of its own; -1 for what was given to landmarks that are not mapped."""
     mapped = np.isin(association, np.asarray(estimate.landmark_ids))

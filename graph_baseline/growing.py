@@ -4,8 +4,9 @@ A step takes its scan in and moves the newest pose and the map by the linear pro
 The rest of the path stays behind, and what the linear problem misses is not seen. Both are mended by chord steps over
 the whole path, which end where the gradient of the exact cost is zero: at every scan while the path is short, later as
 often as it takes to keep small what is missed, which grows with the square of how far the newest pose is moved. All is
-linearised anew where the observations' Jacobians have moved, or a chord step takes too little away, and a minimum that
-undamped steps do not find is sought from several starts (`search`).
+linearised anew where the observations' Jacobians have moved, or a chord step takes too little away. A minimum that
+undamped steps do not find is sought from several starts (`search`), and so is a lower one where the cost has risen by
+more than noise explains.
 
 Of bearings alone, landmarks wait until the optimum places them, and leave where it no longer does.
 """
@@ -20,11 +21,12 @@ from scipy.linalg import cho_solve
 
 from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline import chord, elimination
+from slamgauge.graph_baseline.descent import Minimum
 from slamgauge.graph_baseline.elimination import Place
 from slamgauge.graph_baseline.factors import prior_cov_in_body, require_known_landmarks
 from slamgauge.graph_baseline.linearisation import inverse_cholesky
 from slamgauge.graph_baseline.models import SENSORS, Measured
-from slamgauge.graph_baseline.search import Start, grown, placed_minimum, searched
+from slamgauge.graph_baseline.search import Start, explained_by_noise, grown, placed_minimum, searched
 from slamgauge.graph_baseline.smoother import EXHAUSTED, own_blocks_of_inverse
 from slamgauge.graph_baseline.triangulation import SURE, triangulate_one
 from slamgauge.graph_baseline.undetermined import UndeterminedError
@@ -40,9 +42,11 @@ SETTLED = 0.003  # sigmas of the newest pose, and of all that was observed: what
 RATE = 0.2  # no chord step is trusted to leave less of itself
 SLOW = 0.6  # of a chord step is left for the next: linearise anew
 STALE = 0.3  # relative change of the observations' Jacobians times reach: linearise anew
+LOWER = 1.0 - 1e-6  # of the squared residuals: another minimum
 MAX_STEPS = 12
 PASSES = 2  # of the newest scan, the second linearised where the first has led
-SOUGHT_AGAIN = 1.2  # times the steps at which no minimum was found: look again
+SOUGHT_AGAIN = 1.2  # times the steps at which no minimum, or none that is lower, was found: look again
+DOUBTED_AGAIN = 2.0  # the same for a lower one of a path that is not short
 SURELY = SURE / 2  # sigma over distance of a landmark that bearings will go on to place
 EXACT = 1e-9  # m or rad: a smaller standard deviation measures nothing
 
@@ -73,7 +77,8 @@ class GrowingOptimum:
         self._bend = np.inf  # sigmas missed for each of travel
         self.settled = True  # whether the minimum was found when it was last looked for
         self.unsettled_steps = 0  # steps without: their pose is dead reckoning from the last that had one
-        self._seek_at = 0
+        self._seek_at = self._doubt_at = 0
+        self._chi_square, self._freedom = 0.0, 0  # of the last minimum
 
     # --- what has been found ---------------------------------------------------------------------
 
@@ -152,6 +157,8 @@ class GrowingOptimum:
 
         Each is taken in once at most: a search may leave it out again.
         """
+        if self.settled and not self._slot and self._newest >= self._seek_at:
+            self._seek()
         taken_in = set[int]()
         while self.settled and (placed := self._map_waiting_landmarks(taken_in)):
             taken_in |= placed
@@ -189,10 +196,14 @@ class GrowingOptimum:
         """Go to the minimum of the exact cost, by chord steps or else by a search; stay where neither finds it."""
         k, count, place = self._newest, len(self._slot), self._place
         start = place.poses[: k + 1].copy(), place.landmarks[:count].copy()
+        last_chi_square = self._chi_square
         self.settled = (not anew or self._linearise_anew()) and self._converge()
         if not self.settled:
             place.poses[: k + 1], place.landmarks[:count] = start
             self._seek()
+        elif self._is_doubtful(last_chi_square):
+            self._seek_lower()
+        self._freedom = self._degrees_of_freedom()
         apart = place.poses[k] - start[0][k]
         apart[2] = wrap(apart[2])
         missed = float(np.max(np.abs(apart) / self._sigma))
@@ -207,8 +218,8 @@ class GrowingOptimum:
             size = self._chord_step()
             if not size < 2.0 * before:
                 return False
-            rate = size / before
-            if (size * max(rate, RATE) if before < np.inf else size) < SETTLED:
+            rate = max(size / before, RATE)
+            if (size * rate / (1.0 - rate) if before < np.inf and rate < 1.0 else size) < SETTLED:
                 return True
             if rate > SLOW and not self._linearise_anew():
                 return False
@@ -219,7 +230,8 @@ class GrowingOptimum:
         """Move by one; how far that moves the newest pose and what was observed, in sigmas; nan if there is none."""
         measured, linear, place, step = self._measured, self._linear, self._place, self._chord
         k, count = self._newest, len(self._slot)
-        if chord.find_defects(measured, linear, place, k, step) * self._reach() > STALE and not self._linearise_anew():
+        change, self._chi_square = chord.find_defects(measured, linear, place, k, step)
+        if change * self._reach() > STALE and not self._linearise_anew():
             return np.nan
         chord.smooth(linear, k, step)
         chord.pull_landmarks(measured, linear, k, step)
@@ -237,16 +249,38 @@ class GrowingOptimum:
         """
         return max(1.0, float(np.sqrt(np.sum(self._linear.N[self._newest] * self.newest_cov()))))
 
+    def _is_doubtful(self, last_chi_square: float) -> bool:
+        """Whether noise explains neither all squared residuals nor those that came since the last minimum."""
+        freedom = self._degrees_of_freedom()
+        if self._newest < self._doubt_at or explained_by_noise(self._chi_square, freedom):
+            return False
+        return not explained_by_noise(self._chi_square - last_chi_square, max(freedom - self._freedom, 1))
+
+    def _degrees_of_freedom(self) -> int:
+        """Rows of what has been taken in, less the unknowns of its landmarks."""
+        taken = self._measured.slot[: self._measured.first[self._newest + 1]] >= 0
+        return int(taken.sum()) * self._recording.observation.shape[1] - 2 * len(self._slot)
+
     def _seek(self) -> None:
         """Search a minimum; where there is none, leave it for a while."""
-        self.settled = self._search()
+        found = self._searched()
+        self.settled = found is not None and self._move_to(*found)
         if not self.settled:
             self._seek_at = int(SOUGHT_AGAIN * self._newest) + 1
 
-    def _search(self) -> bool:
-        """Seek the minimum without what has been found so far; whether there is one."""
-        k, place = self._newest, self._place
-        part, here = self._recording.first(k), place.poses[: k + 1].copy()
+    def _seek_lower(self) -> None:
+        """Search a minimum that is lower than the present one; where there is none, leave it for a while."""
+        found = self._searched()
+        if found is None or 2.0 * found[1].cost > LOWER * self._chi_square:
+            again = SOUGHT_AGAIN if self._newest <= SHORT else DOUBTED_AGAIN
+            self._doubt_at = int(again * self._newest) + 1
+        else:
+            self.settled = self._move_to(*found)
+
+    def _searched(self) -> tuple[Int, Minimum] | None:
+        """Which landmark each observation is of, -1 for none, and a minimum sought without the present one, if any."""
+        k = self._newest
+        part, here = self._recording.first(k), self._place.poses[: k + 1].copy()
 
         def starts(part: Recording, path: Float) -> Iterator[Start]:
             yield lambda: searched(part, path)
@@ -254,12 +288,16 @@ class GrowingOptimum:
             yield lambda: grown(part)
 
         try:
-            taken, found = placed_minimum(part, chain(part.prior_mean, part.odometry), starts)
+            return placed_minimum(part, chain(part.prior_mean, part.odometry), starts)
         except UndeterminedError:
-            return False
-        place.poses[: k + 1] = found.poses
+            return None
+
+    def _move_to(self, taken: Int, found: Minimum) -> bool:
+        """Go to a minimum that a search has found; whether its matrices determine all landmarks."""
+        self._place.poses[: self._newest + 1] = found.poses
         self._map_alone(np.unique(taken[taken >= 0]), found.landmarks)
         self._unsure = set(self._slot)
+        self._chi_square = 2.0 * found.cost
         return self._linearise_anew()
 
     # --- matrices --------------------------------------------------------------------------------

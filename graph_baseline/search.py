@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 
 import gtsam
 import numpy as np
@@ -14,6 +15,7 @@ from slamgauge.graph_baseline.descent import Approach, Merit, Minimum, approach,
 from slamgauge.graph_baseline.factors import (
     LENT_SLIP,
     are_placed,
+    are_seen_again,
     build_graph,
     first_sights,
     landmarks_at_first_sight,
@@ -36,27 +38,47 @@ def placed_minimum(
 ) -> tuple[Int, Minimum]:
     """The lowest minimum of all that is placed: from a path (N+1, 3) at first, in the end from the minimum itself.
 
-    Landmarks are taken in until no more are placed; then those that are not are left out.
+    Landmarks are taken in until no more are placed; then those that are not are left out. Where the path places none,
+    their bearings may still, by mending it: it is tried with all of them, then with those of the landmark seen most.
 
     Returns:
         Association (M,), -1 for what bearings alone do not place, and the minimum without that.
     """
 
-    def minimum(taken: Marks, path: Float) -> Minimum:
-        part = recording if taken.all() else recording.only(taken)
-        return lowest_minimum(part, starts(part, path))
+    def minimum(taken: Marks, path: Float) -> tuple[Marks, Minimum]:
+        while True:
+            part = recording if taken.all() else recording.only(taken)
+            try:
+                return taken, lowest_minimum(part, starts(part, path))
+            except UndeterminedError as error:
+                ended = taken if error.path is None else taken & are_placed(recording, error.path)
+                if ended.sum() == taken.sum():
+                    raise
+                taken = ended
 
-    taken = are_placed(recording, path)
-    found = minimum(taken, path)
+    taken, found = minimum(are_placed(recording, path), path)
+    again = are_seen_again(recording)
+    for hopeful in (again, of_most_frequent(require_known_landmarks(recording), again)):
+        if not taken.any() and hopeful.any():
+            with suppress(UndeterminedError):
+                mended = minimum(hopeful, path)[1].poses
+                taken, found = minimum(are_placed(recording, mended), mended)
     placed = are_placed(recording, found.poses)
     while (placed & ~taken).any():
-        taken |= placed
-        found = minimum(taken, found.poses)
+        before = taken
+        taken, found = minimum(taken | placed, found.poses)
+        if not (taken & ~before).any():
+            break
         placed = are_placed(recording, found.poses)
     if (taken & ~placed).any():
-        taken = placed
-        found = minimum(taken, found.poses)
+        taken, found = minimum(taken & placed, found.poses)
     return np.where(taken, require_known_landmarks(recording), -1), found
+
+
+def of_most_frequent(landmark: Int, among: Marks) -> Marks:
+    """Which observations (M,) are of the landmark (M,) that has most of those `among` which it is sought."""
+    ids, count = np.unique(landmark[among], return_counts=True)
+    return landmark == ids[np.argmax(count)] if len(ids) else among
 
 
 def lowest_minimum(recording: Recording, starts: Iterable[Start]) -> Minimum:
@@ -83,13 +105,20 @@ def lowest_minimum(recording: Recording, starts: Iterable[Start]) -> Minimum:
             return settle(recording, landmark_ids, each)
         except UndeterminedError as error:
             unsettled.append(error)
-    raise [*unsettled, *mistakes][0]
+    error = [*unsettled, *mistakes][0]
+    if near:
+        error.path = min(near, key=lambda approached: approached.cost).poses
+    raise error
 
 
 def is_low(recording: Recording, cost: float) -> bool:
     """Whether half the squared residuals are no more than the stated noise explains: then no lower minimum is due."""
-    freedom = degrees_of_freedom(recording)
-    return chdtr(freedom, 2.0 * cost) < 1.0 - UNLIKELY if freedom > 0 else cost < 1e-6
+    return explained_by_noise(2.0 * cost, degrees_of_freedom(recording))
+
+
+def explained_by_noise(chi_square: float, freedom: int) -> bool:
+    """Whether squared residuals of so many degrees of freedom are no more than those of true noise."""
+    return bool(chdtr(freedom, chi_square) < 1.0 - UNLIKELY) if freedom > 0 else chi_square < 2e-6
 
 
 def degrees_of_freedom(recording: Recording) -> int:

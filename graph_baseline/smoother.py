@@ -46,13 +46,14 @@ class Solution(NamedTuple):
 
 
 class Damping(NamedTuple):
-    """Information that holds the poses with scans and the landmarks where they are (Levenberg and Marquardt)."""
+    """Information that holds poses with scans, landmarks and motions where they are (Levenberg and Marquardt)."""
 
     pose: Float  # (3,) [1/m^2, 1/m^2, 1/rad^2]
     landmark: float  # [1/m^2]
+    motion: float  # over what the noise of start and motions says of itself
 
 
-NOT_DAMPED = Damping(np.zeros(3), 0.0)
+NOT_DAMPED = Damping(np.zeros(3), 0.0, 0.0)
 
 
 class Elimination(NamedTuple):
@@ -99,8 +100,16 @@ def solve(model: LinearModel, landmarks: int) -> Solution:
 
 
 def damped_step(model: LinearModel, landmarks: int, damping: Damping) -> tuple[Float, Float]:
-    """The step (N+1, 3), (L, 2) alone, held back by `damping`; raises as `solve`."""
-    chain = shorten(model)
+    """The step (N+1, 3), (L, 2) alone, held back by `damping`; raises as `solve`.
+
+    |w + dw|^2 + d |dw|^2 is (1 + d) |dw + w / (1 + d)|^2 but for a constant: a motion of smaller noise.
+    """
+    share = 1.0 / (1.0 + damping.motion)
+    chain = shorten(
+        model._replace(
+            start=share * model.start, start_cov=share * model.start_cov, c=share * model.c, W=share * model.W
+        )
+    )
     return _newton_step(chain, _eliminate(chain, landmarks, damping))
 
 

@@ -6,11 +6,18 @@ import re
 from collections.abc import Generator
 from contextlib import contextmanager
 
+from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 
 
 class UndeterminedError(UserError):
-    """The measurements do not determine the optimum, or it was not reached."""
+    """The measurements do not determine the optimum, or it was not reached.
+
+    Attributes:
+        path: (N+1, 3), as far as a search has come.
+    """
+
+    path: Float | None = None
 
 
 @contextmanager

@@ -26,13 +26,8 @@ def misread(recording: Recording, until: int, share: float) -> Recording:
     return replace(recording, landmark=ids)
 
 
-def of_bearings(recording: Recording) -> Recording:
-    covs = recording.observation_cov[:, 1:, 1:]
-    return replace(recording, sensor="bearing", observation=recording.observation[:, 1:], observation_cov=covs)
-
-
 def test_steps_without_a_minimum_are_flagged_though_the_last_has_one() -> None:
-    recording = misread(of_bearings(random_recording(2, steps=40, noise=0.1)[1]), 20, 0.3)
+    recording = misread(random_recording(0, steps=40, noise=0.1)[1], 20, 1.0)
     growing = GrowingOptimum(recording)
     for _ in range(recording.steps + 1):
         growing.add_step()
@@ -43,14 +38,13 @@ def test_steps_without_a_minimum_are_flagged_though_the_last_has_one() -> None:
 def test_a_minimum_is_not_sought_at_every_step(monkeypatch: pytest.MonkeyPatch) -> None:
     sought: list[int] = []
 
-    def search_fails(growing: GrowingOptimum) -> bool:
+    def search_fails(growing: GrowingOptimum) -> None:
         sought.append(len(growing.landmark_ids))
-        return False
 
     def does_not_converge(_: GrowingOptimum) -> bool:
         return False
 
-    monkeypatch.setattr(GrowingOptimum, "_search", search_fails)
+    monkeypatch.setattr(GrowingOptimum, "_searched", search_fails)
     monkeypatch.setattr(GrowingOptimum, "_converge", does_not_converge)
     growing = GrowingOptimum(random_recording(0, steps=300)[1])
     for _ in range(301):
