@@ -25,6 +25,7 @@ from scipy.stats import chi2
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.files import load_recording, load_truth
 from slamgauge.estimate import Estimate
+from slamgauge.graph_baseline import batch
 from slamgauge.se2 import between, rotation, wrap
 
 FALSE_ALARM = 1e-4  # of each chi-square test, both sides together
@@ -233,6 +234,20 @@ def test_an_optimum_that_is_wrong_is_told(monkeypatch: pytest.MonkeyPatch):
     assert wrong["batch"].verdict == "worse"
     assert wrong["isam2"].steps_off > 0.9 * each.recording.steps
     assert wrong["isam2"].difference > 0.3
+
+
+def test_bearings_mend_the_path_that_they_are_placed_from():
+    each = draw(2027, 814)
+    assert each.recording.landmark is not None
+    assert set(batch(each.recording).landmark_ids) == set(each.recording.landmark)
+
+
+@pytest.mark.parametrize("number", [161, 219])
+def test_valleys_and_bearings_that_place_less_than_the_path_said(number: int):
+    """Batch has failed in these."""
+    found = {outcome.estimator: outcome for outcome in judge_optima(draw(2027, number))}
+    assert found["batch"].verdict == "agrees"
+    assert "batch mapped" not in found or found["batch mapped"].verdict == "agrees"
 
 
 def test_what_a_yardstick_says_of_itself_is_read():

@@ -13,7 +13,10 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, isam2
 from slamgauge.graph_baseline.growing import GrowingOptimum
+from slamgauge.graph_baseline.linearisation import linearise
+from slamgauge.graph_baseline.smoother import Damping, damped_step
 from slamgauge.recording import Recording
+from slamgauge.se2 import chain
 
 
 def misread(recording: Recording, until: int, share: float) -> Recording:
@@ -72,3 +75,35 @@ def test_a_position_of_zero_is_as_good_as_any(optimum: Callable[..., Estimate]) 
     changed = replace(recording, observation=observation)
     near = replace(recording, observation=np.where(observation == 0.0, 1e-7, observation))
     np.testing.assert_allclose(optimum(changed).poses, optimum(near).poses, atol=1e-4)
+
+
+def test_a_damped_step_holds_motions_that_nothing_sees() -> None:
+    recording = random_recording(1, steps=20)[1]
+    recording = recording.only((recording.observation_step < 5) | (recording.observation_step > 15))
+    assert recording.landmark is not None
+    ids, slot = np.unique(recording.landmark, return_inverse=True)
+    rng = np.random.default_rng(0)
+    path = chain(recording.prior_mean, recording.odometry + rng.normal(0.0, 0.05, recording.odometry.shape))
+    model = linearise(recording, slot, path, rng.normal(size=(len(ids), 2)))
+    strong = damped_step(model, len(ids), Damping(np.full(3, 1e12), 1e12, 1e12))
+    assert max(np.abs(each).max() for each in strong) < 1e-6
+    free = damped_step(model, len(ids), Damping(np.full(3, 1e12), 1e12, 0.0))
+    assert np.abs(free[0]).max() > 1e-3
+
+
+def test_the_causal_optimum_leaves_a_minimum_whose_cost_leaps(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = random_recording(3, steps=30)[1]
+    growing = GrowingOptimum(recording)
+    for _ in range(recording.steps):
+        growing.add_step()
+
+    def ends_elsewhere(growing: GrowingOptimum) -> bool:
+        monkeypatch.setattr(growing, "_chi_square", 1e6)
+        return True
+
+    monkeypatch.setattr(GrowingOptimum, "_converge", ends_elsewhere)
+    growing.add_step()
+    optimum = batch(recording)
+    assert optimum.pose_covs is not None
+    sigma = np.sqrt(np.diag(optimum.pose_covs[-1]))
+    assert np.abs(growing.newest_pose() - optimum.poses[-1]).max() < 1e-6 * sigma.min()
