@@ -10,19 +10,24 @@ import numpy as np
 
 from slamgauge.ekf.association import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
+from slamgauge.ekf.compressed import CompressedFilter
 from slamgauge.ekf.filter import SlamFilter
 from slamgauge.ekf.history import History
+from slamgauge.ekf.large_maps import area_that_pays
 from slamgauge.ekf.maps.checks import without_rounding
 from slamgauge.ekf.maps.rules import CORRECTIONS, Correction
 from slamgauge.ekf.online import OnlineFilter
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.ekf.settings.initialisation import Initialisation, Rays
 from slamgauge.estimate import Estimate
+from slamgauge.memory import require_memory
+from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 
 __all__ = ["dead_reckoning", "ekf", "fej_ekf", "iekf", "oc_ekf", "riekf"]
 
 FIS = Rays()
+ROOM = 1.5  # memory of a filter over that of its covariance
 
 
 def ekf(
@@ -165,4 +170,11 @@ def online_filter(
         return BearingFilter(*start, initialisation, association if recording.landmark is None else None)
     if recording.landmark is None:
         return AssociatingFilter(recording.sensor, *start, association)
-    return SlamFilter(recording.sensor, *start, landmarks=len(np.unique(recording.landmark)))
+    landmarks = len(np.unique(recording.landmark))
+    size = 3 + 2 * landmarks
+    require_memory(ROOM * 8.0 * size * size, f"the covariance of {landmarks} landmarks", "give fewer landmarks")
+    radius = area_that_pays(recording) if correction is CORRECTIONS["ekf"] else None
+    if radius is None:
+        return SlamFilter(recording.sensor, *start, landmarks=landmarks)
+    tell_once(f"{landmarks} landmarks: ekf works area by area (CompressedFilter), which gives the same for less work")
+    return CompressedFilter(recording.sensor, recording.prior_mean, recording.prior_cov, radius)

@@ -1,0 +1,97 @@
+"""Which filter a recording with many landmarks gets, and that it makes no difference."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from slamgauge.ekf import CompressedFilter, SlamFilter, ekf, riekf
+from slamgauge.ekf.estimators import online_filter
+from slamgauge.ekf.large_maps import area_that_pays
+from slamgauge.ekf.maps.rules import CORRECTIONS
+from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR
+from slamgauge.ekf.settings.initialisation import Rays
+from slamgauge.errors import UserError
+from slamgauge.graph_baseline import batch, isam2
+from slamgauge.notices import tell_once
+from slamgauge.recording import Recording
+
+
+@pytest.fixture(autouse=True)
+def notices_anew() -> Iterator[None]:
+    tell_once.cache_clear()
+    yield
+    tell_once.cache_clear()
+
+
+def along_a_road(landmarks: int, near: float, stride: float) -> Recording:
+    """Half a metre of a straight road for each landmark, driven there and back; those within `near` [m] are seen."""
+    there = np.arange(0.0, 0.5 * landmarks, stride)
+    x = np.concatenate([there, there[::-1]])
+    heading = np.repeat([0.0, np.pi], len(there))
+    odometry = np.column_stack([np.abs(np.diff(x)), np.zeros(len(x) - 1), np.diff(heading)])
+    places = np.column_stack([0.5 * np.arange(landmarks), np.where(np.arange(landmarks) % 2, 1.0, -1.0)])
+    step, landmark = np.nonzero(np.abs(x[:, None] - places[:, 0]) < near)
+    dx, dy = places[landmark, 0] - x[step], places[landmark, 1]
+    rng = np.random.default_rng(0)
+    polar = np.column_stack([np.hypot(dx, dy), np.arctan2(dy, dx) - heading[step]])
+    return Recording(
+        stamps=0.1 * np.arange(len(x)),
+        prior_mean=np.zeros(3),
+        prior_cov=np.diag([0.01, 0.01, 1e-4]),
+        odometry=odometry,
+        odometry_cov=np.tile(np.diag([1e-4, 1e-6, 1e-6]), (len(odometry), 1, 1)),
+        sensor="range-bearing",
+        observation_step=step,
+        observation=polar + rng.normal(0.0, 0.01, polar.shape),
+        observation_cov=np.tile(np.diag([1e-4, 1e-4]), (len(step), 1, 1)),
+        landmark=landmark,
+    )
+
+
+def chosen(recording: Recording, correction: str = "ekf") -> type:
+    return type(online_filter(recording, CORRECTIONS[correction], NEAREST_NEIGHBOUR, Rays()))
+
+
+def test_a_long_road_is_worked_area_by_area_and_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    recording = along_a_road(400, 3.0, 0.02)
+    assert chosen(recording) is CompressedFilter
+    assert capsys.readouterr().err == (
+        "slamgauge: 400 landmarks: ekf works area by area (CompressedFilter), which gives the same for less work\n"
+    )
+    assert chosen(recording, "riekf") is SlamFilter
+
+
+def test_areas_that_are_left_at_once_and_maps_that_are_one_area_are_not() -> None:
+    assert chosen(along_a_road(400, 3.0, 0.5)) is SlamFilter
+    assert chosen(along_a_road(310, 200.0, 5.0)) is SlamFilter
+    assert area_that_pays(along_a_road(100, 3.0, 0.02)) is None
+
+
+def test_the_estimate_is_that_of_the_full_filter(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = along_a_road(60, 3.0, 0.1)
+    full = ekf(recording)
+    monkeypatch.setattr("slamgauge.ekf.estimators.area_that_pays", lambda _: 4.0)
+    assert chosen(recording) is CompressedFilter
+    estimate = ekf(recording)
+    for name in ("poses", "pose_covs", "landmarks", "landmark_covs", "nis"):
+        np.testing.assert_allclose(getattr(estimate, name), getattr(full, name), atol=1e-9, err_msg=name)
+
+
+def test_memory_that_is_not_there_is_told_before_work_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = along_a_road(20, 3.0, 0.5)
+    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 1e3)
+    for estimator, what in ((riekf, "covariance"), (batch, "batch"), (isam2, "isam2")):
+        with pytest.raises(UserError, match=rf"{what} of 20 landmarks.* GB are free"):
+            estimator(recording)
+
+
+def test_hours_of_the_causal_optimum_are_told(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = along_a_road(20, 3.0, 0.5)
+    monkeypatch.setattr("slamgauge.graph_baseline.demand.RATE", 1.0)
+    isam2(recording)
+    assert "isam2 of 20 landmarks in 40 scans takes some" in capsys.readouterr().err
