@@ -632,7 +632,8 @@ def test_a_disk_that_fills_up(stored: Path, refuse: Refuse, bytes_left: int):
     assert contents(refuse.out.parent) == before
 
 
-def test_an_interrupted_run_leaves_nothing_behind(refuse: Refuse):
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(refuse: Refuse, number: int, status: int):
     before = contents(refuse.out.parent)
     arguments = ("q1-long-dense", "--set", "trajectory.duration=2000", "--estimators", "isam2", "--out", refuse.out)
     # pytest may run in the background, where interrupts are ignored
@@ -643,11 +644,11 @@ def test_an_interrupted_run_leaves_nothing_behind(refuse: Refuse):
     try:
         wait_for(lambda: contents(refuse.out.parent) != before)  # the staging folder
         time.sleep(0.5)  # well into iSAM2, which needs minutes
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         out, err = process.communicate(timeout=30)
     finally:
         process.kill()
-    assert (process.returncode, out, err) == (130, "", "slamgauge: interrupted; nothing was written\n")
+    assert (process.returncode, out, err) == (status, "", "slamgauge: interrupted; nothing was written\n")
     assert contents(refuse.out.parent) == before
 
 
