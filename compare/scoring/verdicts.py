@@ -114,12 +114,10 @@ def _sigma(evidence: Evidence) -> _Said:
     factor = math.sqrt(evidence.nees_per_dof)
     share = evidence.coverage_95
     ellipses = "" if share is None else f" (95 % ellipses hold {100 * share:.0f} %)"
+    if not factor:
+        return _Said("has no error at all, whatever sigma it claims: look whether it is given the truth", is_wrong=True)
     if _is_off(evidence.nees_per_dof, 3 * evidence.runs):
-        too = (
-            f"{factor:.2g} times too small"
-            if factor > 1
-            else f"{1 / factor if factor else math.inf:.2g} times too large"
-        )
+        too = f"{factor:.2g} times too small" if factor > 1 else f"{1 / factor:.2g} times too large"
         return _Said(f"claims {too} a sigma{ellipses}", is_wrong=True)
     if evidence.runs == 1:
         return _Said(fits=True)
