@@ -35,6 +35,9 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 
 LARGEST_FILE = 500_000_000  # bytes of a file that people's code may write
+# bytes of data that its process may take, and each that it starts: ten times what all libraries, filters and optima of
+# slamgauge take together, and P of 1000 landmarks is 32 MB
+MOST_MEMORY = 4_000_000_000
 
 
 def main() -> None:
@@ -43,7 +46,11 @@ def main() -> None:
     here, folder = Path.cwd(), Path.cwd().parent
     if here.name != HERE or not folder.name.startswith(FOLDERS):
         raise SystemExit("isolated_program: is started by slamgauge alone, in a folder that it will remove")
-    resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
+    _limit(resource.RLIMIT_FSIZE, LARGEST_FILE)
+    if sys.platform.startswith("linux"):  # elsewhere it does not count what is mapped, which is nearly all
+        _limit(resource.RLIMIT_DATA, MOST_MEMORY)
+        with suppress(OSError):
+            Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")  # where memory ends, this ends first
     signal.signal(signal.SIGTERM, _leave)
     threading.Thread(target=_follow_parent, args=[os.getppid(), folder], daemon=True).start()
     with os.fdopen(requests, encoding="utf-8") as tasks, os.fdopen(answers, "w", encoding="utf-8") as out:
@@ -54,6 +61,12 @@ def main() -> None:
         estimator = _loaded(out, where)
         for _ in tasks if estimator is not None else ():
             _tell(out, _run(cast("Estimator", estimator), folder))
+
+
+def _limit(what: int, most: int) -> None:
+    """Limit this process and those that it starts, unless they are limited to less already."""
+    least = min(each for each in (*resource.getrlimit(what), most) if each != resource.RLIM_INFINITY)
+    resource.setrlimit(what, (least, least))
 
 
 def _caches_of_kernels() -> Iterator[Path]:
@@ -96,7 +109,8 @@ def _run(estimator: Estimator, folder: Path) -> Mapping[str, object]:
         if not isinstance(estimate, Estimate):
             return {"reason": f"returned a {type(estimate).__name__}; return a slamgauge.Estimate"}
     except (Exception, SystemExit) as error:  # noqa: BLE001 whatever people's code raises is told
-        return {"reason": reason_of(error)}
+        most = f"; its process may take {MOST_MEMORY / 1e9:g} GB" if isinstance(error, MemoryError) else ""
+        return {"reason": f"{reason_of(error)}{most}"}
     spent = {"seconds": perf_counter() - start, "cpu_seconds": _cpu_seconds() - cpu}
     save(folder / MADE, estimate)
     return spent

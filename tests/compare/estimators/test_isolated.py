@@ -220,6 +220,29 @@ def test_no_file_grows_without_end(made: Made):
     assert "ValueError: (500000000, 500000000)" in reason(made(body))
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere nothing limits it")
+@pytest.mark.parametrize("body", ["bytearray(50_000_000_000)", "__import__('numpy').ones(6_000_000_000)"])
+def test_memory_has_an_end_and_the_process_that_took_too_much_serves_on(made: Made, body: str):
+    estimator = made(f"if recording.steps > 20: {body}\nreturn dead_reckoning(recording)")
+    told = reason(estimator)
+    assert re.fullmatch(r"it raised .*MemoryError: .*; mend it and run again; its process may take 4 GB", told)
+    assert estimator(short().first(20)).poses.shape == (21, 3)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere nothing limits it")
+def test_memory_that_it_may_take_can_be_taken_and_where_the_machines_ends_it_goes_first(made: Made):
+    body = """
+        from slamgauge import batch, ekf
+        ekf(recording), batch(recording)
+        taken = next(line for line in open("/proc/self/status") if line.startswith("VmData")).split()[1]
+        assert int(taken) * 1024 < 400_000_000, taken
+        assert len(__import__("numpy").zeros(437_500_000)) > 0
+        assert open("/proc/self/oom_score_adj").read().strip() == "1000"
+        return dead_reckoning(recording)
+    """
+    made(body)(short())
+
+
 @pytest.mark.parametrize(
     ("left", "expected"),
     [
