@@ -50,7 +50,9 @@ CREATE TABLE IF NOT EXISTS outcome (
 COMMIT;
 """
 _DONE = "estimator = ?1 AND run < ?2 AND error IS NULL"
-_OF_ONE_KIND = f"{_DONE} AND (SELECT count(DISTINCT kind) FROM outcome WHERE {_DONE}) = 1"  # else they have no one optimum
+_OF_ONE_KIND = (
+    f"{_DONE} AND (SELECT count(DISTINCT kind) FROM outcome WHERE {_DONE}) = 1"  # else they have no one optimum
+)
 
 
 def digest(scenario: Scenario, seed: int) -> str:
@@ -89,7 +91,7 @@ class StudyStore:
             self._connection.executemany("INSERT OR IGNORE INTO outcome VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
 
     def failures(self, runs: int) -> list[tuple[int, str, str]]:
-        """Run, estimator and error of each failure among the first `runs`; and who changes the kind of its estimates."""
+        """Run, estimator and error of each failure among the first `runs`, and changes of kind."""
         query = "SELECT run, estimator, error FROM outcome WHERE error IS NOT NULL AND run < ? ORDER BY run, estimator"
         return [*self._connection.execute(query, (runs,)), *self._changes_of_kind(runs)]
 

@@ -232,7 +232,8 @@ def test_memory_has_an_end_and_the_process_that_took_too_much_serves_on(made: Ma
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere nothing limits it")
 def test_memory_that_it_may_take_can_be_taken_and_where_the_machines_ends_it_goes_first(made: Made):
     body = """
-        from slamgauge import batch, ekf
+        from slamgauge.ekf import ekf
+        from slamgauge.graph_baseline import batch
         ekf(recording), batch(recording)
         taken = next(line for line in open("/proc/self/status") if line.startswith("VmData")).split()[1]
         assert int(taken) * 1024 < 400_000_000, taken

@@ -59,7 +59,11 @@ def test_a_right_filter():
             "claims 2 times too large a sigma (95 % ellipses hold 100 %)",
             "",
         ),
-        ({"nees_per_dof": 0.0}, "has no error at all, whatever sigma it claims: look whether it is given the truth", "inf"),
+        (
+            {"nees_per_dof": 0.0},
+            "has no error at all, whatever sigma it claims: look whether it is given the truth",
+            "inf",
+        ),
         ({"nees_per_dof": 1e-12}, "claims 1e+06 times too large a sigma", ""),
         ({"nis_per_dof": 1.69}, "innovations are 1.3 times as large as it expects: noise is stated too small", "blind"),
         ({"nis_per_dof": 0.25}, "innovations are 0.5 times as large as it expects: noise is stated too large", "blind"),
