@@ -55,6 +55,7 @@ class EstimatorSummary:
     optimum_check_share: float | None = None
     log_score_to_causal: Interval | None = None
     verdict: str | None = None
+    faults: tuple[str, ...] = ()
     others: dict[str, Interval | None] = field(default_factory=dict)
 
     def figure(self, key: str) -> Any:

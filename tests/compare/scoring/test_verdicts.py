@@ -16,6 +16,7 @@ from slamgauge.compare.scoring.verdicts import (
     SCATTER,
     WORTH,
     Evidence,
+    faults,
     runs_to_resolve,
     single_run,
     verdict,
@@ -84,6 +85,25 @@ def test_what_is_said_follows_the_figures(changed: dict[str, object], said: str,
     assert sentence is not None
     assert said in sentence
     assert not unsaid or unsaid not in sentence
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({}, ("claims too small a sigma", "loses to the causal optimum")),
+        ({"nees_per_dof": 0.25}, ("claims too large a sigma", "loses to the causal optimum")),
+        ({"nees_per_dof": 0.0, "ratio": None}, ("claims too large a sigma",)),
+        (
+            {"wrong_associations": 12.0, "ratio": None, "nis_per_dof": 1.69},
+            ("claims too small a sigma", "takes observations for others", "innovations larger than it expects"),
+        ),
+        ({"nees_per_dof": None, "ratio": None, "nis_per_dof": 0.25}, ("innovations smaller than it expects",)),
+        ({"nees_per_dof": 1.0, "ratio": Interval(1.02, 0.92, 1.12), "wrong_associations": 12.0}, ()),
+    ],
+)
+def test_faults_are_what_the_verdict_finds_wrong_without_sizes(changed: dict[str, object], said: tuple[str, ...]):
+    assert faults(replace(TEXTBOOK, **changed)) == said  # pyright: ignore[reportArgumentType]
+    assert faults(RIGHT) == ()
 
 
 def test_a_single_run_tells_of_gross_errors_alone():
