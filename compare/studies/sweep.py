@@ -27,6 +27,7 @@ from slamgauge.compare.studies.summary import (
     figure_cells,
     share_in_doubt,
     summarise,
+    why_empty,
 )
 from slamgauge.errors import UserError
 

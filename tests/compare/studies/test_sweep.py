@@ -137,7 +137,8 @@ def test_below_the_table_stands_what_is_wrong_and_at_which_values(tmp_path: Path
         replace(each, estimators={name: entry(each, *faults[place]) for name, faults in said.items()})
         for place, each in enumerate(sweep.summaries)
     )
-    assert sweep_table(replace(sweep, runs=7, summaries=summaries)).splitlines()[-3:] == [
+    assert sweep_table(replace(sweep, runs=7, summaries=summaries)).splitlines()[-4:] == [
+        "empty: x causal: isam2 is not among the estimators that ran",
         "ekf: claims too small a sigma at every value; loses to the causal optimum at association.gate=1",
         "mine: claims too large a sigma at association.gate=9",
         "right: nothing wrong is shown by 7 runs",
@@ -153,7 +154,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split()[:2] == ["assumed.scale", "estimator"]
     assert [line.split()[:2] for line in lines[1:5]] == [[v, e] for v in ("0.1", "10") for e in ("ekf", "isam2")]
-    assert [line.partition(":")[0] for line in lines[5:]] == ["ekf", "isam2"]
+    assert [line.partition(":")[0] for line in lines[5:]] == ["ekf", "isam2"]  # and no empty column
     content = json.loads((tmp_path / "sweep.json").read_text())
     assert [point["value"] for point in content["points"]] == ["0.1", "10"]
     faults = [point["summary"]["estimators"]["ekf"]["faults"] for point in content["points"]]
