@@ -169,9 +169,8 @@ def sweep_table(sweep: Sweep) -> str:
         for value, summary in zip(sweep.values, sweep.summaries, strict=True)
         for line in failure_lines(summary)
     ]
-    return "\n".join(
-        [*aligned(rows, words=2), *at_places(CAUSAL, shares_in_doubt(sweep)), *fault_lines(sweep), *failed]
-    )
+    notes = [*at_places(CAUSAL, shares_in_doubt(sweep)), *why_empty(sweep.summaries, "sweep")]
+    return "\n".join([*aligned(rows, words=2), *notes, *fault_lines(sweep), *failed])
 
 
 def fault_lines(sweep: Sweep) -> list[str]:
