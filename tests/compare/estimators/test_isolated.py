@@ -132,7 +132,8 @@ def test_a_loop_without_end_is_ended_with_all_that_it_has_started(made: Made):
     """
     with pytest.raises(OverdueError) as caught:
         made(body, 2.0)(short())
-    said = re.match(r"^it was not done after 2 s \(it printed last: round and round with (\d+)\)$", str(caught.value))
+    begin = "it was not done after 2 s; make it faster, or give a longer --timeout"
+    said = re.fullmatch(rf"{begin} \(it printed last: round and round with (\d+)\)", str(caught.value))
     assert said is not None and ended(int(said[1]))
 
 
