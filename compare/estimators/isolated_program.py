@@ -21,7 +21,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from importlib.util import find_spec
 from pathlib import Path
-from time import perf_counter, sleep, thread_time
+from time import perf_counter, thread_time
 from typing import Any, cast
 
 from slamgauge.compare.estimators.adapters import adapted
@@ -38,6 +38,7 @@ LARGEST_FILE = 500_000_000  # bytes of a file that people's code may write
 # bytes of data that its process may take, and each that it starts: ten times what all libraries, filters and optima of
 # slamgauge take together, and P of 1000 landmarks is 32 MB
 MOST_MEMORY = 4_000_000_000
+ENDING = 1.0  # s: what an end takes at most
 
 
 def main() -> None:
@@ -52,7 +53,19 @@ def main() -> None:
         with suppress(OSError):
             Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")  # where memory ends, this ends first
     signal.signal(signal.SIGTERM, _leave)
-    threading.Thread(target=_follow_parent, args=[os.getppid(), folder], daemon=True).start()
+    done = threading.Event()
+    follower = threading.Thread(target=_follow_parent, args=[os.getppid(), folder, done], daemon=True)
+    follower.start()  # before anything is fenced: this thread may remove the folder, the others may not
+    try:
+        _serve(requests, answers, folder)
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # it ends already
+        done.set()
+        follower.join(ENDING)
+
+
+def _serve(requests: int, answers: int, folder: Path) -> None:
+    """Load the code, and run it as often as it is asked for."""
     with os.fdopen(requests, encoding="utf-8") as tasks, os.fdopen(answers, "w", encoding="utf-8") as out:
         write_only_in([folder, Path("/dev/null"), Path("/dev/tty"), Path("/dev/shm"), *_caches_of_kernels()])
         _tell(out, {})
@@ -137,14 +150,16 @@ def _cpu_seconds() -> float:
     return thread_time() + called.ru_utime + called.ru_stime
 
 
-def _follow_parent(parent: int, folder: Path) -> None:
-    """End, and leave nothing behind, when the process is gone that has started this one."""
-    while os.getppid() == parent:
-        sleep(1.0)
+def _follow_parent(parent: int, folder: Path, done: threading.Event) -> None:
+    """Leave nothing behind when the tasks are done, or the process is gone that has started this one, which ends."""
+    while os.getppid() == parent and not done.wait(1.0):
+        pass
+    if not done.is_set():
+        os.kill(os.getpid(), signal.SIGTERM)
+        done.wait(ENDING)
     shutil.rmtree(folder, ignore_errors=True)
-    os.kill(os.getpid(), signal.SIGTERM)
-    sleep(1.0)
-    os._exit(1)
+    if not done.is_set():
+        os._exit(1)
 
 
 def _leave(*_: object) -> None:

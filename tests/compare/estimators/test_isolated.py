@@ -300,20 +300,26 @@ def test_code_that_cannot_be_loaded_is_a_line_that_names_it(tmp_path: Path, sour
     assert expected in str(caught.value)
 
 
-def test_the_process_ends_when_ours_is_killed(tmp_path: Path):
+@pytest.mark.parametrize("then", ["while True: pass", "return dead_reckoning(recording)"])
+def test_the_process_ends_and_leaves_nothing_when_ours_is_killed_in_a_run_or_after_one(tmp_path: Path, then: str):
     file = tmp_path / "mine.py"
     note = "open('pid', 'w').write(str(os.getpid()))"
-    file.write_text(f"import os\ndef estimate(recording):\n    {note}\n    while True: pass\n")
+    file.write_text(f"{HEAD}def estimate(recording):\n    {note}\n    {then}\n")
     program = (
         "from slamgauge.compare.estimators.isolated import Isolated\n"
         "from slamgauge.compare.estimators.own import address\n"
         "from slamgauge import load_scenario, simulate\n"
-        f"Isolated(address({str(file) + ':estimate'!r}), 60.0)(simulate(load_scenario('q1-short-dense'), 0)[1])\n"
+        f"estimator = Isolated(address({str(file) + ':estimate'!r}), 60.0)\n"
+        "estimator(simulate(load_scenario('q1-short-dense'), 0)[1])\n"
+        "print(flush=True); import time; time.sleep(60.0)\n"
     )
-    parent = subprocess.Popen([sys.executable, "-c", program], env={**os.environ, "TMPDIR": str(tmp_path)})
-    pid = pid_noted(tmp_path)
-    parent.send_signal(signal.SIGKILL)
-    parent.wait()
+    surroundings = {**os.environ, "TMPDIR": str(tmp_path)}
+    with subprocess.Popen([sys.executable, "-c", program], env=surroundings, stdout=subprocess.PIPE) as parent:
+        pid = pid_noted(tmp_path)
+        if then.startswith("return"):
+            assert parent.stdout is not None
+            parent.stdout.readline()  # it waits for another run
+        parent.send_signal(signal.SIGKILL)
     assert ended(pid)
     assert not [*tmp_path.glob(f"{isolated.FOLDERS}*")]
 
