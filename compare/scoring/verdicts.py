@@ -188,7 +188,8 @@ def _cause(evidence: Evidence, sigma: _Said, innovations: _Said) -> str:
     if not loses and not sigma.is_wrong:
         return ""
     if evidence.wrong_associations:
-        return f"takes {evidence.wrong_associations:.2g} observations a run for others"
+        wrong = evidence.wrong_associations
+        return f"takes {wrong:{'.0f' if wrong >= 10 else '.2g'}} observations a run for others"
     is_too_sure = sigma.is_wrong and evidence.nees_per_dof is not None and evidence.nees_per_dof > 1
     if loses and is_too_sure and innovations.fits and evidence.wrong_associations == 0:
         return "lost by itself, associations and noise being right: its linearisation, or a bug"

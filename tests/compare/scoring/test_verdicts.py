@@ -72,6 +72,8 @@ def test_a_right_filter():
         ({"nis_per_dof": None, "nis_dof": 0}, "claims", "NIS"),
         ({"nis_per_dof": None, "nis_dof": 0}, "claims", "linearisation"),
         ({"wrong_associations": 12.3}, "takes 12 observations a run for others", "linearisation"),
+        ({"wrong_associations": 156.6}, "takes 157 observations a run for others", "linearisation"),
+        ({"wrong_associations": 0.25}, "takes 0.25 observations a run for others", "linearisation"),
         ({"wrong_associations": None}, "claims", "linearisation"),
         ({"nees_per_dof": 1.0}, "1.42 ± 0.17 times", "linearisation"),
         ({"ratio": None}, "claims", "times the"),
