@@ -7,9 +7,12 @@ from slamgauge.compare.studies.executors import pin_blas_threads
 pin_blas_threads()  # before numpy is imported
 
 import os
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from typing import Annotated
 
 import tyro
@@ -28,6 +31,7 @@ from slamgauge.errors import UserError, refused_by_the_machine
 
 DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
 REFUSED = 71  # EX_OSERR
+INTERRUPTED, TERMINATED = (128 + number for number in (signal.SIGINT, signal.SIGTERM))  # as shells tell them
 
 Command = (
     Annotated[Scenarios, tyro.conf.subcommand(name="scenarios")]
@@ -50,10 +54,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status: 0 done, 1 a row failed and the others are there, or a check did not hold, 2 bad input (one line
         on standard error), 70 a defect of slamgauge (its traceback and where to report it), 71 memory or room was
-        lacking (one line), 130 interrupted.
+        lacking (one line), 130 interrupted, 143 terminated.
     """
+    with _terminations() as came:
+        status = _run(sys.argv[1:] if arguments is None else arguments)
+    return TERMINATED if came and status == INTERRUPTED else status
+
+
+def _run(words: Sequence[str]) -> int:
+    """Run one command; its exit status, an end by any signal being an interrupt."""
     status = 0
-    words = sys.argv[1:] if arguments is None else arguments
     if list(words) == ["--version"]:
         print(f"slamgauge {__version__}")
         return 0
@@ -75,10 +85,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt as interrupt:
         print(f"slamgauge: interrupted; {str(interrupt) or 'nothing was written'}", file=sys.stderr)
-        return 130
+        return INTERRUPTED
     except Exception as error:  # noqa: BLE001 whatever else comes here has to be reported
         return _not_the_users_mistake(error)
     return status
+
+
+@contextmanager
+def _terminations() -> Generator[list[int]]:
+    """Let a termination end the command as an interrupt does, which cleans up; those that came are listed."""
+    came: list[int] = []
+
+    def interrupt(number: int, _: object) -> None:
+        signal.signal(number, signal.SIG_IGN)  # a second one shall not end what cleans up
+        came.append(number)
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():  # only there may signals be handled
+        yield came
+        return
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield came
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _not_the_users_mistake(error: Exception) -> int:

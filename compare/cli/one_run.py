@@ -136,7 +136,6 @@ class Evaluate:
         from slamgauge.compare.estimators.asked import ask
         from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
         from slamgauge.compare.storage.files import load_recording, load_truth
-        from slamgauge.compare.storage.stored_estimates import load_stored
         from slamgauge.ekf.settings.association import Association as FilterAssociation
         from slamgauge.ekf.settings.rules import fitted, require
 
@@ -150,7 +149,7 @@ class Evaluate:
             Association(method=self.association, gate=self.gate),
             fitted(INITIALISATIONS[self.initialisation], self.reach),
         )
-        stored = {label: _as_it_lies(load_stored(path, recording)) for label, path in self._stored().items()}
+        stored = {label: _as_it_lies(path, recording) for label, path in self._stored().items()}
         named = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
         asked = ask([*named, *ask(stored)])
         grading = Grading(asked, self.out, self.json, title, *settings)
@@ -165,8 +164,19 @@ class Evaluate:
         return {label: Path(path) for label, _, path in pairs}
 
 
-def _as_it_lies(estimate: Estimate) -> Estimator:
-    """The estimator that returns an estimate, whatever the recording."""
+def _as_it_lies(path: Path, recording: Recording) -> Estimator:
+    """The estimator that returns what a file holds of the recording, or fails for the reason why it holds nothing."""
+    from slamgauge.compare.estimators.own import OwnCodeError
+    from slamgauge.compare.storage.stored_estimates import load_stored
+
+    def lacking(_: Recording) -> Estimate:
+        raise OwnCodeError(reason)
+
+    try:
+        estimate = load_stored(path, recording)
+    except UserError as error:
+        reason = str(error)
+        return lacking
     return lambda _: estimate
 
 

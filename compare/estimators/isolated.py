@@ -189,7 +189,8 @@ class _Child:
             while not told.endswith(b"\n"):
                 left = deadline - monotonic()
                 if left <= 0:
-                    raise OverdueError(f"it was not done after {seconds:g} s{self._last_line()}")
+                    remedy = "make it faster, or give a longer --timeout"
+                    raise OverdueError(f"it was not done after {seconds:g} s; {remedy}{self._last_line()}")
                 for key, _ in selector.select(left):
                     data = os.read(key.fd, 65536)
                     if key.fd == self._answers:

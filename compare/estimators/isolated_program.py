@@ -21,7 +21,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from importlib.util import find_spec
 from pathlib import Path
-from time import perf_counter, sleep, thread_time
+from time import perf_counter, thread_time
 from typing import Any, cast
 
 from slamgauge.compare.estimators.adapters import adapted
@@ -35,6 +35,10 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 
 LARGEST_FILE = 500_000_000  # bytes of a file that people's code may write
+# bytes of data that its process may take, and each that it starts: ten times what all libraries, filters and optima of
+# slamgauge take together, and P of 1000 landmarks is 32 MB
+MOST_MEMORY = 4_000_000_000
+ENDING = 1.0  # s: what an end takes at most
 
 
 def main() -> None:
@@ -43,9 +47,25 @@ def main() -> None:
     here, folder = Path.cwd(), Path.cwd().parent
     if here.name != HERE or not folder.name.startswith(FOLDERS):
         raise SystemExit("isolated_program: is started by slamgauge alone, in a folder that it will remove")
-    resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
+    _limit(resource.RLIMIT_FSIZE, LARGEST_FILE)
+    if sys.platform.startswith("linux"):  # elsewhere it does not count what is mapped, which is nearly all
+        _limit(resource.RLIMIT_DATA, MOST_MEMORY)
+        with suppress(OSError):
+            Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")  # where memory ends, this ends first
     signal.signal(signal.SIGTERM, _leave)
-    threading.Thread(target=_follow_parent, args=[os.getppid(), folder], daemon=True).start()
+    done = threading.Event()
+    follower = threading.Thread(target=_follow_parent, args=[os.getppid(), folder, done], daemon=True)
+    follower.start()  # before anything is fenced: this thread may remove the folder, the others may not
+    try:
+        _serve(requests, answers, folder)
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # it ends already
+        done.set()
+        follower.join(ENDING)
+
+
+def _serve(requests: int, answers: int, folder: Path) -> None:
+    """Load the code, and run it as often as it is asked for."""
     with os.fdopen(requests, encoding="utf-8") as tasks, os.fdopen(answers, "w", encoding="utf-8") as out:
         write_only_in([folder, Path("/dev/null"), Path("/dev/tty"), Path("/dev/shm"), *_caches_of_kernels()])
         _tell(out, {})
@@ -54,6 +74,12 @@ def main() -> None:
         estimator = _loaded(out, where)
         for _ in tasks if estimator is not None else ():
             _tell(out, _run(cast("Estimator", estimator), folder))
+
+
+def _limit(what: int, most: int) -> None:
+    """Limit this process and those that it starts, unless they are limited to less already."""
+    least = min(each for each in (*resource.getrlimit(what), most) if each != resource.RLIM_INFINITY)
+    resource.setrlimit(what, (least, least))
 
 
 def _caches_of_kernels() -> Iterator[Path]:
@@ -96,7 +122,8 @@ def _run(estimator: Estimator, folder: Path) -> Mapping[str, object]:
         if not isinstance(estimate, Estimate):
             return {"reason": f"returned a {type(estimate).__name__}; return a slamgauge.Estimate"}
     except (Exception, SystemExit) as error:  # noqa: BLE001 whatever people's code raises is told
-        return {"reason": reason_of(error)}
+        most = f"; its process may take {MOST_MEMORY / 1e9:g} GB" if isinstance(error, MemoryError) else ""
+        return {"reason": f"{reason_of(error)}{most}"}
     spent = {"seconds": perf_counter() - start, "cpu_seconds": _cpu_seconds() - cpu}
     save(folder / MADE, estimate)
     return spent
@@ -123,14 +150,16 @@ def _cpu_seconds() -> float:
     return thread_time() + called.ru_utime + called.ru_stime
 
 
-def _follow_parent(parent: int, folder: Path) -> None:
-    """End, and leave nothing behind, when the process is gone that has started this one."""
-    while os.getppid() == parent:
-        sleep(1.0)
+def _follow_parent(parent: int, folder: Path, done: threading.Event) -> None:
+    """Leave nothing behind when the tasks are done, or the process is gone that has started this one, which ends."""
+    while os.getppid() == parent and not done.wait(1.0):
+        pass
+    if not done.is_set():
+        os.kill(os.getpid(), signal.SIGTERM)
+        done.wait(ENDING)
     shutil.rmtree(folder, ignore_errors=True)
-    os.kill(os.getpid(), signal.SIGTERM)
-    sleep(1.0)
-    os._exit(1)
+    if not done.is_set():
+        os._exit(1)
 
 
 def _leave(*_: object) -> None:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from slamgauge.compare.estimators.registry import CAUSAL, entry_of, is_yardstick
+from slamgauge.compare.estimators.registry import CAUSAL, REGISTRY, is_yardstick
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, Style, save_png_and_svg, styles
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import at_places, distance_in_runs
@@ -33,7 +33,7 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
         for axes, (key, label) in zip(figure.subplots(2, 2, sharex=True).flat, PANELS, strict=True):
             for name, style in names.items():
                 intervals = [summary.estimators[name].figure(key) for summary in sweep.summaries]
-                title = entry_of(name).title or name
+                title = REGISTRY[name].title if is_yardstick(name) else name
                 _draw(axes, sweep.values, intervals, title, style, line=is_yardstick(name))
             axes.set_ylabel(label)
             _arrange(axes, sweep.values)

@@ -107,7 +107,7 @@ def examine(
         try:
             trial = replace(trial, form=estimator.begin() or "estimate(recording)", callable=estimator.where.attribute)
             for run, (seed, optimum) in enumerate(zip(seeds, optima, strict=True)):
-                is_looked_at = run in (0, len(seeds) - 1)
+                is_looked_at = run in (0, len(seeds) // 2, len(seeds) - 1)
                 trial.scores.append(_score(estimator, name, scenario, seed, optimum, is_looked_at=is_looked_at))
             no_laws = _why_no_laws(estimator, name, scenario, seeds[0])
             verdicts = [] if no_laws else check_estimator(name, estimator)

@@ -323,6 +323,11 @@ CATALOGUE = (
         scored=True,
         over_runs=verdicts.verdict_over_runs,
     ),
+    Quantity(
+        key="faults",
+        help="what of it is wrong, a few words each without sizes (`verdicts`)",
+        over_runs=verdicts.faults_over_runs,
+    ),
     Quantity(key="loop_closure", help="one entry per loop closure (`loop_closures.LoopClosure`)", scored=True),
     Quantity(
         key="seconds_total",

@@ -95,6 +95,21 @@ def runs_to_resolve(scatter: float) -> int:
     return math.ceil(runs / step) * step
 
 
+def faults(evidence: Evidence) -> tuple[str, ...]:
+    """What the verdict finds wrong, without its size, for tables of many estimators."""
+    sigma, innovations = _sigma(evidence), _innovations(evidence)
+    found: list[str] = []
+    if sigma.is_wrong:
+        found.append(f"claims too {'small' if (evidence.nees_per_dof or 0.0) > 1 else 'large'} a sigma")
+    if _loses(evidence.ratio):
+        found.append(f"loses to the {evidence.optimum}")
+    if found and evidence.wrong_associations:
+        found.append("takes observations for others")
+    if innovations.is_wrong:
+        found.append(f"innovations {'larger' if (evidence.nis_per_dof or 0.0) > 1 else 'smaller'} than it expects")
+    return tuple(found)
+
+
 # --- the rules -----------------------------------------------------------------------------------
 
 
@@ -114,12 +129,10 @@ def _sigma(evidence: Evidence) -> _Said:
     factor = math.sqrt(evidence.nees_per_dof)
     share = evidence.coverage_95
     ellipses = "" if share is None else f" (95 % ellipses hold {100 * share:.0f} %)"
+    if not factor:
+        return _Said("has no error at all, whatever sigma it claims: look whether it is given the truth", is_wrong=True)
     if _is_off(evidence.nees_per_dof, 3 * evidence.runs):
-        too = (
-            f"{factor:.2g} times too small"
-            if factor > 1
-            else f"{1 / factor if factor else math.inf:.2g} times too large"
-        )
+        too = f"{factor:.2g} times too small" if factor > 1 else f"{1 / factor:.2g} times too large"
         return _Said(f"claims {too} a sigma{ellipses}", is_wrong=True)
     if evidence.runs == 1:
         return _Said(fits=True)
@@ -175,7 +188,8 @@ def _cause(evidence: Evidence, sigma: _Said, innovations: _Said) -> str:
     if not loses and not sigma.is_wrong:
         return ""
     if evidence.wrong_associations:
-        return f"takes {evidence.wrong_associations:.2g} observations a run for others"
+        wrong = evidence.wrong_associations
+        return f"takes {wrong:{'.0f' if wrong >= 10 else '.2g'}} observations a run for others"
     is_too_sure = sigma.is_wrong and evidence.nees_per_dof is not None and evidence.nees_per_dof > 1
     if loses and is_too_sure and innovations.fits and evidence.wrong_associations == 0:
         return "lost by itself, associations and noise being right: its linearisation, or a bug"
@@ -187,25 +201,30 @@ def _cause(evidence: Evidence, sigma: _Said, innovations: _Said) -> str:
 
 def verdict_over_runs(runs: Runs, others: Mapping[str, Runs]) -> str | None:
     """The verdict on the runs of an estimator, beside those of all by name."""
-    if not runs.kind:
-        return None
+    return verdict(_evidence(runs, others)) if runs.kind else None
+
+
+def faults_over_runs(runs: Runs, others: Mapping[str, Runs]) -> tuple[str, ...]:
+    """The faults of an estimator in its runs, beside those of all by name."""
+    return faults(_evidence(runs, others)) if runs.kind else ()
+
+
+def _evidence(runs: Runs, others: Mapping[str, Runs]) -> Evidence:
     name = YARDSTICKS[runs.kind]
     nees = late_means(runs.series["nees_pose"])
     coverage = late_coverage(0.95)(runs, others)
     nis = total_nis(runs, others)
     ratio, common = _over_optimum(runs, others.get(name))
-    return verdict(
-        Evidence(
-            runs=int(np.sum(~np.isnan(nees))),
-            nees_per_dof=_mean_of(mean_interval(nees / 3)),
-            coverage_95=_mean_of(coverage),
-            nis_per_dof=_mean_of(nis),
-            nis_dof=int(np.nansum(runs.figures["nis_dof_total"])),
-            ratio=ratio,
-            ratio_runs=common,
-            optimum=REGISTRY[name].title,
-            wrong_associations=mean(runs.figures["wrong_associations"]),
-        )
+    return Evidence(
+        runs=int(np.sum(~np.isnan(nees))),
+        nees_per_dof=_mean_of(mean_interval(nees / 3)),
+        coverage_95=_mean_of(coverage),
+        nis_per_dof=_mean_of(nis),
+        nis_dof=int(np.nansum(runs.figures["nis_dof_total"])),
+        ratio=ratio,
+        ratio_runs=common,
+        optimum=REGISTRY[name].title,
+        wrong_associations=mean(runs.figures["wrong_associations"]),
     )
 
 

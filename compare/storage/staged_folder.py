@@ -39,10 +39,10 @@ def staged_folder(
     out, writes = Path(out), frozenset(writes)
     require_free(out, sorted(writes), remedy)
     # inside an existing folder: its parent may be another file system, or not ours to write to
-    with explained(out, "written"):
-        stage = (out if os.path.lexists(out) else out.parent) / f".slamgauge.{token_hex(4)}.partial"
-        stage.mkdir(parents=True)
+    stage = (out if os.path.lexists(out) else out.parent) / f".slamgauge.{token_hex(4)}.partial"
     try:
+        with explained(out, "written"):
+            stage.mkdir(parents=True)
         yield stage
         with explained(out, "written"):
             new = {path.relative_to(stage).as_posix() for path in stage.rglob("*") if path.is_file()}
@@ -53,7 +53,10 @@ def staged_folder(
             require_free(out, sorted(new), remedy)
             ours = owned(out)
             stale = {name for name in ours - new if name in writes or any(fnmatchcase(name, each) for each in outdated)}
-            _replace(stage, out, ours, new, stale, last)
+            try:
+                _replace(stage, out, ours, new, stale, last)
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt(f"{out} is written in part; the same command makes it whole") from None
     finally:
         shutil.rmtree(stage, ignore_errors=True)
 

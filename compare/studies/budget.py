@@ -87,6 +87,7 @@ class ErrorBudget:
             "runs": self.runs,
             "rungs": rungs,
             "costliest": self.costliest,
+            "verdict": verdict(self),
         }
         return content if self.rays is None else {**content, "rays": self.rays._asdict()}
 

@@ -12,6 +12,7 @@ import json
 import sqlite3
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,10 @@ CREATE TABLE IF NOT EXISTS outcome (
 );
 COMMIT;
 """
+_DONE = "estimator = ?1 AND run < ?2 AND error IS NULL"
+_OF_ONE_KIND = (
+    f"{_DONE} AND (SELECT count(DISTINCT kind) FROM outcome WHERE {_DONE}) = 1"  # else they have no one optimum
+)
 
 
 def digest(scenario: Scenario, seed: int) -> str:
@@ -86,23 +91,32 @@ class StudyStore:
             self._connection.executemany("INSERT OR IGNORE INTO outcome VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
 
     def failures(self, runs: int) -> list[tuple[int, str, str]]:
-        """Run, estimator and error of each failure among the first `runs`."""
+        """Run, estimator and error of each failure among the first `runs`, and changes of kind."""
         query = "SELECT run, estimator, error FROM outcome WHERE error IS NOT NULL AND run < ? ORDER BY run, estimator"
-        return list(self._connection.execute(query, (runs,)))
+        return [*self._connection.execute(query, (runs,)), *self._changes_of_kind(runs)]
+
+    def _changes_of_kind(self, runs: int) -> Generator[tuple[int, str, str]]:
+        """The first run whose kind is another than before, its estimator, and why none of its runs counts."""
+        query = (
+            "SELECT estimator, min(run), kind FROM outcome WHERE error IS NULL AND run < ? "
+            "GROUP BY estimator, kind ORDER BY estimator, min(run)"
+        )
+        rows = list(self._connection.execute(query, (runs,)))
+        for (name, first, kind), (other, run, another) in pairwise(rows):
+            if name == other:
+                what = f"its poses are {kind} in run {first} and {another} in run {run}, and no optimum is that of both"
+                yield run, name, f"{what}; none of its runs counts: say the same kind of all"
 
     def ates(self, estimator: str, runs: int) -> Ates:
         """Of the first `runs` runs of `estimator` the ATE alone, which takes no room."""
-        query = "SELECT run, figures FROM outcome WHERE estimator = ? AND run < ? AND error IS NULL ORDER BY run"
+        query = f"SELECT run, figures FROM outcome WHERE {_OF_ONE_KIND} ORDER BY run"
         rows = [(run, json.loads(text)["ate_m"]) for run, text in self._connection.execute(query, (estimator, runs))]
         ates = np.array([ate for _, ate in rows], dtype=np.float64)
         return Ates(np.array([run for run, _ in rows], dtype=np.int64), ates)
 
     def load(self, estimator: str, runs: int) -> Runs:
-        """What the first `runs` runs gave for `estimator`."""
-        query = (
-            "SELECT run, kind, figures, series FROM outcome "
-            "WHERE estimator = ? AND run < ? AND error IS NULL ORDER BY run"
-        )
+        """What the first `runs` runs gave for `estimator`; nothing if its estimates are not all of one kind."""
+        query = f"SELECT run, kind, figures, series FROM outcome WHERE {_OF_ONE_KIND} ORDER BY run"
         rows = list(self._connection.execute(query, (estimator, runs)))
         figures = [dict.fromkeys(LATER) | json.loads(text) for _, _, text, _ in rows]
         table = np.array([[np.nan if each[key] is None else each[key] for key in STORED] for each in figures])

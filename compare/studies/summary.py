@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
@@ -12,6 +12,7 @@ from slamgauge.compare.scoring.empty_columns import empty_lines
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, mean_fit
 from slamgauge.compare.scoring.over_runs import BAND_LEVEL
+from slamgauge.compare.scoring.quantity import Table
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_table import aligned, cell, interval_cell, marked
@@ -55,6 +56,7 @@ class EstimatorSummary:
     optimum_check_share: float | None = None
     log_score_to_causal: Interval | None = None
     verdict: str | None = None
+    faults: tuple[str, ...] = ()
     others: dict[str, Interval | None] = field(default_factory=dict)
 
     def figure(self, key: str) -> Any:
@@ -153,7 +155,7 @@ def summary_table(summary: Summary) -> str:
     rays = [
         f"{name}: a run's {describe(each.rays)}" for name, each in summary.estimators.items() if each.rays is not None
     ]
-    notes = [*optimum_lines(summary), *why_empty(summary)]
+    notes = [*optimum_lines(summary), *why_empty([summary], "study")]
     said = verdict_lines({name: each.verdict for name, each in summary.estimators.items()})
     known = [] if summary.precision is None else summary.precision.lines()
     below = [*notes, *known, *rays, *said, *too_good_lines(summary), *failure_lines(summary)]
@@ -199,9 +201,9 @@ def too_good_lines(summary: Summary) -> list[str]:
     return [f"{name}: {text}" for name, text in found.items() if text]
 
 
-def why_empty(summary: Summary) -> list[str]:
-    """Which columns are empty, and why."""
-    entries = summary.estimators.values()
+def why_empty(summaries: Sequence[Summary], table: Table) -> list[str]:
+    """Which columns of a table of these summaries are empty, and why."""
+    entries = [entry for summary in summaries for entry in summary.estimators.values()]
     known = {
         "truth": True,
         "true poses": True,
@@ -211,10 +213,10 @@ def why_empty(summary: Summary) -> list[str]:
         "map": any(each.landmark_rmse_m is not None for each in entries),
         "associations": any(each.wrong_associations is not None for each in entries),
         "nis": any(each.nis_per_dof is not None for each in entries),
-        "causal optimum": _has_run(summary, CAUSAL),
-        "hindsight optimum": _has_run(summary, HINDSIGHT),
+        "causal optimum": any(_has_run(each, CAUSAL) for each in summaries),
+        "hindsight optimum": any(_has_run(each, HINDSIGHT) for each in summaries),
     }
-    empty = empty_columns("study", lambda key: all(each.figure(key) is None for each in entries))
+    empty = empty_columns(table, lambda key: all(each.figure(key) is None for each in entries))
     return empty_lines(empty, [what for what, is_there in known.items() if is_there])
 
 

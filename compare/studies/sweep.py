@@ -27,6 +27,7 @@ from slamgauge.compare.studies.summary import (
     figure_cells,
     share_in_doubt,
     summarise,
+    why_empty,
 )
 from slamgauge.errors import UserError
 
@@ -156,7 +157,7 @@ def _require_free(out: Path, studies: Sequence[str], optima: Sequence[str]) -> N
 
 
 def sweep_table(sweep: Sweep) -> str:
-    """A line for each value and estimator: means, with the half width of the 95 % interval."""
+    """A line for each value and estimator: means, with the half width of the 95 % interval; below, what is wrong."""
     found = columns("sweep")
     rows = [[sweep.key, "estimator", *(title for title, _, _ in found)]]
     any_doubt = any(map(share_in_doubt, sweep.summaries))
@@ -168,7 +169,26 @@ def sweep_table(sweep: Sweep) -> str:
         for value, summary in zip(sweep.values, sweep.summaries, strict=True)
         for line in failure_lines(summary)
     ]
-    return "\n".join([*aligned(rows, words=2), *at_places(CAUSAL, shares_in_doubt(sweep)), *failed])
+    notes = [*at_places(CAUSAL, shares_in_doubt(sweep)), *why_empty(sweep.summaries, "sweep")]
+    return "\n".join([*aligned(rows, words=2), *notes, *fault_lines(sweep), *failed])
+
+
+def fault_lines(sweep: Sweep) -> list[str]:
+    """What is wrong with each estimator, and at which values."""
+    lines: list[str] = []
+    for name in dict.fromkeys(name for summary in sweep.summaries for name in summary.estimators):
+        entries = [summary.estimators[name] for summary in sweep.summaries]
+        places: dict[str, list[str]] = {}
+        for value, entry in zip(sweep.values, entries, strict=True):
+            for fault in entry.faults:
+                places.setdefault(fault, []).append(value)
+        said = [
+            f"{fault} at {'every value' if len(values) == len(entries) else f'{sweep.key}=' + ', '.join(values)}"
+            for fault, values in places.items()
+        ]
+        if any(entry.runs for entry in entries):
+            lines.append(f"{name}: {'; '.join(said) or f'nothing wrong is shown by {sweep.runs} runs'}")
+    return lines
 
 
 def shares_in_doubt(sweep: Sweep) -> dict[str, float]:

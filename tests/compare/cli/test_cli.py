@@ -608,6 +608,23 @@ def test_every_array_that_estimators_see_is_read_only(stored: Path):
                 value[...] = 0
 
 
+def test_estimates_are_graded_as_they_lie_and_one_that_cannot_be_read_is_a_row(
+    stored: Path, capsys: pytest.CaptureFixture[str]
+):
+    whole, path = stored / "estimates/ekf.npz", stored / "trajectories/ekf.tum"
+    words = ("evaluate", stored / "recording.npz", "--estimators", "isam2", "--json", "--estimates")
+    assert run(*words, f"mine={whole}", f"path={path}", "gone=none.csv") == 1
+    content = json.loads(capsys.readouterr().out)
+    line = "estimator gone: none.csv: cannot be read (No such file or directory); check the path and its permissions"
+    assert content["failures"] == [{"estimator": "gone", "error": line}]
+    scores, before = content["estimators"], metrics_of(stored)["estimators"]["ekf"]
+    assert scores["mine"]["nees_pose"] == before["nees_pose"]
+    assert scores["path"]["ate_m"] == pytest.approx(before["ate_m"])
+    assert scores["path"]["nees_pose"] is None
+    assert run("evaluate", stored / "recording.npz", "--estimators", "", "--estimates", "gone=none.csv") == 2
+    assert capsys.readouterr().err == f"slamgauge: {line}\n"
+
+
 @pytest.mark.parametrize("place", ["FILE", "FILE/run", "/proc/nowhere/run", "/proc/run", "/sys/run"])
 def test_places_that_cannot_be_written(stored: Path, tmp_path: Path, refuse: Refuse, place: str):
     if place.startswith("/") and not Path(*Path(place).parts[:2]).exists():
@@ -632,7 +649,8 @@ def test_a_disk_that_fills_up(stored: Path, refuse: Refuse, bytes_left: int):
     assert contents(refuse.out.parent) == before
 
 
-def test_an_interrupted_run_leaves_nothing_behind(refuse: Refuse):
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(refuse: Refuse, number: int, status: int):
     before = contents(refuse.out.parent)
     arguments = ("q1-long-dense", "--set", "trajectory.duration=2000", "--estimators", "isam2", "--out", refuse.out)
     # pytest may run in the background, where interrupts are ignored
@@ -643,11 +661,11 @@ def test_an_interrupted_run_leaves_nothing_behind(refuse: Refuse):
     try:
         wait_for(lambda: contents(refuse.out.parent) != before)  # the staging folder
         time.sleep(0.5)  # well into iSAM2, which needs minutes
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         out, err = process.communicate(timeout=30)
     finally:
         process.kill()
-    assert (process.returncode, out, err) == (130, "", "slamgauge: interrupted; nothing was written\n")
+    assert (process.returncode, out, err) == (status, "", "slamgauge: interrupted; nothing was written\n")
     assert contents(refuse.out.parent) == before
 
 

@@ -132,7 +132,8 @@ def test_a_loop_without_end_is_ended_with_all_that_it_has_started(made: Made):
     """
     with pytest.raises(OverdueError) as caught:
         made(body, 2.0)(short())
-    said = re.match(r"^it was not done after 2 s \(it printed last: round and round with (\d+)\)$", str(caught.value))
+    begin = "it was not done after 2 s; make it faster, or give a longer --timeout"
+    said = re.fullmatch(rf"{begin} \(it printed last: round and round with (\d+)\)", str(caught.value))
     assert said is not None and ended(int(said[1]))
 
 
@@ -220,6 +221,30 @@ def test_no_file_grows_without_end(made: Made):
     assert "ValueError: (500000000, 500000000)" in reason(made(body))
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere nothing limits it")
+@pytest.mark.parametrize("body", ["bytearray(50_000_000_000)", "__import__('numpy').ones(6_000_000_000)"])
+def test_memory_has_an_end_and_the_process_that_took_too_much_serves_on(made: Made, body: str):
+    estimator = made(f"if recording.steps > 20: {body}\nreturn dead_reckoning(recording)")
+    told = reason(estimator)
+    assert re.fullmatch(r"it raised .*MemoryError: .*; mend it and run again; its process may take 4 GB", told)
+    assert estimator(short().first(20)).poses.shape == (21, 3)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere nothing limits it")
+def test_memory_that_it_may_take_can_be_taken_and_where_the_machines_ends_it_goes_first(made: Made):
+    body = """
+        from slamgauge.ekf import ekf
+        from slamgauge.graph_baseline import batch
+        ekf(recording), batch(recording)
+        taken = next(line for line in open("/proc/self/status") if line.startswith("VmData")).split()[1]
+        assert int(taken) * 1024 < 400_000_000, taken
+        assert len(__import__("numpy").zeros(437_500_000)) > 0
+        assert open("/proc/self/oom_score_adj").read().strip() == "1000"
+        return dead_reckoning(recording)
+    """
+    made(body)(short())
+
+
 @pytest.mark.parametrize(
     ("left", "expected"),
     [
@@ -275,20 +300,26 @@ def test_code_that_cannot_be_loaded_is_a_line_that_names_it(tmp_path: Path, sour
     assert expected in str(caught.value)
 
 
-def test_the_process_ends_when_ours_is_killed(tmp_path: Path):
+@pytest.mark.parametrize("then", ["while True: pass", "return dead_reckoning(recording)"])
+def test_the_process_ends_and_leaves_nothing_when_ours_is_killed_in_a_run_or_after_one(tmp_path: Path, then: str):
     file = tmp_path / "mine.py"
     note = "open('pid', 'w').write(str(os.getpid()))"
-    file.write_text(f"import os\ndef estimate(recording):\n    {note}\n    while True: pass\n")
+    file.write_text(f"{HEAD}def estimate(recording):\n    {note}\n    {then}\n")
     program = (
         "from slamgauge.compare.estimators.isolated import Isolated\n"
         "from slamgauge.compare.estimators.own import address\n"
         "from slamgauge import load_scenario, simulate\n"
-        f"Isolated(address({str(file) + ':estimate'!r}), 60.0)(simulate(load_scenario('q1-short-dense'), 0)[1])\n"
+        f"estimator = Isolated(address({str(file) + ':estimate'!r}), 60.0)\n"
+        "estimator(simulate(load_scenario('q1-short-dense'), 0)[1])\n"
+        "print(flush=True); import time; time.sleep(60.0)\n"
     )
-    parent = subprocess.Popen([sys.executable, "-c", program], env={**os.environ, "TMPDIR": str(tmp_path)})
-    pid = pid_noted(tmp_path)
-    parent.send_signal(signal.SIGKILL)
-    parent.wait()
+    surroundings = {**os.environ, "TMPDIR": str(tmp_path)}
+    with subprocess.Popen([sys.executable, "-c", program], env=surroundings, stdout=subprocess.PIPE) as parent:
+        pid = pid_noted(tmp_path)
+        if then.startswith("return"):
+            assert parent.stdout is not None
+            parent.stdout.readline()  # it waits for another run
+        parent.send_signal(signal.SIGKILL)
     assert ended(pid)
     assert not [*tmp_path.glob(f"{isolated.FOLDERS}*")]
 

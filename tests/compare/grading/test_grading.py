@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -22,6 +23,26 @@ from ..scoring.test_against_reference import scores
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SCENARIO = 'extends = "q1-short-dense"\n\n[trajectory]\nduration = 6.0\n'
+SHIFTED_IN_RUN_1 = """
+from dataclasses import replace
+import numpy as np
+from slamgauge.ekf import ekf
+
+whole = []
+
+def estimate(recording):
+    right = ekf(recording)
+    whole.extend([recording] * (recording.steps == 60))
+    if len(whole) != 2:
+        return right
+    return replace(right, poses=np.concatenate([right.poses[1:], right.poses[-1:]]))
+"""
+GREEDY = """
+import numpy as np
+
+def estimate(recording):
+    return np.ones(6_000_000_000)
+"""
 SHIFTED = """
 from dataclasses import replace
 import numpy as np
@@ -127,6 +148,23 @@ def test_all_graded_is_status_0_and_json_has_the_rows(
     content = json.loads(capsys.readouterr().out)
     assert [(each["submission"], each["passed"]) for each in content] == [("anna", True), ("bert", False)]
     assert content[0]["ate_ratio"] == 1.0  # the reference is the same filter
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere nothing limits memory")
+def test_the_middle_run_is_looked_at_and_who_takes_too_much_memory_is_a_row(
+    scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "class").mkdir()
+    for name, source in {"greedy": GREEDY, "in_the_middle": SHIFTED_IN_RUN_1}.items():
+        (tmp_path / f"class/{name}.py").write_text(source)
+    shutil.copy(EXAMPLES / "student_ekf.py", tmp_path / "class/right.py")
+    words = ["--scenario", str(scenario), "--runs", "3", "--out", str(tmp_path / "out"), "--json"]
+    assert main(["grade", str(tmp_path / "class"), *words]) == 1
+    reasons = {each["submission"]: each["reason"] for each in json.loads(capsys.readouterr().out)}
+    assert reasons["right"] == ""
+    assert reasons["in_the_middle"].startswith("run 1: uses the future: ")
+    assert "MemoryError: Unable to allocate 44.7 GiB" in reasons["greedy"]
+    assert reasons["greedy"].endswith("; its process may take 4 GB")
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from slamgauge.compare.scoring.verdicts import (
     SCATTER,
     WORTH,
     Evidence,
+    faults,
     runs_to_resolve,
     single_run,
     verdict,
@@ -59,13 +60,20 @@ def test_a_right_filter():
             "claims 2 times too large a sigma (95 % ellipses hold 100 %)",
             "",
         ),
-        ({"nees_per_dof": 0.0}, "claims inf times too large a sigma", ""),
+        (
+            {"nees_per_dof": 0.0},
+            "has no error at all, whatever sigma it claims: look whether it is given the truth",
+            "inf",
+        ),
+        ({"nees_per_dof": 1e-12}, "claims 1e+06 times too large a sigma", ""),
         ({"nis_per_dof": 1.69}, "innovations are 1.3 times as large as it expects: noise is stated too small", "blind"),
         ({"nis_per_dof": 0.25}, "innovations are 0.5 times as large as it expects: noise is stated too large", "blind"),
         ({"nis_per_dof": 1.69}, "claims", "linearisation"),
         ({"nis_per_dof": None, "nis_dof": 0}, "claims", "NIS"),
         ({"nis_per_dof": None, "nis_dof": 0}, "claims", "linearisation"),
         ({"wrong_associations": 12.3}, "takes 12 observations a run for others", "linearisation"),
+        ({"wrong_associations": 156.6}, "takes 157 observations a run for others", "linearisation"),
+        ({"wrong_associations": 0.25}, "takes 0.25 observations a run for others", "linearisation"),
         ({"wrong_associations": None}, "claims", "linearisation"),
         ({"nees_per_dof": 1.0}, "1.42 ± 0.17 times", "linearisation"),
         ({"ratio": None}, "claims", "times the"),
@@ -79,6 +87,25 @@ def test_what_is_said_follows_the_figures(changed: dict[str, object], said: str,
     assert sentence is not None
     assert said in sentence
     assert not unsaid or unsaid not in sentence
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({}, ("claims too small a sigma", "loses to the causal optimum")),
+        ({"nees_per_dof": 0.25}, ("claims too large a sigma", "loses to the causal optimum")),
+        ({"nees_per_dof": 0.0, "ratio": None}, ("claims too large a sigma",)),
+        (
+            {"wrong_associations": 12.0, "ratio": None, "nis_per_dof": 1.69},
+            ("claims too small a sigma", "takes observations for others", "innovations larger than it expects"),
+        ),
+        ({"nees_per_dof": None, "ratio": None, "nis_per_dof": 0.25}, ("innovations smaller than it expects",)),
+        ({"nees_per_dof": 1.0, "ratio": Interval(1.02, 0.92, 1.12), "wrong_associations": 12.0}, ()),
+    ],
+)
+def test_faults_are_what_the_verdict_finds_wrong_without_sizes(changed: dict[str, object], said: tuple[str, ...]):
+    assert faults(replace(TEXTBOOK, **changed)) == said  # pyright: ignore[reportArgumentType]
+    assert faults(RIGHT) == ()
 
 
 def test_a_single_run_tells_of_gross_errors_alone():

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -230,6 +231,19 @@ def test_whenever_it_is_killed_ours_stays_ours_and_a_folder_that_looks_whole_is(
         left = {name: text for name, text in texts(out).items() if ".partial" not in name}
         assert left == dict.fromkeys(new, "newer") | {"estimates/mine.npz": "mine"}
     assert kills > 8
+
+
+def test_an_interrupt_while_files_are_put_in_place_says_so_and_leaves_no_other_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    publish(tmp_path, "old")
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink", Mock(side_effect=KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt, match=f"^{tmp_path} is written in part; the same command makes it whole"):
+            publish(tmp_path, "new")
+    assert not [*tmp_path.glob(".slamgauge.*.partial")]
+    publish(tmp_path, "new")
+    assert texts(tmp_path) == dict.fromkeys(FILES, "new")
 
 
 def test_what_somebody_puts_in_the_place_of_a_file_that_was_on_its_way_is_theirs(

@@ -111,9 +111,11 @@ def test_an_estimator_that_fails_is_named_with_the_seed(monkeypatch: pytest.Monk
 def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["budget", "q1-long-dense", "--set", "trajectory.duration=3", "--runs", "2", "--jobs", "1"]
     assert main([*words, "--out", str(tmp_path / "budget")]) == 0
-    assert "no estimator avoids" in capsys.readouterr().out
+    printed = capsys.readouterr().out
     content = json.loads((tmp_path / "budget" / "budget.json").read_text())
-    assert set(content) == {"scenario", "filter", "runs", "rungs", "costliest"}
+    assert set(content) == {"scenario", "filter", "runs", "rungs", "costliest", "verdict"}
+    assert content["verdict"] in printed.splitlines()
+    assert "no estimator avoids" in content["verdict"]
     assert set(content["rungs"][0]) == {"name", "mse_m2", "increment_m2", "optimum_check_share"}
     assert (tmp_path / "budget" / "budget.png").stat().st_size > 0
 

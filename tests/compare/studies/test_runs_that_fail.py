@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -17,8 +18,10 @@ from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.studies import run as study_run
 from slamgauge.compare.studies.executors import local_processes, lost_worker
+from slamgauge.compare.studies.resolution import Until
 from slamgauge.compare.studies.run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.study import AGAIN, load_runs, run_study
+from slamgauge.compare.studies.summary import summary_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -86,6 +89,32 @@ def test_a_simulation_that_fails_is_recorded_for_every_estimator(
         summary = run_study(scenario, 1, 0, ("ekf", "riekf"), tmp_path, thread)
     assert [failure.error for failure in summary.failures] == ["simulation: seed: too large"] * 2
     assert run_study(scenario, 1, 0, ("ekf", "riekf"), tmp_path, thread).failures == summary.failures
+
+
+def test_an_estimator_that_changes_the_kind_of_its_estimates_is_refused_with_all_its_runs(
+    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path
+) -> None:
+    ekf, asked = load_estimators(["ekf"])["ekf"], []
+
+    def changing(recording: Recording) -> Estimate:
+        asked.append(recording)
+        return replace(ekf(recording), kind="smoothed" if len(asked) > 2 else "filtered")
+
+    chosen = {"ekf": "ekf", "mine": changing}
+    assert not run_study(scenario, 2, 0, chosen, tmp_path, thread).failures
+    summary = run_study(scenario, 4, 0, chosen, tmp_path, thread, against=["ekf"], until=Until(0.5, 4))
+    (failure,) = summary.failures
+    assert (failure.run, failure.estimator) == (2, "mine")
+    assert failure.error == (
+        "its poses are filtered in run 0 and smoothed in run 2, and no optimum is that of both; "
+        "none of its runs counts: say the same kind of all"
+    )
+    assert (summary.estimators["mine"].kind, summary.estimators["mine"].runs) == (None, 0)
+    assert len(load_runs(scenario, 4, 0, chosen, tmp_path)["mine"].run) == 0
+    assert summary.estimators["ekf"].runs == 4
+    assert summary.precision is not None
+    assert summary.precision.unknown == (("mine", "ekf"),)
+    assert "run 2: mine failed: its poses are" in summary_table(summary)
 
 
 def test_workers_that_always_die_are_one_line_and_what_is_stored_stays(

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario
 from slamgauge.compare.studies.study import run_study
+from slamgauge.compare.studies.summary import EstimatorSummary, Summary
 from slamgauge.compare.studies.sweep import run_sweep, split_sweep, sweep_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -99,15 +102,63 @@ def test_mistakes_are_found_before_anything_is_run(tmp_path: Path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_filter_of_ones_own_is_swept_and_drawn_beside_ours(
+    tmp_path: Path, saved: dict[str, Figure], capsys: pytest.CaptureFixture[str]
+):
+    own = Path(__file__).parents[3] / "examples/student_ekf.py"
+    estimators = f"isam2@ekf,mine={own}:ekf_slam,isam2"
+    arguments = ("study", "q2-long-dense", "--runs", "2", "--jobs", "1", "--estimators", estimators)
+    sweep = ("--sweep", "association.gate=4,9", "--set", "trajectory.duration=3", "--out", str(tmp_path))
+    assert main([*arguments, *sweep]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[1] for line in lines[1:7]] == ["isam2@ekf", "mine", "isam2"] * 2
+    titles = saved["sweep"].axes[0].get_legend_handles_labels()[1]
+    assert titles == ["isam2@ekf", "mine", "causal optimum"]
+
+
+def entry(summary: Summary, *faults: str, runs: int = 7) -> EstimatorSummary:
+    return replace(summary.estimators["ekf"], runs=runs, faults=faults)
+
+
+def test_below_the_table_stands_what_is_wrong_and_at_which_values(tmp_path: Path):
+    """What a verdict says at each value, without its sizes, which the table has."""
+    with ThreadPoolExecutor(1) as executor:
+        sweep = run_sweep("q2-long-dense", SHORT, "association.gate=1,4,9", 2, 0, ["ekf"], tmp_path, executor)
+    said = {
+        "ekf": (
+            ("claims too small a sigma", "loses to the causal optimum"),
+            ("claims too small a sigma",),
+            ("claims too small a sigma",),
+        ),
+        "mine": ((), (), ("claims too large a sigma",)),
+        "right": ((), (), ()),
+    }
+    summaries = tuple(
+        replace(each, estimators={name: entry(each, *faults[place]) for name, faults in said.items()})
+        for place, each in enumerate(sweep.summaries)
+    )
+    assert sweep_table(replace(sweep, runs=7, summaries=summaries)).splitlines()[-4:] == [
+        "empty: x causal: isam2 is not among the estimators that ran",
+        "ekf: claims too small a sigma at every value; loses to the causal optimum at association.gate=1",
+        "mine: claims too large a sigma at association.gate=9",
+        "right: nothing wrong is shown by 7 runs",
+    ]
+    failed = tuple(replace(each, estimators={"mine": entry(each, runs=0)}) for each in sweep.summaries)
+    assert "mine:" not in sweep_table(replace(sweep, summaries=failed))
+
+
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     arguments = ("study", "q3-scale-1", "--runs", "2", "--jobs", "1", "--estimators", "ekf,isam2")
     sweep = ("--sweep", "assumed.scale=0.1,10", "--set", "trajectory.duration=2", "--out", str(tmp_path))
     assert main([*arguments, *sweep]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split()[:2] == ["assumed.scale", "estimator"]
-    assert [line.split()[:2] for line in lines[1:]] == [[v, e] for v in ("0.1", "10") for e in ("ekf", "isam2")]
+    assert [line.split()[:2] for line in lines[1:5]] == [[v, e] for v in ("0.1", "10") for e in ("ekf", "isam2")]
+    assert [line.partition(":")[0] for line in lines[5:]] == ["ekf", "isam2"]  # and no empty column
     content = json.loads((tmp_path / "sweep.json").read_text())
     assert [point["value"] for point in content["points"]] == ["0.1", "10"]
+    faults = [point["summary"]["estimators"]["ekf"]["faults"] for point in content["points"]]
+    assert faults == [["innovations larger than it expects"], ["innovations smaller than it expects"]]
     sigma = [point["summary"]["estimators"]["ekf"]["position_sigma_m"]["mean"] for point in content["points"]]
     assert sigma[1] > sigma[0]
     assert imread(tmp_path / "sweep.png").shape == (1000, 1440, 4)
