@@ -26,6 +26,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.triangles import from_triangles, upper_triangles
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
 from slamgauge.recording import Recording, Sensor
@@ -51,14 +52,14 @@ def write_recording_csv(folder: Path, recording: Recording) -> None:
         UserError: one cannot be written.
     """
     stamps = recording.stamps.tolist()
-    prior = [stamps[0], *recording.prior_mean.tolist(), *_triangles(recording.prior_cov[None])[0]]
-    motion = zip(stamps[1:], recording.odometry.tolist(), _triangles(recording.odometry_cov), strict=True)
+    prior = [stamps[0], *recording.prior_mean.tolist(), *upper_triangles(recording.prior_cov[None])[0].tolist()]
+    motion = zip(stamps[1:], recording.odometry.tolist(), upper_triangles(recording.odometry_cov).tolist(), strict=True)
     ids = np.full(len(recording.observation), -1) if recording.landmark is None else recording.landmark
     seen = zip(
         recording.observation_step.tolist(),
         ids.tolist(),
         recording.observation.tolist(),
-        _triangles(recording.observation_cov),
+        upper_triangles(recording.observation_cov).tolist(),
         strict=True,
     )
     _write(folder / START, ("stamp", *POSE, *POSE_COV), [prior])
@@ -100,10 +101,10 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
         return Estimate(
             kind,
             poses=rows[:, 1:4],
-            pose_covs=_matrices(rows[:, 4:], 3) if rows.shape[1] > 4 else None,
+            pose_covs=from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None,
             landmark_ids=landmarks[:, 0].astype(np.int64),
             landmarks=landmarks[:, 1:3],
-            landmark_covs=_matrices(landmarks[:, 3:], 2) if has_covs else None,
+            landmark_covs=from_triangles(landmarks[:, 3:], 2) if has_covs else None,
         )
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
@@ -134,18 +135,3 @@ def _numbers(where: str, line: str, count: int) -> list[float]:
     if len(numbers) != count or not np.isfinite(numbers).all():
         raise UserError(f"{where}: {line[:60]!r}; write {count} finite numbers, as the header says")
     return numbers
-
-
-def _triangles(covs: Float) -> list[list[float]]:
-    """Upper triangles (n, d(d+1)/2) of matrices (n, d, d), row by row."""
-    rows, columns = np.triu_indices(covs.shape[1])
-    return covs[:, rows, columns].tolist()
-
-
-def _matrices(triangles: Float, size: int) -> Float:
-    """Symmetric matrices (n, size, size) of their upper triangles."""
-    rows, columns = np.triu_indices(size)
-    full = np.zeros((len(triangles), size, size))
-    full[:, rows, columns] = triangles
-    full[:, columns, rows] = triangles
-    return full

@@ -1,0 +1,58 @@
+"""What a reader of robots' logs returns, and what several readers do alike."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int, Marks
+from slamgauge.compare.datasets.lines import Line
+from slamgauge.correlations import scale_of
+from slamgauge.errors import UserError
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
+
+
+class Imported(NamedTuple):
+    """A log, its truth if it has any, and what of the file is not in them: a line each."""
+
+    recording: Recording
+    truth: Truth | None
+    notes: tuple[str, ...]
+
+
+@contextmanager
+def of_file(path: Path) -> Generator[None]:
+    """Say of which file a record that cannot be made was to be."""
+    try:
+        yield
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
+
+
+def require_covariances(lines: Sequence[Line], matrices: Float, what: str, remedy: str) -> None:
+    """Refuse the first line whose matrix (n, d, d) is not positive definite, seen as a correlation."""
+    variances = np.diagonal(matrices, axis1=1, axis2=2)
+    bad = ~(variances > 0.0).all(axis=1)
+    bad[~bad] = np.linalg.eigvalsh(matrices[~bad] / scale_of(matrices[~bad]))[:, 0] <= 1e-12
+    if bad.any():
+        raise lines[int(np.argmax(bad))].refused(f"{what} is not positive definite", remedy)
+
+
+def identified(landmark: Int) -> tuple[Int | None, Marks, tuple[str, ...]]:
+    """Ids (M,) that may be -1, as a recording has them: all known, or none.
+
+    Returns:
+        The ids of the observations that are kept, None if there are no ids at all; which are kept, (M,); and what to
+        say of those that are not: where some observations have ids, those without are left out.
+    """
+    known = landmark >= 0
+    if not known.any():
+        return None, np.ones(len(landmark), dtype=bool), ()
+    lost = int(np.sum(~known))
+    notes = (f"{lost} of {len(landmark)} observations have no id and are left out",) if lost else ()
+    return landmark[known], known, notes
