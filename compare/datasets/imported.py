@@ -37,8 +37,8 @@ def of_file(path: Path) -> Generator[None]:
 def require_covariances(lines: Sequence[Line], matrices: Float, what: str, remedy: str) -> None:
     """Refuse the first line whose matrix (n, d, d) is not positive definite, seen as a correlation."""
     variances = np.diagonal(matrices, axis1=1, axis2=2)
-    bad = ~(variances > 0.0).all(axis=1)
-    bad[~bad] = np.linalg.eigvalsh(matrices[~bad] / scale_of(matrices[~bad]))[:, 0] <= 1e-12
+    positive = (variances > 0.0).all(axis=1)
+    bad = ~positive | (np.linalg.eigvalsh(matrices / scale_of(matrices))[:, 0] <= 1e-12)
     if bad.any():
         raise lines[int(np.argmax(bad))].refused(f"{what} is not positive definite", remedy)
 
@@ -56,3 +56,15 @@ def identified(landmark: Int) -> tuple[Int | None, Marks, tuple[str, ...]]:
     lost = int(np.sum(~known))
     notes = (f"{lost} of {len(landmark)} observations have no id and are left out",) if lost else ()
     return landmark[known], known, notes
+
+
+def diagonal_covariances(sigmas: Float) -> Float:
+    """Covariances (n, d, d) without correlations, of standard deviations (n, d)."""
+    return sigmas[:, :, None] ** 2 * np.eye(sigmas.shape[1])
+
+
+def require_sigmas(**sigmas: float) -> None:
+    """Refuse a standard deviation that is given as an option unless it is a number > 0; of a motion it may be 0."""
+    for name, sigma in sigmas.items():
+        if not 0.0 <= sigma < np.inf or (sigma == 0.0 and name in ("range", "bearing")):
+            raise UserError(f"{name.replace('_', '-')}: {sigma:g} is no standard deviation; give a number > 0")

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from tqdm import tqdm
 
+from slamgauge.arrays import Float
 from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
 
@@ -65,18 +67,22 @@ class Line:
         return int(number)
 
 
-def read_lines(path: Path, *, comment: str = "#", separator: str | None = None) -> Iterator[Line]:
+def read_lines(path: Path, *, comment: str = "#", separators: str = "") -> Iterator[Line]:
     """The lines of a text file that say something; a terminal shows progress if this takes long.
 
     Args:
         path: The file.
         comment: What begins a remark, up to the end of its line; none if empty.
-        separator: What stands between words; None for any white space.
+        separators: Characters that may stand between words: the first of them that the first line has does, and white
+            space where it has none.
 
     Raises:
         UserError: the file cannot be read, or is no text.
     """
     text = io.StringIO(read_text(path), newline=None)
+    first = next((line for line in text if line.strip()), "")
+    separator = next((each for each in separators if each in first), None)
+    text.seek(0)
     shown = tqdm(text, desc=path.name, delay=PATIENCE, disable=None, leave=False, unit="line")
     for number, line in enumerate(shown, start=1):
         said = line.partition(comment)[0] if comment else line
@@ -92,12 +98,41 @@ def read_text(path: Path) -> str:
     """
     with explained(path, "read"):
         content = path.read_bytes()
+    broken = content.find(b"\0")
     try:
         text = content.decode("utf-8-sig")
-        broken = text.find("\0")
-        lines = text.count("\n", 0, broken)
     except UnicodeDecodeError as error:
-        broken, lines = error.start, content.count(b"\n", 0, error.start)
+        text, broken = "", error.start
     if broken >= 0:
-        raise UserError(f"{path}, line {lines + 1}: not a text in UTF-8; give another file, or save it as such")
+        line = content.count(b"\n", 0, broken) + 1
+        raise UserError(f"{path}, line {line}: not a text in UTF-8; give another file, or save it as such")
     return text
+
+
+def read_table(path: Path, form: str) -> tuple[list[Line], Float]:
+    """The lines of a file of numbers alone, and the numbers (n, k) of its k columns.
+
+    Args:
+        path: The file.
+        form: Names of the columns, `time x y` for instance.
+
+    Raises:
+        UserError: the file cannot be read, a line has not the form, or there is none.
+    """
+    lines, rows = list(read_lines(path)), list[list[float]]()
+    for line in lines:
+        line.require(form)
+        rows.append(line.numbers(0))
+    if not rows:
+        raise UserError(f"{path}: no line in it; write lines of {form}")
+    return lines, np.array(rows)
+
+
+def require_order(lines: Sequence[Line], stamps: Float, *, strict: bool) -> None:
+    """Refuse the first line whose stamp [s] is before that of the line above, or not after it if `strict`."""
+    ahead = np.diff(stamps)
+    wrong = ahead <= 0.0 if strict else ahead < 0.0
+    if wrong.any():
+        at = int(np.argmax(wrong)) + 1
+        last, here = stamps[at - 1], stamps[at]
+        raise lines[at].refused(f"stamp {here:.9f} comes after {last:.9f}", "sort the lines by time")

@@ -7,11 +7,13 @@ parts, composed, are the whole; their noise is the step's in proportion to their
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
+from slamgauge.compare.datasets.lines import Line
 from slamgauge.se2 import rotation, wrap
 
 SAME = 1e-6  # s: stamps that are nearer than this are one; stamps of today in seconds resolve some 2e-7
@@ -40,6 +42,15 @@ def constant_twist(velocities: Float, seconds: Float) -> Float:
     half = twist[:, 2] / 2.0
     chord = np.einsum("nij,nj->ni", rotation(half), twist[:, :2]) * _sinc(half)[:, None]
     return np.column_stack([chord, twist[:, 2]])
+
+
+def require_turns(lines: Sequence[Line], increments: Float) -> None:
+    """Refuse the first line whose increment (n, 3) turns by more than half a circle, which no odometry resolves."""
+    wild = np.abs(increments[:, 2]) > np.pi
+    if wild.any():
+        at = int(np.argmax(wild))
+        remedy = "check the unit of angles, or write lines in between"
+        raise lines[at].refused(f"the robot turns by {increments[at, 2]:.3g} rad within a row", remedy)
 
 
 def within(odometry: Odometry, times: Float) -> Marks:
