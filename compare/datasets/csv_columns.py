@@ -75,6 +75,9 @@ def read_columns(source: Source, kinds: Sequence[str], section: str, kind: str |
         raise lines[0].refused(f"no header, and {section}.kind is not said", remedy)
     candidates = [kind] if kind is not None else list(kinds)
     found = [(each, places) for each in candidates if (places := _places(source, each, names, has_header)) is not None]
+    found = [
+        (each, places) for each, places in found if not any({*KINDS[each]} < {*KINDS[other]} for other, _ in found)
+    ]
     if len(found) != 1:
         raise _undecided(lines[0], candidates if not found else [each for each, _ in found], section, bool(found))
     return Table(found[0][0], rows, _values(source, rows, *found[0], len(names)))

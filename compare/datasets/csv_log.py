@@ -57,7 +57,7 @@ def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> tuple[Imported, S
         if overrides:
             raise UserError(f"{path}: all is said by its {START}; leave {overrides[0]} away, or remove that file")
         return Imported(read_recording_csv(path), None, ()), None
-    mapping = load_mapping(path, overrides)
+    mapping = _with_truth_beside(load_mapping(path, overrides))
     odometry, kind = _odometry(mapping)
     seen = _observations(mapping)
     inside = within(odometry, seen.values[:, 0])
@@ -163,31 +163,35 @@ def _source(mapping: LogMapping, section: OdometryTable | ObservationsTable) -> 
 # --- truth and start ---------------------------------------------------------------------------
 
 
+def _with_truth_beside(mapping: LogMapping) -> LogMapping:
+    """The mapping with the files of ground truth that lie beside the log and are not named."""
+    beside = {"file": "truth.csv", "landmarks": "landmarks.csv"}
+    there = {key: name for key, name in beside.items() if (mapping.folder / name).exists()}
+    named = {key: getattr(mapping.truth, key) for key in beside if getattr(mapping.truth, key) is not None}
+    return replace(mapping, truth=replace(mapping.truth, **(there | named)))
+
+
 def _truth(mapping: LogMapping, stamps: Float, landmark: Int | None) -> Truth | None:
     """The ground truth at the stamps (N+1,), as far as there is any."""
     section = mapping.truth
-    paths, map_paths = (
-        mapping.folder / (section.file or "truth.csv"),
-        mapping.folder / (section.landmarks or "landmarks.csv"),
-    )
-    has_path = section.file is not None or paths.exists()
-    has_map = section.landmarks is not None or map_paths.exists()
-    if not has_path and not has_map:
+    if section.file is None and section.landmarks is None:
         return None
     units = {"time": section.time, "length": section.length, "angle": section.angle}
     poses = ids = landmarks = None
-    if has_path:
+    if section.file is not None:
+        paths = mapping.folder / section.file
         require_known(section.columns, ("poses",), f"{mapping.where}: truth.columns")
         table = read_columns(Source(paths, section.columns, units), ("poses",), "truth", "poses")
         require_order(table.lines, table.values[:, 0], strict=True)
         if not len(table.values):
             raise UserError(f"{paths}: has no rows; write some, or remove the file")
         poses = interpolated(table.values[:, 0], table.values[:, 1:], stamps, section.max_gap)
-    if has_map:
+    if section.landmarks is not None:
+        map_paths = mapping.folder / section.landmarks
         require_known(section.landmark_columns, ("landmarks",), f"{mapping.where}: truth.landmark_columns")
         table = read_columns(Source(map_paths, section.landmark_columns, units), ("landmarks",), "truth", "landmarks")
         ids, landmarks = table.values[:, 0].astype(np.int64), table.values[:, 1:]
-    with of_file(map_paths if has_map else paths):
+    with of_file(mapping.folder / (section.landmarks or section.file or "")):
         return Truth(poses=poses, landmark_ids=ids, landmarks=landmarks, association=landmark)
 
 

@@ -83,6 +83,7 @@ def read_mrclam(
     sights, landmark = sights[inside], landmark[inside]
     odometry, steps = split_at(odometry, sights[:, 0])
     poses = None if ground is None else interpolated(ground[:, 0], ground[:, 1:], odometry.stamps, MAX_GAP)
+    truth = _truth(folder / "Landmark_Groundtruth.dat", poses, landmark)
     with of_file(folder):
         recording = Recording(
             stamps=odometry.stamps,
@@ -96,7 +97,6 @@ def read_mrclam(
             observation_cov=diagonal_covariances(np.tile([range_sigma, bearing_sigma], (len(sights), 1))),
             landmark=landmark,
         )
-        truth = _truth(folder / "Landmark_Groundtruth.dat", poses, landmark)
     return Imported(recording, truth, (*notes, *more))
 
 
@@ -169,4 +169,5 @@ def _truth(path: Path, poses: Float | None, landmark: Int) -> Truth | None:
         return None if poses is None else Truth(poses=poses, association=landmark)
     lines, table = read_table(path, "subject x y x-sigma y-sigma")
     ids = np.array([line.id_at(0) for line in lines], dtype=np.int64)
-    return Truth(poses=poses, landmark_ids=ids, landmarks=table[:, 1:3], association=landmark)
+    with of_file(path):
+        return Truth(poses=poses, landmark_ids=ids, landmarks=table[:, 1:3], association=landmark)
