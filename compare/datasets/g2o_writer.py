@@ -2,8 +2,8 @@
 
 Landmarks keep their ids, and poses have ids of their own: 0 to N, or from the largest landmark's on where these meet.
 Vertices are a first guess: dead reckoning, and each landmark where it was first seen from there (one of bearings alone
-at a metre's distance). A start without noise is FIX, any other EDGE_PRIOR_SE2. Ranges with bearings have no edge of
-g2o's own: they are BR, which GTSAM reads.
+at a metre's distance). A start without noise is FIX, any other EDGE_PRIOR_SE2; it is the last line, since GTSAM reads
+no edge behind it. Ranges with bearings have no edge of g2o's own: they are BR, which GTSAM reads.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ def write_g2o(path: Path, recording: Recording, *, lend: float | None = None) ->
     lines = [
         *_written("VERTEX_SE2", poses[:, None], path_guess),
         *_written("VERTEX_XY", ids[:, None], _seen_at(recording, path_guess, first)),
-        *_start(recording, int(poses[0]), lend),
         *_motions(recording, poses, lend),
         *_sights(recording, poses, recording.landmark),
+        *_start(recording, int(poses[0]), lend),
     ]
     with explained(path, "written"):
         path.write_text("".join(f"{line}\n" for line in lines), encoding="ascii")

@@ -36,7 +36,7 @@ MRCLAM = {
     "Robot2_Odometry.dat": "# Time v w\n10.0 0.2 0.0\n10.5 0.2 0.1\n10.5 0.3 0.1\n11.0 0.1 -0.2\n12.0 0.0 0.0\n",
     "Robot2_Measurement.dat": "9.0 63 1.0 0.1\n10.25 63 2.0 0.2\n10.5 14 1.0 0.0\n11.0 99 1 0\n11.5 25 3.0 -0.3\n",
     "Barcodes.dat": "# Subject Barcode\n1 5\n2 14\n6 63\n7 25\n",
-    "Robot2_Groundtruth.dat": "10.2 1 2 3.1\n10.9 2 2 -3.1\n11.9 3 2 -3.0\n13.0 3 2 -3.0\n",
+    "Robot2_Groundtruth.dat": "10.2 1 2 3.1\n10.9 2 2 -3.1\n11.9 3 2 -3.0\n12.8 3 2 -3.0\n",
     "Landmark_Groundtruth.dat": "6 1.0 2.0 0.001 0.001\n7 3.0 4.0 0.001 0.001\n",
 }
 DLR = {

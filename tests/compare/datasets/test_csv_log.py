@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from random_recordings import random_recording
+from random_recordings import random_recording, recording_of
 from robot_logs import CSV
 
 from slamgauge.compare.cli.main import main
@@ -204,7 +204,7 @@ def test_the_mapping_that_was_in_force_reads_the_same_log_again(tmp_path: Path):
 
 @pytest.mark.parametrize("sensor", ["range-bearing", "bearing", "position"])
 def test_csv_folders_are_read_back_bit_for_bit(sensor: str, tmp_path: Path):
-    _, recording = random_recording(3, sensor=sensor, slip=False)
+    recording = recording_of(sensor, slip=False)
     write_recording_csv(tmp_path, recording)
     assert read_recording_csv(tmp_path) == recording
     assert read_csv_log(tmp_path)[0].recording == recording
@@ -233,7 +233,7 @@ def test_csv_to_npz_to_csv_keeps_the_cost_of_batch(tmp_path: Path):
             "reach",
             "observations.csv: line 1 is no header of this file; write step,landmark",
         ),
-        ("observations.csv", "\n0,0,", "\n0,-1,", "observations.csv, line 2: an id of -1 beside others"),
+        ("observations.csv", "\n0,2,", "\n0,-1,", "observations.csv, line 2: an id of -1 beside others"),
         ("observations.csv", "\n0,", "\n0.5,", "step[0] = 0.5: every entry must be a whole number"),
     ],
 )
