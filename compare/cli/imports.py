@@ -28,13 +28,17 @@ IMPORTED = (RECORDING, TRUTH, MAPPING)
 class Csv:
     """CSV files of a robot of your own: odometry, observations and, if you have it, ground truth.
 
-    odometry.csv has the columns stamp,dx,dy,dtheta (increments), stamp,v,omega (velocities) or stamp,x,y,theta
-    (poses), observations.csv stamp,landmark,range,bearing or stamp,landmark,bearing or stamp,landmark,x,y (in the
-    robot's frame); truth.csv stamp,x,y,theta and landmarks.csv landmark,x,y may lie beside them. Other names, columns
-    and units are said in recording.toml or with --set (docs/your_robot.md), the noise always: for example
-    --set noise.forward=0.02 noise.turn=0.01 noise.range=0.1 noise.bearing=0.03 [m, rad]. An observation between two
-    rows of odometry splits the step between them. A folder that `slamgauge export --format csv` has written is read
-    as it is.
+    odometry.csv has columns stamp,dx,dy,dtheta or stamp,v,omega or stamp,x,y,theta: increments, velocities or poses.
+
+    observations.csv has stamp,landmark,range,bearing or stamp,landmark,bearing or stamp,landmark,x,y (x forward).
+
+    truth.csv with stamp,x,y,theta and landmarks.csv with landmark,x,y may lie beside them.
+
+    Other names, columns and units are said in recording.toml or with --set (docs/your_robot.md), and the noise always,
+    for example so: --set noise.forward=0.02 noise.turn=0.01 noise.range=0.1 noise.bearing=0.03 [m, rad].
+
+    An observation between two rows of odometry splits the step between them. A folder that `slamgauge export` has
+    written as csv is read as it is.
     """
 
     path: tyro.conf.Positional[Path]
