@@ -69,16 +69,12 @@ def laser(
     """What the laser sees: time, reflector, range and bearing."""
     for time in np.arange(stamps[0] + 0.03, stamps[-1], LASER):
         heading = np.interp(time, stamps, np.unwrap(poses[:, 2]))
-        x, y = (np.interp(time, stamps, poses[:, axis]) for axis in (0, 1))
-        for at, (dx, dy) in enumerate(reflectors - (x, y)):
+        here = np.array([np.interp(time, stamps, poses[:, axis]) for axis in (0, 1)])
+        for at, (dx, dy) in enumerate((reflectors - here).tolist()):
             if np.hypot(dx, dy) < REACH:
-                bearing = np.degrees(wrap(np.arctan2(dy, dx) - heading))
-                yield (
-                    time,
-                    at,
-                    np.hypot(dx, dy) + rng.normal(0.0, RANGE_SIGMA),
-                    bearing + rng.normal(0.0, BEARING_SIGMA),
-                )
+                distance = float(np.hypot(dx, dy)) + rng.normal(0.0, RANGE_SIGMA)
+                bearing = float(np.degrees(wrap(np.arctan2(dy, dx) - heading))) + rng.normal(0.0, BEARING_SIGMA)
+                yield float(time), at, distance, bearing
 
 
 def write(path: Path, header: Sequence[str], rows: Iterable[Sequence[float]]) -> None:

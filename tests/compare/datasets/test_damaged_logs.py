@@ -56,7 +56,7 @@ def mutated(content: bytes, rng: np.random.Generator) -> bytes:
     """The content with a word, a line or a byte changed."""
     lines = content.split(b"\n")
     at = int(rng.integers(len(lines)))
-    match rng.integers(8):
+    match int(rng.integers(8)):
         case 0:
             return content[: rng.integers(len(content))]
         case 1:

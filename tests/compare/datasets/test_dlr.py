@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +12,17 @@ from robot_logs import DLR
 
 from slamgauge.arrays import Float
 from slamgauge.compare.datasets.dlr import read_dlr
+from slamgauge.compare.datasets.imported import Imported
 from slamgauge.errors import UserError
 from slamgauge.se2 import chain, compose
 
 LOG = DLR["log.txt"]
+Read = Callable[..., Imported]
 
 
 @pytest.fixture
-def read(tmp_path: Path):
-    def of_text(text: str = LOG, **options: bool):
+def read(tmp_path: Path) -> Read:
+    def of_text(text: str = LOG, **options: bool) -> Imported:
         path = tmp_path / "log.txt"
         path.write_text(text)
         return read_dlr(path, **options)
@@ -27,7 +30,7 @@ def read(tmp_path: Path):
     return of_text
 
 
-def test_frames_are_turned_and_covariances_with_them(read):
+def test_frames_are_turned_and_covariances_with_them(read: Read):
     recording, truth, notes = read()
     assert_array_equal(recording.odometry, [[0.5, 0.1, 0.02], [0.4, 0.0, 0.0]])
     expected = [[4e-5, -1e-6, 3e-6], [-1e-6, 1e-5, 2e-6], [3e-6, 2e-6, 2e-4]]
@@ -41,7 +44,7 @@ def test_frames_are_turned_and_covariances_with_them(read):
     assert notes == ("1 of 3 observations have no id and are left out",)
 
 
-def test_the_turned_log_is_the_same_drive(read):
+def test_the_turned_log_is_the_same_drive(read: Read):
     """Landmarks from its own frame's path, turned by a quarter, are those of ours."""
     recording = read().recording
     quarter = np.array([0.0, 0.0, np.pi / 2])
@@ -56,7 +59,7 @@ def test_the_turned_log_is_the_same_drive(read):
     assert_allclose(here, seen_from(np.tile(quarter, (2, 1)), there), atol=1e-12)
 
 
-def test_ids_can_be_forgotten_or_all_be_unknown(read):
+def test_ids_can_be_forgotten_or_all_be_unknown(read: Read):
     for recording in (
         read(with_ids=False).recording,
         read(LOG.replace("0038 4", "0038 -1")).recording,
@@ -81,7 +84,7 @@ def test_ids_can_be_forgotten_or_all_be_unknown(read):
         (LOG, "# nothing\n", "no STEP line in it"),
     ],
 )
-def test_wrong_logs_are_refused_in_one_line(read, old: str, new: str, message: str):
+def test_wrong_logs_are_refused_in_one_line(read: Read, old: str, new: str, message: str):
     with pytest.raises(UserError, match=r"^[^\n]+$") as caught:
         read(LOG.replace(old, new, 1))
     assert message in str(caught.value)

@@ -138,6 +138,7 @@ def test_our_optimum_has_gtsams_cost_of_the_file(tmp_path: Path):
     estimate = batch(read_g2o(path).recording)
     graph, _ = gtsam.readG2o(str(path), False)
     values = gtsam.Values()
+    assert recording.landmark is not None
     first = int(recording.landmark.max()) + 1 if recording.landmark.min() <= recording.steps else 0
     for k, pose in enumerate(estimate.poses):
         values.insert(first + k, gtsam.Pose2(*pose))
