@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.lines import Line, read_lines
+from slamgauge.compare.datasets.lines import REMARKS, Line, read_lines
 from slamgauge.compare.datasets.mapping import UNITS, Columns
 from slamgauge.errors import UserError
 from slamgauge.near_names import did_you_mean
@@ -67,20 +67,34 @@ def read_columns(source: Source, kinds: Sequence[str], section: str, kind: str |
     lines = list(read_lines(source.path, comment="", separators=",;\t"))
     if not lines:
         raise UserError(f"{source.path}: no line in it; write a header and rows")
-    names = [word.strip('"').lstrip("#%").strip() for word in lines[0].words]
+    header, rows = _header(lines)
+    names = [word.strip('"').lstrip("#%").strip() for word in header.words]
     has_header = not all(map(_is_number, names))
-    rows = [line for line in lines[has_header:] if not line.words[0].startswith(("#", "%"))]
     if not has_header and kind is None:
         remedy = f"write one, or say what its columns are with {section}.kind"
-        raise lines[0].refused(f"no header, and {section}.kind is not said", remedy)
+        raise header.refused(f"no header, and {section}.kind is not said", remedy)
     candidates = [kind] if kind is not None else list(kinds)
     found = [(each, places) for each in candidates if (places := _places(source, each, names, has_header)) is not None]
     found = [
         (each, places) for each, places in found if not any({*KINDS[each]} < {*KINDS[other]} for other, _ in found)
     ]
     if len(found) != 1:
-        raise _undecided(lines[0], candidates if not found else [each for each, _ in found], section, bool(found))
+        raise _undecided(header, candidates if not found else [each for each, _ in found], section, bool(found))
     return Table(found[0][0], rows, _values(source, rows, *found[0], len(names)))
+
+
+def _header(lines: list[Line]) -> tuple[Line, list[Line]]:
+    """The line that names the columns, or the first row if there is none, and the rows.
+
+    Lines that begin with # or % are remarks. But the one above the first row names its columns if it has as many words.
+    """
+    said = [line for line in lines if not line.words[0].startswith(REMARKS)]
+    if not said:
+        return lines[-1], []
+    above = next((line for line in reversed(lines) if line.number < said[0].number), None)
+    if all(map(_is_number, said[0].words)):
+        return (above, said) if above is not None and len(above.words) == len(said[0].words) else (said[0], said)
+    return said[0], said[1:]
 
 
 def _places(source: Source, kind: str, names: list[str], has_header: bool) -> list[int | None] | None:

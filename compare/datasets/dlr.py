@@ -46,7 +46,7 @@ def read_dlr(path: Path, *, with_ids: bool = True) -> Imported:
     odometry_cov = _matrices(motion[:, 3:], ((0, 1, 3), (1, 2, 4), (3, 4, 5)))
     observation_cov = _matrices(sights[:, 3:6], ((0, 1), (1, 2)))
     remedy = "correct its numbers"
-    require_covariances(moves, odometry_cov, "the covariance of the STEP", remedy)
+    require_covariances(moves, odometry_cov, "the covariance of the STEP", remedy, definite=False)
     require_covariances(seen, observation_cov, "the covariance of the LANDMARK", remedy)
     ids = np.array([line.id_at(7, least=-1) if with_ids else -1 for line in seen], dtype=np.int64)
     landmark, kept, notes = identified(ids)

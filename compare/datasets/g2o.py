@@ -176,7 +176,7 @@ def _stated(lines: list[Line], entries: Float, size: int, *, isam: bool) -> Floa
         root = np.triu(from_triangles(entries, size))
         return _inverse(lines, root.swapaxes(1, 2) @ root)
     covs = from_triangles(entries, size)
-    require_covariances(lines, covs, "the covariance", REMEDY)
+    require_covariances(lines, covs, "the covariance", REMEDY, definite=size == 2)  # a motion's may be singular
     return covs
 
 

@@ -34,13 +34,16 @@ def of_file(path: Path) -> Generator[None]:
         raise UserError(f"{path}: {error}") from None
 
 
-def require_covariances(lines: Sequence[Line], matrices: Float, what: str, remedy: str) -> None:
-    """Refuse the first line whose matrix (n, d, d) is not positive definite, seen as a correlation."""
+def require_covariances(
+    lines: Sequence[Line], matrices: Float, what: str, remedy: str, *, definite: bool = True
+) -> None:
+    """Refuse the first line whose matrix (n, d, d) is not positive (semi-)definite, seen as a correlation."""
     variances = np.diagonal(matrices, axis1=1, axis2=2)
-    positive = (variances > 0.0).all(axis=1)
-    bad = ~positive | (np.linalg.eigvalsh(matrices / scale_of(matrices))[:, 0] <= 1e-12)
-    if bad.any():
-        raise lines[int(np.argmax(bad))].refused(f"{what} is not positive definite", remedy)
+    smallest = np.linalg.eigvalsh(matrices / scale_of(matrices))[:, 0]
+    good = (variances > 0.0).all(axis=1) & (smallest > 1e-12) if definite else smallest >= -1e-9
+    if not good.all():
+        named = "positive definite" if definite else "positive semi-definite"
+        raise lines[int(np.argmin(good))].refused(f"{what} is not {named}", remedy)
 
 
 def identified(landmark: Int) -> tuple[Int | None, Marks, tuple[str, ...]]:

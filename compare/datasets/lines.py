@@ -20,6 +20,7 @@ from slamgauge.errors import UserError
 
 LARGEST = 1e50  # no quantity of a robot is larger; products of some such numbers are still finite
 LARGEST_ID = 2**53  # beyond it not every whole number is a float64
+REMARKS = ("#", "%")  # what lines of tables begin with that are remarks, or names of columns
 PATIENCE = 2.0  # seconds of reading before a terminal shows progress
 
 
@@ -73,14 +74,14 @@ def read_lines(path: Path, *, comment: str = "#", separators: str = "") -> Itera
     Args:
         path: The file.
         comment: What begins a remark, up to the end of its line; none if empty.
-        separators: Characters that may stand between words: the first of them that the first line has does, and white
-            space where it has none.
+        separators: Characters that may stand between words: the first of them that the first line without a # or a % in
+            front has does, and white space where it has none.
 
     Raises:
         UserError: the file cannot be read, or is no text.
     """
     text = io.StringIO(read_text(path), newline=None)
-    first = next((line for line in text if line.strip()), "")
+    first = next((line for line in text if line.strip() and line.lstrip()[0] not in REMARKS), "")
     separator = next((each for each in separators if each in first), None)
     text.seek(0)
     shown = tqdm(text, desc=path.name, delay=PATIENCE, disable=None, leave=False, unit="line")

@@ -15,11 +15,19 @@ from slamgauge.compare.datasets.dlr import read_dlr
 from slamgauge.compare.datasets.freiburg import read_freiburg
 from slamgauge.compare.datasets.g2o import read_g2o
 from slamgauge.compare.datasets.mrclam import read_mrclam
+from slamgauge.compare.storage.csv_folder import read_recording_csv
 from slamgauge.errors import UserError
 
+OWN = {  # as `slamgauge export --format csv` writes it
+    "start.csv": "stamp,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n0,0,0,0,0.1,0,0,0.1,0,0.01\n",
+    "odometry.csv": "step,stamp,dx,dy,dtheta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n"
+    "1,0.1,1,0,0.1,0.01,0.001,0,0.02,0,0.01\n2,0.2,1,0,0.1,0.01,0,0,0,0,0.01\n",
+    "observations.csv": "step,landmark,range,bearing,cov_rr,cov_rb,cov_bb\n0,3,2,0.1,0.01,0,0.01\n2,3,1,0,0.01,0,0.01\n",
+}
 Reader = Callable[[Path], object]
 FORMATS: dict[str, tuple[dict[str, str], Reader]] = {
     "csv": (CSV, read_csv_log),
+    "own": (OWN, read_recording_csv),
     "g2o": (G2O, lambda folder: read_g2o(folder / "graph.g2o")),
     "toro": (TORO, lambda folder: read_g2o(folder / "graph.toro", isam=True, drop_loop_edges=True)),
     "mrclam": (MRCLAM, read_mrclam),

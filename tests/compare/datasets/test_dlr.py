@@ -79,7 +79,7 @@ def test_ids_can_be_forgotten_or_all_be_unknown(read: Read):
             "0.0017 0.2 0.0038",
             "line 3: the covariance of the LANDMARK is not positive definite",
         ),
-        ("1e-5 1e-6 4e-5", "1e-5 1e-6 0", "line 2: the covariance of the STEP is not positive definite"),
+        ("1e-5 1e-6 4e-5", "1e-5 1e-6 0", "line 2: the covariance of the STEP is not positive semi-definite"),
         ("0.0038 4", "0.0038 -2", "line 3: '-2' is no id; give a whole number from -1"),
         (LOG, "# nothing\n", "no STEP line in it"),
     ],
