@@ -23,9 +23,8 @@ from slamgauge.compare.datasets.timeline import (
     Odometry,
     constant_twist,
     interpolated,
+    joined,
     require_turns,
-    split_at,
-    within,
 )
 from slamgauge.compare.storage.csv_folder import START, read_recording_csv
 from slamgauge.compare.storage.result_files import MAPPING
@@ -60,11 +59,9 @@ def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> tuple[Imported, S
     mapping = _with_truth_beside(load_mapping(path, overrides))
     odometry, kind = _odometry(mapping)
     seen = _observations(mapping)
-    inside = within(odometry, seen.values[:, 0])
-    notes = [] if inside.all() else [f"{np.sum(~inside)} observations outside the odometry's time are left out"]
-    landmark, kept, more = identified(seen.values[inside, 1].astype(np.int64))
-    values = seen.values[inside][kept]
-    odometry, steps = split_at(odometry, values[:, 0])
+    landmark, kept, notes = identified(seen.values[:, 1].astype(np.int64))
+    odometry, steps, inside, more = joined(odometry, seen.values[kept, 0])
+    values, landmark = seen.values[kept][inside], None if landmark is None else landmark[inside]
     truth = _truth(mapping, odometry.stamps, landmark)
     sensor: Sensor = next(each for each in SENSORS if each == seen.kind)
     sigmas = [mapping.sigma(name) for name in _sigma_names(sensor)]

@@ -24,9 +24,8 @@ from slamgauge.compare.datasets.timeline import (
     Odometry,
     constant_twist,
     interpolated,
+    joined,
     require_turns,
-    split_at,
-    within,
 )
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
@@ -65,23 +64,12 @@ def read_mrclam(
     """
     require_sigmas(forward=forward, lateral=lateral, turn=turn, range=range_sigma, bearing=bearing_sigma)
     prefix = _prefix(folder, robot)
-    path = folder / f"{prefix}Odometry.dat"
     ground = _read_poses(folder / f"{prefix}Groundtruth.dat")
-    lines, commands = _in_time(path, "time velocity yaw-rate")
-    notes = list[str]()
-    if ground is not None:
-        begin = _first_known(ground, commands[:, 0], path)
-        lines, commands = lines[begin:], commands[begin:]
-        notes += [f"{begin} lines of odometry are before the ground truth and left out"] if begin else []
-    if len(commands) < 2:
-        raise UserError(f"{path}: fewer than two moments of odometry; give the whole log")
+    lines, commands, notes = _read_commands(folder / f"{prefix}Odometry.dat", ground)
     odometry = _odometry(lines, commands, np.array([forward, lateral, turn]))
     sights, landmark, more = _read_sights(folder, prefix)
-    inside = within(odometry, sights[:, 0])
-    if not inside.all():
-        more.append(f"{np.sum(~inside)} observations outside the odometry's time are left out")
+    odometry, steps, inside, outside = joined(odometry, sights[:, 0])
     sights, landmark = sights[inside], landmark[inside]
-    odometry, steps = split_at(odometry, sights[:, 0])
     poses = None if ground is None else interpolated(ground[:, 0], ground[:, 1:], odometry.stamps, MAX_GAP)
     truth = _truth(folder / "Landmark_Groundtruth.dat", poses, landmark)
     with of_file(folder):
@@ -97,7 +85,7 @@ def read_mrclam(
             observation_cov=diagonal_covariances(np.tile([range_sigma, bearing_sigma], (len(sights), 1))),
             landmark=landmark,
         )
-    return Imported(recording, truth, (*notes, *more))
+    return Imported(recording, truth, (*notes, *more, *outside))
 
 
 def _prefix(folder: Path, robot: int | None) -> str:
@@ -120,6 +108,16 @@ def _in_time(path: Path, form: str) -> tuple[list[Line], Float]:
     require_order(lines, table[:, 0], strict=False)
     last = np.diff(table[:, 0], append=np.inf) > 0.0
     return [lines[at] for at in np.flatnonzero(last)], table[last]
+
+
+def _read_commands(path: Path, ground: Float | None) -> tuple[list[Line], Float, list[str]]:
+    """Time, velocity and yaw rate (n, 3) from the ground truth's begin on, their lines, and what was left out."""
+    lines, commands = _in_time(path, "time velocity yaw-rate")
+    begin = 0 if ground is None else _first_known(ground, commands[:, 0], path)
+    if len(commands) < begin + 2:
+        raise UserError(f"{path}: fewer than two moments of odometry; give the whole log")
+    notes = [f"{begin} lines of odometry are before the ground truth and left out"] if begin else []
+    return lines[begin:], commands[begin:], notes
 
 
 def _odometry(lines: list[Line], commands: Float, sigmas: Float) -> Odometry:

@@ -53,13 +53,20 @@ def require_turns(lines: Sequence[Line], increments: Float) -> None:
         raise lines[at].refused(f"the robot turns by {increments[at, 2]:.3g} rad within a row", remedy)
 
 
-def within(odometry: Odometry, times: Float) -> Marks:
-    """Which of the times (M,) [s] lie in the span of the odometry."""
-    return (times >= odometry.stamps[0] - SAME) & (times <= odometry.stamps[-1] + SAME)
+def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, tuple[str, ...]]:
+    """The odometry with a stamp wherever something was seen, at times (M,) [s].
+
+    Returns:
+        The odometry; the step of each observation within its span; which observations (M,) these are; and what to say
+        of the others, which are left out.
+    """
+    inside = (times >= odometry.stamps[0] - SAME) & (times <= odometry.stamps[-1] + SAME)
+    notes = () if inside.all() else (f"{np.sum(~inside)} observations outside the odometry's time are left out",)
+    return *split_at(odometry, times[inside]), inside, notes
 
 
 def split_at(odometry: Odometry, times: Float) -> tuple[Odometry, Int]:
-    """The odometry with a stamp at each of the times (M,), all `within` it, and the step (M,) that each has there."""
+    """The odometry with a stamp at each of the times (M,), all in its span, and the step (M,) that each has there."""
     stamps = odometry.stamps
     new = np.unique(times[np.abs(times - stamps[_nearest(stamps, times)]) > SAME])
     new = new[np.diff(new, prepend=-np.inf) > SAME]

@@ -142,8 +142,8 @@ def test_observations_without_an_id_among_others_and_outside_the_odometry_are_le
     recording, _, notes = log(observations(text), *NOISE)
     assert_array_equal(recording.observation_step, [1, 2])
     assert notes == (
+        "1 of 5 observations have no id and are left out",
         "2 observations outside the odometry's time are left out",
-        "1 of 3 observations have no id and are left out",
     )
 
 

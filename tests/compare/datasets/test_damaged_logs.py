@@ -22,7 +22,7 @@ OWN = {  # as `slamgauge export --format csv` writes it
     "start.csv": "stamp,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n0,0,0,0,0.1,0,0,0.1,0,0.01\n",
     "odometry.csv": "step,stamp,dx,dy,dtheta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n"
     "1,0.1,1,0,0.1,0.01,0.001,0,0.02,0,0.01\n2,0.2,1,0,0.1,0.01,0,0,0,0,0.01\n",
-    "observations.csv": "step,landmark,range,bearing,cov_rr,cov_rb,cov_bb\n0,3,2,0.1,0.01,0,0.01\n2,3,1,0,0.01,0,0.01\n",
+    "observations.csv": "step,landmark,range,bearing,cov_rr,cov_rb,cov_bb\n0,3,2,0.1,0.01,0,0.1\n2,3,1,0,0.01,0,0.1\n",
 }
 Reader = Callable[[Path], object]
 FORMATS: dict[str, tuple[dict[str, str], Reader]] = {

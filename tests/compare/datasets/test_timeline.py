@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.timeline import Odometry, constant_twist, interpolated, split_at, within
+from slamgauge.compare.datasets.timeline import Odometry, constant_twist, interpolated, joined, split_at
 from slamgauge.se2 import chain, wrap
 
 angles = st.floats(-3.1, 3.1) | st.floats(-1e-9, 1e-9)
@@ -66,7 +66,10 @@ def test_several_observations_at_one_moment_make_one_step():
 
 
 def test_what_is_outside_the_odometry_is_known():
-    assert_array_equal(within(one_step(np.ones(3)), np.array([4.9, 5.0, 7.0, 7.1])), [False, True, True, False])
+    _, steps, inside, notes = joined(one_step(np.ones(3)), np.array([4.9, 5.0, 7.0, 7.1]))
+    assert_array_equal(inside, [False, True, True, False])
+    assert_array_equal(steps, [0, 1])
+    assert notes == ("2 observations outside the odometry's time are left out",)
 
 
 def test_headings_take_the_shorter_arc():
