@@ -150,6 +150,8 @@ def load_mapping(path: Path, overrides: Sequence[str] = ()) -> LogMapping:
     Raises:
         UserError: the file cannot be read, or a key or a value in it is wrong.
     """
+    if path.is_file() and path.suffix != ".toml":
+        raise UserError(f"{path}: is neither a folder nor a .toml file; give the folder of the log's files")
     file = path / MAPPING if path.is_dir() else path
     table: Table = read_toml(file) if file.exists() or not path.is_dir() else {}
     for text in overrides:

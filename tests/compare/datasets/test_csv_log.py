@@ -198,6 +198,12 @@ def test_wrong_logs_are_refused_in_one_line(log: Log, files: dict[str, str], ove
     assert message in str(caught.value)
 
 
+def test_a_single_csv_file_is_no_log(tmp_path: Path):
+    (tmp_path / "odometry.csv").write_text("stamp,v,omega\n")
+    with pytest.raises(UserError, match=r"odometry.csv: is neither a folder nor a .toml file; give the folder"):
+        read_csv_log(tmp_path / "odometry.csv")
+
+
 def test_noise_must_be_stated(log: Log):
     with pytest.raises(UserError, match=r"recording.toml: noise.forward: missing; add it, or give --set noise.forward"):
         log(odometry("stamp,v,omega\n0,1,0\n1,1,0\n"))
