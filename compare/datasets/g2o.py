@@ -110,7 +110,7 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
 
 
 def _read(path: Path) -> Lines:
-    """The lines by their tags, each with as many words as it must have."""
+    """The lines by their tags, each with as many numbers as it must have."""
     known = (*FORMS, "FIX", *RAW)
     lines: Lines = {tag: [] for tag in known}
     for line in read_lines(path):
@@ -119,6 +119,9 @@ def _read(path: Path) -> Lines:
             raise line.refused(f"{tag[:30]!r} is no tag of planar graphs", did_you_mean(tag[:30], known))
         if tag in FORMS:
             line.require(FORMS[tag])
+            line.numbers(1)
+        elif tag == "FIX" and len(line.words) == 1:
+            raise line.refused("fixes nothing", "write FIX i")
         lines[tag].append(line)
     for tags in (("VERTEX_SE2", "VERTEX2"), ("VERTEX_XY",)):
         met = set[int]()

@@ -180,6 +180,8 @@ def test_a_path_may_have_ids_in_any_order(read: Read):
         ("EDGE_SE2_XY 15", "EDGE_SE2_XY 16", "line 9: pose 16 is not on the path; correct the id"),
         ("EDGE_SE2_XY 15 4", "EDGE_SE2_XY 15 11", "line 9: vertex 11 is a pose, not a landmark"),
         ("FIX 10", "FIX 11", "line 6: pose 11 is known, but the path begins at 10"),
+        ("FIX 10", "FIX", "line 6: fixes nothing; write FIX i"),
+        ("VERTEX_XY 4 5 5", "VERTEX_XY 4 nan 5", "line 5: 'nan' is no finite number"),
         ("FIX 10", "FIX 10 15", "line 6: more than the start of the path is known"),
         ("100 10 0 200 0 300", "100 200 0 200 0 300", "line 8: the information matrix is not positive definite"),
         ("100 10 0 200 0 300", "100 10 0 200 0 0", "line 8: the information matrix is not positive definite"),
