@@ -24,3 +24,10 @@ def without_negative_eigenvalues(covs: Float) -> Float:
     values, axes = np.linalg.eigh((correlations + correlations.swapaxes(1, 2)) / 2)
     whole = (axes * values.clip(min=0.0)[:, None, :]) @ axes.swapaxes(1, 2) * scale
     return (whole + whole.swapaxes(1, 2)) / 2
+
+
+def inverted(matrices: Float) -> Float:
+    """Inverses of positive definite matrices (n, d, d), exactly symmetric; their units may differ widely."""
+    scale = scale_of(matrices)
+    inverse = np.linalg.inv(matrices / scale) / scale
+    return (inverse + inverse.swapaxes(1, 2)) / 2

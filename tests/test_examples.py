@@ -11,8 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from scipy.stats import chi2
 
+from slamgauge.compare.storage.files import load_recording
 from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once
+from slamgauge.graph_baseline import batch
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -159,3 +162,14 @@ def test_compare_question_4(folder: Path):
             assert float(line[line.index("filtered") + 8 :].split()[0]) < 2.0  # ATE [m]
     assert last == "maps: maps of mine/maps.png\n"
     assert imread(folder / "maps of mine/maps.png").shape == (1050, 1800, 4)
+
+
+def test_robot_log(folder: Path):
+    """A robot's log is brought in, and its true noise fits it: chi-square in its band of 99.9 %, both sides."""
+    run(folder, "robot_log.py", "my-log")
+    run(folder, "-m", "slamgauge", "import", "csv", "my-log", "--out", "mine")
+    estimate = batch(load_recording(folder / "mine/recording.npz"))
+    assert estimate.chi_square is not None
+    assert estimate.chi_square_dof is not None
+    low, high = chi2.ppf([0.0005, 0.9995], estimate.chi_square_dof)
+    assert low < estimate.chi_square < high

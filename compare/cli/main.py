@@ -21,6 +21,7 @@ from slamgauge import __version__
 from slamgauge.compare.cli.animate import Animate
 from slamgauge.compare.cli.bench import Bench
 from slamgauge.compare.cli.check import Check
+from slamgauge.compare.cli.export import Export
 from slamgauge.compare.cli.grade import Grade
 from slamgauge.compare.cli.imports import Import
 from slamgauge.compare.cli.many_runs import Budget, Claims, Study
@@ -38,6 +39,7 @@ Command = (
     | Annotated[Run, tyro.conf.subcommand(name="run")]
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
     | Annotated[Import, tyro.conf.subcommand(name="import")]
+    | Annotated[Export, tyro.conf.subcommand(name="export")]
     | Annotated[Study, tyro.conf.subcommand(name="study")]
     | Annotated[Budget, tyro.conf.subcommand(name="budget")]
     | Annotated[Claims, tyro.conf.subcommand(name="claims")]

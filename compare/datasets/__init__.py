@@ -1,1 +1,1 @@
-"""Published recordings, a file per format."""
+"""Robots' logs and published recordings, a file per format."""

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float
 from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.triangles import from_triangles
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 
@@ -58,11 +58,11 @@ def read_victoria_park(path: str | Path, *, max_range: float = math.inf) -> Reco
             prior_mean=np.zeros(3),
             prior_cov=np.zeros((3, 3)),
             odometry=increments[:, :3],
-            odometry_cov=_symmetric(increments[:, 3:], 3),
+            odometry_cov=from_triangles(increments[:, 3:], 3),
             sensor="position",
             observation_step=np.array([step_of[edge.start] for edge in near], dtype=np.int64),
             observation=observations[:, :2],
-            observation_cov=_symmetric(observations[:, 2:], 2),
+            observation_cov=from_triangles(observations[:, 2:], 2),
             landmark=np.array([edge.end for edge in near], dtype=np.int64),
         )
     except UserError as error:
@@ -109,12 +109,3 @@ def _chain(odometry: list[_Edge]) -> dict[int, int]:
         reached = edge.end
         step_of[reached] = len(step_of)
     return step_of
-
-
-def _symmetric(upper: Float, size: int) -> Float:
-    """Matrices (n, size, size) from their upper triangles (n, size (size + 1) / 2), row by row."""
-    matrices = np.empty((len(upper), size, size))
-    rows, columns = np.triu_indices(size)
-    matrices[:, rows, columns] = upper
-    matrices[:, columns, rows] = upper
-    return matrices

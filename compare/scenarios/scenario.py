@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
@@ -32,12 +31,13 @@ from slamgauge.compare.scenarios.schema import (
     Sensor,
     Trajectory,
 )
+from slamgauge.compare.storage.toml_tables import Table
+from slamgauge.compare.storage.toml_tables import override as set_key
 from slamgauge.errors import UserError
 from slamgauge.near_names import did_you_mean, near_names
 
 __all__ = ["Scenario", "ScenarioError", "load_scenario", "shipped_scenarios"]
 
-Table = dict[str, Any]
 Place = tuple[str | int, ...]
 
 FORMS = {"kind", "segments"}  # keys that give a section another form: it then replaces the extended one whole
@@ -65,8 +65,11 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
     where = str(name_or_path)
     source = _locate(where)
     table = _extended(_parse(source, where), where)
-    for override in overrides:
-        _override(table, override)
+    try:
+        for override in overrides:
+            set_key(table, override)
+    except UserError as error:
+        raise ScenarioError(str(error)) from None
     mistakes = ["name: unknown key; the file's own name is the scenario's name"] if "name" in table else []
     try:
         scenario = Scenario.model_validate({**table, "name": Path(source.name).stem})
@@ -120,22 +123,6 @@ def _extended(table: Table, where: str) -> Table:
         merged = isinstance(value, dict) and isinstance(base.get(key), dict) and not FORMS & value.keys()
         base[key] = {**base[key], **value} if merged else value
     return base
-
-
-def _override(table: Table, override: str) -> None:
-    """Set the key of one `dotted.key=value` in the table, sections on the way included."""
-    path, equals, text = override.partition("=")
-    if not equals or not path.strip():
-        raise ScenarioError(f"{override}: not an override; write dotted.key=value")
-    *sections, key = path.strip().split(".")
-    for section in sections:
-        if not isinstance(table.get(section), dict):
-            table[section] = {}
-        table = table[section]
-    try:
-        table[key] = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        table[key] = text.strip()
 
 
 # --- mistakes ----------------------------------------------------------------------------------

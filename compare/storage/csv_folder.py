@@ -24,17 +24,21 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, Int
 from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.triangles import from_triangles, upper_triangles
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
-from slamgauge.recording import Recording, Sensor
+from slamgauge.recording import OBSERVATION_DIM, Recording, Sensor
+from slamgauge.validation import as_ints
 
 START, ODOMETRY, OBSERVATIONS = "start.csv", "odometry.csv", "observations.csv"
+RECORDING_FILES = (START, ODOMETRY, OBSERVATIONS)
 LANDMARKS = "landmarks.csv"  # beside an estimate
 
 POSE = ("x", "y", "theta")
 POSE_COV = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")
+INCREMENT = ("dx", "dy", "dtheta")
 POINT = ("x", "y")
 POINT_COV = ("cov_xx", "cov_xy", "cov_yy")
 OBSERVED: dict[Sensor, tuple[str, ...]] = {
@@ -51,20 +55,20 @@ def write_recording_csv(folder: Path, recording: Recording) -> None:
         UserError: one cannot be written.
     """
     stamps = recording.stamps.tolist()
-    prior = [stamps[0], *recording.prior_mean.tolist(), *_triangles(recording.prior_cov[None])[0]]
-    motion = zip(stamps[1:], recording.odometry.tolist(), _triangles(recording.odometry_cov), strict=True)
+    prior = [stamps[0], *recording.prior_mean.tolist(), *upper_triangles(recording.prior_cov[None])[0].tolist()]
+    motion = zip(stamps[1:], recording.odometry.tolist(), upper_triangles(recording.odometry_cov).tolist(), strict=True)
     ids = np.full(len(recording.observation), -1) if recording.landmark is None else recording.landmark
     seen = zip(
         recording.observation_step.tolist(),
         ids.tolist(),
         recording.observation.tolist(),
-        _triangles(recording.observation_cov),
+        upper_triangles(recording.observation_cov).tolist(),
         strict=True,
     )
     _write(folder / START, ("stamp", *POSE, *POSE_COV), [prior])
     _write(
         folder / ODOMETRY,
-        ("step", "stamp", "dx", "dy", "dtheta", *POSE_COV),
+        ("step", "stamp", *INCREMENT, *POSE_COV),
         ([step, stamp, *move, *cov] for step, (stamp, move, cov) in enumerate(motion, 1)),
     )
     _write(
@@ -72,6 +76,61 @@ def write_recording_csv(folder: Path, recording: Recording) -> None:
         ("step", "landmark", *OBSERVED[recording.sensor]),
         ([step, name, *value, *cov] for step, name, value, cov in seen),
     )
+
+
+def read_recording_csv(folder: Path) -> Recording:
+    """The recording of the three files of a folder, bit for bit as it was written.
+
+    Raises:
+        UserError: a file is missing, or a row is not as it should be, by its line.
+    """
+    start, odometry, observations = folder / START, folder / ODOMETRY, folder / OBSERVATIONS
+    prior = _read(start, ("stamp", *POSE, *POSE_COV))
+    if len(prior) != 1:
+        raise UserError(f"{start}: has {len(prior)} rows; write one, the prior of the start")
+    motion = _read(odometry, ("step", "stamp", *INCREMENT, *POSE_COV))
+    _require_steps(odometry, motion[:, 0], first=1)
+    names = _header(observations)
+    sensor: Sensor | None = next(
+        (each for each, columns in OBSERVED.items() if names == ("step", "landmark", *columns)), None
+    )
+    if sensor is None:
+        remedy = " or ".join(f"step,landmark,{','.join(columns)}" for columns in OBSERVED.values())
+        raise UserError(f"{observations}: line 1 is no header of this file; write {remedy}")
+    seen = _read(observations, names)
+    dim = OBSERVATION_DIM[sensor]
+    unknown = seen[:, 1] == -1.0
+    if unknown.any() and not unknown.all():
+        line = int(np.argmax(unknown)) + 2
+        raise UserError(f"{observations}, line {line}: an id of -1 beside others; write -1 in all rows, or ids >= 0")
+    try:
+        return Recording(
+            stamps=np.concatenate([prior[:, 0], motion[:, 1]]),
+            prior_mean=prior[0, 1:4],
+            prior_cov=from_triangles(prior[:, 4:], 3)[0],
+            odometry=motion[:, 2:5],
+            odometry_cov=from_triangles(motion[:, 5:], 3),
+            sensor=sensor,
+            observation_step=as_ints("step", seen[:, 0], (None,)),
+            observation=seen[:, 2 : 2 + dim],
+            observation_cov=from_triangles(seen[:, 2 + dim :], dim),
+            landmark=None if unknown.any() else as_ints("landmark", seen[:, 1], (None,)),
+        )
+    except UserError as error:
+        raise UserError(f"{folder}: {error}") from None
+
+
+def write_estimate_csv(path: Path, estimate: Estimate) -> None:
+    """Write the path of an estimate, and its map, if it has one, beside it into landmarks.csv.
+
+    Raises:
+        UserError: one cannot be written.
+    """
+    covs, map_covs = estimate.pose_covs, estimate.landmark_covs
+    _write_rows(path, ("step", *POSE), POSE_COV, np.arange(len(estimate.poses)), estimate.poses, covs)
+    if len(estimate.landmarks):
+        beside = path.with_name(LANDMARKS)
+        _write_rows(beside, ("landmark", *POINT), POINT_COV, estimate.landmark_ids, estimate.landmarks, map_covs)
 
 
 def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
@@ -86,11 +145,7 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
         UserError: no such file, or a row that is not as it should be, by its line.
     """
     rows = _read(path, ("step", *POSE), POSE_COV)
-    wrong = np.flatnonzero(rows[: steps + 1, 0] != np.arange(len(rows[: steps + 1])))
-    if len(wrong):
-        raise UserError(
-            f"{path}, line {wrong[0] + 2}: step {rows[wrong[0], 0]:g} where {wrong[0]} should be; sort them"
-        )
+    _require_steps(path, rows[: steps + 1, 0], first=0)
     if len(rows) != steps + 1:
         raise UserError(f"{path}: has {len(rows)} rows; write {steps + 1}, one for the start and one for every step")
     beside = path.with_name(LANDMARKS)
@@ -100,10 +155,10 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
         return Estimate(
             kind,
             poses=rows[:, 1:4],
-            pose_covs=_matrices(rows[:, 4:], 3) if rows.shape[1] > 4 else None,
+            pose_covs=from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None,
             landmark_ids=landmarks[:, 0].astype(np.int64),
             landmarks=landmarks[:, 1:3],
-            landmark_covs=_matrices(landmarks[:, 3:], 2) if has_covs else None,
+            landmark_covs=from_triangles(landmarks[:, 3:], 2) if has_covs else None,
         )
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
@@ -114,13 +169,40 @@ def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[float]]) -
         csv.writer(file, lineterminator="\n").writerows([header, *([repr(value) for value in row] for row in rows)])
 
 
-def _read(path: Path, needed: tuple[str, ...], optional: tuple[str, ...]) -> Float:
-    """The rows of a file whose header is `needed`, or `needed` and `optional`."""
+def _write_rows(
+    path: Path, names: tuple[str, ...], cov_names: tuple[str, ...], numbers: Int, values: Float, covs: Float | None
+) -> None:
+    """Write numbered values (n, d) with the upper triangles of their covariances (n, d, d), if there are any."""
+    triangles = [list[float]()] * len(values) if covs is None else upper_triangles(covs).tolist()
+    rows = zip(numbers.tolist(), values.tolist(), triangles, strict=True)
+    header = names if covs is None else (*names, *cov_names)
+    _write(path, header, ([number, *value, *triangle] for number, value, triangle in rows))
+
+
+def _require_steps(path: Path, steps: Float, first: int) -> None:
+    """Refuse a column of steps (n,) that does not count from `first`."""
+    wrong = np.flatnonzero(steps != np.arange(first, first + len(steps)))
+    if len(wrong):
+        at = wrong[0]
+        raise UserError(f"{path}, line {at + 2}: step {steps[at]:g} where {at + first} should be; sort them")
+
+
+def _header(path: Path) -> tuple[str, ...]:
+    """The names in the first line of a file."""
+    lines = _lines(path)
+    return tuple(name.strip() for name in lines[0].split(",")) if lines else ()
+
+
+def _lines(path: Path) -> list[str]:
     with explained(path, "read"):
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    header = tuple(name.strip() for name in lines[0].split(",")) if lines else ()
+        return path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+
+
+def _read(path: Path, needed: tuple[str, ...], optional: tuple[str, ...] = ()) -> Float:
+    """The rows of a file whose header is `needed`, or `needed` and `optional`."""
+    lines, header = _lines(path), _header(path)
     if header not in (needed, needed + optional):
-        remedy = f"write {','.join(needed)}, with or without {','.join(optional)}"
+        remedy = f"write {','.join(needed)}" + (f", with or without {','.join(optional)}" if optional else "")
         raise UserError(f"{path}: line 1 is no header of this file; {remedy}")
     rows = [_numbers(f"{path}, line {number}", line, len(header)) for number, line in enumerate(lines[1:], 2)]
     return np.array(rows, dtype=np.float64).reshape(-1, len(header))
@@ -134,18 +216,3 @@ def _numbers(where: str, line: str, count: int) -> list[float]:
     if len(numbers) != count or not np.isfinite(numbers).all():
         raise UserError(f"{where}: {line[:60]!r}; write {count} finite numbers, as the header says")
     return numbers
-
-
-def _triangles(covs: Float) -> list[list[float]]:
-    """Upper triangles (n, d(d+1)/2) of matrices (n, d, d), row by row."""
-    rows, columns = np.triu_indices(covs.shape[1])
-    return covs[:, rows, columns].tolist()
-
-
-def _matrices(triangles: Float, size: int) -> Float:
-    """Symmetric matrices (n, size, size) of their upper triangles."""
-    rows, columns = np.triu_indices(size)
-    full = np.zeros((len(triangles), size, size))
-    full[:, rows, columns] = triangles
-    full[:, columns, rows] = triangles
-    return full

@@ -19,6 +19,7 @@ from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from slamgauge.arrays import Float
+from slamgauge.compare.storage.triangles import upper_triangles
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording
@@ -62,15 +63,16 @@ def save(path: str | Path, record: Recording | Truth | Estimate) -> None:
         UserError: If the file cannot be written.
     """
     with explained(path, "written"), Path(path).open("wb") as file:
-        np.savez_compressed(file, **_flat(record))
+        np.savez_compressed(file, **flat_fields(record))
 
 
-def _flat(record: object) -> dict[str, Any]:
+def flat_fields(record: object) -> dict[str, Any]:
+    """The fields of a record by name, without those that are None; those of a record within it follow its own name."""
     values: dict[str, Any] = {}
     for field in fields(record):  # pyright: ignore[reportArgumentType]
         value = getattr(record, field.name)
         if is_dataclass(value):
-            values |= {f"{field.name}_{name}": inner for name, inner in _flat(value).items()}
+            values |= {f"{field.name}_{name}": inner for name, inner in flat_fields(value).items()}
         elif value is not None:
             values[field.name] = value
     return values
@@ -91,13 +93,22 @@ def load_estimate(path: str | Path) -> Estimate:
     return _load(path, Estimate)
 
 
-def write_tum(path: str | Path, stamps: Float, poses: Float) -> None:
+def load_recording_or_estimate(path: str | Path) -> Recording | Estimate:
+    """Whichever of the two an npz file holds; `UserError` with path and remedy if it holds neither."""
+    values = dict(_read_npz(path))
+    return _made(path, Estimate if "kind" in values else Recording, values)
+
+
+def write_tum(path: str | Path, stamps: Float, poses: Float, covs: Float | None = None) -> None:
     """Write a trajectory in the TUM format of evo: `t x y z qx qy qz qw`, without the gaps (rows of NaN).
+
+    With covariances their upper triangles follow (xx xy xt yy yt tt), as `stored_estimates` reads them; evo does not.
 
     Args:
         path: The text file.
         stamps: (N+1,) [s].
         poses: (N+1, 3) x [m], y [m], heading [rad].
+        covs: (N+1, 3, 3) of the poses.
 
     Raises:
         UserError: If the file cannot be written.
@@ -105,6 +116,8 @@ def write_tum(path: str | Path, stamps: Float, poses: Float) -> None:
     x, y, heading = poses.T
     zero = np.zeros_like(x)
     rows = np.column_stack([stamps, x, y, zero, zero, zero, np.sin(heading / 2), np.cos(heading / 2)])
+    if covs is not None:
+        rows = np.column_stack([rows, upper_triangles(covs)])
     rows = rows[~np.isnan(poses).any(axis=1)]
     with explained(path, "written"):
         Path(path).write_text("".join(f"{' '.join(map(repr, row))}\n" for row in rows.tolist()), encoding="ascii")

@@ -19,6 +19,7 @@ def pictures(*names: str) -> tuple[str, ...]:
 
 
 RECORDING, TRUTH = "recording.npz", "truth.npz"
+MAPPING = "recording.toml"  # how a log's files were read
 METRICS = "metrics.json"
 OUTDATED = ("estimates/*.npz", "trajectories/*.tum", "animation.gif", "animation.mp4")  # of an earlier run
 

@@ -13,6 +13,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.csv_folder import read_estimate_csv
 from slamgauge.compare.storage.files import explained, load_estimate
+from slamgauge.compare.storage.triangles import from_triangles
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -79,8 +80,4 @@ def _planar_covariances(triangles: Float) -> Float:
     """(n, 3, 3) of x, y and heading, of upper triangles (n, 6) or (n, 21)."""
     rows = PLANAR[triangles.shape[1]]
     size = 3 if triangles.shape[1] == 6 else 6
-    covs = np.zeros((len(triangles), size, size))
-    upper = np.triu_indices(size)
-    covs[:, upper[0], upper[1]] = triangles
-    covs[:, upper[1], upper[0]] = triangles
-    return covs[:, rows][:, :, rows]
+    return from_triangles(triangles, size)[:, rows][:, :, rows]

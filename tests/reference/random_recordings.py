@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from slamgauge.arrays import Float
@@ -16,6 +18,16 @@ def random_covariances(rng: np.random.Generator, count: int, sigmas: Float) -> F
     A = np.eye(dim) + 0.3 * rng.normal(size=(count, dim, dim))
     A = A * np.asarray(sigmas)[:, None]
     return A @ A.swapaxes(1, 2)
+
+
+def recording_of(sensor: str, seed: int = 3, *, slip: bool = True) -> Recording:
+    """A random recording of any sensor: bearings are those of ranges and bearings."""
+    if sensor != "bearing":
+        return random_recording(seed, sensor=sensor, slip=slip)[1]
+    both = random_recording(seed, slip=slip)[1]
+    return replace(
+        both, sensor="bearing", observation=both.observation[:, 1:], observation_cov=both.observation_cov[:, 1:, 1:]
+    )
 
 
 def random_recording(

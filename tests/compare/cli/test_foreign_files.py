@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from robot_logs import CSV
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.storage.manifest import MANIFEST, owned
@@ -20,6 +21,8 @@ COMMANDS = {
     "run": ("run", "q1-short-dense", *SHORT, "--estimators", "ekf"),
     "evaluate": ("evaluate", "INPUT/recording.npz", "--estimators", "ekf"),
     "import": ("import", "victoria-park", "INPUT/park.txt"),
+    "import-csv": ("import", "csv", "INPUT/log"),
+    "export": ("export", "INPUT", "--format", "csv"),
     "budget": ("budget", "q1-long-dense", *SHORT, "--runs", "1", "--jobs", "1"),
     "bench": ("bench", "--landmarks", "5", "--estimators", "dead-reckoning"),
     "study": STUDY,
@@ -39,6 +42,8 @@ IN_THE_WAY = [
     *(("run", name) for name in ("trajectories/ekf.tum", "trajectories/truth.tum", "recording.npz/", "estimates")),
     *(("evaluate", name) for name in ("metrics.json", "rays.svg", "estimates/ekf.npz", "trajectories", "figure.png/")),
     *(("import", name) for name in ("recording.npz", "truth.npz")),
+    *(("import-csv", name) for name in ("recording.npz", "truth.npz", "recording.toml")),
+    *(("export", name) for name in ("start.csv", "odometry.csv", "observations.csv/")),
     *(("budget", name) for name in ("budget.json", "budget.png", "budget.svg")),
     *(("bench", name) for name in ("bench.json", "bench.png")),
     *(("study", name) for name in ("study.sqlite", "study.sqlite-wal", "summary.json", "ratios.svg", "nees.png/")),
@@ -52,7 +57,7 @@ WORK = (
     *("scenarios.simulation.simulate", "scoring.comparison.compare_estimators"),
     *("datasets.victoria_park.read_victoria_park", "figures.animation.Scene"),
     *("studies.budget.error_budget", "bench.bench.run_bench", "studies.study._carry_out"),
-    *("grading.grading.grade_folder",),
+    *("grading.grading.grade_folder", "datasets.csv_log.read_csv_log", "storage.csv_folder.write_recording_csv"),
 )
 
 
@@ -62,6 +67,9 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("given") / "input"
     assert main([*COMMANDS["run"], "--out", str(folder)]) == 0
     (folder / "park.txt").write_text(PARK)
+    (folder / "log").mkdir()
+    for name, text in CSV.items():
+        (folder / "log" / name).write_text(text)
     (folder / "short.toml").write_text('extends = "q1-long-dense"\n[trajectory]\nduration = 3.0\n')
     (folder / "class").mkdir()
     (folder / "class/dead.py").write_text("from slamgauge import dead_reckoning as estimate\n")

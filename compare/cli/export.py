@@ -1,0 +1,139 @@
+"""Recordings and estimates for other programs: `slamgauge export`."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import tyro
+
+from slamgauge.compare.cli.options import Folder
+from slamgauge.errors import UserError
+
+if TYPE_CHECKING:
+    from slamgauge.arrays import Float
+    from slamgauge.estimate import Estimate
+    from slamgauge.recording import Recording
+    from slamgauge.truth import Truth
+
+
+@dataclass
+class Export:
+    """Write a recording, a run or an estimate in a form that other programs read.
+
+    csv: a recording's three files in a folder, or an estimate's path and map (docs/your_filter.md). g2o: a recording as
+    a graph. mat: all that there is, for Octave and MATLAB. tum-cov: an estimate's poses and covariances.
+    """
+
+    path: tyro.conf.Positional[Path]
+    """A recording.npz, the folder of a run, or an estimate of one: FOLDER/estimates/NAME.npz."""
+
+    format: Literal["csv", "g2o", "mat", "tum-cov"]
+    """What to write. Of the folder of a run csv and g2o take the recording."""
+
+    out: Folder
+    """The file to write; of a recording as csv the folder."""
+
+    recording: Path | None = None
+    """The recording of an estimate, for the time stamps of tum-cov; by default the one of its run."""
+
+    lend: float | None = None
+    """g2o: standard deviation [m, rad] lent to motions whose covariance is singular, which a graph cannot say."""
+
+    def __call__(self) -> None:
+        """Load and write."""
+        from slamgauge.compare.datasets.imported import of_file
+        from slamgauge.compare.storage.staged_folder import staged_folder
+
+        if self.lend is not None and not 0.0 < self.lend < 1.0:
+            raise UserError(f"lend: {self.lend:g} is no small standard deviation; give one between 0 and 1")
+        exported = _load(self.path)
+        whole_folder = self.format == "csv" and exported.recording is not None
+        if not whole_folder and not self.out.name:
+            raise UserError(f"out: {self.out} is a folder; name the file to write")
+        parent = self.out if whole_folder else self.out.parent
+        names = self._names(whole_folder=whole_folder)
+        with staged_folder(parent, names, last=names[0]) as folder, of_file(self.path):
+            self._write(exported, folder if whole_folder else folder / self.out.name)
+        print(f"written to {self.out}", file=sys.stderr)
+
+    def _names(self, *, whole_folder: bool) -> tuple[str, ...]:
+        """The files that may be written."""
+        from slamgauge.compare.storage.csv_folder import LANDMARKS, RECORDING_FILES
+
+        if whole_folder:
+            return RECORDING_FILES
+        return (self.out.name, LANDMARKS) if self.format == "csv" else (self.out.name,)
+
+    def _write(self, exported: Exported, out: Path) -> None:
+        from slamgauge.compare.datasets.g2o_writer import write_g2o
+        from slamgauge.compare.storage.csv_folder import write_estimate_csv, write_recording_csv
+        from slamgauge.compare.storage.files import write_tum
+        from slamgauge.compare.storage.mat_file import write_mat
+
+        if self.format == "mat":
+            write_mat(out, exported.records())
+        elif self.format == "tum-cov":
+            estimate = exported.single_estimate()
+            if estimate.pose_covs is None:
+                raise UserError("it has no covariances; its run's folder has trajectories/NAME.tum without them")
+            write_tum(out, self._stamps(len(estimate.poses)), estimate.poses, estimate.pose_covs)
+        elif self.format == "csv" and exported.recording is None:
+            write_estimate_csv(out, exported.single_estimate())
+        elif exported.recording is None:
+            raise UserError("it is an estimate, not a recording; give recording.npz, or another format")
+        elif self.format == "csv":
+            write_recording_csv(out, exported.recording)
+        else:
+            write_g2o(out, exported.recording, lend=self.lend)
+
+    def _stamps(self, count: int) -> Float:
+        """The time stamps of an estimate of so many poses."""
+        from slamgauge.compare.storage.files import load_recording
+
+        folder = self.path if self.path.is_dir() else self.path.parent.parent
+        path = self.recording or folder / "recording.npz"
+        if self.recording is None and not path.exists():
+            raise UserError("its time stamps are in the recording of its run; give that with --recording")
+        stamps = load_recording(path).stamps
+        if len(stamps) != count:
+            raise UserError(f"it has {count} poses, but {path} has {len(stamps)}; give its own with --recording")
+        return stamps
+
+
+class Exported(NamedTuple):
+    """What lies at a path."""
+
+    recording: Recording | None
+    truth: Truth | None
+    estimates: dict[str, Estimate]
+
+    def records(self) -> dict[str, Recording | Truth | Estimate]:
+        """All of it by name."""
+        there = {"recording": self.recording, "truth": self.truth}
+        return {name: record for name, record in there.items() if record is not None} | self.estimates
+
+    def single_estimate(self) -> Estimate:
+        """The one estimate that is there."""
+        if len(self.estimates) != 1:
+            raise UserError(f"it has {len(self.estimates)} estimates; give one, as FOLDER/estimates/NAME.npz")
+        return next(iter(self.estimates.values()))
+
+
+def _load(path: Path) -> Exported:
+    """What lies at a path: a recording or an estimate, or the folder of a run or an import."""
+    from slamgauge.compare.storage.files import load_recording, load_recording_or_estimate, load_truth
+    from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH
+    from slamgauge.compare.storage.results_folder import load_results
+    from slamgauge.estimate import Estimate
+
+    if (path / METRICS).exists():
+        results = load_results(path)
+        return Exported(results.recording, results.truth, results.estimates)
+    if path.is_dir():
+        truth = path / TRUTH
+        return Exported(load_recording(path / RECORDING), load_truth(truth) if truth.exists() else None, {})
+    record = load_recording_or_estimate(path)
+    return Exported(None, None, {path.stem: record}) if isinstance(record, Estimate) else Exported(record, None, {})

@@ -1,0 +1,65 @@
+"""What TOML files and `--set` say, as nested tables."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from slamgauge.compare.storage.files import explained
+from slamgauge.errors import UserError
+
+Table = dict[str, Any]
+
+
+def read_toml(path: Path) -> Table:
+    """The tables of a TOML file; `UserError` with the line if it is none."""
+    with explained(path, "read"):
+        content = path.read_bytes()
+    try:
+        return tomllib.loads(content.decode("utf-8-sig"))
+    except UnicodeDecodeError:
+        raise UserError(f"{path}: not a text in UTF-8; save it as such") from None
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(f"{path}: not valid TOML: {error}; correct that line") from None
+
+
+def override(table: Table, text: str) -> None:
+    """Set the key of one `dotted.key=value` in the table, sections on the way included.
+
+    The value is read as TOML, or as a bare string where it is not valid TOML.
+
+    Raises:
+        UserError: there is no key or no value.
+    """
+    path, equals, value = text.partition("=")
+    if not equals or not path.strip():
+        raise UserError(f"{text}: not an override; write dotted.key=value")
+    *sections, key = path.strip().split(".")
+    for section in sections:
+        if not isinstance(table.get(section), dict):
+            table[section] = {}
+        table = table[section]
+    try:
+        table[key] = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        table[key] = value.strip()
+
+
+def write_toml(path: Path, sections: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write sections of texts, numbers, lists of numbers and tables of texts or numbers; what is None is left out."""
+    lines: list[str] = []
+    for name, section in sections.items():
+        lines += [f"[{name}]", *(f"{key} = {_value(value)}" for key, value in section.items() if value is not None), ""]
+    with explained(path, "written"):
+        path.write_text("\n".join(lines), encoding="utf-8")
+
+
+def _value(value: object) -> str:
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{json.dumps(key)} = {_value(each)}' for key, each in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)

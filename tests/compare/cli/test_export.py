@@ -1,0 +1,138 @@
+"""`slamgauge export`: what it writes is read back, by us and by scipy, and what cannot be written is one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from random_recordings import random_recording
+from scipy.io import loadmat
+
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.datasets.g2o import read_g2o
+from slamgauge.compare.storage.csv_folder import read_recording_csv
+from slamgauge.compare.storage.files import load_estimate, load_recording, save
+from slamgauge.compare.storage.stored_estimates import load_stored
+from slamgauge.estimate import Estimate
+
+SHORT = ("--set", "trajectory.duration=3")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of a run."""
+    folder = tmp_path_factory.mktemp("run") / "run"
+    assert main(["run", "q1-short-dense", *SHORT, "--estimators", "ekf,fej-ekf", "--out", str(folder)]) == 0
+    return folder
+
+
+def export(path: Path, form: str, out: Path, *more: str) -> int:
+    return main(["export", str(path), "--format", form, "--out", str(out), *more])
+
+
+@pytest.mark.parametrize("place", ["", "recording.npz"])
+def test_a_recording_as_csv_and_g2o(run: Path, place: str, tmp_path: Path):
+    recording = load_recording(run / "recording.npz")
+    assert export(run / place, "csv", tmp_path / "csv") == 0
+    assert read_recording_csv(tmp_path / "csv") == recording
+    assert export(run / place, "g2o", tmp_path / "graph.g2o", "--lend", "1e-4") == 0
+    back = read_g2o(tmp_path / "graph.g2o").recording
+    assert_array_equal(back.odometry, recording.odometry)
+    assert_array_equal(back.landmark, recording.landmark)
+
+
+def test_the_folder_of_an_import_is_exported_too(run: Path, tmp_path: Path):
+    assert export(run, "csv", tmp_path / "csv") == 0
+    assert main(["import", "csv", str(tmp_path / "csv"), "--out", str(tmp_path / "npz")]) == 0
+    assert export(tmp_path / "npz", "csv", tmp_path / "again") == 0
+    for path in (tmp_path / "csv").glob("*.csv"):
+        assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes()
+
+
+def test_a_run_as_mat(run: Path, tmp_path: Path):
+    assert export(run, "mat", tmp_path / "run.mat") == 0
+    read: dict[str, Any] = loadmat(tmp_path / "run.mat", simplify_cells=True)
+    assert {name for name in read if not name.startswith("__")} == {"recording", "truth", "ekf", "fej_ekf"}
+    recording, estimate = load_recording(run / "recording.npz"), load_estimate(run / "estimates/fej-ekf.npz")
+    assert read["recording"]["sensor"] == "range-bearing"
+    for name in ("stamps", "odometry", "odometry_cov", "observation_step", "observation", "landmark", "prior_cov"):
+        assert_array_equal(read["recording"][name], getattr(recording, name))
+    assert_array_equal(read["fej_ekf"]["pose_covs"], estimate.pose_covs)
+    assert read["fej_ekf"]["kind"] == "filtered"
+
+
+def test_an_estimate_as_tum_with_covariances(run: Path, tmp_path: Path):
+    recording, estimate = load_recording(run / "recording.npz"), load_estimate(run / "estimates/ekf.npz")
+    assert export(run / "estimates/ekf.npz", "tum-cov", tmp_path / "ekf.tum") == 0
+    back = load_stored(tmp_path / "ekf.tum", recording)
+    assert_allclose(back.poses, estimate.poses, atol=1e-12)
+    assert_array_equal(back.pose_covs, estimate.pose_covs)
+
+
+def test_an_estimate_elsewhere_needs_its_recording(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    elsewhere, out = tmp_path / "mine.npz", tmp_path / "mine.tum"
+    save(elsewhere, load_estimate(run / "estimates/ekf.npz"))
+    assert export(elsewhere, "tum-cov", out) == 2
+    assert "mine.npz: its time stamps are in the recording of its run; give that with" in capsys.readouterr().err
+    assert export(elsewhere, "tum-cov", out, "--recording", str(run / "recording.npz")) == 0
+    other = tmp_path / "recording.npz"
+    save(other, random_recording(1)[1])
+    assert export(elsewhere, "tum-cov", out, "--recording", str(other)) == 2
+
+
+def test_an_estimate_as_csv(run: Path, tmp_path: Path):
+    estimate = load_estimate(run / "estimates/ekf.npz")
+    assert export(run / "estimates/ekf.npz", "csv", tmp_path / "mine.csv") == 0
+    back = load_stored(tmp_path / "mine.csv", load_recording(run / "recording.npz"))
+    for name in ("poses", "pose_covs", "landmark_ids", "landmarks", "landmark_covs"):
+        assert_array_equal(getattr(back, name), getattr(estimate, name))
+
+
+def test_an_estimate_without_covariances(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    bare = tmp_path / "bare.npz"
+    save(bare, Estimate("filtered", poses=load_estimate(run / "estimates/ekf.npz").poses))
+    assert export(bare, "csv", tmp_path / "bare.csv") == 0
+    assert (tmp_path / "bare.csv").read_text().startswith("step,x,y,theta\n0,")
+    assert not (tmp_path / "landmarks.csv").exists()
+    assert export(bare, "tum-cov", tmp_path / "bare.tum", "--recording", str(run / "recording.npz")) == 2
+    assert "it has no covariances" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("place", "form", "more", "message"),
+    [
+        ("", "tum-cov", (), "run: it has 2 estimates; give one, as FOLDER/estimates/NAME.npz"),
+        ("recording.npz", "tum-cov", (), "recording.npz: it has 0 estimates; give one"),
+        ("estimates/ekf.npz", "g2o", (), "ekf.npz: it is an estimate, not a recording"),
+        ("truth.npz", "csv", (), "truth.npz: not a Recording, it lacks"),
+        ("none.npz", "csv", (), "none.npz: cannot be read"),
+        ("metrics.json", "mat", (), "metrics.json: not a whole npz file"),
+        ("", "g2o", (), "odometry_cov[0]: is singular"),
+        ("", "g2o", ("--lend", "-1"), "lend: -1 is no small standard deviation"),
+    ],
+)
+def test_what_cannot_be_exported_is_one_line(
+    run: Path,
+    place: str,
+    form: str,
+    more: tuple[str, ...],
+    message: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+):
+    assert export(run / place, form, tmp_path / "out", *more) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert message in told
+    assert not [*tmp_path.iterdir()]
+
+
+def test_files_of_others_are_not_overwritten(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "run.mat").write_text("mine")
+    assert export(run, "mat", tmp_path / "run.mat") == 2
+    assert "run.mat: exists already, and slamgauge has not written it" in capsys.readouterr().err
+    assert (tmp_path / "run.mat").read_text() == "mine"
+    for _ in range(2):  # ours may be
+        assert export(run, "mat", tmp_path / "again.mat") == 0

@@ -1,0 +1,295 @@
+"""Graphs of g2o, TORO, GTSAM and iSAM: what their lines mean, which of them are paths, and back again."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import gtsam
+import numpy as np
+import pytest
+from jacobians import assert_jacobian
+from numpy.testing import assert_allclose, assert_array_equal
+from random_recordings import random_recording, recording_of
+from robot_logs import G2O, TORO
+
+from slamgauge.arrays import Float
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.datasets.g2o import read_g2o
+from slamgauge.compare.datasets.g2o_writer import write_g2o
+from slamgauge.compare.datasets.imported import Imported
+from slamgauge.compare.datasets.pose_chain import adjoints
+from slamgauge.compare.datasets.victoria_park import read_victoria_park
+from slamgauge.compare.storage.files import save
+from slamgauge.errors import UserError
+from slamgauge.graph_baseline import batch
+from slamgauge.recording import Recording
+from slamgauge.se2 import between, compose
+
+VICTORIA_PARK = Path(__file__).parents[3] / "../shared/data/victoria_park/victoria_park.txt"
+GRAPH, TORO_GRAPH = G2O["graph.g2o"], TORO["graph.toro"]
+Read = Callable[..., Imported]
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Read:
+    def of_text(text: str, **options: bool) -> Imported:
+        path = tmp_path / "graph.g2o"
+        path.write_text(text)
+        return read_g2o(path, **options)
+
+    return of_text
+
+
+def test_graphs_of_g2o(read: Read):
+    recording, truth, notes = read(GRAPH)
+    assert_array_equal(recording.odometry, [[1, 0, 0.1], [1, 0.1, 0.2]])
+    information = np.array([[100, 10, 0], [10, 200, 0], [0, 0, 300]])
+    assert_allclose(recording.odometry_cov[0] @ information, np.eye(3), atol=1e-14)
+    assert_allclose(np.linalg.inv(recording.odometry_cov[1]), [[400, 0, 0], [0, 900, 30], [0, 30, 1600]], atol=1e-9)
+    assert_array_equal(recording.observation_step, [0, 2])
+    assert_array_equal(recording.observation, [[4, -1], [2, 1]])
+    assert_allclose(recording.observation_cov[1] @ [[25, 5], [5, 16]], np.eye(2), atol=1e-14)
+    assert_array_equal(recording.landmark, [4, 4])
+    assert_array_equal(recording.prior_mean, [1, 2, 0.5])
+    assert_array_equal(recording.prior_cov, 0.0)
+    assert_array_equal(recording.stamps, [0, 1, 2])
+    assert recording.sensor == "position"
+    assert truth is None
+    assert notes == ()
+
+
+def test_graphs_of_toro_and_gtsam(read: Read):
+    """TORO's order of entries; its edges lead from the later pose to the earlier; BR has sigmas, bearing first."""
+    recording = read(TORO_GRAPH).recording
+    backwards = np.array([-1, 0.1, -0.2])
+    assert_allclose(recording.odometry, [between(backwards, np.zeros(3))])
+    information = np.array([[50, 1, 2], [1, 60, 3], [2, 3, 100]])
+    Ad = adjoints(backwards[None])[0]
+    assert_allclose(recording.odometry_cov[0], Ad @ np.linalg.inv(information) @ Ad.T, atol=1e-15)
+    assert_array_equal(recording.observation, [[4.0, 0.5], [4.0, -0.5]])
+    assert_allclose(recording.observation_cov[0], np.diag([0.2, 0.1]) ** 2)
+    assert recording.sensor == "range-bearing"
+
+
+def test_endings_of_isam_and_of_gtsam(read: Read):
+    """The same noise as the square root of an information and as a covariance."""
+    root = np.array([[10, 1, 2], [0, 20, 3], [0, 0, 50]])
+    cov = np.linalg.inv(root.T @ root)
+    line, sight = "ODOMETRY 0 1 1 0 0.1 {}", "LANDMARK 0 3 2 1 {}"
+
+    def graph(matrix: Float) -> str:
+        upper = np.triu_indices(3)
+        part = matrix[:2, :2] if not matrix[1, 0] else np.linalg.inv(root[:2, :2].T @ root[:2, :2])
+        ends = (matrix[upper], part[np.triu_indices(2)])
+        lines = [form.format(" ".join(map(repr, end.tolist()))) for form, end in zip((line, sight), ends, strict=True)]
+        return "\n".join(lines)
+
+    isam, gtsams = read(graph(root), isam=True).recording, read(graph(cov)).recording
+    assert_allclose(isam.odometry_cov[0], cov, rtol=1e-12)
+    assert_allclose(isam.odometry_cov, gtsams.odometry_cov, rtol=1e-12)
+    assert_allclose(isam.observation_cov, gtsams.observation_cov, rtol=1e-12)
+
+
+@pytest.mark.skipif(not VICTORIA_PARK.exists(), reason=f"{VICTORIA_PARK} is not there")
+def test_victoria_park_is_a_graph():
+    assert read_g2o(VICTORIA_PARK).recording == read_victoria_park(VICTORIA_PARK)
+
+
+def test_adjoint_is_the_jacobian_of_moving_a_motion_to_the_other_side():
+    """z exp(v) z^-1 by v at v = 0, where an exponential and a pose differ to second order."""
+    for z in np.array([[0.5, -2.0, 3.1], [1.0, 0.0, 0.0], [-3.0, 1.0, -1.5]]):
+        back = between(z, np.zeros(3))
+
+        def moved(v: Float, z: Float = z, back: Float = back) -> Float:
+            return compose(compose(z, v), back)
+
+        assert_jacobian(moved, adjoints(z[None])[0], np.zeros(3), angles=[2])
+
+
+def test_an_edge_turned_round_has_the_same_cost(tmp_path: Path, read: Read):
+    """GTSAM judges both ways alike: every other edge of a graph is turned round, with its matrix where it belongs."""
+    recording = recording_of("position", seed=6)
+    write_g2o(tmp_path / "there.g2o", recording)
+    lines = (tmp_path / "there.g2o").read_text().splitlines()
+    for at, line in enumerate(lines):
+        words = line.split()
+        if words[0] == "EDGE_SE2" and at % 2:
+            z, entries = np.array(words[3:6], dtype=float), np.array(words[6:], dtype=float)
+            information = np.zeros((3, 3))
+            information[np.triu_indices(3)] = entries
+            information = np.triu(information) + np.triu(information, 1).T
+            Ad = adjoints(between(z, np.zeros(3))[None])[0]
+            turned = (Ad.T @ information @ Ad)[np.triu_indices(3)]
+            numbers = [*between(z, np.zeros(3)).tolist(), *turned.tolist()]
+            lines[at] = " ".join(["EDGE_SE2", words[2], words[1], *map(repr, numbers)])
+    back = read("\n".join(lines)).recording
+    assert_allclose(back.odometry, recording.odometry, atol=1e-12)
+    assert_allclose(back.odometry_cov, recording.odometry_cov, rtol=1e-9, atol=1e-16)
+
+
+def test_our_optimum_has_gtsams_cost_of_the_file(tmp_path: Path):
+    """Of ranges and bearings GTSAM reads the very file: its error at our optimum is half our chi-square."""
+    recording = replace(uncorrelated(random_recording(7)[1]), prior_cov=np.zeros((3, 3)))
+    path = tmp_path / "graph.g2o"
+    write_g2o(path, recording)
+    estimate = batch(read_g2o(path).recording)
+    graph, _ = gtsam.readG2o(str(path), False)
+    values = gtsam.Values()
+    assert recording.landmark is not None
+    first = int(recording.landmark.max()) + 1 if recording.landmark.min() <= recording.steps else 0
+    for k, pose in enumerate(estimate.poses):
+        values.insert(first + k, gtsam.Pose2(*pose))
+    for name, place in zip(estimate.landmark_ids, estimate.landmarks, strict=True):
+        values.insert(gtsam.symbol("l", int(name)), place)
+    assert 2.0 * graph.error(values) == pytest.approx(estimate.chi_square, rel=1e-6)
+
+
+# --- which graphs are paths ----------------------------------------------------------------------
+
+LOOP = "EDGE_SE2 10 15 2 0 0.3 1 0 0 1 0 1\n"
+
+
+def test_loop_edges_are_refused_or_dropped(read: Read):
+    with pytest.raises(
+        UserError, match=r"line 11: an edge between the poses 10 and 15 beside the path.*--drop-loop-edges"
+    ):
+        read(GRAPH + LOOP)
+    recording, _, notes = read(GRAPH + LOOP, drop_loop_edges=True)
+    assert recording == read(GRAPH).recording
+    assert notes == ("1 edges between poses beside the path are left out",)
+
+
+def test_a_path_may_have_ids_in_any_order(read: Read):
+    motion, sight = "EDGE_SE2 {} {} 1 0 {} 1 0 0 1 0 1\n", "EDGE_SE2_XY 7 9 1 0 1 0 1\n"
+    recording = read(motion.format(5, 2, 0.2) + motion.format(3, 5, 0.1) + motion.format(2, 7, 0.3) + sight).recording
+    assert_array_equal(recording.odometry[:, 2], [0.1, 0.2, 0.3])
+    assert_array_equal(recording.observation_step, [3])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("EDGE_SE2_XY 15 4 2 1 25 5 16\nEDGE_SE2_XY 10 4 4 -1 25 0 25\n", "", "no landmark is seen in it, only poses"),
+        ("EDGE_SE2 11 15", "EDGE_SE2 12 15", "no edge joins the poses 11 and 12"),
+        ("EDGE_SE2 11 15", "EDGE_SE2 15 15", "line 7: pose 15 is joined to itself"),
+        ("VERTEX_SE2 15", "VERTEX_SE2 11", "line 4: vertex 11 was there before; give every vertex one line"),
+        ("VERTEX_SE2 15 3", "VERTEX_SE2 99 3", "line 4: pose 99 is on no edge of the path"),
+        ("EDGE_SE2_XY 15", "EDGE_SE2_XY 16", "line 9: pose 16 is not on the path; correct the id"),
+        ("EDGE_SE2_XY 15 4", "EDGE_SE2_XY 15 11", "line 9: vertex 11 is a pose, not a landmark"),
+        ("FIX 10", "FIX 11", "line 6: pose 11 is known, but the path begins at 10"),
+        ("FIX 10", "FIX", "line 6: fixes nothing; write FIX i"),
+        ("VERTEX_XY 4 5 5", "VERTEX_XY 4 nan 5", "line 5: 'nan' is no finite number"),
+        ("FIX 10", "FIX 10 15", "line 6: more than the start of the path is known"),
+        ("100 10 0 200 0 300", "100 200 0 200 0 300", "line 8: the information matrix is not positive definite"),
+        ("100 10 0 200 0 300", "100 10 0 200 0 0", "line 8: the information matrix is not positive definite"),
+        ("25 5 16", "25 5 inf", "line 9: 'inf' is no finite number"),
+        ("EDGE_SE2 10 11 1 0", "EDGE_SE2 10 11 1", "line 8: has 11 words, not 12; write EDGE_SE2 i j x y theta Ixx"),
+        ("EDGE_SE2 10 11", "EDGE_SE2 10 99999999999999999", "line 8: '99999999999999999' is no id"),
+        ("EDGE_SE2_XY 10 4 4 -1 25 0 25", "BR 10 4 1 1 1 1", "a sensor of kind range-bearing beside one of position"),
+        (
+            "EDGE_SE2_XY 10",
+            "EDGE_SE_XY 10",
+            "line 10: 'EDGE_SE_XY' is no tag of planar graphs; did you mean EDGE_SE2_XY?",
+        ),
+        ("EDGE_SE2 1", "# EDGE_SE2 1", "no edge between poses in it"),
+    ],
+)
+def test_wrong_graphs_are_refused_in_one_line(read: Read, tmp_path: Path, old: str, new: str, message: str):
+    assert old in GRAPH
+    with pytest.raises(UserError, match=r"^[^\n]+$") as caught:
+        read(GRAPH.replace(old, new))
+    assert message in str(caught.value)
+    assert str(caught.value).startswith(str(tmp_path / "graph.g2o"))
+
+
+def test_the_order_of_another_program_is_not_taken_for_toros(read: Read):
+    with pytest.raises(
+        UserError, match=r"line 3: the information matrix is not positive definite; .* order of entries"
+    ):
+        read(TORO_GRAPH.replace("50 1 60 100 2 3", "50 0 0 60 0 100"))
+
+
+def test_scans_are_not_used(read: Read):
+    assert read(f"ROBOTLASER1 0 1 2 3\n{GRAPH}").notes == ("1 lines ROBOTLASER1 are not used",)
+
+
+def test_a_hundred_thousand_lines_take_seconds(tmp_path: Path):
+    """No loop is quadratic; the bound is ten times what it takes."""
+    from time import perf_counter
+
+    path = tmp_path / "long.g2o"
+    motions = (f"EDGE_SE2 {k} {k + 1} 1 0 0.1 1 0 0 1 0 1\n" for k in range(50_000))
+    sights = (f"EDGE_SE2_XY {k} {100_000 + k % 99} 1 0 1 0 1\n" for k in range(50_000))
+    path.write_text("".join([*motions, *sights]))
+    begin = perf_counter()
+    assert read_g2o(path).recording.steps == 50_000
+    assert perf_counter() - begin < 30.0
+
+
+# --- and back ----------------------------------------------------------------------------------
+
+
+def uncorrelated(recording: Recording) -> Recording:
+    """The recording with observations as BR has them."""
+    return replace(recording, observation_cov=recording.observation_cov * np.eye(2))
+
+
+@pytest.mark.parametrize("fixed", [True, False])
+@pytest.mark.parametrize("sensor", ["range-bearing", "bearing", "position"])
+def test_recordings_come_back_to_twelve_digits(tmp_path: Path, sensor: str, fixed: bool):
+    recording = recording_of(sensor)
+    recording = uncorrelated(recording) if sensor == "range-bearing" else recording
+    recording = replace(recording, prior_cov=np.zeros((3, 3))) if fixed else recording
+    write_g2o(tmp_path / "graph.g2o", recording)
+    back = read_g2o(tmp_path / "graph.g2o").recording
+    assert_array_equal(back.stamps, np.arange(recording.steps + 1))
+    assert back.sensor == recording.sensor
+    for name in ("prior_mean", "odometry", "observation", "observation_step", "landmark"):
+        assert_allclose(getattr(back, name), getattr(recording, name), rtol=1e-12, atol=1e-12)
+    for name in ("prior_cov", "odometry_cov", "observation_cov"):
+        given, found = getattr(recording, name), getattr(back, name)
+        assert_allclose(found, given, rtol=1e-12, atol=1e-12 * np.abs(given).max())
+
+
+@pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+def test_g2o_to_npz_to_g2o_keeps_the_cost_of_batch(tmp_path: Path, sensor: str):
+    recording = recording_of(sensor)
+    recording = uncorrelated(recording) if sensor == "range-bearing" else recording
+    first, again = tmp_path / "first.g2o", tmp_path / "again.g2o"
+    write_g2o(first, recording)
+    assert main(["import", "g2o", str(first), "--out", str(tmp_path / "npz")]) == 0
+    assert main(["export", str(tmp_path / "npz"), "--format", "g2o", "--out", str(again)]) == 0
+    costs = [batch(read_g2o(path).recording).chi_square for path in (first, again)]
+    assert costs[0] == pytest.approx(costs[1], rel=1e-9)
+    assert costs[0] == pytest.approx(batch(recording).chi_square, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("recording", "message"),
+    [
+        (random_recording(8, slip=False)[1], r"odometry_cov\[0\]: is singular.*--lend 1e-4"),
+        (random_recording(8)[1], r"observation_cov\[0\]: range and bearing are correlated"),
+        (replace(random_recording(8)[1], landmark=None), r"landmark: a graph needs ids"),
+        (replace(recording_of("position"), prior_cov=np.diag([0.1, 0.0, 0.0])), r"prior_cov\[0\]: is singular"),
+    ],
+)
+def test_what_has_no_graph_is_refused_in_one_line(
+    tmp_path: Path, recording: Recording, message: str, capsys: pytest.CaptureFixture[str]
+):
+    save(tmp_path / "recording.npz", recording)
+    arguments = ["export", str(tmp_path / "recording.npz"), "--format", "g2o", "--out", str(tmp_path / "graph.g2o")]
+    assert main(arguments) == 2
+    told = capsys.readouterr().err
+    assert re.fullmatch(rf"slamgauge: .*{message}.*\n", told)
+    assert not (tmp_path / "graph.g2o").exists()
+
+
+def test_a_sigma_can_be_lent_to_singular_motions(tmp_path: Path):
+    recording = random_recording(9, sensor="position", slip=False)[1]
+    write_g2o(tmp_path / "graph.g2o", recording, lend=1e-3)
+    back = read_g2o(tmp_path / "graph.g2o").recording
+    lent = recording.odometry_cov + 1e-6 * np.eye(3)
+    assert_allclose(back.odometry_cov, lent, rtol=1e-9, atol=1e-15)
