@@ -24,3 +24,9 @@ def without_negative_eigenvalues(covs: Float) -> Float:
     values, axes = np.linalg.eigh((correlations + correlations.swapaxes(1, 2)) / 2)
     whole = (axes * values.clip(min=0.0)[:, None, :]) @ axes.swapaxes(1, 2) * scale
     return (whole + whole.swapaxes(1, 2)) / 2
+
+
+def square_roots(covs: Float) -> Float:
+    """Symmetric square roots (n, d, d) of covariances (n, d, d), singular ones too."""
+    values, vectors = np.linalg.eigh(covs)
+    return (vectors * np.sqrt(values.clip(min=0.0))[:, None, :]) @ vectors.swapaxes(1, 2)

@@ -7,6 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+import numpy as np
+
+from slamgauge.arrays import Marks
 from slamgauge.compare.estimators.adapters import adapt, adapted
 from slamgauge.compare.estimators.asked import Asked, Chosen, Isolation, ask
 from slamgauge.compare.estimators.isolated import Isolated, Spent
@@ -18,6 +21,7 @@ from slamgauge.ekf.settings.initialisation import Initialisation
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
+from slamgauge.truth import NOBODY
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,15 @@ def load(
     assert asked.call is not None
     entry = entry_behind(asked.call)
     return LoadedEstimator(entry or own, asked.call if entry else adapt(asked.call, asked.label, announced=announced))
+
+
+def without(yardstick: Estimator, informed: Recording, misleading: Marks | None) -> Estimator:
+    """An optimum that leaves out what is `misleading` (M,), clutter and outliers, in the recording that it is told."""
+    entry = entry_behind(yardstick)
+    if entry is None or misleading is None or not misleading.any() or informed.landmark is None:
+        return yardstick
+    graph: Callable[..., Estimate] = entry.load()
+    return LoadedEstimator(entry, partial(graph, association=np.where(misleading, NOBODY, informed.landmark)))
 
 
 def spent_by(estimator: Estimator) -> Spent | None:

@@ -51,23 +51,23 @@ def write_recording_csv(folder: Path, recording: Recording) -> None:
         UserError: one cannot be written.
     """
     stamps = recording.stamps.tolist()
-    prior = [stamps[0], *recording.prior_mean.tolist(), *_triangles(recording.prior_cov[None])[0]]
-    motion = zip(stamps[1:], recording.odometry.tolist(), _triangles(recording.odometry_cov), strict=True)
+    prior = [stamps[0], *recording.prior_mean.tolist(), *triangles(recording.prior_cov[None])[0]]
+    motion = zip(stamps[1:], recording.odometry.tolist(), triangles(recording.odometry_cov), strict=True)
     ids = np.full(len(recording.observation), -1) if recording.landmark is None else recording.landmark
     seen = zip(
         recording.observation_step.tolist(),
         ids.tolist(),
         recording.observation.tolist(),
-        _triangles(recording.observation_cov),
+        triangles(recording.observation_cov),
         strict=True,
     )
-    _write(folder / START, ("stamp", *POSE, *POSE_COV), [prior])
-    _write(
+    write_rows(folder / START, ("stamp", *POSE, *POSE_COV), [prior])
+    write_rows(
         folder / ODOMETRY,
         ("step", "stamp", "dx", "dy", "dtheta", *POSE_COV),
         ([step, stamp, *move, *cov] for step, (stamp, move, cov) in enumerate(motion, 1)),
     )
-    _write(
+    write_rows(
         folder / OBSERVATIONS,
         ("step", "landmark", *OBSERVED[recording.sensor]),
         ([step, name, *value, *cov] for step, name, value, cov in seen),
@@ -100,29 +100,53 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
         return Estimate(
             kind,
             poses=rows[:, 1:4],
-            pose_covs=_matrices(rows[:, 4:], 3) if rows.shape[1] > 4 else None,
+            pose_covs=matrices(rows[:, 4:], 3) if rows.shape[1] > 4 else None,
             landmark_ids=landmarks[:, 0].astype(np.int64),
             landmarks=landmarks[:, 1:3],
-            landmark_covs=_matrices(landmarks[:, 3:], 2) if has_covs else None,
+            landmark_covs=matrices(landmarks[:, 3:], 2) if has_covs else None,
         )
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
 
 
-def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[float]]) -> None:
+def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[float]]) -> None:
+    """Write a header and rows of numbers, every digit of them; `UserError` if that cannot be."""
     with explained(path, "written"), path.open("w", encoding="ascii", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows([header, *([repr(value) for value in row] for row in rows)])
 
 
 def _read(path: Path, needed: tuple[str, ...], optional: tuple[str, ...]) -> Float:
     """The rows of a file whose header is `needed`, or `needed` and `optional`."""
+    return parse_rows(str(path), read_lines(path), needed, needed + optional)
+
+
+def read_lines(path: Path) -> list[str]:
+    """The lines of a text file.
+
+    Raises:
+        UserError: it cannot be read.
+    """
     with explained(path, "read"):
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        return path.read_text(encoding="utf-8", errors="replace").splitlines()
+
+
+def parse_rows(name: str, lines: Sequence[str], *headers: tuple[str, ...]) -> Float:
+    """The numbers (n, columns) of the lines of a CSV file, the first of which is one of `headers`.
+
+    Args:
+        name: what mistakes call the file.
+        lines: its lines.
+        headers: names of columns; all begin with those of the first.
+
+    Raises:
+        UserError: another header, or a line that does not hold as many finite numbers, by its number.
+    """
     header = tuple(name.strip() for name in lines[0].split(",")) if lines else ()
-    if header not in (needed, needed + optional):
-        remedy = f"write {','.join(needed)}, with or without {','.join(optional)}"
-        raise UserError(f"{path}: line 1 is no header of this file; {remedy}")
-    rows = [_numbers(f"{path}, line {number}", line, len(header)) for number, line in enumerate(lines[1:], 2)]
+    if header not in headers:
+        more = [",".join(each[len(headers[0]) :]) for each in headers[1:]]
+        remedy = f"write {','.join(headers[0])}" + "".join(f", with or without {each}" for each in more if each)
+        raise UserError(f"{name}: line 1 is no header of this file; {remedy}")
+    rows = [_numbers(f"{name}, line {number}", line, len(header)) for number, line in enumerate(lines[1:], 2)]
     return np.array(rows, dtype=np.float64).reshape(-1, len(header))
 
 
@@ -136,13 +160,13 @@ def _numbers(where: str, line: str, count: int) -> list[float]:
     return numbers
 
 
-def _triangles(covs: Float) -> list[list[float]]:
+def triangles(covs: Float) -> list[list[float]]:
     """Upper triangles (n, d(d+1)/2) of matrices (n, d, d), row by row."""
     rows, columns = np.triu_indices(covs.shape[1])
     return covs[:, rows, columns].tolist()
 
 
-def _matrices(triangles: Float, size: int) -> Float:
+def matrices(triangles: Float, size: int) -> Float:
     """Symmetric matrices (n, size, size) of their upper triangles."""
     rows, columns = np.triu_indices(size)
     full = np.zeros((len(triangles), size, size))
