@@ -18,6 +18,7 @@ from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_
 from slamgauge.compare.estimators.strict import Strict
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.ekf.settings.initialisation import Initialisation
+from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
@@ -41,6 +42,7 @@ def load_estimators(
     association: Association | None = None,
     initialisation: Initialisation | None = None,
     frames: int = 0,
+    robust: Robustness = PLAIN,
 ) -> dict[str, LoadedEstimator]:
     """Estimators by the name that results carry.
 
@@ -53,22 +55,27 @@ def load_estimators(
             gate 9. With `method` known, too: there they have ids.
         initialisation: how filters initialise landmarks where the recording has bearings alone.
         frames: at how many steps filters keep their map, for pictures.
+        robust: how filters guard their updates against outliers.
 
     Raises:
         UserError: an unknown name, one that stands there twice, or an own one that leads to no callable.
     """
-    return {each.label: load(each, association, initialisation, frames) for each in ask(chosen)}
+    return {each.label: load(each, association, initialisation, frames, robust=robust) for each in ask(chosen)}
 
 
 def load_each(
-    asked: Sequence[Asked], association: Association | None, initialisation: Initialisation | None, frames: int
+    asked: Sequence[Asked],
+    association: Association | None,
+    initialisation: Initialisation | None,
+    frames: int,
+    robust: Robustness = PLAIN,
 ) -> tuple[dict[str, LoadedEstimator], dict[str, str]]:
     """Estimators by label, with the settings of `load_estimators`, and of those that cannot be loaded the reason."""
     loaded: dict[str, LoadedEstimator] = {}
     failures: dict[str, str] = {}
     for each in asked:
         try:
-            loaded[each.label] = load(each, association, initialisation, frames)
+            loaded[each.label] = load(each, association, initialisation, frames, robust=robust)
         except UserError as error:
             failures[each.label] = str(error)
     return loaded, failures
@@ -80,6 +87,7 @@ def load(
     initialisation: Initialisation | None = None,
     frames: int = 0,
     *,
+    robust: Robustness = PLAIN,
     announced: bool = True,
 ) -> LoadedEstimator:
     """One estimator, with the settings of `load_estimators`; people's own code is loaded afresh, and runs.
@@ -87,7 +95,7 @@ def load(
     The form in which they bring it is said on standard error, if it is to be `announced`.
     """
     if asked.name:
-        return _ours(entry_of(asked.name), _settings(association, initialisation), frames)
+        return _ours(entry_of(asked.name), _settings(association, initialisation, robust), frames)
     own = Entry(name=asked.label, kind=None, is_own=True, is_benched=False)
     if asked.where is not None and asked.isolation is not None:
         return LoadedEstimator(own, _apart(asked.where, asked.isolation, announced=announced))
@@ -139,9 +147,15 @@ def _ours(entry: Entry, settings: dict[str, object], frames: int) -> LoadedEstim
     return LoadedEstimator(entry, estimate)
 
 
-def _settings(association: Association | None, initialisation: Initialisation | None) -> dict[str, object]:
+def _settings(
+    association: Association | None, initialisation: Initialisation | None, robust: Robustness
+) -> dict[str, object]:
     """A scenario's settings as a filter takes them."""
-    chosen = {"association": None if association is None else association.settings(), "initialisation": initialisation}
+    chosen: dict[str, object] = {
+        "association": None if association is None else association.settings(),
+        "initialisation": initialisation,
+    }
+    chosen["robust"] = None if robust == PLAIN else robust
     return {key: value for key, value in chosen.items() if value is not None}
 
 

@@ -74,7 +74,9 @@ def yardstick(scenario: Scenario, seed: int, reference: Asked) -> Yardstick:
         UserError: the reference gives no estimate.
     """
     truth, recording = simulate(scenario, seed)
-    estimator = load(reference, scenario.association, scenario.initialisation_settings, announced=False)
+    estimator = load(
+        reference, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
+    )
     estimate, seconds = run_estimator(reference.label, estimator, recording)
     try:
         (best,) = ask([CAUSAL])

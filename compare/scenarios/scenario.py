@@ -28,6 +28,7 @@ from slamgauge.compare.scenarios.schema import (
     InverseDepth,
     Prior,
     Scenario,
+    Update,
 )
 from slamgauge.compare.scenarios.sensor import Sensor
 from slamgauge.compare.scenarios.tables import FOLDER
@@ -151,6 +152,7 @@ _KEYS: dict[Place, tuple[str, ...]] = {
     ("sensor",): tuple(Sensor.model_fields),
     ("assumed",): tuple(Assumed.model_fields),
     ("association",): tuple(Association.model_fields),
+    ("update",): tuple(Update.model_fields),
     ("fis",): tuple(Fis.model_fields),
     ("inverse_depth",): tuple(InverseDepth.model_fields),
     ("delayed",): tuple(Delayed.model_fields),

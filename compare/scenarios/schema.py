@@ -20,6 +20,7 @@ from slamgauge.ekf.settings.association import MapManagement, Method
 from slamgauge.ekf.settings.initialisation import Delayed as DelayedSettings
 from slamgauge.ekf.settings.initialisation import Initialisation, Rays
 from slamgauge.ekf.settings.initialisation import InverseDepth as InverseDepthSettings
+from slamgauge.ekf.settings.robustness import Robustness
 from slamgauge.ekf.settings.rules import fitted
 from slamgauge.errors import UserError
 from slamgauge.se2 import between
@@ -86,7 +87,9 @@ class Association(Section):
         return FilterAssociation(self.method, self.gate, MapManagement() if managed else None, self.node_limit)
 
 
-# how landmarks begin where there are bearings alone: the keys are the settings' own, defaults and rules included
+# how updates are guarded against outliers, and how landmarks begin where there are bearings alone: the keys are the
+# settings' own, defaults and rules included
+Update = section_of("Update", __name__, Robustness, Section)
 Fis = section_of("Fis", __name__, Rays, Section)
 InverseDepth = section_of("InverseDepth", __name__, InverseDepthSettings, Section)
 Delayed = section_of("Delayed", __name__, DelayedSettings, Section)
@@ -111,11 +114,18 @@ class Scenario(Section):
     sensor: Sensor
     assumed: Assumed = Assumed()
     association: Association = Association()
+    update: Update = Update()  # pyright: ignore[reportInvalidTypeForm]
     initialisation: Literal["fis", "inverse-depth", "delayed"] = "fis"
     fis: Fis = Fis()  # pyright: ignore[reportInvalidTypeForm]
     inverse_depth: InverseDepth = InverseDepth()  # pyright: ignore[reportInvalidTypeForm]
     delayed: Delayed = Delayed()  # pyright: ignore[reportInvalidTypeForm]
     landmarks: Landmarks
+
+    @property
+    def robustness(self) -> Robustness:
+        """How updates are guarded against outliers, as filters take it."""
+        section: Section = self.update
+        return Robustness(**section.model_dump())
 
     @property
     def initialisation_settings(self) -> Initialisation | None:

@@ -114,9 +114,13 @@ class Sensor(Section):
         return _covs_of(self.sightings, self.kind)
 
 
+def sightings_header(kind: SensorKind, *, has_covs: bool) -> tuple[str, ...]:
+    """The columns of a file of sightings."""
+    return (*SIGHT, *OBSERVED[kind][OBSERVATION_DIM[kind] :]) if has_covs else SIGHT
+
+
 def _headers(kind: SensorKind) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The columns that a file of sightings may have."""
-    return SIGHT, (*SIGHT, *OBSERVED[kind][OBSERVATION_DIM[kind] :])
+    return sightings_header(kind, has_covs=False), sightings_header(kind, has_covs=True)
 
 
 def _covs_of(table: TableText | None, kind: SensorKind) -> Float | None:

@@ -8,7 +8,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.compare.scenarios.motion import covs
 from slamgauge.compare.scenarios.observing import Streams, observe
 from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.scenarios.schema import Association, Assumed, Delayed, Fis, InverseDepth
+from slamgauge.compare.scenarios.schema import Association, Assumed, Delayed, Fis, InverseDepth, Update
 from slamgauge.correlations import square_roots
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
@@ -82,7 +82,7 @@ def informed(scenario: Scenario) -> Scenario:
 
     It is equal for scenarios that simulate the same, whatever estimators are told of it.
     """
-    default = {"assumed": Assumed(), "association": Association(), "initialisation": "fis"}
+    default = {"assumed": Assumed(), "association": Association(), "update": Update(), "initialisation": "fis"}
     default |= {"fis": Fis(), "inverse_depth": InverseDepth(), "delayed": Delayed()}
     return scenario.model_copy(update={"name": "optimum", "description": "", **default})
 

@@ -157,7 +157,9 @@ def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked) -> RungError
     trusted = np.where(truth.misleading, NOBODY, truth.association)
     believed, told = recording.associated(trusted), told.associated(trusted)
     try:
-        slam = load(asked, scenario.association, scenario.initialisation_settings, announced=False)
+        slam = load(
+            asked, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
+        )
         hindsight = _run(HINDSIGHT, told)
         causal = _run(CAUSAL, told)
         assuming = causal if scenario.assumed == Assumed() else _run(CAUSAL, believed)

@@ -61,7 +61,9 @@ def run_once(scenario: Scenario, seed: int, estimators: Chosen) -> list[Outcome]
 
 def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recording) -> Outcome:
     try:
-        estimator = load(asked, scenario.association, scenario.initialisation_settings, announced=False)
+        estimator = load(
+            asked, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
+        )
         if asked.is_yardstick:
             estimator = without(estimator, recording, truth.misleading)
         estimate, seconds = run_estimator(asked.label, estimator, recording)

@@ -41,6 +41,7 @@ LATER_KEYS = {
     "inverse_depth": ("lost_after",),
     "landmarks": ("random",),
 }
+LATER_SECTIONS = ("update",)  # likewise whole sections
 _UNNUMBERED = {"0.3.0": "1"}  # the schema of stores that were begun before they carried its number, by version
 # SQLite's errors that are not the file's fault: give the same command again
 _REFUSALS = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_NOMEM)
@@ -70,11 +71,14 @@ def digest(scenario: Scenario, seed: int) -> str:
 def _as_text(scenario: Scenario) -> str:
     """The scenario as JSON, without later keys that have their default: a new key leaves old studies as they are."""
     sections = {name: getattr(scenario, name) for name in LATER_KEYS}
-    left_out = {
+    left_out: dict[str, set[str] | bool] = {
         name: {key for key in LATER_KEYS[name] if getattr(section, key) == type(section).model_fields[key].default}
         for name, section in sections.items()
     }
-    return scenario.model_dump_json(exclude=left_out)
+    left_out |= {
+        name: True for name in LATER_SECTIONS if getattr(scenario, name) == Scenario.model_fields[name].default
+    }
+    return scenario.model_dump_json(exclude=left_out)  # pyright: ignore[reportArgumentType]
 
 
 class StudyStore:
