@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from slamgauge.ekf.online import OnlineFilter
     from slamgauge.ekf.settings.association import Association, MapManagement
     from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
+    from slamgauge.ekf.settings.robustness import Robustness
 
     __all__ = [
         "AssociatingFilter",
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
         "MapManagement",
         "OnlineFilter",
         "Rays",
+        "Robustness",
         "SlamFilter",
     ]
     __all__ += estimators.__all__
@@ -46,6 +48,7 @@ _NAMES = {  # of each module, as above
     "online": "OnlineFilter",
     "settings.association": "Association MapManagement",
     "settings.initialisation": "Delayed InverseDepth Rays",
+    "settings.robustness": "Robustness",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 

@@ -19,13 +19,14 @@ from scipy.special import chdtri
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.one_by_one import Gates
-from slamgauge.ekf.maps.checks import require_sensor, rows_of
+from slamgauge.ekf.maps.checks import require_robustness, require_sensor, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import Matcher, update_nearest
 from slamgauge.ekf.maps.rules import Correction, Rule, sequential_of
 from slamgauge.ekf.maps.tracks import Tracks
 from slamgauge.ekf.online import PointFilter
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
+from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
 
@@ -39,6 +40,7 @@ class AssociatingFilter(PointFilter):
         prior_cov: (3, 3) its covariance; zero is legal.
         correction: see `SlamFilter`; a rule of your own needs its `sequential` form for the nearest neighbour.
         association: how observations find their landmarks.
+        robust: how updates are guarded against outliers; a gate the association has itself.
 
     Raises:
         UserError: a sensor, correction or method that does not exist or does not fit, or an invalid prior.
@@ -51,9 +53,12 @@ class AssociatingFilter(PointFilter):
         prior_cov: ArrayLike,
         correction: Correction | Rule = "standard",
         association: Association = NEAREST_NEIGHBOUR,
+        robust: Robustness = PLAIN,
     ) -> None:
         require_sensor(sensor, ("range-bearing", "position"))
-        self._map = LandmarkMap(sensor, prior_mean, prior_cov, correction, landmarks=32)
+        self._map = LandmarkMap(
+            sensor, prior_mean, prior_cov, correction, landmarks=32, tails=require_robustness(robust).tails
+        )
         if not isinstance(cast("object", association), Association):
             raise UserError(f"association: {association!r} is not one; give Association(method, gate)")
         if association.method == "nearest-neighbour":
@@ -124,7 +129,7 @@ class AssociatingFilter(PointFilter):
         return nis, dof
 
     def _one_by_one(self, values: Float, covs: Float) -> tuple[Int, float, int]:
-        gates = Gates(float(self._association.gate), float(self._widest_gate))
+        gates = Gates(float(self._association.gate), float(self._widest_gate), self._map.tails)
         slots, nis, dof = update_nearest(self._map, self._tracks.new_ids, values, covs, gates)
         return np.where(slots == NONE, NONE, self._map.ids[slots]), nis, dof
 

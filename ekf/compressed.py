@@ -29,12 +29,14 @@ from slamgauge.ekf.maps.checks import (
     require_gate,
     require_ids,
     require_radius,
+    require_robustness,
     require_sensor,
     rows_of,
     start_of,
 )
 from slamgauge.ekf.maps.rules import WHOLE_SCAN, Rule
 from slamgauge.ekf.online import PointFilter
+from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.recording import OBSERVATION_DIM, Observations
 
 
@@ -47,16 +49,20 @@ class CompressedFilter(PointFilter):
         prior_cov: (3, 3) its covariance.
         area_radius: landmarks within this distance [m] of the robot form its area, which it leaves a
             third of that distance away; one and a half times the sensor's range serves well.
+        robust: how updates are guarded against outliers.
 
     Raises:
         UserError: a sensor that does not exist or fit, an invalid prior, or an invalid radius.
     """
 
-    def __init__(self, sensor: str, prior_mean: ArrayLike, prior_cov: ArrayLike, area_radius: float) -> None:
+    def __init__(
+        self, sensor: str, prior_mean: ArrayLike, prior_cov: ArrayLike, area_radius: float, robust: Robustness = PLAIN
+    ) -> None:
         require_sensor(sensor, ("range-bearing", "position"))
         require_radius(area_radius)
         self._sensor = sensor
         self._area_radius = area_radius
+        self._robust = require_robustness(robust)
         self._ids: Int = np.zeros(0, dtype=np.int64)
         self._origin, self._mean, self._cov = start_of(prior_mean, prior_cov)
         self._enter_area(self._ids)
@@ -156,6 +162,7 @@ class CompressedFilter(PointFilter):
             area_cov[:3, :3],
             Rule(self._update_local, block=WHOLE_SCAN),
             landmarks=len(near) + 32,
+            robust=self._robust,
         )
         self._local.map.replace(self._ids[near], positions[near], area_cov)
         size = len(self._area)

@@ -19,6 +19,7 @@ from slamgauge.ekf.maps.rules import CORRECTIONS, Correction
 from slamgauge.ekf.online import OnlineFilter
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.ekf.settings.initialisation import Initialisation, Rays
+from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
 from slamgauge.notices import tell_once
@@ -35,6 +36,7 @@ def ekf(
     association: Association = NEAREST_NEIGHBOUR,
     initialisation: Initialisation = FIS,
     frames: int = 0,
+    robust: Robustness = PLAIN,
 ) -> Estimate:
     """Textbook EKF-SLAM (the practical, equations 1.1).
 
@@ -43,11 +45,12 @@ def ekf(
         association: how observations find their landmarks where the recording has no ids.
         initialisation: how landmarks are initialised where the recording has bearings alone.
         frames: at how many steps, evenly spread from the first to the last, `Estimate.history` keeps the map.
+        robust: how updates are guarded against outliers.
 
     Raises:
         UserError: bearings without ids, and an initialisation that needs them.
     """
-    return _run(recording, "ekf", association, initialisation, frames)
+    return _run(recording, "ekf", association, initialisation, frames, robust)
 
 
 def fej_ekf(
@@ -55,13 +58,14 @@ def fej_ekf(
     association: Association = NEAREST_NEIGHBOUR,
     initialisation: Initialisation = FIS,
     frames: int = 0,
+    robust: Robustness = PLAIN,
 ) -> Estimate:
     """EKF-SLAM with first-estimates Jacobians (Huang, Mourikis and Roumeliotis, IJRR 2010); called as `ekf`.
 
     It leans on good first estimates: where landmarks are close to the robot, or first seen from a poorly known
     pose, it can diverge.
     """
-    return _run(recording, "fej-ekf", association, initialisation, frames)
+    return _run(recording, "fej-ekf", association, initialisation, frames, robust)
 
 
 def oc_ekf(
@@ -69,13 +73,14 @@ def oc_ekf(
     association: Association = NEAREST_NEIGHBOUR,
     initialisation: Initialisation = FIS,
     frames: int = 0,
+    robust: Robustness = PLAIN,
 ) -> Estimate:
     """Observability-constrained EKF-SLAM (Huang, Mourikis and Roumeliotis, IJRR 2010); called as `ekf`.
 
     As `fej_ekf` it learns nothing about shift and turn of the whole map, but its Jacobians are taken at the newest
     estimates, and changed no more than that needs: it leans less on good first estimates.
     """
-    return _run(recording, "oc-ekf", association, initialisation, frames)
+    return _run(recording, "oc-ekf", association, initialisation, frames, robust)
 
 
 def iekf(
@@ -83,9 +88,10 @@ def iekf(
     association: Association = NEAREST_NEIGHBOUR,
     initialisation: Initialisation = FIS,
     frames: int = 0,
+    robust: Robustness = PLAIN,
 ) -> Estimate:
     """Iterated EKF-SLAM (Bell and Cathey 1993), known to be less consistent than the plain EKF; called as `ekf`."""
-    return _run(recording, "iekf", association, initialisation, frames)
+    return _run(recording, "iekf", association, initialisation, frames, robust)
 
 
 def riekf(
@@ -93,9 +99,10 @@ def riekf(
     association: Association = NEAREST_NEIGHBOUR,
     initialisation: Initialisation = FIS,
     frames: int = 0,
+    robust: Robustness = PLAIN,
 ) -> Estimate:
     """Right-invariant EKF-SLAM (Barrau and Bonnabel, arXiv 1510.06263); called as `ekf`."""
-    return _run(recording, "riekf", association, initialisation, frames)
+    return _run(recording, "riekf", association, initialisation, frames, robust)
 
 
 def dead_reckoning(recording: Recording) -> Estimate:
@@ -131,9 +138,14 @@ def drive(slam: OnlineFilter, recording: Recording) -> Iterator[StepResult]:
 
 
 def _run(
-    recording: Recording, estimator: str, association: Association, initialisation: Initialisation, frames: int
+    recording: Recording,
+    estimator: str,
+    association: Association,
+    initialisation: Initialisation,
+    frames: int,
+    robust: Robustness,
 ) -> Estimate:
-    slam = online_filter(recording, CORRECTIONS[estimator], association, initialisation)
+    slam = online_filter(recording, CORRECTIONS[estimator], association, initialisation, robust)
     steps = recording.steps
     poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
     nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1)
@@ -162,19 +174,23 @@ def _run(
 
 
 def online_filter(
-    recording: Recording, correction: Correction, association: Association, initialisation: Initialisation
+    recording: Recording,
+    correction: Correction,
+    association: Association,
+    initialisation: Initialisation,
+    robust: Robustness,
 ) -> OnlineFilter:
     """The online filter that the recording calls for."""
     start = (recording.prior_mean, recording.prior_cov, correction)
     if recording.sensor == "bearing":
-        return BearingFilter(*start, initialisation, association if recording.landmark is None else None)
+        return BearingFilter(*start, initialisation, association if recording.landmark is None else None, robust)
     if recording.landmark is None:
-        return AssociatingFilter(recording.sensor, *start, association)
+        return AssociatingFilter(recording.sensor, *start, association, robust)
     landmarks = len(np.unique(recording.landmark))
     size = 3 + 2 * landmarks
     require_memory(ROOM * 8.0 * size * size, f"the covariance of {landmarks} landmarks", "give fewer landmarks")
     radius = area_that_pays(recording) if correction is CORRECTIONS["ekf"] else None
     if radius is None:
-        return SlamFilter(recording.sensor, *start, landmarks=landmarks)
+        return SlamFilter(recording.sensor, *start, landmarks=landmarks, robust=robust)
     tell_once(f"{landmarks} landmarks: ekf works area by area (CompressedFilter), which gives the same for less work")
-    return CompressedFilter(recording.sensor, recording.prior_mean, recording.prior_cov, radius)
+    return CompressedFilter(recording.sensor, recording.prior_mean, recording.prior_cov, radius, robust)

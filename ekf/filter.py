@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.maps.checks import ids_of, require_gate, require_ids, rows_of
+from slamgauge.ekf.maps.checks import ids_of, require_gate, require_ids, require_robustness, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.rules import Correction, Rule
 from slamgauge.ekf.online import PointFilter
+from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
 
@@ -28,6 +29,7 @@ class SlamFilter(PointFilter):
         correction: `standard`, `first-estimates`, `observability-constrained`, `iterated`, `right-invariant` (see
             `kernels.corrections`), or a rule of your own.
         landmarks: how many to make room for at first; the filter grows beyond that by itself.
+        robust: how updates are guarded against outliers.
 
     Attributes:
         map: the belief and what else can be done with it (see `maps.landmark_map`); a robot needs none of it.
@@ -43,8 +45,10 @@ class SlamFilter(PointFilter):
         prior_cov: ArrayLike,
         correction: Correction | Rule = "standard",
         landmarks: int = 32,
+        robust: Robustness = PLAIN,
     ) -> None:
-        self.map = LandmarkMap(sensor, prior_mean, prior_cov, correction, landmarks)
+        self._gate = require_robustness(robust).known_gate
+        self.map = LandmarkMap(sensor, prior_mean, prior_cov, correction, landmarks, robust.tails)
         self._associated = NOTHING_SEEN
 
     @property
@@ -94,7 +98,7 @@ class SlamFilter(PointFilter):
         Args:
             observations: ids (m,), values (m, d) and covariances (m, d, d).
             gate: observations of mapped landmarks whose squared Mahalanobis distance, each by itself, is beyond this
-                are left out as outliers; `associated` then has -1 for them.
+                are left out as outliers; `associated` then has -1 for them. By default that of `robust`.
 
         Returns:
             The normalised innovation squared and its degrees of freedom (0, 0 without mapped landmarks), of the
@@ -107,6 +111,7 @@ class SlamFilter(PointFilter):
         """
         values, covs = rows_of(observations, self.map.dim)
         ids = ids_of(observations, len(values))
+        gate = self._gate if gate is None else gate
         if gate is not None:
             return self._update_gated(ids, values, covs, gate)
         result = self._update(ids, values, covs)

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
         MapManagement,
         OnlineFilter,
         Rays,
+        Robustness,
         SlamFilter,
         estimators,
     )
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
         "RayLog",
         "Rays",
         "Recording",
+        "Robustness",
         "Scenario",
         "Score",
         "Sensor",
@@ -136,7 +138,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
     "triangulation": "Triangulation triangulate",
     "ekf": (
         "AssociatingFilter Association BearingFilter CompressedFilter Delayed InverseDepth MapManagement Rays "
-        "OnlineFilter SlamFilter"
+        "OnlineFilter Robustness SlamFilter"
     ),
     "graph_baseline": "UndeterminedError batch cost isam2 robust_batch",
     "compare.checks.examination": "Verdict check_estimator",

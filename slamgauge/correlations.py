@@ -31,3 +31,9 @@ def inverted(matrices: Float) -> Float:
     scale = scale_of(matrices)
     inverse = np.linalg.inv(matrices / scale) / scale
     return (inverse + inverse.swapaxes(1, 2)) / 2
+
+
+def square_roots(covs: Float) -> Float:
+    """Symmetric square roots (n, d, d) of covariances (n, d, d), singular ones too."""
+    values, vectors = np.linalg.eigh(covs)
+    return (vectors * np.sqrt(values.clip(min=0.0))[:, None, :]) @ vectors.swapaxes(1, 2)

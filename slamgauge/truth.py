@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, Marks
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.validation import (
@@ -20,6 +20,8 @@ from slamgauge.validation import (
     wrap_headings,
 )
 
+NOBODY = -1  # the landmark of an observation that is of none
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
@@ -31,13 +33,15 @@ class Truth:
         poses: (N+1, 3); a row of NaN where the ground truth has a gap.
         landmark_ids: (L,) distinct ids >= 0.
         landmarks: (L, 2) [m].
-        association: (M,) true landmark id of each observation.
+        association: (M,) true landmark id of each observation, -1 for clutter, which is of none.
+        outlier: (M,) whether an observation of a landmark has nothing of the stated noise.
     """
 
     poses: Float | None = None
     landmark_ids: Int | None = None
     landmarks: Float | None = None
     association: Int | None = None
+    outlier: Marks | None = None
 
     def __post_init__(self) -> None:
         if self.poses is not None:
@@ -58,14 +62,26 @@ class Truth:
             )
         if self.association is not None:
             association = as_ints("association", self.association, (None,))
-            known = association >= 0
+            known = association >= NOBODY
             if self.landmark_ids is not None:
-                known &= np.isin(association, self.landmark_ids)
-            require_rows("association", known, association, "every true id must be among landmark_ids")
+                known &= np.isin(association, self.landmark_ids) | (association == NOBODY)
+            require_rows("association", known, association, "every true id must be among landmark_ids, or -1 for none")
             store(self, association=association)
+        if self.outlier is not None:
+            outlier = as_ints("outlier", self.outlier, (None,))
+            require_rows("outlier", (outlier == 0) | (outlier == 1), outlier, "give 1 for an outlier, 0 for none")
+            store(self, outlier=outlier == 1)
 
     def __eq__(self, other: object) -> bool:
         return equal(self, other)
+
+    @property
+    def misleading(self) -> Marks | None:
+        """(M,) which observations are clutter or outliers, as far as that is known."""
+        if self.association is None:
+            return self.outlier
+        clutter = self.association == NOBODY
+        return clutter if self.outlier is None else clutter | self.outlier
 
 
 def require_same_run(truth: Truth | None, recording: Recording) -> None:
@@ -73,6 +89,7 @@ def require_same_run(truth: Truth | None, recording: Recording) -> None:
     for name, given, expected in (
         ("poses", truth and truth.poses, recording.steps + 1),
         ("association", truth and truth.association, len(recording.observation)),
+        ("outlier", truth and truth.outlier, len(recording.observation)),
     ):
         if given is not None and len(given) != expected:
             raise UserError(f"truth.{name}: {len(given)} rows, but the recording needs {expected}; give its own truth")

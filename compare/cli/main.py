@@ -28,6 +28,7 @@ from slamgauge.compare.cli.many_runs import Budget, Claims, Study
 from slamgauge.compare.cli.one_run import Evaluate, Run
 from slamgauge.compare.cli.options import EmptyPathError
 from slamgauge.compare.cli.scenarios import Scenarios
+from slamgauge.compare.cli.twin import MakeTwin
 from slamgauge.errors import UserError, refused_by_the_machine
 
 DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
@@ -40,6 +41,7 @@ Command = (
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
     | Annotated[Import, tyro.conf.subcommand(name="import")]
     | Annotated[Export, tyro.conf.subcommand(name="export")]
+    | Annotated[MakeTwin, tyro.conf.subcommand(name="twin")]
     | Annotated[Study, tyro.conf.subcommand(name="study")]
     | Annotated[Budget, tyro.conf.subcommand(name="budget")]
     | Annotated[Claims, tyro.conf.subcommand(name="claims")]

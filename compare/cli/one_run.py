@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from slamgauge.compare.estimators.asked import Asked
     from slamgauge.compare.scenarios.schema import Association
     from slamgauge.ekf.settings.initialisation import Initialisation
+    from slamgauge.ekf.settings.robustness import Robustness
     from slamgauge.estimate import Estimate, Estimator
     from slamgauge.recording import Recording
     from slamgauge.truth import Truth
@@ -83,6 +84,7 @@ class Run:
             title,
             scenario.association,
             scenario.initialisation_settings,
+            scenario.robustness,
             scenario.name,
             self.seed,
         )
@@ -119,6 +121,9 @@ class Evaluate:
     gate: float = 9.0
     """Largest squared Mahalanobis distance of an association."""
 
+    robust: Literal["none", "gate", "student-t"] = "none"
+    """How filters guard their updates against outliers (docs/outliers.md)."""
+
     initialisation: Literal["fis", "inverse-depth", "delayed"] = "fis"
     """How landmarks begin in filters where the recording has bearings alone."""
 
@@ -137,6 +142,7 @@ class Evaluate:
         from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
         from slamgauge.compare.storage.files import load_recording, load_truth
         from slamgauge.ekf.settings.association import Association as FilterAssociation
+        from slamgauge.ekf.settings.robustness import Robustness
         from slamgauge.ekf.settings.rules import fitted, require
 
         recording = load_recording(self.recording)
@@ -148,6 +154,7 @@ class Evaluate:
         settings = (
             Association(method=self.association, gate=self.gate),
             fitted(INITIALISATIONS[self.initialisation], self.reach),
+            Robustness(self.robust),
         )
         stored = {label: _as_it_lies(path, recording) for label, path in self._stored().items()}
         named = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
@@ -189,7 +196,8 @@ class Grading:
     as_json: bool
     title: str
     association: Association
-    initialisation: Initialisation | None = None
+    initialisation: Initialisation | None
+    robust: Robustness
     scenario: str | None = None
     seed: int | None = None
 
@@ -203,7 +211,7 @@ class Grading:
 
         if not self.asked:
             raise UserError("estimators: none given; name at least one, for example --estimators ekf,batch")
-        estimators, failures = load_each(self.asked, self.association, self.initialisation, FRAMES)
+        estimators, failures = load_each(self.asked, self.association, self.initialisation, FRAMES, self.robust)
         if not estimators:
             raise UserError(next(iter(failures.values())))
         files = comparison_files(estimators if recording.landmark is not None else with_stand_ins(estimators))

@@ -7,6 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+import numpy as np
+
+from slamgauge.arrays import Marks
 from slamgauge.compare.estimators.adapters import adapt, adapted
 from slamgauge.compare.estimators.asked import Asked, Chosen, Isolation, ask
 from slamgauge.compare.estimators.isolated import Isolated, Spent
@@ -15,9 +18,11 @@ from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_
 from slamgauge.compare.estimators.strict import Strict
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.ekf.settings.initialisation import Initialisation
+from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
+from slamgauge.truth import NOBODY
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,7 @@ def load_estimators(
     association: Association | None = None,
     initialisation: Initialisation | None = None,
     frames: int = 0,
+    robust: Robustness = PLAIN,
 ) -> dict[str, LoadedEstimator]:
     """Estimators by the name that results carry.
 
@@ -49,22 +55,27 @@ def load_estimators(
             gate 9. With `method` known, too: there they have ids.
         initialisation: how filters initialise landmarks where the recording has bearings alone.
         frames: at how many steps filters keep their map, for pictures.
+        robust: how filters guard their updates against outliers.
 
     Raises:
         UserError: an unknown name, one that stands there twice, or an own one that leads to no callable.
     """
-    return {each.label: load(each, association, initialisation, frames) for each in ask(chosen)}
+    return {each.label: load(each, association, initialisation, frames, robust=robust) for each in ask(chosen)}
 
 
 def load_each(
-    asked: Sequence[Asked], association: Association | None, initialisation: Initialisation | None, frames: int
+    asked: Sequence[Asked],
+    association: Association | None,
+    initialisation: Initialisation | None,
+    frames: int,
+    robust: Robustness = PLAIN,
 ) -> tuple[dict[str, LoadedEstimator], dict[str, str]]:
     """Estimators by label, with the settings of `load_estimators`, and of those that cannot be loaded the reason."""
     loaded: dict[str, LoadedEstimator] = {}
     failures: dict[str, str] = {}
     for each in asked:
         try:
-            loaded[each.label] = load(each, association, initialisation, frames)
+            loaded[each.label] = load(each, association, initialisation, frames, robust=robust)
         except UserError as error:
             failures[each.label] = str(error)
     return loaded, failures
@@ -76,6 +87,7 @@ def load(
     initialisation: Initialisation | None = None,
     frames: int = 0,
     *,
+    robust: Robustness = PLAIN,
     announced: bool = True,
 ) -> LoadedEstimator:
     """One estimator, with the settings of `load_estimators`; people's own code is loaded afresh, and runs.
@@ -83,7 +95,7 @@ def load(
     The form in which they bring it is said on standard error, if it is to be `announced`.
     """
     if asked.name:
-        return _ours(entry_of(asked.name), _settings(association, initialisation), frames)
+        return _ours(entry_of(asked.name), _settings(association, initialisation, robust), frames)
     own = Entry(name=asked.label, kind=None, is_own=True, is_benched=False)
     if asked.where is not None and asked.isolation is not None:
         return LoadedEstimator(own, _apart(asked.where, asked.isolation, announced=announced))
@@ -92,6 +104,15 @@ def load(
     assert asked.call is not None
     entry = entry_behind(asked.call)
     return LoadedEstimator(entry or own, asked.call if entry else adapt(asked.call, asked.label, announced=announced))
+
+
+def without(yardstick: Estimator, informed: Recording, misleading: Marks | None) -> Estimator:
+    """An optimum that leaves out what is `misleading` (M,), clutter and outliers, in the recording that it is told."""
+    entry = entry_behind(yardstick)
+    if entry is None or misleading is None or not misleading.any() or informed.landmark is None:
+        return yardstick
+    graph: Callable[..., Estimate] = entry.load()
+    return LoadedEstimator(entry, partial(graph, association=np.where(misleading, NOBODY, informed.landmark)))
 
 
 def spent_by(estimator: Estimator) -> Spent | None:
@@ -126,9 +147,15 @@ def _ours(entry: Entry, settings: dict[str, object], frames: int) -> LoadedEstim
     return LoadedEstimator(entry, estimate)
 
 
-def _settings(association: Association | None, initialisation: Initialisation | None) -> dict[str, object]:
+def _settings(
+    association: Association | None, initialisation: Initialisation | None, robust: Robustness
+) -> dict[str, object]:
     """A scenario's settings as a filter takes them."""
-    chosen = {"association": None if association is None else association.settings(), "initialisation": initialisation}
+    chosen: dict[str, object] = {
+        "association": None if association is None else association.settings(),
+        "initialisation": initialisation,
+    }
+    chosen["robust"] = None if robust == PLAIN else robust
     return {key: value for key, value in chosen.items() if value is not None}
 
 

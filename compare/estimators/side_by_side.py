@@ -8,7 +8,8 @@ from functools import partial
 
 from tqdm import tqdm
 
-from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind
+from slamgauge.arrays import Marks
+from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, without
 from slamgauge.compare.estimators.registry import UNDER, YARDSTICKS, Entry
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.errors import UserError
@@ -40,8 +41,10 @@ class SideBySide:
             self.optima[self.estimates[name].kind] = name
 
 
-def run_side_by_side(estimators: Mapping[str, Estimator], recording: Recording, informed: Recording) -> SideBySide:
-    """Run every estimator on the recording, the yardsticks on the informed one.
+def run_side_by_side(
+    estimators: Mapping[str, Estimator], recording: Recording, informed: Recording, misleading: Marks | None = None
+) -> SideBySide:
+    """Run every estimator on the recording, the yardsticks on the informed one without what is `misleading` (M,).
 
     Where that has no ids, yardsticks stand under the associations that the first of the others has made, `isam2@ekf`.
     """
@@ -54,7 +57,10 @@ def run_side_by_side(estimators: Mapping[str, Estimator], recording: Recording, 
         progress.set_description(name)
         if name not in waiting:
             is_yardstick = name in yardsticks
-            ran.run(name, estimator, informed if is_yardstick else recording, is_yardstick=is_yardstick)
+            if is_yardstick:
+                ran.run(name, without(estimator, informed, misleading), informed, is_yardstick=True)
+            else:
+                ran.run(name, estimator, recording)
     if informed.landmark is None:
         graphs = {name: entry for name, entry in entries.items() if entry is not None and entry.is_graph}
         _stand_in(ran, waiting, graphs, estimators, recording)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 import matplotlib as mpl
@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, save_png_and_svg, styles
-from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs
+from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
 from slamgauge.compare.scoring.over_runs import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
 from slamgauge.compare.scoring.runs import Runs, paired
-from slamgauge.compare.studies.summary import Summary, share_in_doubt
+from slamgauge.compare.studies.summary import Summary, is_marked_against, misfit_optima, share_in_doubt
 
 RUNS_DRAWN = 50  # error curves; more are one grey mass
 COMPONENTS = (("x [m]", "x", 1.0), ("y [m]", "y", 1.0), ("heading [°]", "heading", 180.0 / np.pi))
@@ -25,18 +25,19 @@ COMPONENTS = (("x [m]", "x", 1.0), ("y [m]", "y", 1.0), ("heading [°]", "headin
 def save_study_figures(out: Path, summary: Summary, runs: Mapping[str, Runs], step: float) -> None:
     """Write nees, nis, errors and ratios (.png and .svg) into `out`; `step` is the time step [s]."""
     ran = {name: each for name, each in runs.items() if len(each.run)}
-    title, share = f"{summary.scenario}, {summary.runs} runs", share_in_doubt(summary)
+    title = f"{summary.scenario}, {summary.runs} runs"
+    doubts = (misfits(misfit_optima(summary)), doubt_in_runs(CAUSAL, share_in_doubt(summary)))
+    doubtful = {name for name in (CAUSAL, HINDSIGHT) if is_marked_against(summary, name)}
     with mpl.rc_context(PRINT):
         figures = {
             "nees": _nees(ran, step),
             "nis": _nis(ran, step),
             "errors": _errors(ran, step),
-            "ratios": _ratios(ran, is_marked=share > 0),
+            "ratios": _ratios(ran, doubtful),
         }
         for name, figure in figures.items():
             if figure is not None:
-                doubt = doubt_in_runs(CAUSAL, share) if name == "ratios" else None
-                figure.suptitle("\n".join(filter(None, (title, doubt))), wrap=True)
+                figure.suptitle("\n".join(filter(None, (title, *(doubts if name == "ratios" else ())))), wrap=True)
                 save_png_and_svg(figure, out / name)
 
 
@@ -99,10 +100,10 @@ def _errors(runs: Mapping[str, Runs], step: float) -> Figure | None:
     return figure
 
 
-def _ratios(runs: Mapping[str, Runs], *, is_marked: bool) -> Figure | None:
-    """ATE of each run over that of the optimum in the same run: box plots; `is_marked`: the causal one is in doubt."""
-    known = ((CAUSAL, f"causal{MARK * is_marked}"), (HINDSIGHT, "hindsight"))
-    references = [(name, text) for name, text in known if name in runs]
+def _ratios(runs: Mapping[str, Runs], doubtful: Collection[str]) -> Figure | None:
+    """ATE of each run over that of the optimum in the same run: box plots; `doubtful` optima are marked."""
+    known = ((CAUSAL, "causal"), (HINDSIGHT, "hindsight"))
+    references = [(name, f"{text}{MARK * (name in doubtful)}") for name, text in known if name in runs]
     boxes = [
         (f"{name}\n/ {text}", _run_ratios(runs[name], runs[reference]), styles(runs)[name].color)
         for reference, text in references

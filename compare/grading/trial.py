@@ -14,7 +14,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.checks.examination import Verdict, check_estimator
 from slamgauge.compare.estimators.asked import Asked, ask
 from slamgauge.compare.estimators.isolated import Isolated
-from slamgauge.compare.estimators.loading import load
+from slamgauge.compare.estimators.loading import load, without
 from slamgauge.compare.estimators.own import Address
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.estimators.running import run_estimator
@@ -74,11 +74,14 @@ def yardstick(scenario: Scenario, seed: int, reference: Asked) -> Yardstick:
         UserError: the reference gives no estimate.
     """
     truth, recording = simulate(scenario, seed)
-    estimator = load(reference, scenario.association, scenario.initialisation_settings, announced=False)
+    estimator = load(
+        reference, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
+    )
     estimate, seconds = run_estimator(reference.label, estimator, recording)
     try:
         (best,) = ask([CAUSAL])
-        optimum = run_estimator(CAUSAL, load(best), simulate(informed(scenario), seed)[1])[0]
+        told = simulate(informed(scenario), seed)[1]
+        optimum = run_estimator(CAUSAL, without(load(best), told, truth.misleading), told)[0]
     except UserError:  # not every recording determines one
         optimum = None
     return Yardstick(_scored(truth, recording, estimate, optimum, seconds), optimum)

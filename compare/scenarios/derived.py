@@ -31,17 +31,18 @@ def rule_of(settings: type, key: str) -> AfterValidator:
     return AfterValidator(holds)
 
 
-def section_of(name: str, settings: type, base: type[Section]) -> type[Section]:
+def section_of(name: str, module: str, settings: type, base: type[Section]) -> type[Section]:
     """A section with the fields of a dataclass; None, where the sensor's range decides unless they are given.
 
     Args:
-        name: under which it stands in the module of `base`, so that it can be sent to other processes.
+        name: under which it stands in its module, so that it can be sent to other processes.
+        module: the name of that.
         settings: the dataclass.
         base: what sections have in common.
     """
     hints = get_type_hints(settings)
     keys: dict[str, Any] = {each.name: _key(settings, each, hints[each.name]) for each in fields(settings)}
-    return create_model(name, __base__=base, __module__=base.__module__, __doc__=settings.__doc__, **keys)
+    return create_model(name, __base__=base, __module__=module, __doc__=settings.__doc__, **keys)
 
 
 def _key(settings: type, each: DataclassField[Any], hint: Any) -> tuple[Any, Any]:

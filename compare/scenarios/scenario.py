@@ -17,20 +17,21 @@ from pathlib import Path
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from slamgauge.compare.scenarios.landmarks import Landmarks, RandomLandmarks
+from slamgauge.compare.scenarios.motion import Motion
 from slamgauge.compare.scenarios.schema import (
     Association,
     Assumed,
     Delayed,
     Fis,
     InverseDepth,
-    Landmarks,
-    Motion,
     Prior,
     Scenario,
-    Segment,
-    Sensor,
-    Trajectory,
+    Update,
 )
+from slamgauge.compare.scenarios.sensor import Sensor
+from slamgauge.compare.scenarios.tables import FOLDER
+from slamgauge.compare.scenarios.trajectory import KINDS, Segment, kind_of
 from slamgauge.compare.storage.toml_tables import Table
 from slamgauge.compare.storage.toml_tables import override as set_key
 from slamgauge.errors import UserError
@@ -40,7 +41,7 @@ __all__ = ["Scenario", "ScenarioError", "load_scenario", "shipped_scenarios"]
 
 Place = tuple[str | int, ...]
 
-FORMS = {"kind", "segments"}  # keys that give a section another form: it then replaces the extended one whole
+FORMS = {"kind", "segments", "random"}  # keys that give a section another form: it then replaces the extended one whole
 
 
 class ScenarioError(UserError):
@@ -56,7 +57,8 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
     """The scenario of a shipped name or a TOML file, with `dotted.key=value` overrides.
 
     Args:
-        name_or_path: A shipped name, or the path of a TOML file; a shipped name wins.
+        name_or_path: A shipped name, or the path of a TOML file; a shipped name wins. The files that a scenario names
+            are looked for in the folder of the TOML file, overrides included.
         overrides: Each value is read as TOML, or as a bare string where it is not valid TOML.
 
     Raises:
@@ -72,7 +74,8 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
         raise ScenarioError(str(error)) from None
     mistakes = ["name: unknown key; the file's own name is the scenario's name"] if "name" in table else []
     try:
-        scenario = Scenario.model_validate({**table, "name": Path(source.name).stem})
+        files = {FOLDER: Path(where).parent if source == Path(where) else Path()}
+        scenario = Scenario.model_validate({**table, "name": Path(source.name).stem}, context=files)
     except ValidationError as error:
         mistakes += _mistakes(error, table)
     else:
@@ -130,16 +133,18 @@ def _extended(table: Table, where: str) -> Table:
 _KEYS: dict[Place, tuple[str, ...]] = {
     (): ("extends", *(key for key in Scenario.model_fields if key != "name")),
     ("prior",): tuple(Prior.model_fields),
-    ("trajectory",): (*Trajectory.model_fields, *Segment.model_fields),
+    ("trajectory",): tuple({key: None for each in (*KINDS.values(), Segment) for key in each.model_fields}),
     ("trajectory", "segments"): tuple(Segment.model_fields),
     ("motion",): tuple(Motion.model_fields),
     ("sensor",): tuple(Sensor.model_fields),
     ("assumed",): tuple(Assumed.model_fields),
     ("association",): tuple(Association.model_fields),
+    ("update",): tuple(Update.model_fields),
     ("fis",): tuple(Fis.model_fields),
     ("inverse_depth",): tuple(InverseDepth.model_fields),
     ("delayed",): tuple(Delayed.model_fields),
     ("landmarks",): tuple(Landmarks.model_fields),
+    ("landmarks", "random"): tuple(RandomLandmarks.model_fields),
 }
 
 
@@ -148,12 +153,16 @@ def _mistakes(error: ValidationError, table: Table) -> list[str]:
     details = [(_place(detail["loc"], table), detail) for detail in error.errors()]
     unknown = [place for place, detail in details if detail["type"] == "extra_forbidden"]
     meant = {(*place[:-1], near) for place in unknown for near in near_names(str(place[-1]), _keys(place))}
-    lines = [_line(place, detail) for place, detail in details if detail["type"] != "missing" or place not in meant]
+    kind = str(kind_of(table.get("trajectory")))
+    told = [each for each in details if each[1]["type"] != "missing" or each[0] not in meant]
+    lines = [_line(place, detail, kind) for place, detail in told]
     return list(dict.fromkeys(lines))
 
 
 def _place(loc: Place, table: Table) -> Place:
     """The place in the user's own file, where a single segment's keys may stand in [trajectory]."""
+    if loc[:1] == ("trajectory",) and len(loc) > 1:  # what follows is the kind
+        loc = ("trajectory", *loc[2:])
     single = loc[:3] == ("trajectory", "segments", 0) and "segments" not in table["trajectory"]
     return ("trajectory", *loc[3:]) if single else loc
 
@@ -162,11 +171,13 @@ def _keys(place: Place) -> tuple[str, ...]:
     return _KEYS[tuple(part for part in place[:-1] if isinstance(part, str))]
 
 
-def _line(place: Place, detail: ErrorDetails) -> str:
+def _line(place: Place, detail: ErrorDetails, kind: str) -> str:
     where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).removeprefix(".")
     if detail["type"] == "extra_forbidden":
-        if place[-1] in _keys(place):  # only a trajectory's two forms share a table
-            return "trajectory: has both forms; give segments, or speed, yaw_rate and duration"
+        if place[-1] in _keys(place):  # only the kinds and forms of a trajectory share a table
+            if kind == "segments" and place[-1] in Segment.model_fields:
+                return "trajectory: has both forms; give segments, or speed, yaw_rate and duration"
+            return f"{where}: a trajectory of the kind {kind} has none; remove it or change kind"
         return f"{where}: unknown key; {did_you_mean(str(place[-1]), _keys(place))}"
     what = detail["msg"].replace("Field required", "missing; add it").replace("Tuple should", "must")
     what = what.replace(" after validation", "").replace("valid tuple", "list")

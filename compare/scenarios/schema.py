@@ -5,134 +5,57 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.derived import Number, Whole, rule_of, section_of
+from slamgauge.compare.scenarios.landmarks import Landmarks
+from slamgauge.compare.scenarios.motion import Motion, covs
+from slamgauge.compare.scenarios.section import NonNegative, Positive, Section
+from slamgauge.compare.scenarios.sensor import Sensor
+from slamgauge.compare.scenarios.trajectory import Csv, Trajectory
 from slamgauge.ekf.settings.association import Association as FilterAssociation
 from slamgauge.ekf.settings.association import MapManagement, Method
 from slamgauge.ekf.settings.initialisation import Delayed as DelayedSettings
 from slamgauge.ekf.settings.initialisation import Initialisation, Rays
 from slamgauge.ekf.settings.initialisation import InverseDepth as InverseDepthSettings
+from slamgauge.ekf.settings.robustness import Robustness
 from slamgauge.ekf.settings.rules import fitted
 from slamgauge.errors import UserError
+from slamgauge.se2 import between
+from slamgauge.validation import as_covariances
 
-NonNegative = Annotated[Number, Field(ge=0)]
-Positive = Annotated[Number, Field(gt=0)]
+Row = tuple[Number, Number, Number]
 
-_MAX_STEPS = 1_000_000  # a misplaced decimal point shall not fill the memory
-_SIGMAS = {
-    "range-bearing": ("sigma_range", "sigma_bearing_deg"),
-    "bearing": ("sigma_bearing_deg",),
-    "position": ("sigma_position",),
-}
-
-
-class Section(BaseModel):
-    """A table of the file: immutable, no keys but its own, finite numbers."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+_SAME_POSE = 1e-6  # m, rad: of a path's first pose and the prior's mean
 
 
 class Prior(Section):
-    """The start pose: `mean` (x [m], y [m], heading [rad]) and independent `variances` [m^2, m^2, rad^2]."""
+    """The start pose: `mean` (x [m], y [m], heading [rad]) and independent `variances` [m^2, m^2, rad^2].
+
+    A `covariance`, row by row, stands in the place of the variances where they are not independent.
+    """
 
     mean: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
     variances: tuple[NonNegative, NonNegative, NonNegative] = (0.01, 0.01, 0.0001)
+    covariance: tuple[Row, Row, Row] | None = None
 
-
-class Segment(Section):
-    """A stretch driven at constant `speed` [m/s] and `yaw_rate` [rad/s] for `duration` [s]."""
-
-    speed: Number
-    yaw_rate: Number
-    duration: Positive
-
-
-class Trajectory(Section):
-    """The commanded path: segments driven one after the other, in time steps of `step` [s].
-
-    A file may give speed, yaw_rate and duration in place of a single segment.
-    """
-
-    step: Positive
-    segments: tuple[Segment, ...]
-
-    @model_validator(mode="before")
+    @field_validator("covariance")
     @classmethod
-    def _single_segment(cls, table: object) -> object:
-        if not isinstance(table, dict) or "segments" in table:
-            return table
-        segment = {key: value for key, value in table.items() if key in Segment.model_fields}
-        rest = {key: value for key, value in table.items() if key not in Segment.model_fields}
-        return {**rest, "segments": [segment]} if segment else rest
-
-    @model_validator(mode="after")
-    def _of_sane_length(self) -> Trajectory:
-        if not self.segments:
-            raise PydanticCustomError("too_short", "has no segment; add one")
-        steps = sum(segment.duration for segment in self.segments) / self.step
-        if steps > _MAX_STEPS:
-            text = "duration / step comes to more than {most} steps; raise step or shorten duration"
-            raise PydanticCustomError("too_long", text, {"most": _MAX_STEPS})
-        return self
-
-    @property
-    def steps(self) -> tuple[int, ...]:
-        """Number of steps of each segment: its duration to the nearest step, at least one."""
-        return tuple(max(1, round(segment.duration / self.step)) for segment in self.segments)
-
-
-class Motion(Section):
-    """Odometry noise: standard deviations `sigma_speed` [m/s] and `sigma_yaw_rate_deg` [deg/s] of each step."""
-
-    sigma_speed: NonNegative
-    sigma_yaw_rate_deg: NonNegative
-
-
-class Sensor(Section):
-    """What is seen, all round, from `min_range` to `max_range` [m], its noise, and the `first_step` with a scan.
-
-    `range-bearing` needs `sigma_range` [m] and `sigma_bearing_deg` [deg], `bearing` the latter alone; `position`
-    (the landmark in the body frame) needs `sigma_position` [m] of each axis.
-    """
-
-    kind: Literal["range-bearing", "bearing", "position"]
-    max_range: Positive
-    min_range: NonNegative = 0.0
-    first_step: Annotated[int, Field(ge=0, strict=True)] = 0
-    sigma_range: Positive | None = Field(default=None, validate_default=True)
-    sigma_bearing_deg: Positive | None = Field(default=None, validate_default=True)
-    sigma_position: Positive | None = Field(default=None, validate_default=True)
-
-    @field_validator("min_range")
-    @classmethod
-    def _below_max_range(cls, value: float, info: ValidationInfo) -> float:
-        if value > info.data.get("max_range", np.inf):
-            raise PydanticCustomError("order", "must not exceed max_range; nothing would be seen")
-        return value
-
-    @field_validator(*(key for keys in _SIGMAS.values() for key in keys))
-    @classmethod
-    def _fits_kind(cls, value: float | None, info: ValidationInfo) -> float | None:
-        kind = info.data.get("kind")
-        needed = info.field_name in _SIGMAS.get(kind or "", ())
-        if kind and needed and value is None:
-            raise PydanticCustomError("missing", "missing; a {kind} sensor needs it", {"kind": kind})
-        if kind and not needed and value is not None:
-            text = "a {kind} sensor has none; remove it or change kind"
-            raise PydanticCustomError("foreign", text, {"kind": kind})
+    def _is_one(cls, value: tuple[Row, Row, Row] | None) -> tuple[Row, Row, Row] | None:
+        if value is None:
+            return value
+        try:
+            as_covariances("covariance", value, (3, 3))
+        except UserError as error:
+            raise PydanticCustomError("rule", "{mistake}", {"mistake": str(error)}) from None
         return value
 
     @property
-    def sigmas(self) -> Float:
-        """Standard deviations (d,) of an observation: [m, rad], [rad] for `bearing`, [m, m] for `position`."""
-        if self.kind == "position":
-            return np.array([self.sigma_position, self.sigma_position], dtype=np.float64)
-        if self.kind == "bearing":
-            return np.deg2rad(np.array([self.sigma_bearing_deg], dtype=np.float64))
-        return np.array([self.sigma_range, self.sigma_bearing_deg], dtype=np.float64) * [1.0, np.pi / 180.0]
+    def cov(self) -> Float:
+        """(3, 3) [m, m, rad]."""
+        return np.diag(self.variances) if self.covariance is None else np.array(self.covariance)
 
 
 class Assumed(Section):
@@ -164,17 +87,13 @@ class Association(Section):
         return FilterAssociation(self.method, self.gate, MapManagement() if managed else None, self.node_limit)
 
 
-# how landmarks begin where there are bearings alone: the keys are the settings' own, defaults and rules included
-Fis = section_of("Fis", Rays, Section)
-InverseDepth = section_of("InverseDepth", InverseDepthSettings, Section)
-Delayed = section_of("Delayed", DelayedSettings, Section)
+# how updates are guarded against outliers, and how landmarks begin where there are bearings alone: the keys are the
+# settings' own, defaults and rules included
+Update = section_of("Update", __name__, Robustness, Section)
+Fis = section_of("Fis", __name__, Rays, Section)
+InverseDepth = section_of("InverseDepth", __name__, InverseDepthSettings, Section)
+Delayed = section_of("Delayed", __name__, DelayedSettings, Section)
 INITIALISATIONS = {"fis": Rays, "inverse-depth": InverseDepthSettings, "delayed": DelayedSettings}
-
-
-class Landmarks(Section):
-    """The map: `positions` of the landmarks, (x, y) [m]."""
-
-    positions: tuple[tuple[Number, Number], ...]
 
 
 class Scenario(Section):
@@ -195,11 +114,18 @@ class Scenario(Section):
     sensor: Sensor
     assumed: Assumed = Assumed()
     association: Association = Association()
+    update: Update = Update()  # pyright: ignore[reportInvalidTypeForm]
     initialisation: Literal["fis", "inverse-depth", "delayed"] = "fis"
     fis: Fis = Fis()  # pyright: ignore[reportInvalidTypeForm]
     inverse_depth: InverseDepth = InverseDepth()  # pyright: ignore[reportInvalidTypeForm]
     delayed: Delayed = Delayed()  # pyright: ignore[reportInvalidTypeForm]
     landmarks: Landmarks
+
+    @property
+    def robustness(self) -> Robustness:
+        """How updates are guarded against outliers, as filters take it."""
+        section: Section = self.update
+        return Robustness(**section.model_dump())
 
     @property
     def initialisation_settings(self) -> Initialisation | None:
@@ -227,4 +153,32 @@ class Scenario(Section):
         if self.sensor.kind == "bearing" and self.association.method != "known" and self.initialisation != "fis":
             text = 'association.method = "{method}" needs rays; set initialisation = "fis", or the method "known"'
             raise PydanticCustomError("foreign", text, {"method": self.association.method})
+        return self
+
+    @model_validator(mode="after")
+    def _starts_where_its_path_does(self) -> Scenario:
+        if not isinstance(self.trajectory, Csv):
+            return self
+        first = self.trajectory.poses[0]
+        if np.abs(between(self.prior.mean, first)).max() > _SAME_POSE:
+            text = "prior.mean: {mean} is not where the path of {name} starts; set it to {first}"
+            known = {"mean": [*self.prior.mean], "name": self.trajectory.file.name, "first": first.tolist()}
+            raise PydanticCustomError("start", text, known)
+        return self
+
+    @model_validator(mode="after")
+    def _tables_fit(self) -> Scenario:
+        motion, sights = self.motion.covariances, self.sensor.sights
+        if motion is None and sights is None:
+            return self
+        steps = len(self.trajectory.increments(self.prior.mean))
+        if motion is not None and len(covs(motion)) != steps:
+            text = "motion.covariances: {name} has {rows} rows for {steps} steps of the path; give one for each"
+            known = {"name": motion.name, "rows": len(covs(motion)), "steps": steps}
+            raise PydanticCustomError("rows", text, known)
+        for what, largest, most in (("step", 0, steps), ("landmark", 1, len(self.landmarks.all()) - 1)):
+            if sights is not None and sights[largest].max(initial=0) > most:
+                text = "sensor.sightings: {what} {value} does not exist; the last one is {most}"
+                known = {"what": what, "value": int(sights[largest].max()), "most": most}
+                raise PydanticCustomError("rows", text, known)
         return self

@@ -5,54 +5,76 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.compare.scenarios.motion import covs
+from slamgauge.compare.scenarios.observing import Streams, observe
 from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.scenarios.schema import Association, Assumed, Delayed, Fis, InverseDepth, Sensor, Trajectory
+from slamgauge.compare.scenarios.schema import Association, Assumed, Delayed, Fis, InverseDepth, Update
+from slamgauge.correlations import square_roots
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain, rotation, wrap
-from slamgauge.truth import Truth
+from slamgauge.se2 import chain
+from slamgauge.truth import NOBODY, Truth
 
 
 def simulate(scenario: Scenario, seed: int) -> tuple[Truth, Recording]:
     """One run: its truth, and the recording that estimators see.
 
-    The truth follows the commanded increments (v dt, 0, omega dt) exactly; the odometry is the command
-    with noise on v and omega. Start, motion and sensor draw from streams of their own, so a change of
-    the map leaves the odometry as it was.
+    The truth follows the commanded increments exactly; the odometry is the command as the motion misreads it, with
+    noise. Every kind of draw has a stream of its own: a change of the map leaves the odometry as it was, and so does
+    every option all other draws.
 
     Raises:
         UserError: If the seed is negative.
     """
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
-    start_stream, motion_stream, sensor_stream = np.random.SeedSequence(seed).spawn(3)
+    start_stream, motion_stream, noise, slip, *others = np.random.SeedSequence(seed).spawn(9)
+    trajectory, motion, assumed = scenario.trajectory, scenario.motion, scenario.assumed
 
-    command = _commanded_increments(scenario.trajectory)
+    command = trajectory.increments(scenario.prior.mean)
     poses = chain(_start(scenario, start_stream), command)
-    landmarks = np.array(scenario.landmarks.positions, dtype=np.float64).reshape(-1, 2)
-    seen_at, seen, observation = _observe(poses, landmarks, scenario.sensor, sensor_stream)
+    landmarks = scenario.landmarks.all()
+    seen = observe(poses, landmarks, scenario.sensor, Streams(noise, *others))
+    draws = np.random.default_rng(slip).random((2, len(command)))
+    motion_noise, odometry_cov = _motion_noise(scenario, np.random.default_rng(motion_stream))
 
-    dt = scenario.trajectory.step
-    sigma_increment = dt * np.array([scenario.motion.sigma_speed, 0.0, np.deg2rad(scenario.motion.sigma_yaw_rate_deg)])
-    motion_noise = sigma_increment * np.random.default_rng(motion_stream).standard_normal(command.shape)
-    assumed = scenario.assumed
-    odometry_cov = assumed.scale * assumed.motion_scale * np.diag(sigma_increment**2)
-    observation_cov = assumed.scale * assumed.sensor_scale * np.diag(scenario.sensor.sigmas**2)
-
-    truth = Truth(poses=poses, landmark_ids=np.arange(len(landmarks)), landmarks=landmarks, association=seen)
+    sensor = scenario.sensor
+    truth = Truth(
+        poses=poses,
+        landmark_ids=np.arange(len(landmarks)),
+        landmarks=landmarks,
+        association=seen.landmark,
+        outlier=seen.outlier if sensor.outlier_rate > 0.0 else None,
+    )
     recording = Recording(
-        stamps=np.arange(len(poses), dtype=np.float64) * dt,
+        stamps=trajectory.stamps(scenario.prior.mean),
         prior_mean=np.array(scenario.prior.mean),
-        prior_cov=np.diag(scenario.prior.variances),
-        odometry=command + motion_noise,
-        odometry_cov=np.broadcast_to(odometry_cov, (len(command), 3, 3)),
-        sensor=scenario.sensor.kind,
-        observation_step=seen_at,
-        observation=observation,
-        observation_cov=np.broadcast_to(observation_cov, (len(seen), *observation_cov.shape)),
-        landmark=seen if scenario.association.method == "known" else None,
+        prior_cov=scenario.prior.cov,
+        odometry=motion.misread(command, *draws) + motion_noise,
+        odometry_cov=np.broadcast_to(assumed.scale * assumed.motion_scale * odometry_cov, (len(command), 3, 3)),
+        sensor=sensor.kind,
+        observation_step=seen.step,
+        observation=seen.value,
+        observation_cov=assumed.scale * assumed.sensor_scale * seen.cov,
+        landmark=_ids(seen.landmark, len(landmarks)) if scenario.association.method == "known" else None,
     )
     return truth, recording
+
+
+def _motion_noise(scenario: Scenario, generator: np.random.Generator) -> tuple[Float, Float]:
+    """Noise (N, 3) of the increments [m, m, rad], and its covariances (N, 3, 3) or (3, 3)."""
+    trajectory, table = scenario.trajectory, scenario.motion.covariances
+    if table is not None:
+        cov = covs(table)
+        return np.einsum("nij,nj->ni", square_roots(cov), generator.standard_normal((len(cov), 3))), cov
+    sigmas = scenario.motion.sigmas(trajectory.durations())
+    steps = len(trajectory.stamps(scenario.prior.mean)) - 1
+    return sigmas * generator.standard_normal((steps, 3)), sigmas[..., None] ** 2 * np.eye(3)
+
+
+def _ids(landmark: Int, landmarks: int) -> Int:
+    """Ids (M,) that the recording gives: clutter has those that no landmark has, each its own."""
+    return np.where(landmark == NOBODY, landmarks - 1 + np.cumsum(landmark == NOBODY), landmark)
 
 
 def informed(scenario: Scenario) -> Scenario:
@@ -60,46 +82,17 @@ def informed(scenario: Scenario) -> Scenario:
 
     It is equal for scenarios that simulate the same, whatever estimators are told of it.
     """
-    default = {"assumed": Assumed(), "association": Association(), "initialisation": "fis"}
+    default = {"assumed": Assumed(), "association": Association(), "update": Update(), "initialisation": "fis"}
     default |= {"fis": Fis(), "inverse_depth": InverseDepth(), "delayed": Delayed()}
     return scenario.model_copy(update={"name": "optimum", "description": "", **default})
 
 
 def _start(scenario: Scenario, stream: np.random.SeedSequence) -> Float:
     """True start pose (3,): the prior's mean, or drawn from the prior."""
-    mean = np.array(scenario.prior.mean)
+    mean, prior = np.array(scenario.prior.mean), scenario.prior
     if scenario.start == "mean":
         return mean
-    return mean + np.sqrt(scenario.prior.variances) * np.random.default_rng(stream).standard_normal(3)
-
-
-def _commanded_increments(trajectory: Trajectory) -> Float:
-    """Body-frame increments (N, 3) of the commanded path."""
-    rates = [(segment.speed, 0.0, segment.yaw_rate) for segment in trajectory.segments]
-    return np.repeat(np.array(rates) * trajectory.step, trajectory.steps, axis=0)
-
-
-def _observe(poses: Float, landmarks: Float, sensor: Sensor, stream: np.random.SeedSequence) -> tuple[Int, Int, Float]:
-    """Steps (M,), landmark ids (M,) and noisy values (M, d) of all that the sensor sees, in that order."""
-    offsets = landmarks - poses[:, None, :2]
-    body = np.einsum("nji,nlj->nli", rotation(poses[:, 2]), offsets)
-    distance = np.linalg.norm(body, axis=2)
-    in_view = (sensor.min_range <= distance) & (distance <= sensor.max_range)
-    in_view[: sensor.first_step] = False
-    seen_at, seen = np.nonzero(in_view)
-
-    # a stream per landmark, drawn for every step: a landmark added to the map leaves the others' noise as it was
-    sigmas = sensor.sigmas
-    noise = np.empty((len(poses), len(landmarks), len(sigmas)))
-    for landmark, child in enumerate(stream.spawn(len(landmarks))):
-        noise[:, landmark] = sigmas * np.random.default_rng(child).standard_normal((len(poses), len(sigmas)))
-
-    noise, body = noise[seen_at, seen], body[seen_at, seen]
-    if sensor.kind == "position":
-        return seen_at, seen, body + noise
-    bearings = np.arctan2(body[:, 1], body[:, 0]) + noise[:, -1]
-    if sensor.kind == "bearing":
-        return seen_at, seen, wrap(bearings)[:, None]
-    ranges = distance[seen_at, seen] + noise[:, 0]
-    # no sensor reports a negative range: noise that reaches past zero is reflected
-    return seen_at, seen, np.column_stack([np.abs(ranges), wrap(bearings)])
+    drawn = np.random.default_rng(stream).standard_normal(3)
+    if prior.covariance is not None:
+        return mean + square_roots(prior.cov[None])[0] @ drawn
+    return mean + np.sqrt(prior.variances) * drawn

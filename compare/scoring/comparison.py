@@ -13,13 +13,15 @@ from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS
 from slamgauge.compare.estimators.side_by_side import run_side_by_side
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns, empty_columns
 from slamgauge.compare.scoring.empty_columns import empty_lines
-from slamgauge.compare.scoring.optimum_figures import is_in_doubt
+from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
 from slamgauge.compare.scoring.optimum_notes import (
     MARK,
     distance_from_hindsight,
     doubt,
     fit_of_the_model,
     left_out,
+    misfits,
+    told_apart,
     under_associations,
 )
 from slamgauge.compare.scoring.scores import Score, evaluate
@@ -75,8 +77,8 @@ def compare_estimators(
     if informed is None:
         informed = recording
         if recording.landmark is None and truth is not None and truth.association is not None:
-            informed = recording.associated(truth.association)
-    ran = run_side_by_side(estimators, recording, informed)
+            informed = replace(recording, landmark=truth.association.clip(min=0))  # clutter is told apart in any case
+    ran = run_side_by_side(estimators, recording, informed, None if truth is None else truth.misleading)
     estimates, seconds, optima, failures = ran.estimates, ran.seconds, ran.optima, ran.failures
     scores: dict[str, Score] = {}
     best = {kind: estimates[name] for kind, name in optima.items()}
@@ -124,7 +126,7 @@ def table(comparison: Comparison) -> str:
     """
     found = columns("run")
     optima = {kind: comparison.estimates[name] for kind, name in comparison.optima.items()}
-    doubtful = {kind for kind, optimum in optima.items() if is_in_doubt(optimum.optimum_check)}
+    doubtful = {kind for kind, optimum in optima.items() if is_in_doubt(optimum.optimum_check) or is_misfit(optimum)}
     rows = [["estimator", "kind", *(title for title, _, _ in found)]]
     for name, score in sorted(comparison.scores.items(), key=lambda item: item[1].kind):
         cells = [cell(score.figure(key), form) for _, key, form in found]
@@ -143,7 +145,11 @@ def table(comparison: Comparison) -> str:
 def remarks(comparison: Comparison) -> list[str]:
     """What there is to say of the run: whom estimates are held against, why columns are empty, that it is one run."""
     scores = comparison.scores.values()
-    found = [] if not comparison.stand_ins else [under_associations(comparison.stand_ins)]
+    optima = sorted(comparison.optima.values())
+    known = misfits([name for name in optima if is_misfit(comparison.estimates[name])])
+    told = None if comparison.stand_ins else told_apart(optima, comparison.truth)
+    found = [line for line in (known, told) if line]
+    found += [] if not comparison.stand_ins else [under_associations(comparison.stand_ins)]
     empty = empty_columns("run", lambda key: all(score.figure(key) is None for score in scores))
     found += empty_lines(empty, what_is_there(comparison))
     return found if all(score.ate_m is None for score in scores) else [*found, single_run()]
@@ -171,7 +177,7 @@ def what_is_there(comparison: Comparison) -> set[str]:
 def too_near(name: str, comparison: Comparison) -> str | None:
     """What to say of an estimate that is nearer to the truth than chance allows; None if it is not."""
     causal = comparison.optima.get("filtered")
-    if causal is None or comparison.truth is None or comparison.stand_ins:
+    if causal is None or comparison.truth is None or comparison.stand_ins or is_misfit(comparison.estimates[causal]):
         return None
     if not is_too_near_the_truth(comparison.truth, comparison.estimates[name], comparison.estimates[causal]):
         return None

@@ -9,20 +9,19 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from slamgauge.truth import Truth
-
-NOBODY = -1
+from slamgauge.truth import NOBODY, Truth
 
 
 class AssociationFigures(NamedTuple):
     """What an estimate made of the observations; a figure that nobody can tell is None.
 
     Attributes:
-        wrong_associations: observations given to a track that stands for another landmark.
+        wrong_associations: observations given to a track that stands for another landmark; of clutter those
+            given to one that stands for any.
         observations_rejected: observations given to no track.
         landmarks_true: distinct landmarks that were observed.
         landmarks_missed: observed landmarks that no mapped landmark stands for.
-        landmarks_spurious: mapped landmarks that stand for none, doubles among them.
+        landmarks_spurious: mapped landmarks that stand for none, doubles and tracks of clutter among them.
         track_purity: mean over tracks of the largest share of their observations that come from one landmark.
         track_purity_min: that share of the least pure track.
     """
@@ -52,6 +51,8 @@ def true_landmarks(truth: Truth, recording: Recording, estimate: Estimate) -> tu
 
         names, sights = _sights(truth.association, estimate)
         foreign = sights.sum(axis=1, keepdims=True) - sights
+        known = names != NOBODY
+        names, sights, foreign = names[known], sights[:, known], foreign[:, known]
         rows, columns = linear_sum_assignment(sights - 1e-9 * foreign, maximize=True)
         met = sights[rows, columns] > 0
         owners[rows[met]] = names[columns[met]]
@@ -63,7 +64,7 @@ def association_figures(truth: Truth, recording: Recording, estimate: Estimate) 
     given, true = estimate.association, truth.association
     if true is None:
         return AssociationFigures(observations_rejected=None if given is None else int(np.sum(given == NOBODY)))
-    observed = np.unique(true)
+    observed = np.unique(true[true != NOBODY])
     owners = true_landmarks(truth, recording, estimate)[0]
     known = given is not None or recording.landmark is not None
     figures = AssociationFigures(
@@ -75,7 +76,10 @@ def association_figures(truth: Truth, recording: Recording, estimate: Estimate) 
         return figures
     names, sights = _sights(true, estimate)
     ids = np.asarray(estimate.landmark_ids)
-    stands_for = ids if recording.landmark is not None else names[sights.argmax(axis=1)] if len(names) else owners
+    if recording.landmark is not None:
+        stands_for = np.where(np.isin(ids, observed), ids, NOBODY)
+    else:
+        stands_for = names[sights.argmax(axis=1)] if len(names) else owners
     rightly = np.where(stands_for[:, None] == names, sights, 0).sum()
     totals = sights.sum(axis=1)
     purity = sights.max(axis=1, initial=0)[totals > 0] / totals[totals > 0]
@@ -88,7 +92,10 @@ def association_figures(truth: Truth, recording: Recording, estimate: Estimate) 
 
 
 def _sights(true: Int, estimate: Estimate) -> tuple[Int, Int]:
-    """Observed landmarks (T,), and how many of the observations of each (L, T) every mapped landmark was given."""
+    """Observed landmarks (T,), and how many of the observations of each (L, T) every mapped landmark was given.
+
+    Clutter is among them, as that of NOBODY.
+    """
     ids, given = estimate.landmark_ids, estimate.association
     assert given is not None
     names, column = np.unique(true, return_inverse=True)

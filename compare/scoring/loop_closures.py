@@ -9,7 +9,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.scoring.defined import number
 from slamgauge.recording import Recording
-from slamgauge.truth import Truth
+from slamgauge.truth import NOBODY, Truth
 
 ABSENCE = 10.0  # [s] for which the landmark was unseen, at least
 ROUNDING = 1e-6  # [s] by which stamps such as 0.1 k may miss that
@@ -39,8 +39,10 @@ def closure_steps(truth: Truth | None, recording: Recording) -> Int | None:
         ids = None if truth is None else truth.association
     if ids is None:
         return None
+    of_landmarks = np.flatnonzero(ids != NOBODY)
+    ids, seen_at = ids[of_landmarks], recording.observation_step[of_landmarks]
     order = np.argsort(ids, kind="stable")  # one landmark after the other, each in order of time
-    ids, steps = ids[order], recording.observation_step[order]
+    ids, steps = ids[order], seen_at[order]
     absence = np.diff(recording.stamps[steps])
     again = (np.diff(ids) == 0) & (absence >= ABSENCE - ROUNDING)
     return np.unique(steps[1:][again])

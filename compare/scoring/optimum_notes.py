@@ -9,12 +9,11 @@ import numpy as np
 
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.landmark_identity import NOBODY
-from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT, is_in_doubt
+from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT, is_in_doubt, unused_observations
 from slamgauge.compare.scoring.text_table import interval_cell
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from slamgauge.truth import Truth
+from slamgauge.truth import NOBODY, Truth
 
 MARK = "?"  # behind figures that are relative to an optimum in doubt
 FIT_LEVEL = 0.95  # of the two-sided chi-square band of the fit
@@ -48,17 +47,34 @@ def mean_fit(title: str, fit: Interval | None) -> str | None:
 
 def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Estimate) -> str | None:
     """How many landmarks and observations an optimum does without; None if it uses all, or does not tell."""
-    given = optimum.association
-    observations = 0 if given is None else int(np.sum(given == NOBODY))
+    observations = unused_observations(truth or Truth(), optimum)
     ids = recording.landmark
-    if ids is None and truth is not None:
-        ids = truth.association  # which the optima are told
+    if truth is not None and truth.association is not None and (ids is None or truth.misleading is not None):
+        ids = truth.association[truth.association != NOBODY]  # which the optima are told
     landmarks = 0 if ids is None else int(np.sum(~np.isin(np.unique(ids), optimum.landmark_ids)))
     if not observations:
         return None
     counts = [_counted(landmarks, "landmark")] * (landmarks > 0) + [_counted(observations, "observation")]
     why = " that bearings alone do not place" if recording.sensor == "bearing" else ""
     return f"{name} leaves out {' and '.join(counts)}{why}"
+
+
+def told_apart(names: Sequence[str], truth: Truth | None) -> str | None:
+    """Which observations the optima are told to leave out; None if there are none."""
+    misleading = None if truth is None else truth.misleading
+    if misleading is None or not misleading.any() or not names:
+        return None
+    verbs = "is told" if len(names) == 1 else "are told", "runs" if len(names) == 1 else "run"
+    without = f"{verbs[1]} without these {int(misleading.sum())}"
+    return f"{' and '.join(names)} {verbs[0]} which observations mislead, and {without} (outliers and clutter)"
+
+
+def misfits(names: Sequence[str]) -> str | None:
+    """That optima are none of what has happened, by their residuals; None without names."""
+    if not names:
+        return None
+    which = f"the residuals of {' and '.join(names)} are not those of the stated noise"
+    return f"{which}: no optimum of what has happened; {_MARKED.replace('it', 'them')}"
 
 
 def under_associations(names: Sequence[str]) -> str:
@@ -97,9 +113,13 @@ def at_places(
     name: str, shares: Mapping[str, float | None], said: Callable[[str, float | None], str | None] = doubt_in_runs
 ) -> list[str]:
     """What is `said` of an optimum that many runs have at several places: a line for those of equal shares."""
+    return placed({place: said(name, share) for place, share in shares.items()})
+
+
+def placed(said: Mapping[str, str | None]) -> list[str]:
+    """What is `said` at several places: a line for those at which it is the same."""
     lines: dict[str, list[str]] = {}
-    for place, share in shares.items():
-        line = said(name, share)
+    for place, line in said.items():
         if line is not None:
             lines.setdefault(line, []).append(place)
     return [f"{', '.join(places)}: {line}" for line, places in lines.items()]

@@ -21,7 +21,7 @@ from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.defined import mean
 from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
-from slamgauge.compare.scoring.optimum_figures import share_of_doubt
+from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs, share_of_doubt
 from slamgauge.compare.scoring.over_runs import late_coverage, late_means, total_nis
 from slamgauge.compare.scoring.runs import Runs, paired
 
@@ -229,8 +229,10 @@ def _evidence(runs: Runs, others: Mapping[str, Runs]) -> Evidence:
 
 
 def _over_optimum(runs: Runs, optimum: Runs | None) -> tuple[Interval | None, int]:
-    """The ratio of ATEs and its number of runs; None against oneself, and against an optimum in doubt."""
+    """The ratio of ATEs and its number of runs; None against oneself, and against an optimum in doubt or misfit."""
     if optimum is None or optimum is runs or share_of_doubt(optimum.figures["optimum_check_sigma"]):
+        return None, 0
+    if is_misfit_in_runs(mean_interval(optimum.figures["chi_square_per_dof"])):
         return None, 0
     ours, theirs = paired(runs, optimum)
     return ratio_interval(runs.figures["ate_m"][ours], optimum.figures["ate_m"][theirs]), len(ours)

@@ -65,13 +65,13 @@ def write_recording_csv(folder: Path, recording: Recording) -> None:
         upper_triangles(recording.observation_cov).tolist(),
         strict=True,
     )
-    _write(folder / START, ("stamp", *POSE, *POSE_COV), [prior])
-    _write(
+    write_rows(folder / START, ("stamp", *POSE, *POSE_COV), [prior])
+    write_rows(
         folder / ODOMETRY,
         ("step", "stamp", *INCREMENT, *POSE_COV),
         ([step, stamp, *move, *cov] for step, (stamp, move, cov) in enumerate(motion, 1)),
     )
-    _write(
+    write_rows(
         folder / OBSERVATIONS,
         ("step", "landmark", *OBSERVED[recording.sensor]),
         ([step, name, *value, *cov] for step, name, value, cov in seen),
@@ -127,10 +127,10 @@ def write_estimate_csv(path: Path, estimate: Estimate) -> None:
         UserError: one cannot be written.
     """
     covs, map_covs = estimate.pose_covs, estimate.landmark_covs
-    _write_rows(path, ("step", *POSE), POSE_COV, np.arange(len(estimate.poses)), estimate.poses, covs)
+    _write_numbered(path, ("step", *POSE), POSE_COV, np.arange(len(estimate.poses)), estimate.poses, covs)
     if len(estimate.landmarks):
         beside = path.with_name(LANDMARKS)
-        _write_rows(beside, ("landmark", *POINT), POINT_COV, estimate.landmark_ids, estimate.landmarks, map_covs)
+        _write_numbered(beside, ("landmark", *POINT), POINT_COV, estimate.landmark_ids, estimate.landmarks, map_covs)
 
 
 def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
@@ -164,19 +164,20 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
         raise UserError(f"{path}: {error}") from None
 
 
-def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[float]]) -> None:
+def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[float]]) -> None:
+    """Write a header and rows of numbers, every digit of them; `UserError` if that cannot be."""
     with explained(path, "written"), path.open("w", encoding="ascii", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows([header, *([repr(value) for value in row] for row in rows)])
 
 
-def _write_rows(
+def _write_numbered(
     path: Path, names: tuple[str, ...], cov_names: tuple[str, ...], numbers: Int, values: Float, covs: Float | None
 ) -> None:
     """Write numbered values (n, d) with the upper triangles of their covariances (n, d, d), if there are any."""
     triangles = [list[float]()] * len(values) if covs is None else upper_triangles(covs).tolist()
     rows = zip(numbers.tolist(), values.tolist(), triangles, strict=True)
     header = names if covs is None else (*names, *cov_names)
-    _write(path, header, ([number, *value, *triangle] for number, value, triangle in rows))
+    write_rows(path, header, ([number, *value, *triangle] for number, value, triangle in rows))
 
 
 def _require_steps(path: Path, steps: Float, first: int) -> None:
@@ -189,22 +190,43 @@ def _require_steps(path: Path, steps: Float, first: int) -> None:
 
 def _header(path: Path) -> tuple[str, ...]:
     """The names in the first line of a file."""
-    lines = _lines(path)
+    lines = read_lines(path)
     return tuple(name.strip() for name in lines[0].split(",")) if lines else ()
-
-
-def _lines(path: Path) -> list[str]:
-    with explained(path, "read"):
-        return path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
 
 
 def _read(path: Path, needed: tuple[str, ...], optional: tuple[str, ...] = ()) -> Float:
     """The rows of a file whose header is `needed`, or `needed` and `optional`."""
-    lines, header = _lines(path), _header(path)
-    if header not in (needed, needed + optional):
-        remedy = f"write {','.join(needed)}" + (f", with or without {','.join(optional)}" if optional else "")
-        raise UserError(f"{path}: line 1 is no header of this file; {remedy}")
-    rows = [_numbers(f"{path}, line {number}", line, len(header)) for number, line in enumerate(lines[1:], 2)]
+    headers = (needed, needed + optional) if optional else (needed,)
+    return parse_rows(str(path), read_lines(path), *headers)
+
+
+def read_lines(path: Path) -> list[str]:
+    """The lines of a text file.
+
+    Raises:
+        UserError: it cannot be read.
+    """
+    with explained(path, "read"):
+        return path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+
+
+def parse_rows(name: str, lines: Sequence[str], *headers: tuple[str, ...]) -> Float:
+    """The numbers (n, columns) of the lines of a CSV file, the first of which is one of `headers`.
+
+    Args:
+        name: what mistakes call the file.
+        lines: its lines.
+        headers: names of columns; all begin with those of the first.
+
+    Raises:
+        UserError: another header, or a line that does not hold as many finite numbers, by its number.
+    """
+    header = tuple(name.strip() for name in lines[0].split(",")) if lines else ()
+    if header not in headers:
+        more = [",".join(each[len(headers[0]) :]) for each in headers[1:]]
+        remedy = f"write {','.join(headers[0])}" + "".join(f", with or without {each}" for each in more if each)
+        raise UserError(f"{name}: line 1 is no header of this file; {remedy}")
+    rows = [_numbers(f"{name}, line {number}", line, len(header)) for number, line in enumerate(lines[1:], 2)]
     return np.array(rows, dtype=np.float64).reshape(-1, len(header))
 
 

@@ -33,6 +33,9 @@ SWEEP_FILES = (SWEEP, *pictures("sweep"))
 BUDGET = "budget.json"
 BUDGET_FILES = (BUDGET, *pictures("budget"))
 CLAIMS = "claims.json"
+TWIN = "twin.toml"
+TWIN_PATH, TWIN_MOTION, TWIN_SIGHTINGS = "path.csv", "motion.csv", "sightings.csv"
+TWIN_FILES = (TWIN, TWIN_PATH, TWIN_MOTION, TWIN_SIGHTINGS)
 BENCH = "bench.json"
 BENCH_FILES = (BENCH, "bench.png")
 

@@ -32,7 +32,7 @@ from slamgauge.compare.studies.run import run_seed
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from slamgauge.truth import Truth
+from slamgauge.truth import NOBODY, Truth
 
 RUNGS = {
     "hindsight optimum": "all measurements at once: what no estimator avoids",
@@ -154,16 +154,19 @@ def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked) -> RungError
     (asked,) = ask([chosen])
     truth, recording = simulate(scenario, seed)
     told = simulate(informed(scenario), seed)[1]
-    assert truth.association is not None
-    believed = recording.associated(truth.association)
+    assert truth.association is not None and truth.misleading is not None
+    trusted = np.where(truth.misleading, NOBODY, truth.association)
+    believed, told = recording.associated(trusted), told.associated(trusted)
     try:
-        slam = load(asked, scenario.association, scenario.initialisation_settings, announced=False)
+        slam = load(
+            asked, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
+        )
         hindsight = _run(HINDSIGHT, told)
         causal = _run(CAUSAL, told)
         assuming = causal if scenario.assumed == Assumed() else _run(CAUSAL, believed)
         estimate = run_estimator(asked.label, slam, recording)[0]
         own = estimate.association
-        if own is None or np.array_equal(own, truth.association):
+        if own is None or np.array_equal(own, trusted):
             associating = assuming
         else:
             associating = _run(CAUSAL, recording.associated(own))

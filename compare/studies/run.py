@@ -10,7 +10,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.asked import Asked, Chosen, ask
-from slamgauge.compare.estimators.loading import load
+from slamgauge.compare.estimators.loading import load, without
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
@@ -61,7 +61,11 @@ def run_once(scenario: Scenario, seed: int, estimators: Chosen) -> list[Outcome]
 
 def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recording) -> Outcome:
     try:
-        estimator = load(asked, scenario.association, scenario.initialisation_settings, announced=False)
+        estimator = load(
+            asked, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
+        )
+        if asked.is_yardstick:
+            estimator = without(estimator, recording, truth.misleading)
         estimate, seconds = run_estimator(asked.label, estimator, recording)
         series = step_series(truth, estimate)
         off = stored_distances(series[0], series[1])

@@ -29,7 +29,20 @@ from slamgauge.errors import UserError
 # A further figure that old rows may lack goes into `catalogue.LATER` instead
 SCHEMA = 1
 # keys that scenarios have had since version 0.4, by section; a key that is added later belongs here too
-LATER_KEYS = {"association": ("node_limit",), "fis": ("lost_after",), "inverse_depth": ("lost_after",)}
+LATER_KEYS = {
+    "prior": ("covariance",),
+    "trajectory": ("kind",),
+    "motion": ("covariances", "slip_rate", "scale_error", "turn_bias_per_metre"),
+    "sensor": (
+        *("sightings", "field_of_view_deg", "detection_probability"),
+        *("outlier_rate", "outlier", "clutter_rate"),
+    ),
+    "association": ("node_limit",),
+    "fis": ("lost_after",),
+    "inverse_depth": ("lost_after",),
+    "landmarks": ("random",),
+}
+LATER_SECTIONS = ("update",)  # likewise whole sections
 _UNNUMBERED = {"0.3.0": "1"}  # the schema of stores that were begun before they carried its number, by version
 # SQLite's errors that are not the file's fault: give the same command again
 _REFUSALS = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_NOMEM)
@@ -63,11 +76,14 @@ def digest(scenario: Scenario, seed: int) -> str:
 def _as_text(scenario: Scenario) -> str:
     """The scenario as JSON, without later keys that have their default: a new key leaves old studies as they are."""
     sections = {name: getattr(scenario, name) for name in LATER_KEYS}
-    left_out = {
+    left_out: dict[str, set[str] | bool] = {
         name: {key for key in LATER_KEYS[name] if getattr(section, key) == type(section).model_fields[key].default}
         for name, section in sections.items()
     }
-    return scenario.model_dump_json(exclude=left_out)
+    left_out |= {
+        name: True for name in LATER_SECTIONS if getattr(scenario, name) == Scenario.model_fields[name].default
+    }
+    return scenario.model_dump_json(exclude=left_out)  # pyright: ignore[reportArgumentType]
 
 
 class StudyStore:

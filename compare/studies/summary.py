@@ -10,7 +10,8 @@ from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT, REGISTRY, U
 from slamgauge.compare.scoring.catalogue import RELATIVE, SUMMED_UP, columns, empty_columns
 from slamgauge.compare.scoring.empty_columns import empty_lines
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, mean_fit
+from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs
+from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, mean_fit, misfits
 from slamgauge.compare.scoring.over_runs import BAND_LEVEL
 from slamgauge.compare.scoring.quantity import Table
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe
@@ -141,7 +142,7 @@ def _summarise(runs: Runs, others: Mapping[str, Runs]) -> EstimatorSummary:
 def summary_table(summary: Summary) -> str:
     """Means with their 95 % intervals, the share of steps inside the band, sigma ratios, notes, failures."""
     found = columns("study")
-    is_marked = share_in_doubt(summary) > 0
+    is_marked = is_doubtful(summary)
     head = ["estimator", "runs", *(title for title, _, _ in found), f"in {BAND_LEVEL:.1%} band", "sigma / optimum"]
     rows = [head]
     for name, entry in summary.estimators.items():
@@ -150,7 +151,8 @@ def summary_table(summary: Summary) -> str:
         cells.append(cell(share, "{:.1%}"))
         cells.append(" ".join(cell(ratio, "{:.3f}") for ratio in ratios or (None,)))
         if is_marked:
-            cells[-1] = marked(cells[-1], MARK, is_marked=entry.kind == "filtered")
+            against = CAUSAL if entry.kind == "filtered" else HINDSIGHT
+            cells[-1] = marked(cells[-1], MARK, is_marked=is_marked_against(summary, against))
         rows.append(cells)
     rays = [
         f"{name}: a run's {describe(each.rays)}" for name, each in summary.estimators.items() if each.rays is not None
@@ -168,23 +170,48 @@ def share_in_doubt(summary: Summary) -> float:
     return 0.0 if causal is None else causal.optimum_check_share or 0.0
 
 
+def misfit_optima(summary: Summary) -> list[str]:
+    """The optima whose residuals are not those of the stated noise."""
+    fits = {name: summary.estimators[name].others.get("chi_square_per_dof") for name in _optima(summary)}
+    return [name for name, fit in fits.items() if is_misfit_in_runs(fit)]
+
+
+def is_marked_against(summary: Summary, optimum: str) -> bool:
+    """Whether figures against an optimum of a study are marked."""
+    return optimum in misfit_optima(summary) or (optimum == CAUSAL and share_in_doubt(summary) > 0)
+
+
+def is_doubtful(summary: Summary) -> bool:
+    """Whether figures against any optimum of a study are marked."""
+    return any(is_marked_against(summary, name) for name in _optima(summary))
+
+
+def _optima(summary: Summary) -> list[str]:
+    return [name for name in (HINDSIGHT, CAUSAL) if name in summary.estimators]
+
+
 def figure_cells(
     summary: Summary, entry: EstimatorSummary, found: list[tuple[str, str, str]], *, room_for_marks: bool
 ) -> list[str]:
     """An estimator's figures in the columns of a table; marked where they are relative to an optimum in doubt."""
-    is_marked = share_in_doubt(summary) > 0
+    against = {**dict.fromkeys(RELATIVE, CAUSAL), "ratio_to_hindsight": HINDSIGHT}
+    if not is_marked_against(summary, HINDSIGHT):
+        del against["ratio_to_hindsight"]  # it needs no room for marks
     return [
-        marked(text, MARK, is_marked=is_marked) if room_for_marks and key in RELATIVE else text
+        marked(text, MARK, is_marked=is_marked_against(summary, against[key]))
+        if room_for_marks and key in against
+        else text
         for text, (_, key, _) in ((interval_cell(entry.figure(each[1]), each[2]), each) for each in found)
     ]
 
 
 def optimum_lines(summary: Summary) -> list[str]:
     """What there is to say of the optima: the fit of the model, and whether the causal one is in doubt."""
-    best = next((name for name in (HINDSIGHT, CAUSAL) if name in summary.estimators), None)
+    best = next(iter(_optima(summary)), None)
     fit = None if best is None else summary.estimators[best].others.get("chi_square_per_dof")
     lines = [
         None if best is None else mean_fit(REGISTRY[best].title, fit),
+        misfits(misfit_optima(summary)),
         doubt_in_runs(CAUSAL, share_in_doubt(summary)),
     ]
     return [line for line in lines if line]
@@ -192,7 +219,7 @@ def optimum_lines(summary: Summary) -> list[str]:
 
 def too_good_lines(summary: Summary) -> list[str]:
     """A line for each of people's own filters that is better than the causal optimum beyond chance, if that is one."""
-    if share_in_doubt(summary):
+    if is_marked_against(summary, CAUSAL):
         return []
     ours = {*REGISTRY, *(name for name in summary.estimators if UNDER in name)}
     own = {name: each for name, each in summary.estimators.items() if name not in ours and each.kind == "filtered"}

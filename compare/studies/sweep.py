@@ -13,7 +13,7 @@ from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.catalogue import columns
-from slamgauge.compare.scoring.optimum_notes import at_places
+from slamgauge.compare.scoring.optimum_notes import at_places, misfits, placed
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_table import aligned
 from slamgauge.compare.storage.manifest import require_folder, require_free
@@ -25,6 +25,8 @@ from slamgauge.compare.studies.summary import (
     Summary,
     failure_lines,
     figure_cells,
+    is_doubtful,
+    misfit_optima,
     share_in_doubt,
     summarise,
     why_empty,
@@ -160,7 +162,7 @@ def sweep_table(sweep: Sweep) -> str:
     """A line for each value and estimator: means, with the half width of the 95 % interval; below, what is wrong."""
     found = columns("sweep")
     rows = [[sweep.key, "estimator", *(title for title, _, _ in found)]]
-    any_doubt = any(map(share_in_doubt, sweep.summaries))
+    any_doubt = any(map(is_doubtful, sweep.summaries))
     for value, summary in zip(sweep.values, sweep.summaries, strict=True):
         for name, entry in summary.estimators.items():
             rows.append([value, name, *figure_cells(summary, entry, found, room_for_marks=any_doubt)])
@@ -169,7 +171,7 @@ def sweep_table(sweep: Sweep) -> str:
         for value, summary in zip(sweep.values, sweep.summaries, strict=True)
         for line in failure_lines(summary)
     ]
-    notes = [*at_places(CAUSAL, shares_in_doubt(sweep)), *why_empty(sweep.summaries, "sweep")]
+    notes = [*doubts(sweep), *why_empty(sweep.summaries, "sweep")]
     return "\n".join([*aligned(rows, words=2), *notes, *fault_lines(sweep), *failed])
 
 
@@ -189,6 +191,17 @@ def fault_lines(sweep: Sweep) -> list[str]:
         if any(entry.runs for entry in entries):
             lines.append(f"{name}: {'; '.join(said) or f'nothing wrong is shown by {sweep.runs} runs'}")
     return lines
+
+
+def doubts(sweep: Sweep) -> list[str]:
+    """Which optima are not what they are taken for, and at which values."""
+    return [*at_places(CAUSAL, shares_in_doubt(sweep)), *placed(misfits_at(sweep))]
+
+
+def misfits_at(sweep: Sweep) -> dict[str, str | None]:
+    """What there is to say of residuals that are not those of the stated noise, by `key=value`."""
+    points = zip(sweep.values, sweep.summaries, strict=True)
+    return {f"{sweep.key}={value}": misfits(misfit_optima(summary)) for value, summary in points}
 
 
 def shares_in_doubt(sweep: Sweep) -> dict[str, float]:

@@ -20,13 +20,14 @@ from slamgauge.ekf.bearings.ray_association import RayAssociation
 from slamgauge.ekf.bearings.rays import RayInitialiser
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.warm_up import compile_bearings_once
-from slamgauge.ekf.maps.checks import ids_of, require_gate, require_ids, rows_of
+from slamgauge.ekf.maps.checks import ids_of, require_gate, require_ids, require_robustness, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.members import Members, joined, points
 from slamgauge.ekf.maps.rules import Correction, Rule
 from slamgauge.ekf.settings.association import Association
 from slamgauge.ekf.settings.initialisation import Delayed, Initialisation, InverseDepth, Rays
+from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.errors import UserError
 from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
@@ -43,6 +44,8 @@ class BearingFilter:
         correction: see `SlamFilter`.
         initialisation: how landmarks are initialised; as rays with their defaults if not given.
         association: how bearings find their landmarks; None where they have ids.
+        robust: how updates by points are guarded against outliers; other landmarks have the gate of their
+            initialisation, and bearings without ids that of the association.
 
     Raises:
         UserError: a correction or method that does not exist, an invalid prior, or an association for landmarks
@@ -56,14 +59,16 @@ class BearingFilter:
         correction: Correction | Rule = "standard",
         initialisation: Initialisation | None = None,
         association: Association | None = None,
+        robust: Robustness = PLAIN,
     ) -> None:
         initialisation = Rays() if initialisation is None else initialisation
         if not (association is None or isinstance(cast("object", association), Association)):
             raise UserError(f"association: {association!r} is not one; give Association(method, gate), or None")
         if association is not None and not isinstance(initialisation, Rays):
             raise UserError("association: only rays can be associated; give ids, or initialise by ekf.Rays")
+        self._gate = require_robustness(robust).known_gate
         compile_bearings_once()
-        self._map = LandmarkMap("bearing", prior_mean, prior_cov, correction, landmarks=32)
+        self._map = LandmarkMap("bearing", prior_mean, prior_cov, correction, landmarks=32, tails=robust.tails)
         self._provisional = _initialiser(self._map, initialisation)
         self._points: dict[int, int] = {}  # landmark: its id in the map
         self._step = 0
@@ -144,6 +149,7 @@ class BearingFilter:
             UserError: no ids for a filter without association, shapes that do not fit, a number that is not finite or
                 a variance not positive; the filter is then unchanged, unless it had diverged.
         """
+        gate = self._gate if gate is None else gate
         require_gate(gate)
         given, given_covs = rows_of(observations, 1)
         known = None if self._association is not None else ids_of(observations, len(given))

@@ -36,6 +36,7 @@ from slamgauge.ekf.kernels.minimum import Seen, find_minimum, silence
 from slamgauge.ekf.kernels.models import POSITION
 from slamgauge.ekf.kernels.precision import EXHAUSTED, LEAST, NO_MINIMUM, are_variances_lost
 from slamgauge.ekf.kernels.take_in import are_sound
+from slamgauge.ekf.kernels.weighing import inflation
 from slamgauge.ekf.kernels.workspace import (
     ANCHOR,
     CORRECTION,
@@ -58,10 +59,11 @@ class Sequential(NamedTuple):
 
 
 class Gates(NamedTuple):
-    """Squared Mahalanobis distances of an observation and a landmark."""
+    """Squared Mahalanobis distances of an observation and a landmark, and how far an observation is trusted."""
 
     same: float  # largest of an association
     new: float  # no less; an observation within this of a landmark that the scan has not seen maps no other
+    tails: float = math.inf  # degrees of freedom of the observations' noise (see `weighing`)
 
 
 class Scan(NamedTuple):
@@ -118,6 +120,10 @@ def update_one_by_one(
             belief = resized(belief, belief.size + 2)
         elif slot != NONE:
             one[0] = slot
+            if gates.tails < math.inf:
+                _, s00, s01, s11 = _describe(scan, belief)
+                distance = squared_distance(work.innovation[2 * i], work.innovation[2 * i + 1], s00, s01, s11)
+                work.observation_cov[i] *= inflation(sensor, distance, gates.tails)
             added, dof = _take_in(scan, belief)
             if not math.isfinite(added):
                 return added, informative, belief.size

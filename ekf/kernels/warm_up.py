@@ -14,6 +14,7 @@ from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.linearisation import describe
 from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.slots import find_slots
+from slamgauge.ekf.kernels.weighing import weigh
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
 
 
@@ -25,6 +26,7 @@ def compile_once() -> None:
         predict(belief, np.zeros(3), np.zeros((3, 3)))
         augment(0, belief._replace(size=3), 1, work)
         find_slots(work.ids, work.slots, work.ids, work.slots)
+        weigh(0, belief, 1, work, np.empty((1, 2, 2)), 4.0)
         for update in (corrections.update_standard, iterated.update_iterated, corrections.update_right_invariant):
             update(0, belief, 1, work)
 

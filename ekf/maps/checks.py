@@ -7,6 +7,7 @@ At every step only types and shapes are looked at here; the numbers are looked a
 from __future__ import annotations
 
 import operator
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +16,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.correlations import scale_of, without_negative_eigenvalues
 from slamgauge.ekf.kernels.precision import EXHAUSTED, NO_MINIMUM
 from slamgauge.ekf.settings.association import Association
+from slamgauge.ekf.settings.robustness import Robustness
 from slamgauge.ekf.settings.rules import is_number, require
 from slamgauge.errors import UserError
 from slamgauge.recording import OBSERVATION_DIM, Observations
@@ -69,6 +71,13 @@ def require_gate(gate: float | None) -> None:
     """Refuse a gate that `Association` would refuse; None is no gate."""
     if gate is not None:
         require(Association, "gate", gate)
+
+
+def require_robustness(robust: Robustness) -> Robustness:
+    """Refuse what is no such setting."""
+    if not isinstance(cast("object", robust), Robustness):
+        raise UserError(f"robust: {robust!r} is not one; give Robustness('gate'), or leave it out")
+    return robust
 
 
 def load_increment(increment: ArrayLike, cov: ArrayLike, to: Float, cov_to: Float) -> None:

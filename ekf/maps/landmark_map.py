@@ -23,6 +23,7 @@ from slamgauge.ekf.kernels.belief import Belief, allocate_belief, enlarged
 from slamgauge.ekf.kernels.models import BEARING, RANGE_BEARING, SENSOR_CODES
 from slamgauge.ekf.kernels.take_in import are_sound
 from slamgauge.ekf.kernels.warm_up import compile_once
+from slamgauge.ekf.kernels.weighing import weigh
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
 from slamgauge.ekf.maps.checks import (
     explain_increment,
@@ -46,6 +47,7 @@ class LandmarkMap:
         prior_cov: (3, 3) its covariance; zero is legal.
         correction: name or rule; see `rules`.
         landmarks: how many to make room for at first; the map grows beyond that by itself.
+        tails: degrees of freedom of the observations' noise (see `kernels.weighing`).
 
     Attributes:
         origin: (2,) of the belief's positions [m] in the world frame.
@@ -55,7 +57,13 @@ class LandmarkMap:
     """
 
     def __init__(
-        self, sensor: str, prior_mean: ArrayLike, prior_cov: ArrayLike, correction: Correction | Rule, landmarks: int
+        self,
+        sensor: str,
+        prior_mean: ArrayLike,
+        prior_cov: ArrayLike,
+        correction: Correction | Rule,
+        landmarks: int,
+        tails: float = math.inf,
     ) -> None:
         require_sensor(sensor, tuple(SENSOR_CODES))
         self.rule = rule_of(correction)
@@ -63,6 +71,7 @@ class LandmarkMap:
         room = require_room(landmarks)
         compile_once()
         self.sensor = sensor
+        self.tails = tails
         self.code = SENSOR_CODES[sensor]
         self.dim = 1 if self.code == BEARING else 2
         rule = self.rule
@@ -179,6 +188,8 @@ class LandmarkMap:
     def correct_found(self, values: NDArray[np.generic], covs: NDArray[np.generic]) -> tuple[float, int]:
         """Correct with observations (m, d), (m, d, d) of the landmarks that `find` has found; returns as `correct`."""
         self.load(values, covs)
+        if self.tails < math.inf:
+            weigh(self.code, self.belief, len(values), self._work, np.empty((len(values), 2, 2)), self.tails)
         nis, informative = self._update(self.code, self.belief, len(values), self._work)
         if not math.isfinite(nis):
             raise explain_scan(self.sensor, values, covs, nis, self.variances)

@@ -12,6 +12,7 @@ projects every row of H, taken at the newest estimate, so that H N = 0 (Huang, M
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import numpy as np
@@ -51,27 +52,27 @@ def locate(sensor: str, z: Float) -> tuple[Float, Float]:
     return r * np.array([np.cos(b), np.sin(b)]), np.array([[np.cos(b), -r * np.sin(b)], [np.sin(b), r * np.cos(b)]])
 
 
-def textbook_ekf(recording: Recording) -> Estimate:
-    return _run(recording, "standard")
+def textbook_ekf(recording: Recording, tails: float = math.inf) -> Estimate:
+    return _run(recording, "standard", tails)
 
 
-def textbook_fej_ekf(recording: Recording) -> Estimate:
-    return _run(recording, "first-estimates")
+def textbook_fej_ekf(recording: Recording, tails: float = math.inf) -> Estimate:
+    return _run(recording, "first-estimates", tails)
 
 
-def textbook_oc_ekf(recording: Recording) -> Estimate:
-    return _run(recording, "observable")
+def textbook_oc_ekf(recording: Recording, tails: float = math.inf) -> Estimate:
+    return _run(recording, "observable", tails)
 
 
-def textbook_iekf(recording: Recording) -> Estimate:
-    return _run(recording, "iterated")
+def textbook_iekf(recording: Recording, tails: float = math.inf) -> Estimate:
+    return _run(recording, "iterated", tails)
 
 
-def textbook_riekf(recording: Recording) -> Estimate:
-    return _run(recording, "invariant")
+def textbook_riekf(recording: Recording, tails: float = math.inf) -> Estimate:
+    return _run(recording, "invariant", tails)
 
 
-def _run(recording: Recording, kind: str) -> Estimate:
+def _run(recording: Recording, kind: str, tails: float) -> Estimate:
     assert recording.landmark is not None
     invariant = kind == "invariant"
     jacobians: Jacobians = "invariant" if invariant else "observable" if kind == "observable" else "additive"
@@ -96,6 +97,8 @@ def _run(recording: Recording, kind: str) -> Estimate:
         dof.append(2 * len(old + again))
         for rows, then_new in ((old, new), (again, [])):
             slots, z, R = [ids.index(names[i]) for i in rows], scan.value[rows], scan.cov[rows]
+            if tails < math.inf and rows:
+                R = weighed(recording.sensor, x, first if kind in KEEP_FIRST else x, P, slots, z, R, jacobians, tails)
             if rows and kind == "iterated":
                 x, P, own = update_iterated(recording.sensor, x, P, slots, z, R)
                 nis[-1] += own
@@ -187,6 +190,27 @@ def linearised(
             H[rows, 2] = -B @ J @ offset
         v[rows] = innovation(sensor, z[a], observe(sensor, rotation(x[2]).T @ (x[cols] - x[:2]))[0])
     return v, H
+
+
+def weighed(
+    sensor: str,
+    x: Float,
+    point: Float,
+    P: Float,
+    slots: list[int],
+    z: Float,
+    R: Float,
+    kind: Jacobians,
+    tails: float,
+) -> Float:
+    """R / w of each observation, w = min(1, (n + 2) / (n + v' S^-1 v)) for n = `tails`."""
+    v, H = linearised(sensor, x, point, slots, z, kind=kind)
+    heavier = R.copy()
+    for a in range(len(slots)):
+        rows = slice(2 * a, 2 * a + 2)
+        distance = v[rows] @ np.linalg.inv(H[rows] @ P @ H[rows].T + R[a]) @ v[rows]
+        heavier[a] /= min(1.0, (tails + 2) / (tails + distance))
+    return heavier
 
 
 def unobservable(point: Float) -> Float:

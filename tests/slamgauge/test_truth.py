@@ -13,7 +13,7 @@ from slamgauge.truth import Truth
 
 def test_a_truth_may_lack_anything() -> None:
     nothing = Truth()
-    assert [getattr(nothing, field.name) for field in fields(Truth)] == [None] * 4
+    assert [getattr(nothing, field.name) for field in fields(Truth)] == [None] * 5
     assert truth(landmark_ids=None, landmarks=None, association=[7, 7]).association is not None
     no_landmarks = truth(landmark_ids=[], landmarks=np.zeros((0, 2)), association=[]).landmarks
     assert no_landmarks is not None

@@ -124,7 +124,7 @@ RULES: list[tuple[Callable[..., object], dict[str, Any], str, str]] = [
     (truth, {"landmark_ids": [4, -9]}, "landmark_ids[1]", ">= 0"),
     (truth, {"landmark_ids": [4.5, 9]}, "landmark_ids[0]", "whole number"),
     (truth, {"association": [4, 5, 9]}, "association[1]", "among landmark_ids"),
-    (truth, {"association": [4, -1, 9]}, "association[1]", "among landmark_ids"),
+    (truth, {"association": [4, -2, 9]}, "association[1]", "among landmark_ids"),
     (truth, {"association": [4, 4.5, 9]}, "association[1]", "whole number"),
     (estimate, {"landmark_ids": [9, 9]}, "landmark_ids[1]", "distinct"),
     (estimate, {"landmark_ids": [-9, 4]}, "landmark_ids[0]", ">= 0"),

@@ -12,6 +12,7 @@ from slamgauge.compare.bench.bench import growth_exponent, workload
 from slamgauge.compare.bench.plain_numpy import plain_numpy_ekf
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.compare.scenarios.trajectory import Segments
 from slamgauge.ekf import ekf
 
 
@@ -25,6 +26,7 @@ def test_the_plain_numpy_filter_is_the_same_filter() -> None:
 @pytest.mark.parametrize(("landmarks", "radius"), [(50, 10.0), (400, 20.0)])
 def test_the_workload_is_the_one_described(landmarks: int, radius: float) -> None:
     scenario = workload(landmarks)
+    assert isinstance(scenario.trajectory, Segments)
     (segment,) = scenario.trajectory.segments
     assert segment.speed / segment.yaw_rate == pytest.approx(radius)
     assert segment.duration * segment.yaw_rate == pytest.approx(4 * np.pi)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario, shipped_scenarios
+from slamgauge.compare.scenarios.scenario import Scenario, ScenarioError, load_scenario, shipped_scenarios
+from slamgauge.compare.scenarios.trajectory import Segments
 from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
 from slamgauge.se2 import chain
 
@@ -43,6 +44,11 @@ def write(tmp_path: Path) -> Write:
     return write
 
 
+def segmented(scenario: Scenario) -> Segments:
+    assert isinstance(scenario.trajectory, Segments)
+    return scenario.trajectory
+
+
 def mistakes(path: str, *overrides: str) -> list[str]:
     with pytest.raises(ScenarioError) as caught:
         load_scenario(path, overrides)
@@ -57,19 +63,19 @@ def test_file_with_segments_and_defaults(write: Write):
     assert scenario.start == "mean"
     assert scenario.prior.variances == (0.01, 0.01, 0.0001)
     assert scenario.assumed.motion_scale == scenario.assumed.sensor_scale == 1.0
-    assert scenario.trajectory.steps == (20, 10)
+    assert segmented(scenario).steps == (20, 10)
     assert scenario.landmarks.positions == ((1.0, 2.0), (3.5, -1.0))
     np.testing.assert_array_equal(scenario.sensor.sigmas, [0.2, 0.2])
 
 
 def test_speed_yaw_rate_and_duration_are_one_segment():
-    trajectory = load_scenario("q1-long-dense").trajectory
+    trajectory = segmented(load_scenario("q1-long-dense"))
     assert [segment.yaw_rate for segment in trajectory.segments] == [0.1]
     assert trajectory.steps == (1257,)
 
 
 def test_a_segment_has_at_least_one_step(write: Write):
-    assert load_scenario(write(GOOD.replace("1.04", "0.01"))).trajectory.steps == (20, 1)
+    assert segmented(load_scenario(write(GOOD.replace("1.04", "0.01")))).steps == (20, 1)
 
 
 def test_degrees_become_radians():
@@ -95,7 +101,7 @@ def test_overrides_are_toml_values_or_bare_strings():
     ]
     scenario = load_scenario("q1-long-sparse", overrides)
     assert scenario.start == "sampled"
-    assert scenario.trajectory.segments[0].yaw_rate == -0.2
+    assert segmented(scenario).segments[0].yaw_rate == -0.2
     assert scenario.prior.variances == (0.0, 0.0, 0.0)
     assert scenario.description == "an east-west run"
 
@@ -214,9 +220,9 @@ def test_files_that_cannot_be_read(tmp_path: Path):
 def distances(name: str) -> tuple[Float, Float]:
     """Distances (N+1, L) from every pose of the path to every landmark, and the landmarks (L, 2)."""
     scenario = load_scenario(name)
-    [segment] = scenario.trajectory.segments
+    [segment] = segmented(scenario).segments
     step = scenario.trajectory.step
-    command = np.tile([segment.speed * step, 0.0, segment.yaw_rate * step], (scenario.trajectory.steps[0], 1))
+    command = np.tile([segment.speed * step, 0.0, segment.yaw_rate * step], (segmented(scenario).steps[0], 1))
     positions = chain(scenario.prior.mean, command)[:, :2]
     landmarks = np.array(scenario.landmarks.positions)
     return np.linalg.norm(positions[:, None] - landmarks, axis=2), landmarks
@@ -244,7 +250,7 @@ def test_the_sparse_map_is_out_of_view_for_most_of_each_loop():
 @pytest.mark.parametrize("name", [name for name, _ in shipped_scenarios() if name.startswith("q1-")])
 def test_question_one_uses_the_practical_constants(name: str):
     scenario = load_scenario(name)
-    [segment] = scenario.trajectory.segments
+    [segment] = segmented(scenario).segments
     assert (scenario.trajectory.step, segment.speed, scenario.sensor.max_range) == (0.1, 1.0, 10.0)
     assert (scenario.motion.sigma_speed, scenario.motion.sigma_yaw_rate_deg) == (0.3, 3.0)
     assert (scenario.sensor.sigma_range, scenario.sensor.sigma_bearing_deg) == (0.1, 5.0)
@@ -283,7 +289,7 @@ max_range = 5.0
 sigma_position = 0.1
 """
     scenario = load_scenario(write(text))
-    assert scenario.trajectory.steps == (4,)
+    assert segmented(scenario).steps == (4,)
     assert (scenario.sensor.kind, scenario.sensor.sigma_range) == ("position", None)
 
 

@@ -1,0 +1,170 @@
+"""Outliers and clutter: what scores make of them, and that the optima are told, or are said to be none."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import vocabulary_examples as examples
+
+from slamgauge.compare.estimators.loading import load_estimators
+from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.schema import Association
+from slamgauge.compare.scenarios.simulation import informed, simulate
+from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
+from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.landmark_identity import association_figures
+from slamgauge.compare.scoring.loop_closures import closure_steps
+from slamgauge.compare.scoring.optimum_figures import is_misfit, is_misfit_in_runs
+from slamgauge.compare.studies.budget import rung_errors
+from slamgauge.compare.studies.study import run_study
+from slamgauge.compare.studies.summary import misfit_optima, summary_table
+from slamgauge.graph_baseline import batch
+from slamgauge.truth import Truth
+
+SHORT = ("start=sampled", "trajectory.duration=20")
+BAD = ("sensor.outlier_rate=0.05", "sensor.clutter_rate=0.3")
+
+
+@pytest.fixture
+def thread():
+    with ThreadPoolExecutor(1) as executor:
+        yield executor
+
+
+@pytest.mark.parametrize("method", ["known", "jcbb"])
+def test_the_optima_are_told_what_misleads(method: str) -> None:
+    """They are those of the recording without it, and others see it all."""
+    scenario = load_scenario("q1-short-dense", [*SHORT, *BAD, f"association.method={method}"])
+    truth, recording = simulate(scenario, 2)
+    told = simulate(informed(scenario), 2)[1]
+    estimators = load_estimators(["ekf", "isam2", "batch"], Association(method=scenario.association.method))
+    comparison = compare_estimators(truth, recording, estimators, told)
+    assert truth.misleading is not None
+    alone = batch(told.only(~truth.misleading))
+    found = comparison.estimates["batch"]
+    np.testing.assert_allclose(found.poses, alone.poses, atol=1e-9)
+    assert found.association is not None
+    np.testing.assert_array_equal(found.association[~truth.misleading], alone.association)
+    np.testing.assert_array_equal(found.association[truth.misleading], -1)
+    assert not is_misfit(found)
+    text = table(comparison)
+    count = int(truth.misleading.sum())
+    assert f"batch and isam2 are told which observations mislead, and run without these {count}" in text
+    assert "leaves out" not in text
+    assert "?" not in text
+    own = comparison.estimates["ekf"].association
+    assert own is not None
+    taken_in = (own[truth.misleading] >= 0).mean()
+    assert taken_in == 1.0 if method == "known" else taken_in < 0.3
+
+
+def test_a_stored_recording_and_its_truth_say_the_same() -> None:
+    """Without ids the optima get those of the truth."""
+    scenario = load_scenario("q1-short-dense", [*SHORT, *BAD, "association.method=jcbb"])
+    truth, recording = simulate(scenario, 2)
+    told = simulate(informed(scenario), 2)[1]
+    one = compare_estimators(truth, recording, load_estimators(["batch"]), told).estimates["batch"]
+    other = compare_estimators(truth, recording, load_estimators(["batch"])).estimates["batch"]
+    np.testing.assert_allclose(other.poses, one.poses, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("per_dof", "dof", "expected"),
+    [(1.0, 1000, False), (1.04, 10**6, False), (1.2, 100, False), (1.2, 10_000, True), (0.8, 10_000, True)],
+)
+def test_residuals_are_implausible_beyond_chance_and_by_more_than_is_tolerable(
+    per_dof: float, dof: int, expected: bool
+) -> None:
+    optimum = replace(examples.estimate(kind="smoothed"), chi_square=per_dof * dof, chi_square_dof=dof)
+    assert is_misfit(optimum) is expected
+
+
+def test_an_optimum_that_the_residuals_deny_is_named_and_marked() -> None:
+    """Errors of odometry that nobody is told of: the optimum is wrong too."""
+    truth, recording = simulate(load_scenario("q1-short-dense", [*SHORT, "motion.scale_error=0.5"]), 2)
+    comparison = compare_estimators(truth, recording, load_estimators(["riekf", "isam2", "batch"]))
+    line = (
+        "the residuals of batch and isam2 are not those of the stated noise: "
+        "no optimum of what has happened; figures relative to them are marked ?"
+    )
+    assert line in table(comparison).splitlines()
+    assert line in metrics(comparison, None, None)["notes"]
+    rows = table(comparison).splitlines()[1:4]
+    assert [row.count("?") for row in rows] == [3, 3, 3]
+
+
+def test_a_study_says_so_too(thread: ThreadPoolExecutor, tmp_path: Path) -> None:
+    names = ("riekf", "isam2", "batch")
+    bad = load_scenario("q1-short-dense", [*SHORT, "motion.scale_error=0.5"])
+    doubtful = run_study(bad, 3, 0, names, tmp_path / "bad", thread)
+    assert misfit_optima(doubtful) == ["batch", "isam2"]
+    rows = summary_table(doubtful).splitlines()
+    assert [row.count("?") for row in rows[1:4]] == [4, 4, 4]  # x causal, x hindsight, nats to causal, sigma / optimum
+    assert "the residuals of batch and isam2 are not those of the stated noise" in summary_table(doubtful)
+    assert doubtful.estimators["riekf"].verdict is None or "optimum" not in str(doubtful.estimators["riekf"].verdict)
+    told = run_study(load_scenario("q1-short-dense", [*SHORT, *BAD]), 3, 0, names, tmp_path / "told", thread)
+    assert misfit_optima(told) == []
+    assert "?" not in summary_table(told)
+
+
+def test_over_runs_the_interval_must_be_off_by_more_than_is_tolerable() -> None:
+    fits = [
+        None,
+        Interval(2.0, None, None),
+        Interval(1.2, 1.04, 1.36),
+        Interval(1.2, 1.1, 1.3),
+        Interval(0.5, 0.4, 0.6),
+    ]
+    assert [is_misfit_in_runs(fit) for fit in fits] == [False, False, False, True, True]
+
+
+def test_believing_outliers_is_a_rung_of_the_budget() -> None:
+    """That of associations: the optimum that takes them in is worse than that which is told."""
+    told = rung_errors(load_scenario("q1-short-dense", SHORT), 2, "riekf")
+    misled = rung_errors(load_scenario("q1-short-dense", [*SHORT, *BAD]), 2, "riekf")
+    assert told.errors[1] == told.errors[2] == told.errors[3]
+    assert misled.errors[1] == misled.errors[2]
+    assert misled.errors[3] > 2 * misled.errors[2]
+
+
+# --- clutter -----------------------------------------------------------------------------------
+
+SEEN = Truth(landmark_ids=np.array([4, 9]), landmarks=np.zeros((2, 2)), association=np.array([4, 9, -1]))
+
+
+def test_clutter_is_rejected_or_a_false_track_or_wrong() -> None:
+    recording = examples.recording(landmark=None)
+    lines = {
+        "rejected": ([0, 1, -1], [0, 1], (0, 1, 0)),
+        "a false track": ([0, 1, 2], [0, 1, 2], (0, 0, 1)),
+        "wrong": ([0, 1, 1], [0, 1], (1, 0, 0)),
+    }
+    for what, (given, ids, expected) in lines.items():
+        estimate = examples.estimate(
+            association=given, landmark_ids=ids, landmarks=np.zeros((len(ids), 2)), landmark_covs=None
+        )
+        found = association_figures(SEEN, recording, estimate)
+        figures = (found.wrong_associations, found.observations_rejected, found.landmarks_spurious)
+        assert figures == expected, what
+        assert (found.landmarks_true, found.landmarks_missed) == (2, 0)
+
+
+def test_with_ids_clutter_is_a_track_of_its_own() -> None:
+    recording = examples.recording(landmark=[4, 9, 10])
+    estimate = examples.estimate(
+        association=[4, 9, 10], landmark_ids=[4, 9, 10], landmarks=np.zeros((3, 2)), landmark_covs=None
+    )
+    found = association_figures(SEEN, recording, estimate)
+    assert (found.wrong_associations, found.landmarks_spurious, found.landmarks_true) == (0, 1, 2)
+
+
+def test_clutter_closes_no_loop() -> None:
+    truth, recording = simulate(
+        load_scenario("q1-short-dense", ["sensor.clutter_rate=1", "association.method=jcbb"]), 0
+    )
+    plain = simulate(load_scenario("q1-short-dense", ["association.method=jcbb"]), 0)
+    np.testing.assert_array_equal(closure_steps(truth, recording), closure_steps(*plain))

@@ -1,0 +1,129 @@
+"""Twins of logs: what they carry over, that they are scenarios like any, and how well they foretell."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from random_recordings import random_recording
+
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.datasets.lost_in_the_woods import read_lost_in_the_woods
+from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.compare.storage.files import save
+from slamgauge.compare.studies.store import digest
+from slamgauge.compare.studies.twin import make_twin, write_twin
+from slamgauge.ekf import riekf
+from slamgauge.graph_baseline import batch
+from slamgauge.recording import Recording
+from slamgauge.se2 import between
+
+WOODS = Path(__file__).parents[4] / "shared" / "data" / "lost_in_the_woods" / "dataset2.mat"
+
+
+def log(sensor: str = "range-bearing", steps: int = 40) -> Recording:
+    """With stamps, covariances and a prior that no scenario of segments has."""
+    kind = "range-bearing" if sensor == "bearing" else sensor
+    recording = random_recording(4, sensor=kind, steps=steps)[1]
+    if sensor == "bearing":
+        values, covs = recording.observation[:, 1:], recording.observation_cov[:, 1:, 1:]
+        recording = replace(recording, sensor="bearing", observation=values, observation_cov=covs)
+    stamps = 3.0 + np.cumsum(np.random.default_rng(1).uniform(0.05, 0.4, steps + 1))
+    prior = recording.prior_cov + np.array([[0, 1e-4, 0], [1e-4, 0, 0], [0, 0, 0]])
+    return replace(recording, stamps=stamps, prior_cov=prior)
+
+
+@pytest.mark.parametrize("sensor", ["range-bearing", "position", "bearing"])
+def test_a_twin_has_the_logs_stamps_sightings_and_noise_on_the_path_of_its_optimum(sensor: str, tmp_path: Path) -> None:
+    recording = log(sensor)
+    twin = make_twin(recording)
+    write_twin(tmp_path, twin, "a log")
+    truth, simulated = simulate(load_scenario(tmp_path / "twin.toml"), 0)
+    known = twin.recording
+    np.testing.assert_array_equal(simulated.stamps, recording.stamps)
+    np.testing.assert_allclose(simulated.odometry_cov, recording.odometry_cov, rtol=1e-12)
+    np.testing.assert_allclose(simulated.prior_cov, recording.prior_cov, rtol=1e-12)
+    np.testing.assert_array_equal(simulated.observation_step, known.observation_step)
+    np.testing.assert_allclose(simulated.observation_cov, known.observation_cov, rtol=1e-12)
+    optimum = batch(recording)
+    assert truth.poses is not None
+    assert truth.landmarks is not None
+    assert truth.association is not None
+    np.testing.assert_allclose(truth.poses, optimum.poses, atol=1e-9)
+    names = np.sort(optimum.landmark_ids)
+    np.testing.assert_array_equal(names[truth.association], known.landmark)
+    np.testing.assert_allclose(truth.landmarks, optimum.landmarks[np.argsort(optimum.landmark_ids)], atol=1e-12)
+
+
+def test_the_noise_of_a_twin_is_that_of_each_step(tmp_path: Path) -> None:
+    """Whitened by the log's own covariances it has variance 1; false alarm 1 in 10 000, two-sided."""
+    recording = log(steps=400)
+    write_twin(tmp_path, make_twin(recording), "a log")
+    truth, simulated = simulate(load_scenario(tmp_path / "twin.toml"), 5)
+    assert truth.poses is not None
+    noise = simulated.odometry - between(truth.poses[:-1], truth.poses[1:])
+    white = np.linalg.solve(np.linalg.cholesky(recording.odometry_cov), noise[:, :, None])
+    assert abs(np.mean(white**2) - 1.0) < 3.9 * np.sqrt(2 / white.size)
+
+
+def test_uniform_noise_is_a_key_that_can_be_swept(tmp_path: Path) -> None:
+    recording = log()
+    alike = replace(recording, observation_cov=np.tile(np.diag([0.04, 0.01]), (len(recording.observation), 1, 1)))
+    write_twin(tmp_path, make_twin(alike), "a log")
+    better = load_scenario(tmp_path / "twin.toml", ["sensor.sigma_range=0.01"])
+    np.testing.assert_allclose(better.sensor.sigmas, [0.01, 0.1])
+
+
+def test_a_twin_may_be_moved_and_is_told_by_its_content(tmp_path: Path) -> None:
+    here, there = tmp_path / "here", tmp_path / "there"
+    here.mkdir()
+    write_twin(here, make_twin(log()), "a log")
+    shutil.copytree(here, there)
+    one, other = (load_scenario(folder / "twin.toml") for folder in (here, there))
+    assert digest(one, 0) == digest(other, 0)
+    text = (there / "motion.csv").read_text(encoding="utf-8")
+    (there / "motion.csv").write_text(text.replace("\n1,0.0", "\n1,0.1", 1), encoding="utf-8")
+    assert digest(load_scenario(there / "twin.toml"), 0) != digest(one, 0)
+
+
+def test_commands_take_a_twin_like_any_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Workers of a study too, wherever they run."""
+    save(tmp_path / "recording.npz", log())
+    assert main(["twin", str(tmp_path / "recording.npz"), "--out", str(tmp_path / "twin")]) == 0
+    assert "sightings: written to" in capsys.readouterr().err
+    toml = str(tmp_path / "twin" / "twin.toml")
+    assert main(["run", toml, "--estimators", "ekf", "--out", str(tmp_path / "run")]) == 0
+    command = ["study", toml, "--runs", "2", "--jobs", "1", "--estimators", "ekf", "--out", str(tmp_path / "study")]
+    assert main(command) == 0
+    assert main(["twin", str(tmp_path / "none.npz"), "--out", str(tmp_path / "twin")]) == 2
+
+
+def test_a_log_without_ids_is_associated_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording = simulate(load_scenario("q2-short-dense", ["trajectory.duration=20"]), 0)[1]
+    save(tmp_path / "recording.npz", recording)
+    assert main(["twin", str(tmp_path / "recording.npz"), "--out", str(tmp_path / "twin")]) == 0
+    told = capsys.readouterr().err
+    assert "no ids: associated by riekf with jcbb, right or wrong" in told
+    assert load_scenario(tmp_path / "twin" / "twin.toml").association.method == "jcbb"
+
+
+@pytest.mark.skipif(not WOODS.exists(), reason=f"{WOODS.name} is not there")
+def test_the_twin_of_lost_in_the_woods_foretells_its_error(tmp_path: Path) -> None:
+    """The position RMSE of the right-invariant filter, mean of five runs, within a quarter of the real one."""
+    recording, truth = read_lost_in_the_woods(WOODS)
+    write_twin(tmp_path, make_twin(recording), "woods")
+    scenario = load_scenario(tmp_path / "twin.toml", ["start=sampled"])
+    assert truth.poses is not None
+    known = ~np.isnan(truth.poses[:, 0])
+    actual = np.sqrt(((riekf(recording).poses - truth.poses)[known, :2] ** 2).sum(axis=1).mean())
+    foretold = []
+    for seed in range(5):
+        made, simulated = simulate(scenario, seed)
+        assert made.poses is not None
+        errors = riekf(simulated).poses[:, :2] - made.poses[:, :2]
+        foretold.append(np.sqrt((errors**2).sum(axis=1).mean()))
+    assert 0.75 < np.mean(foretold) / actual < 1.25

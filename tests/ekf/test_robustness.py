@@ -1,0 +1,206 @@
+"""Updates that are guarded against outliers: their law, the textbook's, and what they are worth.
+
+Statistics have fixed seeds. What claims to be consistent keeps the two-sided band of chi-square with three degrees of
+freedom a run, which a right filter leaves once in a thousand.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache, partial
+from typing import Literal
+
+import numpy as np
+import pytest
+from random_recordings import random_recording
+from scipy.stats import chi2
+from textbook import textbook_ekf, textbook_fej_ekf, textbook_iekf, textbook_oc_ekf, textbook_riekf
+
+from slamgauge.arrays import Float
+from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.compare.scoring.consistency import squared_mahalanobis
+from slamgauge.compare.scoring.trajectory_error import pose_errors
+from slamgauge.ekf import (
+    AssociatingFilter,
+    Association,
+    CompressedFilter,
+    Robustness,
+    SlamFilter,
+    ekf,
+    fej_ekf,
+    iekf,
+    oc_ekf,
+    riekf,
+)
+from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.matching import innovations
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Observations, Recording
+from slamgauge.truth import Truth
+
+STUDENT = Robustness("student-t", degrees_of_freedom=2.5)
+PAIRS = [
+    pytest.param(ekf, textbook_ekf, id="ekf"),
+    pytest.param(fej_ekf, textbook_fej_ekf, id="fej-ekf"),
+    pytest.param(oc_ekf, textbook_oc_ekf, id="oc-ekf"),
+    pytest.param(iekf, textbook_iekf, id="iekf"),
+    pytest.param(riekf, textbook_riekf, id="riekf"),
+]
+
+
+def with_outliers(recording: Recording) -> Recording:
+    """Every seventh observation is wrong by some standard deviations."""
+    wrong = recording.observation.copy()
+    wrong[::7] += 6.0 * np.sqrt(np.diagonal(recording.observation_cov[::7], axis1=1, axis2=2))
+    return replace(recording, observation=wrong)
+
+
+@pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("ours", "textbook"), PAIRS)
+def test_student_weights_are_the_textbooks(
+    ours: Callable[..., Estimate], textbook: Callable[..., Estimate], seed: int, sensor: str
+) -> None:
+    _, recording = random_recording(seed, sensor=sensor, steps=60)
+    recording = with_outliers(recording)
+    actual, expected = ours(recording, robust=STUDENT), textbook(recording, 2.5)
+    for name in ("poses", "pose_covs", "landmarks", "landmark_covs", "nis"):
+        np.testing.assert_allclose(getattr(actual, name), getattr(expected, name), rtol=1e-8, atol=1e-9, err_msg=name)
+    assert np.abs(actual.poses - ours(recording).poses).max() > 1e-3
+
+
+@pytest.mark.parametrize("sensor", ["range-bearing", "position", "bearing"])
+def test_the_weight_of_a_single_observation_is_that_of_its_distance(sensor: str) -> None:
+    """A bearing has one row. Near the middle weights are 1: no observation is trusted more than its noise."""
+    cov = np.diag([0.04, 0.09, 0.01, 0.05, 0.02])
+    full = {"range-bearing": [3.3, 0.3], "position": [2.7, 1.1], "bearing": [0.2]}[sensor]
+    noise = np.diag([0.1, 0.02][: len(full)])[None]
+    for shift in (0.0, 0.4, 3.0):
+        maps = [LandmarkMap(sensor, np.zeros(3), cov[:3, :3], "standard", 4, tails) for tails in (math.inf, 2.0)]
+        for each in maps:
+            each.replace(np.array([5]), np.array([[2.9, 0.8]]), cov)
+        value = np.array([full]) + shift
+        v, S = innovations(maps[0], np.zeros(1, np.int64), value, noise)
+        distance = float(v[0] @ np.linalg.inv(S[0]) @ v[0])
+        weight = min(1.0, (2.0 + len(full)) / (2.0 + distance))
+        assert (weight < 1.0) == (shift == 3.0 or (shift > 0.0 and len(full) == 2))
+        maps[0].correct(np.zeros(1, np.int64), value, noise / weight)
+        maps[1].correct(np.zeros(1, np.int64), value, noise)
+        np.testing.assert_allclose(maps[1].pose, maps[0].pose, atol=1e-12)
+        np.testing.assert_allclose(maps[1].cov, maps[0].cov, atol=1e-12)
+
+
+@pytest.mark.parametrize("correction", ["standard", "iterated", "right-invariant"])
+@pytest.mark.parametrize("method", ["nearest-neighbour", "jcbb"])
+def test_without_ids_weights_are_the_same(
+    method: Literal["nearest-neighbour", "jcbb"], correction: Literal["standard", "iterated", "right-invariant"]
+) -> None:
+    """One observation at a time, associated rightly: what is known of the ids makes no difference."""
+    start = (np.zeros(3), np.diag([0.01, 0.01, 1e-4]))
+    known = SlamFilter("range-bearing", *start, correction, robust=STUDENT)
+    unknown = AssociatingFilter("range-bearing", *start, correction, Association(method, 50.0), STUDENT)
+    plain = SlamFilter("range-bearing", *start, correction)
+    generator, R = np.random.default_rng(3), np.diag([0.01, 0.0025])[None]
+    for _ in range(30):
+        z = np.array([[4.0, 0.5]]) + generator.standard_t(2, 2) * [0.1, 0.05]
+        for slam in (known, unknown, plain):
+            slam.predict([0.0, 0.0, 0.0], np.diag([0.01, 0.01, 0.001]) ** 2)
+            slam.update(Observations(np.array([0]), z, R))
+    np.testing.assert_allclose(unknown.pose, known.pose, atol=1e-10)
+    np.testing.assert_allclose(unknown.pose_cov, known.pose_cov, atol=1e-12)
+    assert len(unknown.landmark_ids) == 1
+    assert np.abs(plain.pose - known.pose).max() > 1e-4
+
+
+@pytest.mark.parametrize("robust", [Robustness("gate", gate=6.0), STUDENT], ids=["gate", "student-t"])
+def test_the_filter_for_large_maps_does_the_same(robust: Robustness) -> None:
+    _, recording = random_recording(5, steps=60)
+    recording = with_outliers(recording)
+    start = ("range-bearing", recording.prior_mean, recording.prior_cov)
+    one, other = SlamFilter(*start, robust=robust), CompressedFilter(*start, area_radius=4.0, robust=robust)
+    for step, scan in enumerate(recording.scans()):
+        for slam in (one, other):
+            if step:
+                slam.predict(recording.odometry[step - 1], recording.odometry_cov[step - 1])
+            slam.update(scan)
+        np.testing.assert_array_equal(one.associated, other.associated)
+    np.testing.assert_allclose(other.pose, one.pose, atol=1e-8)
+    np.testing.assert_allclose(other.cov, one.cov, atol=1e-8)
+
+
+def test_the_gate_is_that_of_the_update() -> None:
+    _, recording = random_recording(2, steps=30)
+    recording = with_outliers(recording)
+    chosen = ekf(recording, robust=Robustness("gate", gate=6.0))
+    slam = SlamFilter("range-bearing", recording.prior_mean, recording.prior_cov)
+    for step, scan in enumerate(recording.scans()):
+        if step:
+            slam.predict(recording.odometry[step - 1], recording.odometry_cov[step - 1])
+        slam.update(scan, gate=6.0)
+    np.testing.assert_array_equal(chosen.poses[-1], slam.pose)
+    assert chosen.association is not None
+    assert (chosen.association == -1).sum() > 5
+
+
+def test_settings_that_are_none_are_refused_in_a_line() -> None:
+    for make in (
+        partial(Robustness, "huber"),  # pyright: ignore[reportArgumentType]
+        partial(Robustness, gate=0.0),
+        partial(Robustness, degrees_of_freedom=-1),
+    ):
+        with pytest.raises(UserError, match=r"choose it above 0|is not known"):
+            make()
+    with pytest.raises(UserError, match="robust: 'gate' is not one; give Robustness"):
+        SlamFilter("position", np.zeros(3), np.eye(3), robust="gate")  # pyright: ignore[reportArgumentType]
+
+
+# --- what they are worth -----------------------------------------------------------------------
+
+RUNS = 30
+
+
+@cache
+def recorded(rate: float) -> list[tuple[Truth, Recording]]:
+    scenario = load_scenario("q1-short-dense", ["start=sampled", f"sensor.outlier_rate={rate}"])
+    return [simulate(scenario, seed) for seed in range(RUNS)]
+
+
+def judged(rate: float, robust: Robustness) -> tuple[float, float]:
+    """Mean NEES/3 from the 11th step on, and mean ATE [m], of the right-invariant filter."""
+    nees, ates = np.empty(RUNS), np.empty(RUNS)
+    for run, (truth, recording) in enumerate(recorded(rate)):
+        estimate = riekf(recording, robust=robust)
+        assert truth.poses is not None
+        assert estimate.pose_covs is not None
+        errors: Float = pose_errors(truth.poses, estimate.poses)
+        nees[run] = squared_mahalanobis(errors, estimate.pose_covs)[10:].mean() / 3
+        ates[run] = np.sqrt((errors[:, :2] ** 2).sum(axis=1).mean())
+    return float(nees.mean()), float(ates.mean())
+
+
+BAND = chi2.ppf([0.0005, 0.9995], 3 * RUNS) / (3 * RUNS)
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.02, 0.1])
+def test_behind_a_gate_the_filter_is_consistent_and_as_accurate_as_without_outliers(rate: float) -> None:
+    nees, ate = judged(rate, Robustness("gate"))
+    assert BAND[0] < nees < BAND[1]
+    assert 0.95 < ate / judged(0.0, Robustness())[1] < 1.05
+
+
+@pytest.mark.parametrize(("rate", "least", "worst"), [(0.0, 0.95, 1.05), (0.02, 1.05, 1.25), (0.1, 1.2, 1.5)])
+def test_student_weights_keep_most_of_the_accuracy(rate: float, least: float, worst: float) -> None:
+    """Outliers that are anywhere still pull a little, all the more the more there are."""
+    nees, ate = judged(rate, Robustness("student-t"))
+    assert least < ate / judged(0.0, Robustness())[1] < worst
+    assert BAND[0] < nees < (BAND[1] if rate < 0.1 else 2.0)
+
+
+def test_a_filter_without_a_guard_is_lost() -> None:
+    nees, ate = judged(0.02, Robustness())
+    assert nees > 20
+    assert ate / judged(0.0, Robustness())[1] > 3
