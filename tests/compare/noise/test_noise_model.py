@@ -82,7 +82,7 @@ def test_a_position_is_corrected_as_range_and_bearing_are():
     x = recording.observation[:, 0] * np.cos(recording.observation[:, 1])
     y = recording.observation[:, 0] * np.sin(recording.observation[:, 1])
     there = replace(recording, sensor="position", observation=np.column_stack([x, y]))
-    values = dict.fromkeys(("forward", "lateral", "turn", "range", "bearing", "position"), 1.0)
+    values: dict[str, float] = dict.fromkeys(("forward", "lateral", "turn", "range", "bearing", "position"), 1.0)
     values |= dict(zip(SYSTEMATIC, (0.0, 0.0, 0.1, 0.2), strict=True))
     polar, cartesian = Told(recording).under(values).observation, Told(there).under(values).observation
     np.testing.assert_allclose(np.hypot(*cartesian.T), polar[:, 0], atol=1e-12)
