@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from slamgauge.compare.figures.error_panels import plot_errors
     from slamgauge.compare.figures.plots import plot_run, save_figure
     from slamgauge.compare.figures.publishing import write_study
+    from slamgauge.compare.noise.finding import Noise, find_noise
     from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, shipped_scenarios
     from slamgauge.compare.scenarios.simulation import informed, simulate
     from slamgauge.compare.scoring.assertions import assert_error_bounds
@@ -70,6 +71,7 @@ if TYPE_CHECKING:
         "MapHistory",
         "MapManagement",
         "Marks",
+        "Noise",
         "Observations",
         "OnlineFilter",
         "RayLog",
@@ -100,6 +102,7 @@ if TYPE_CHECKING:
         "dask_cluster",
         "error_budget",
         "evaluate",
+        "find_noise",
         "informed",
         "isam2",
         "judge_claims",
@@ -144,6 +147,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
     "compare.checks.examination": "Verdict check_estimator",
     "compare.scoring.comparison": "Comparison compare_estimators",
     "compare.studies.budget": "ErrorBudget error_budget",
+    "compare.noise.finding": "Noise find_noise",
     "compare.scenarios.scenario": "Scenario load_scenario shipped_scenarios",
     "compare.scoring.scores": "Score evaluate",
     "compare.studies.summary": "Summary",

@@ -27,6 +27,7 @@ ROOMS = {
         "scoring",
         "checks",
         "studies",
+        "noise",
         "grading",
         "bench",
         "figures",

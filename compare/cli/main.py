@@ -25,6 +25,7 @@ from slamgauge.compare.cli.export import Export
 from slamgauge.compare.cli.grade import Grade
 from slamgauge.compare.cli.imports import Import
 from slamgauge.compare.cli.many_runs import Budget, Claims, Study
+from slamgauge.compare.cli.noise import Noise
 from slamgauge.compare.cli.one_run import Evaluate, Run
 from slamgauge.compare.cli.options import EmptyPathError
 from slamgauge.compare.cli.scenarios import Scenarios
@@ -45,6 +46,7 @@ Command = (
     | Annotated[Study, tyro.conf.subcommand(name="study")]
     | Annotated[Budget, tyro.conf.subcommand(name="budget")]
     | Annotated[Claims, tyro.conf.subcommand(name="claims")]
+    | Annotated[Noise, tyro.conf.subcommand(name="noise")]
     | Annotated[Animate, tyro.conf.subcommand(name="animate")]
     | Annotated[Check, tyro.conf.subcommand(name="check")]
     | Annotated[Grade, tyro.conf.subcommand(name="grade")]

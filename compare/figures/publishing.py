@@ -7,11 +7,14 @@ from typing import Any
 
 from slamgauge.compare.figures.bench_figure import save_bench_figure
 from slamgauge.compare.figures.budget_figure import save_budget_figure
+from slamgauge.compare.figures.noise_figure import save_noise_figure
 from slamgauge.compare.figures.plots import save_figure
 from slamgauge.compare.figures.ray_frames import has_rays
 from slamgauge.compare.figures.ray_strip import save_ray_strip
 from slamgauge.compare.figures.study_figures import save_study_figures
 from slamgauge.compare.figures.sweep_figure import save_sweep_figure
+from slamgauge.compare.noise.finding import Noise
+from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.scoring.comparison import Comparison
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.files import explained, save, write_json, write_tum
@@ -19,6 +22,7 @@ from slamgauge.compare.storage.result_files import (
     BENCH,
     BUDGET,
     METRICS,
+    NOISE,
     RECORDING,
     STUDY_PICTURES,
     SUMMARY,
@@ -70,6 +74,12 @@ def write_budget(folder: Path, budget: ErrorBudget) -> None:
     """Write budget.json and the figure into an existing folder."""
     save_budget_figure(folder, budget)
     write_json(folder / BUDGET, budget.to_json())
+
+
+def write_noise(folder: Path, noise: Noise) -> None:
+    """Write noise.json and the figure into an existing folder."""
+    save_noise_figure(folder, noise)
+    write_json(folder / NOISE, noise_json(noise))
 
 
 def write_bench(folder: Path, result: dict[str, Any]) -> None:

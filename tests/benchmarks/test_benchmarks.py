@@ -55,6 +55,13 @@ SMALLEST = {
         "20 compressed ",
     ),
     "memory_traffic": ("--landmarks 20", "landmarks k MB moved of it P at bandwidth", "20 12 "),  # 2 s
+    "noise_intervals": (  # 10 s
+        "--recordings 2 --outliers 1 --seed 3 --jobs 1",
+        "recordings sigma number held too low too high median interval",
+        "q1-short-dense range 1 ",
+        "both bearing 2 ",
+        "seconds a recording, with outliers: median ",
+    ),
     "optimum_times": ("--landmarks 20 --marginals 20", "landmarks build optimise build/opt. finish", "20 "),  # 2 s
     "seeded_bugs": (  # 5 s
         "--seeds 1",

@@ -29,6 +29,7 @@ COMMANDS = {
     "sweep": (*STUDY, "--sweep", "association.gate=4,9"),
     "claims": ("claims", "--runs", "2", "--jobs", "1"),
     "grade": ("grade", "INPUT/class", "--scenario", "INPUT/short.toml", "--runs", "2", "--jobs", "1"),
+    "noise": ("noise", "INPUT/recording.npz"),
     "animate": ("animate", "--seconds", "1", "--fps", "2"),
 }
 # beside or within what some command writes
@@ -51,6 +52,7 @@ IN_THE_WAY = [
     *(("sweep", name) for name in ("association.gate=9/summary.json", "association.gate=4/nis.svg", "optimum")),
     *(("claims", name) for name in ("claims.json", "studies", "studies/q1-long-sparse/study.sqlite")),
     *(("grade", name) for name in ("grades.csv", "grades.xml/", "submissions", "submissions/dead.md")),
+    *(("noise", name) for name in ("noise.json", "noise.png", "noise.svg/")),
     *(("animate", name) for name in ("animation.gif", "animation.mp4", "animation.gif/")),
 ]
 WORK = (
@@ -58,6 +60,7 @@ WORK = (
     *("datasets.victoria_park.read_victoria_park", "figures.animation.Scene"),
     *("studies.budget.error_budget", "bench.bench.run_bench", "studies.study._carry_out"),
     *("grading.grading.grade_folder", "datasets.csv_log.read_csv_log", "storage.csv_folder.write_recording_csv"),
+    "noise.finding.find_noise",
 )
 
 

@@ -1,0 +1,68 @@
+"""`slamgauge noise`."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from slamgauge.compare.cli.options import Folder, print_result, results_folder
+from slamgauge.errors import UserError
+
+REMEDY = "move it away or give another --write"
+
+
+@dataclass
+class Noise:
+    """Which noise the measurements of a recording support, with intervals, outliers and a diagnosis."""
+
+    recording: tyro.conf.Positional[Path]
+    """recording.npz, with ranges and bearings or positions; without ids, landmarks are associated jointly."""
+
+    out: Folder | None = None
+    """Folder for noise.json, noise.png and noise.svg."""
+
+    write: Folder | None = None
+    """Write the recording with the noise found, and without the systematic errors, to this npz file."""
+
+    systematic: bool = False
+    """Look for systematic errors, too: odometry scale, turn per metre, offsets of range and bearing."""
+
+    json: bool = False
+    """Print noise.json on standard output instead of the table."""
+
+    def __call__(self) -> None:
+        """Find, print and, if asked to, write."""
+        from slamgauge.compare.noise.finding import find_noise
+        from slamgauge.compare.noise.noise_json import noise_json
+        from slamgauge.compare.noise.words import noise_table
+        from slamgauge.compare.storage.files import load_recording, save
+        from slamgauge.compare.storage.result_files import NOISE, NOISE_FILES
+        from slamgauge.compare.storage.staged_folder import staged_folder
+
+        recording = load_recording(self.recording)
+        if self.write is not None:
+            self._require_free(self.write)
+        with results_folder(self.out, NOISE_FILES, last=NOISE) as folder:
+            noise = find_noise(recording, systematic=self.systematic)
+            if folder is not None:
+                from slamgauge.compare.figures.publishing import write_noise
+
+                write_noise(folder, noise)
+        if self.write is not None:
+            with staged_folder(self.write.parent, [self.write.name], self.write.name, remedy=REMEDY) as folder:
+                save(folder / self.write.name, noise.told)
+        print_result(noise_json(noise) if self.json else noise_table(noise))
+        for place in (self.out, self.write):
+            if place is not None:
+                print(f"written to {place}", file=sys.stderr)
+
+    def _require_free(self, write: Path) -> None:
+        """Refuse a place for the recording where something else is, before work begins."""
+        from slamgauge.compare.storage.manifest import require_free
+
+        if write.resolve() == self.recording.resolve():
+            raise UserError(f"{write}: is the recording itself; give another --write")
+        require_free(write.parent, [write.name], REMEDY)

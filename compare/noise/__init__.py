@@ -1,0 +1,1 @@
+"""The noise that the measurements of a log support."""

@@ -1,0 +1,64 @@
+"""noise.json: what was found of a log's noise, for programs."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from slamgauge.compare.noise.diagnosis import Nis
+from slamgauge.compare.noise.finding import Noise, Supported
+from slamgauge.compare.noise.told import UNITS
+
+
+def noise_json(noise: Noise) -> dict[str, Any]:
+    """The content of noise.json; an end of an interval that the log does not have is null."""
+    return {
+        "parameters": {
+            name: {"sigma": found.value, **_ends(found), "assumed": noise.assumed[name], "unit": UNITS[name]}
+            for name, found in noise.parameters.items()
+        },
+        "outlier_rate": noise.outlier_rate,
+        "outliers": {
+            channel: {"rate": rate.value, **_ends(rate), "spread": noise.values[f"{channel} spread"]}
+            for channel, rate in noise.rates.items()
+        },
+        "student_t_dof": {
+            name.removesuffix(" dof"): dof for name, dof in noise.values.items() if name.endswith(" dof")
+        },
+        "systematic": {
+            name: {"value": found.value, **_ends(found), "unit": UNITS[name]}
+            for name, found in noise.systematic.items()
+        },
+        "nis_by_channel": {
+            channel: {"before": noise.before.nis[channel].mean, **_nis(after)}
+            for channel, after in noise.after.nis.items()
+        },
+        "nis_by_landmark": {
+            channel: {str(landmark): _nis(each) for landmark, each in by_landmark.items()}
+            for channel, by_landmark in noise.after.nis_by_landmark.items()
+        },
+        "autocorrelation": {
+            channel: {
+                "before": noise.before.correlation[channel].tolist(),
+                "after": after.tolist(),
+                "band": noise.after.correlation_band[channel],
+            }
+            for channel, after in noise.after.correlation.items()
+        },
+        "log_likelihood_gain": noise.log_likelihood_gain,
+        "held_out": None if noise.held_out is None else noise.held_out._asdict(),
+        "first_sights_left_out": noise.first_sights_left_out,
+        "left_without_id": noise.left_without_id,
+    }
+
+
+def _ends(found: Supported) -> dict[str, float | None]:
+    return {"low": _finite(found.low), "high": _finite(found.high)}
+
+
+def _nis(nis: Nis) -> dict[str, float | int | None]:
+    return {"after": _finite(nis.mean), "low": _finite(nis.low), "high": _finite(nis.high), "rows": nis.rows}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,125 @@
+"""The innovations of a log: what the right-invariant filter did not foresee, and how likely that was.
+
+The filter is `riekf` with a weight for each row of an observation where there are outliers (see `kernels.rows_with_tails`);
+without outliers it is `riekf` itself.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.compiled import announced
+from slamgauge.ekf.kernels.belief import allocate_belief
+from slamgauge.ekf.kernels.evidence import WHOLE, Measured, Order, run_log
+from slamgauge.ekf.kernels.models import SENSOR_CODES
+from slamgauge.ekf.kernels.rows_with_tails import GAUSSIAN, MIXTURE, STUDENT_T, Rows, Tails, weigh
+from slamgauge.ekf.kernels.workspace import allocate
+from slamgauge.ekf.maps.checks import start_of
+from slamgauge.ekf.maps.rules import BLOCK
+from slamgauge.errors import UserError
+from slamgauge.recording import Recording
+
+__all__ = ["GAUSSIAN", "MIXTURE", "STUDENT_T", "Innovations", "Log", "Tails", "gaussian_tails", "weigh"]
+
+
+class Innovations(NamedTuple):
+    """Every observation's two rows, in the order of the recording; NaN where a row says nothing.
+
+    Each is conditioned on all rows before it: without outliers and with the right noise the normalised ones are
+    independent, of mean 0 and variance 1.
+    """
+
+    value: Float  # (M, 2) [m or rad]
+    variance: Float  # (M, 2) without outliers
+    weight: Float  # (M, 2) with which the row was taken in
+    log_likelihood: Float  # (M, 2); 0 where a row says nothing
+
+
+def gaussian_tails() -> Tails:
+    """No outliers."""
+    return Tails(np.full(2, GAUSSIAN), np.zeros(2), np.zeros(2), np.ones(2))
+
+
+class Log:
+    """A recording made ready to be filtered many times, with ever other noise.
+
+    Args:
+        recording: with ids; `range-bearing` or `position`.
+
+    Raises:
+        UserError: it has no ids, or its sensor tells bearings alone.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        if recording.landmark is None:
+            raise UserError("landmark: a log without ids; associate it first (Recording.associated)")
+        if recording.sensor == "bearing":
+            raise UserError("sensor: bearings alone place no landmark at its first sight; give ranges, too")
+        self._recording = recording
+        self._code = SENSOR_CODES[recording.sensor]
+        self._kept, self._order = _ordered(recording.observation_step, recording.landmark, recording.steps)
+        self._landmarks = int(self._order.slots.max(initial=-1)) + 1
+        most = int(np.diff(self._order.first).max(initial=0))
+        self._work = allocate(most, 3 + 2 * self._landmarks, BLOCK)
+        _compile_once()
+
+    def innovations(
+        self, odometry: Float, odometry_cov: Float, observation: Float, observation_cov: Float, tails: Tails
+    ) -> Innovations | None:
+        """Filter the log with these increments (N, 3), observations (M, 2) and covariances, and tails.
+
+        Returns:
+            The innovations; None where no update exists: an innovation's covariance is not positive definite.
+        """
+        origin_free = allocate_belief(self._landmarks)
+        _, start, cov = start_of(self._recording.prior_mean, self._recording.prior_cov)
+        origin_free.state[:3] = start
+        origin_free.cov[:3, :3] = cov
+        count = len(self._kept)
+        rows = Rows(*np.zeros((4, 2 * count)))
+        measured = Measured(
+            np.ascontiguousarray(odometry),
+            np.ascontiguousarray(odometry_cov),
+            observation[self._kept],
+            observation_cov[self._kept],
+        )
+        if run_log(self._code, origin_free, self._order, measured, tails, self._work, rows) != WHOLE:
+            return None
+        found = np.full((4, len(observation), 2), np.nan)
+        found[3] = 0.0
+        found[:, self._kept] = np.stack(rows).reshape(4, count, 2)
+        found[:3, found[1] == 0.0] = np.nan
+        return Innovations(*found)
+
+
+def _ordered(steps: Int, ids: Int, last_step: int) -> tuple[Int, Order]:
+    """Which observations (M',) in which order: in every step those of mapped landmarks, then those of new ones.
+
+    What a step sees again of a landmark that is new in it is left out.
+    """
+    _, first_sight, landmark = np.unique(ids, return_index=True, return_inverse=True)
+    new = np.zeros(len(ids), dtype=bool)
+    new[first_sight] = True
+    again = ~new & (steps == steps[first_sight][landmark])
+    slot_of = np.empty(len(first_sight), dtype=np.int64)
+    slot_of[np.argsort(first_sight)] = np.arange(len(first_sight))
+    kept = np.lexsort((new, steps))  # stable: new landmarks stay in the order of their slots
+    kept = kept[~again[kept]]
+    first = np.searchsorted(steps[kept], np.arange(last_step + 2))
+    many_new = np.bincount(steps[kept], weights=new[kept], minlength=last_step + 1).astype(np.int64)
+    return kept, Order(first, first[1:] - many_new, slot_of[landmark[kept]])
+
+
+@functools.cache
+def _compile_once() -> None:
+    """Compile (or load from the cache) the kernels, once per process."""
+    order = Order(np.array([0, 1, 2]), np.array([0, 2]), np.zeros(2, dtype=np.int64))
+    seen = np.tile(np.array([1.0, 0.0]), (2, 1))
+    measured = Measured(np.zeros((1, 3)), np.zeros((1, 3, 3)), seen, np.tile(np.eye(2), (2, 1, 1)))
+    with announced("kernels of a log's likelihood"):
+        belief, work = allocate_belief(1), allocate(1, 5, 1)
+        run_log(0, belief, order, measured, gaussian_tails(), work, Rows(*np.zeros((4, 4))))

@@ -1,0 +1,120 @@
+"""The likelihood of a whole log: held against the filter itself, and against densities by scipy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm, t
+
+from slamgauge import Recording, UserError, load_scenario, riekf, simulate
+from slamgauge.ekf.innovations import GAUSSIAN, MIXTURE, STUDENT_T, Log, Tails, gaussian_tails, weigh
+
+
+def recording_of(*overrides: str, seed: int = 3) -> Recording:
+    return simulate(load_scenario("q1-short-dense", ["trajectory.duration=20", "start=sampled", *overrides]), seed)[1]
+
+
+def as_it_is(recording: Recording, tails: Tails | None = None):
+    told = (recording.odometry, recording.odometry_cov, recording.observation, recording.observation_cov)
+    found = Log(recording).innovations(*told, tails or gaussian_tails())
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+def test_without_outliers_it_is_the_right_invariant_filter(sensor: str):
+    recording = recording_of()
+    if sensor == "position":
+        distance, bearing = recording.observation.T
+        values = np.column_stack([distance * np.cos(bearing), distance * np.sin(bearing)])
+        covs = np.broadcast_to(np.diag([0.2, 0.3]), (len(values), 2, 2))
+        recording = replace(recording, sensor="position", observation=values, observation_cov=covs)
+    found = as_it_is(recording)
+    nis = np.nansum(found.value**2 / found.variance, axis=1)
+    per_step = np.bincount(recording.observation_step, weights=nis, minlength=recording.steps + 1)
+    expected = riekf(recording).nis
+    assert expected is not None
+    np.testing.assert_allclose(per_step, expected, rtol=1e-9, atol=1e-9)
+    density = norm.logpdf(found.value, scale=np.sqrt(found.variance))
+    np.testing.assert_allclose(found.log_likelihood, np.nan_to_num(density), rtol=1e-12, atol=1e-12)
+
+
+def test_a_first_sight_and_what_its_step_sees_again_carry_no_likelihood():
+    recording = recording_of()
+    first = np.flatnonzero(recording.observation_step == recording.observation_step[0])
+    ids = recording.landmark
+    assert ids is not None
+    doubled = np.sort(np.concatenate([np.arange(len(ids)), first[:1]]))
+    twice = replace(recording.only(np.ones(len(ids), dtype=bool)), landmark=ids)
+    twice = replace(
+        twice,
+        observation_step=twice.observation_step[doubled],
+        observation=twice.observation[doubled],
+        observation_cov=twice.observation_cov[doubled],
+        landmark=ids[doubled],
+    )
+    found = as_it_is(twice)
+    assert np.isnan(found.value[:2]).all()
+    assert (found.log_likelihood[:2] == 0.0).all()
+    assert found.log_likelihood.sum() == pytest.approx(as_it_is(recording).log_likelihood.sum(), rel=1e-12)
+    assert np.isnan(found.value[:, 0]).sum() == len(np.unique(ids)) + 1
+
+
+@pytest.mark.parametrize("e", [0.0, 0.3, -2.0, 40.0])
+def test_the_density_of_a_row_is_that_of_its_law(e: float):
+    tails = Tails(np.array([MIXTURE, STUDENT_T]), np.full(2, 0.1), np.full(2, 3.0), np.full(2, 4.0))
+    inlier, outlier = 0.9 * norm.pdf(e, scale=0.5), 0.1 * norm.pdf(e, scale=math.sqrt(0.25 + 9.0))
+    likelihood, weight = weigh(e, 0.25, 0, tails)
+    assert likelihood == pytest.approx(math.log(inlier + outlier), rel=1e-12)
+    assert weight == pytest.approx(max(inlier / (inlier + outlier), 1e-12), rel=1e-9)
+    likelihood, weight = weigh(e, 0.25, 1, tails)
+    assert likelihood == pytest.approx(float(t.logpdf(e, 4.0, scale=0.5)), rel=1e-12)
+    assert weight == pytest.approx(min(1.0, 5.0 / (4.0 + e * e / 0.25)), rel=1e-12)
+    assert gaussian_tails().law.tolist() == [GAUSSIAN, GAUSSIAN]
+
+
+def test_a_row_that_is_an_outlier_moves_nothing():
+    """With gross outliers the rows after them are foreseen as if the outliers had not been."""
+    recording = recording_of()
+    ids = recording.landmark
+    assert ids is not None
+    seen_before = np.array([np.any(ids[:place] == each) for place, each in enumerate(ids)])
+    wrong = seen_before & (np.random.default_rng(0).random(len(ids)) < 0.05)
+    observation = recording.observation.copy()
+    observation[wrong, 0] += 50.0
+    dirty = replace(recording, observation=observation)
+    mixture = Tails(np.array([MIXTURE, GAUSSIAN]), np.full(2, 0.05), np.full(2, 30.0), np.ones(2))
+    robust, clean = as_it_is(dirty, mixture), as_it_is(recording)
+    assert (robust.weight[wrong, 0] < 1e-9).all()
+    apart = np.abs(robust.value - clean.value)[~wrong] / np.sqrt(clean.variance[~wrong])
+    assert np.nanmax(apart) < 1.0  # less than a standard deviation, for what 5 % of the ranges told
+    plain = np.abs(as_it_is(dirty).value - clean.value)[~wrong] / np.sqrt(clean.variance[~wrong])
+    assert np.nanmax(plain) > 10.0
+
+
+def test_what_it_cannot_filter_is_refused():
+    recording = recording_of()
+    with pytest.raises(UserError, match="landmark: a log without ids"):
+        Log(replace(recording, landmark=None))
+    bearings = replace(
+        recording,
+        sensor="bearing",
+        observation=recording.observation[:, 1:],
+        observation_cov=np.ones((len(recording.observation), 1, 1)),
+    )
+    with pytest.raises(UserError, match="sensor: bearings alone"):
+        Log(bearings)
+
+
+def test_no_update_is_told():
+    recording = recording_of()
+    far = (
+        recording.odometry,
+        recording.odometry_cov,
+        recording.observation,
+        np.full_like(recording.observation_cov, np.nan),
+    )
+    assert Log(recording).innovations(*far, gaussian_tails()) is None
