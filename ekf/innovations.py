@@ -1,7 +1,7 @@
 """The innovations of a log: what the right-invariant filter did not foresee, and how likely that was.
 
-The filter is `riekf` with a weight for each row of an observation where there are outliers (see `kernels.rows_with_tails`);
-without outliers it is `riekf` itself.
+The filter is `riekf` with a weight for each row of an observation where there are outliers (see
+`kernels.rows_with_tails`); without outliers it is `riekf` itself.
 """
 
 from __future__ import annotations

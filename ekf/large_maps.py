@@ -62,6 +62,7 @@ def _distances(recording: Recording) -> Float:
 
 def _dead_reckoned(recording: Recording) -> tuple[Float, Int, Float, Int]:
     """Path (N+1, 3), landmark (M,) of each observation, their places (L, 2), and the steps (L,) that saw them first."""
+    assert recording.landmark is not None
     path = chain(recording.prior_mean, recording.odometry)
     _, first, slot = np.unique(recording.landmark, return_index=True, return_inverse=True)
     z, mapped = recording.observation[first], recording.observation_step[first]

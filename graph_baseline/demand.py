@@ -38,4 +38,4 @@ def require_room_to_grow(recording: Recording) -> None:
 
 def _counts(recording: Recording) -> tuple[int, int]:
     """Landmarks, and poses that see any."""
-    return len(np.unique(recording.landmark)), len(np.unique(recording.observation_step))
+    return len(first_sights(recording)[0]), len(np.unique(recording.observation_step))
