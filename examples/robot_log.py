@@ -49,7 +49,7 @@ def main(folder: Path) -> None:
     steps = round(SECONDS / WHEELS)
     said = np.tile([SPEED, 0.0, np.radians(YAW_RATE)], (steps, 1)) * np.array([1.0, 0.0, 1.0])
     said[:, 2] *= np.sign(np.sin(np.arange(steps) * WHEELS * np.radians(YAW_RATE) / 2.0) + 1e-9)  # a figure of eight
-    poses = chain(np.zeros(3), WHEELS * (said + rng.normal(size=(steps, 3)) * MOTION_SIGMAS))
+    poses = chain(np.zeros(3), arcs(WHEELS * (said + rng.normal(size=(steps, 3)) * MOTION_SIGMAS)))
     stamps = BEGINNING + WHEELS * np.arange(steps + 1)
     reflectors = poses[:: steps // 12, :2] + rng.uniform(-3.0, 3.0, (13, 2))
 
@@ -61,6 +61,14 @@ def main(folder: Path) -> None:
     write(folder / "laser.csv", ("time", "reflector", "range", "bearing"), sights)
     write(folder / "truth.csv", ("stamp", "x", "y", "theta"), np.column_stack([stamps, poses]))
     write(folder / "landmarks.csv", ("landmark", "x", "y"), ([at, *place] for at, place in enumerate(reflectors)))
+
+
+def arcs(twists: np.ndarray) -> np.ndarray:
+    """Where constant speeds lead that go forward, sideways and round by so much (n, 3)."""
+    x, y, turn = twists.T
+    half = np.exp(0.5j * turn) * np.sinc(0.5 * turn / np.pi)  # (e^it - 1) / it
+    moved = (x + 1j * y) * half
+    return np.column_stack([moved.real, moved.imag, turn])
 
 
 def laser(

@@ -14,7 +14,7 @@ from matplotlib.image import imread
 from scipy.stats import chi2
 
 from slamgauge.compare.storage.files import load_recording
-from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once
+from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_bearings_once, compile_once
 from slamgauge.graph_baseline import batch
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 
@@ -26,6 +26,7 @@ def compiled_kernels() -> None:
     """Where they are compiled for the first time, that is announced on standard error."""
     compile_once()
     compile_association_once()
+    compile_bearings_once()
     compile_graphs_once()
 
 
@@ -173,3 +174,15 @@ def test_robot_log(folder: Path):
     assert estimate.chi_square_dof is not None
     low, high = chi2.ppf([0.0005, 0.9995], estimate.chi_square_dof)
     assert low < estimate.chi_square < high
+
+
+def test_robot_loop(folder: Path):
+    run(folder, "robot_log.py", "my-log")
+    run(folder, "-m", "slamgauge", "import", "csv", "my-log", "--out", "mine")
+    out, err = run(folder, "robot_loop.py", "mine/recording.npz")
+    assert err == ""
+    optimum = batch(load_recording(folder / "mine" / "recording.npz"))
+    assert optimum.pose_covs is not None
+    pose = [float(number) for number in re.findall(r"(\S+) (?:m|rad)\b", out.splitlines()[0])]
+    assert np.all(np.abs(pose - optimum.poses[-1]) < np.sqrt(np.diag(optimum.pose_covs[-1])))
+    assert re.search(r"^map     13 landmarks; \d of 3144 observations left out$", out, flags=re.MULTILINE)

@@ -157,7 +157,7 @@ class Dlr:
 class Freiburg:
     """A log of the SLAM course at Freiburg: sensor_data.dat, with world.dat beside it for the truth of its landmarks.
 
-    The log says nothing of noise: the defaults are those of the course's exercises.
+    The log says nothing of noise: the defaults suit simulated logs; give those of yours.
     """
 
     path: tyro.conf.Positional[Path]

@@ -5,8 +5,8 @@
 
 `world.dat` has a line `id x y` for every landmark, which becomes the truth; without it there is none. The robot starts
 at the world's origin. The log has no time stamps: step k is at k seconds. Its noise is not in the file. The defaults
-are those of the course's exercises: sigmas of 0.005 rad, 0.01 m and 0.005 rad for the three parts of a step, and 0.1 m
-and 0.1 rad for range and bearing.
+suit simulated logs: sigmas of 0.005 rad, 0.01 m and 0.005 rad for the three parts of a step, and 0.1 m and 0.1 rad for
+range and bearing.
 """
 
 from __future__ import annotations

@@ -88,10 +88,10 @@ def write_twin(folder: Path, twin: Twin, name: str) -> None:
     """
     log = twin.recording
     sigmas = _common_sigmas(log)
-    covs = upper_triangles(log.observation_cov) if sigmas is None else [[]] * len(log.observation)
+    covs = upper_triangles(log.observation_cov).tolist() if sigmas is None else [[]] * len(log.observation)
     header = sightings_header(log.sensor, has_covs=sigmas is None)
     seen = zip(log.observation_step.tolist(), twin.landmark.tolist(), covs, strict=True)
-    moved = enumerate(upper_triangles(log.odometry_cov), 1)
+    moved = enumerate(upper_triangles(log.odometry_cov).tolist(), 1)
     write_rows(folder / TWIN_PATH, PATH_HEADER, np.column_stack([log.stamps, twin.optimum.poses]).tolist())
     write_rows(folder / TWIN_MOTION, COV_HEADER, ([step, *cov] for step, cov in moved))
     write_rows(folder / TWIN_SIGHTINGS, header, ([step, landmark, *cov] for step, landmark, cov in seen))
