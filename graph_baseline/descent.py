@@ -21,8 +21,8 @@ from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 
-MAX_STEPS = 200
-NEAR = 1e-6  # relative decrease of the cost after which Newton steps alone go on
+MAX_STEPS, MOST_STEPS = 200, 1000
+NEAR, NEAREST = 1e-6, 1e-9  # relative decrease of the cost after which Newton steps alone go on
 TOO_NEAR = 1e-4  # m
 NEGLIGIBLE = 1e-6  # of a standard deviation
 RESOLVED = 1e-3  # of a standard deviation: a step of rounding that is taken for the last
@@ -67,7 +67,9 @@ class Merit:
         return cost if np.isfinite(cost) else np.inf
 
 
-def approach(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> Approach:
+def approach(
+    recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float, *, patient: bool = False
+) -> Approach:
     """Where damped steps lead from a start: near a minimum, or wherever they come to a halt.
 
     Args:
@@ -75,12 +77,13 @@ def approach(recording: Recording, landmark_ids: Int, poses: Float, landmarks: F
         landmark_ids: (L,) all of its landmarks, increasing.
         poses: (N+1, 3).
         landmarks: (L, 2).
+        patient: for a valley that steps go through slowly.
     """
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     merit = Merit(recording, slot)
     poses = merit.noise.followed(poses)
     cost, factor = merit(poses, landmarks), 0.0
-    for _ in range(MAX_STEPS):
+    for _ in range(MOST_STEPS if patient else MAX_STEPS):
         model = linearise(recording, slot, poses, landmarks)
         scale = _mean_information(model, len(landmarks))
         while True:
@@ -93,7 +96,7 @@ def approach(recording: Recording, landmark_ids: Int, poses: Float, landmarks: F
             break
         decrease, cost, (poses, landmarks) = cost - found, found, tried
         factor = WEAKER * factor if factor > UNDAMPED else 0.0
-        if decrease <= NEAR * (1.0 + cost):
+        if decrease <= (NEAREST if patient else NEAR) * (1.0 + cost):
             break
     return Approach(poses, landmarks, cost, merit)
 

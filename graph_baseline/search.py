@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 
 import gtsam
@@ -99,16 +99,24 @@ def lowest_minimum(recording: Recording, starts: Iterable[Start]) -> Minimum:
             near.append(approached)
         except UndeterminedError as error:
             mistakes.append(error)
+    near.sort(key=lambda approached: approached.cost)
     unsettled: list[UndeterminedError] = []
-    for each in sorted(near, key=lambda approached: approached.cost):
+    for each in _and_nearer(recording, landmark_ids, near):
         try:
             return settle(recording, landmark_ids, each)
         except UndeterminedError as error:
             unsettled.append(error)
     error = [*unsettled, *mistakes][0]
     if near:
-        error.path = min(near, key=lambda approached: approached.cost).poses
+        error.path = near[0].poses
     raise error
+
+
+def _and_nearer(recording: Recording, landmark_ids: Int, near: list[Approach]) -> Iterator[Approach]:
+    """All of these, and then where the first leads with patience."""
+    yield from near
+    if near and recording.sensor != "bearing":  # bearings may be too few for any minimum
+        yield approach(recording, landmark_ids, near[0].poses, near[0].landmarks, patient=True)
 
 
 def is_low(recording: Recording, cost: float) -> bool:

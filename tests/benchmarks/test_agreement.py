@@ -25,7 +25,7 @@ from scipy.stats import chi2
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.files import load_recording, load_truth
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import batch
+from slamgauge.graph_baseline import batch, descent
 from slamgauge.se2 import between, rotation, wrap
 
 FALSE_ALARM = 1e-4  # of each chi-square test, both sides together
@@ -248,6 +248,15 @@ def test_valleys_and_bearings_that_place_less_than_the_path_said(number: int):
     found = {outcome.estimator: outcome for outcome in judge_optima(draw(2027, number))}
     assert found["batch"].verdict == "agrees"
     assert "batch mapped" not in found or found["batch mapped"].verdict == "agrees"
+
+
+def test_a_valley_that_steps_go_through_slowly_takes_patience(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(descent, "MAX_STEPS", 5)
+    recording = draw(2027, 161).recording
+    model = Model(recording)
+    found = lowest(model, own_starts(model, None))
+    assert found is not None
+    assert batch(recording).chi_square == pytest.approx(2.0 * found.cost, rel=1e-9)
 
 
 def test_what_a_yardstick_says_of_itself_is_read():
