@@ -82,7 +82,8 @@ def normal_scores(errors: Float, variances: Float, law: Law | None, values: dict
     else:
         rate, spread = values[f"{law.channel} rate"], values[f"{law.channel} spread"]
         wide = np.abs(errors) / np.sqrt(variances + spread**2)
-        tail = np.logaddexp(np.log1p(-rate) + log_ndtr(-size), np.log(rate) + log_ndtr(-wide))
+        with np.errstate(invalid="ignore"):  # rows that tell nothing have no score
+            tail = np.logaddexp(np.log1p(-rate) + log_ndtr(-size), np.log(rate) + log_ndtr(-wide))
     return -np.sign(z) * ndtri_exp(np.maximum(tail, BEYOND))
 
 
