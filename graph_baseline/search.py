@@ -38,8 +38,9 @@ def placed_minimum(
 ) -> tuple[Int, Minimum]:
     """The lowest minimum of all that is placed: from a path (N+1, 3) at first, in the end from the minimum itself.
 
-    Landmarks are taken in until no more are placed; then those that are not are left out. Where the path places none,
-    their bearings may still, by mending it: it is tried with all of them, then with those of the landmark seen most.
+    Landmarks are taken in, each once at most, until no more are placed; then those that are not are left out, and so
+    are at any time those that the end of a search in vain does not place. Where the path places none, their bearings
+    may still, by mending it: it is tried with all of them, then with those of the landmark seen most.
 
     Returns:
         Association (M,), -1 for what bearings alone do not place, and the minimum without that.
@@ -63,12 +64,10 @@ def placed_minimum(
             with suppress(UndeterminedError):
                 mended = minimum(hopeful, path)[1].poses
                 taken, found = minimum(are_placed(recording, mended), mended)
-    placed = are_placed(recording, found.poses)
-    while (placed & ~taken).any():
-        before = taken
+    tried, placed = taken, are_placed(recording, found.poses)
+    while (placed & ~tried).any():
+        tried = tried | placed
         taken, found = minimum(taken | placed, found.poses)
-        if not (taken & ~before).any():
-            break
         placed = are_placed(recording, found.poses)
     if (taken & ~placed).any():
         taken, found = minimum(taken & placed, found.poses)

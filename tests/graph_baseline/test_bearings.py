@@ -12,16 +12,17 @@ from random_recordings import random_recording
 from scipy.optimize import least_squares
 
 from slamgauge import load_scenario, simulate
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import batch, cost, isam2, robust_batch
-from slamgauge.graph_baseline.descent import approach, settle
-from slamgauge.graph_baseline.factors import first_sights
+from slamgauge.graph_baseline import UndeterminedError, batch, cost, isam2, robust_batch, search
+from slamgauge.graph_baseline.descent import Minimum, approach, settle
+from slamgauge.graph_baseline.factors import first_sights, require_known_landmarks
 from slamgauge.graph_baseline.linearisation import log_se2
+from slamgauge.graph_baseline.smoother import solve_at
 from slamgauge.graph_baseline.triangulation import SURE
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, wrap
+from slamgauge.se2 import between, chain, wrap
 from slamgauge.triangulation import triangulate
 from slamgauge.truth import Truth
 
@@ -225,3 +226,33 @@ def test_a_given_association_may_name_landmarks_that_bearings_do_not_place(
     assert not (given == lonely).any()
     assert (given[given >= 0] == association[given >= 0]).all()
     assert (given >= 0).sum() > len(given) / 3
+
+
+def test_landmarks_that_searches_leave_out_in_turn_are_taken_in_once(monkeypatch: pytest.MonkeyPatch):
+    """Each of two landmarks is placed by the minimum with the other; a search with both ends without the last one."""
+    recording = random_recording(0, steps=10, landmarks=2)[1]
+    landmark = require_known_landmarks(recording)
+    first, second = np.unique(landmark)
+    path = chain(recording.prior_mean, recording.odometry)
+    ended = UndeterminedError("in vain")
+    ended.path = path + 1.0
+    found: list[int] = []
+
+    def placed(_: Recording, at: Float) -> Marks:
+        if not found:
+            return landmark == first
+        return landmark != found[-1] if at is ended.path else np.ones(len(landmark), dtype=bool)
+
+    def lowest(part: Recording, _: object) -> Minimum:
+        ids = np.unique(require_known_landmarks(part))
+        if len(ids) == 2:
+            raise ended
+        found.append(ids[0])
+        assert len(found) < 10, "it goes on for ever"
+        positions = np.ones((1, 2))
+        return Minimum(path, positions, solve_at(part, ids, path, positions), 1.0)
+
+    monkeypatch.setattr(search, "are_placed", placed)
+    monkeypatch.setattr(search, "lowest_minimum", lowest)
+    association = search.placed_minimum(recording, path, lambda *_: [])[0]
+    assert set(association) == {-1, second}
