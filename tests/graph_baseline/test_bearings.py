@@ -252,7 +252,10 @@ def test_landmarks_that_searches_leave_out_in_turn_are_taken_in_once(monkeypatch
         positions = np.ones((1, 2))
         return Minimum(path, positions, solve_at(part, ids, path, positions), 1.0)
 
+    def no_starts(_: Recording, __: Float) -> list[search.Start]:
+        return []
+
     monkeypatch.setattr(search, "are_placed", placed)
     monkeypatch.setattr(search, "lowest_minimum", lowest)
-    association = search.placed_minimum(recording, path, lambda *_: [])[0]
+    association = search.placed_minimum(recording, path, no_starts)[0]
     assert set(association) == {-1, second}
