@@ -10,7 +10,8 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain, compose
+from slamgauge.se2 import chain
+from slamgauge.sights import positions_seen
 
 FEW = 300  # landmarks of a map that the caches hold: it is never compressed
 AREA = 1.5  # radius of an area over the farthest sight
@@ -23,10 +24,10 @@ def area_that_pays(recording: Recording) -> float | None:
     """Radius [m] of the areas with which a compressed filter does clearly less work than the full one, if any.
 
     Args:
-        recording: known association.
+        recording: known association; not of bearings alone.
     """
     assert recording.landmark is not None
-    if recording.sensor == "bearing" or len(np.unique(recording.landmark)) < FEW:
+    if len(np.unique(recording.landmark)) < FEW:
         return None
     radius = AREA * float(_distances(recording).max())
     full, compressed = work(recording, radius)
@@ -65,7 +66,4 @@ def _dead_reckoned(recording: Recording) -> tuple[Float, Int, Float, Int]:
     assert recording.landmark is not None
     path = chain(recording.prior_mean, recording.odometry)
     _, first, slot = np.unique(recording.landmark, return_index=True, return_inverse=True)
-    z, mapped = recording.observation[first], recording.observation_step[first]
-    if recording.sensor == "range-bearing":
-        z = z[:, :1] * np.column_stack([np.cos(z[:, 1]), np.sin(z[:, 1])])
-    return path, slot, compose(path[mapped], np.column_stack([z, np.zeros(len(z))]))[:, :2], mapped
+    return path, slot, positions_seen(recording, first, path), recording.observation_step[first]

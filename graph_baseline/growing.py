@@ -23,16 +23,15 @@ from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline import chord, elimination
 from slamgauge.graph_baseline.descent import Minimum
 from slamgauge.graph_baseline.elimination import Place
-from slamgauge.graph_baseline.factors import prior_cov_in_body, require_known_landmarks
-from slamgauge.graph_baseline.linearisation import inverse_cholesky
-from slamgauge.graph_baseline.models import SENSORS, Measured
+from slamgauge.graph_baseline.factors import require_known_landmarks
+from slamgauge.graph_baseline.mapped import MappedLandmarks
+from slamgauge.graph_baseline.models import measured_of
 from slamgauge.graph_baseline.search import Start, explained_by_noise, grown, placed_minimum, searched
 from slamgauge.graph_baseline.smoother import EXHAUSTED, own_blocks_of_inverse
-from slamgauge.graph_baseline.triangulation import SURE, triangulate_one
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain, compose, rotation, wrap
+from slamgauge.se2 import chain, compose, wrap
 
 SHORT = 100  # poses of a path that is settled at every scan
 LONGEST = 64  # scans between two settlings
@@ -47,7 +46,6 @@ MAX_STEPS = 12
 PASSES = 2  # of the newest scan, the second linearised where the first has led
 SOUGHT_AGAIN = 1.2  # times the steps at which no minimum, or none that is lower, was found: look again
 DOUBTED_AGAIN = 2.0  # the same for a lower one of a path that is not short
-SURELY = SURE / 2  # sigma over distance of a landmark that bearings will go on to place
 EXACT = 1e-9  # m or rad: a smaller standard deviation measures nothing
 
 
@@ -61,15 +59,13 @@ class GrowingOptimum:
     def __init__(self, recording: Recording) -> None:
         compile_graphs_once()
         self._recording = recording
-        self._ids = require_known_landmarks(recording)
-        self._measured = _measured(recording)
-        poses, landmarks = recording.steps + 1, len(np.unique(self._ids))
+        self._measured = measured_of(recording)
+        poses, landmarks = recording.steps + 1, len(np.unique(require_known_landmarks(recording)))
         self._place = elimination.allocate_place(poses, landmarks)
         self._before = elimination.allocate_place(poses, landmarks)  # its newest scan
         self._linear = elimination.allocate_linear(poses, landmarks, *recording.observation.shape)
         self._chord = chord.allocate_chord(poses, landmarks)
-        self._slot: dict[int, int] = {}  # of each landmark that has been mapped
-        self._unsure: set[int] = set()  # mapped, of bearings that may cease to place them
+        self._mapped = MappedLandmarks(recording, self._measured, self._place)
         self._newest = -1
         self._factor: Float = np.zeros((0, 0))  # (2L, 2L) lower triangular, of the landmarks' information
         self._sigma = np.full(3, np.inf)  # of the newest pose
@@ -85,7 +81,7 @@ class GrowingOptimum:
     @property
     def landmark_ids(self) -> Int:
         """(L,) in the order in which they were mapped."""
-        return np.array(list(self._slot), dtype=np.int64)
+        return self._mapped.ids
 
     def newest_pose(self) -> Float:
         """(3,) x, y [m], heading [rad]."""
@@ -99,7 +95,7 @@ class GrowingOptimum:
 
     def landmarks(self) -> Float:
         """(L, 2) [m], in the order of `landmark_ids`."""
-        return self._place.landmarks[: len(self._slot)].copy()
+        return self._mapped.positions()
 
     def landmark_covs(self) -> Float:
         """(L, 2, 2) [m^2]."""
@@ -139,12 +135,12 @@ class GrowingOptimum:
 
     def _take_in_step(self) -> None:
         """Take in the newest scan, and settle if it is time to."""
-        k, mapped = self._newest, len(self._slot)
+        k, mapped = self._newest, len(self._mapped)
         if self._measured.first[k] == self._measured.first[k + 1]:
             self._take_in(self._place, k)
             return
-        self._map_seen_landmarks()
-        self._linear.at.landmarks[mapped : len(self._slot)] = self._place.landmarks[mapped : len(self._slot)]
+        self._mapped.map_seen(k)
+        self._linear.at.landmarks[mapped : len(self._mapped)] = self._place.landmarks[mapped : len(self._mapped)]
         if not self._take_in_newest_scan(mapped):
             self._settle(anew=True)
         elif k <= SHORT or self._scans >= LONGEST or self._travel * self._bend > MISSED:
@@ -157,14 +153,14 @@ class GrowingOptimum:
 
         Each is taken in once at most: a search may leave it out again.
         """
-        if self.settled and not self._slot and self._newest >= self._seek_at:
+        if self.settled and not len(self._mapped) and self._newest >= self._seek_at:
             self._seek()
         taken_in = set[int]()
-        while self.settled and (placed := self._map_waiting_landmarks(taken_in)):
+        while self.settled and (placed := self._mapped.map_waiting(self._newest, taken_in)):
             taken_in |= placed
-            self._unsure = set(self._slot)
+            self._mapped.doubt_all()
             self._settle(anew=True)
-        if self.settled and self._leave_out_landmarks():
+        if self.settled and self._mapped.leave_out(self._newest):
             self._settle(anew=True)
 
     def _take_in_newest_scan(self, mapped: int) -> bool:
@@ -172,7 +168,7 @@ class GrowingOptimum:
 
         Returns whether the matrices determine all landmarks.
         """
-        k, count, place, linear, before = self._newest, len(self._slot), self._place, self._linear, self._before
+        k, count, place, linear, before = self._newest, len(self._mapped), self._place, self._linear, self._before
         before.poses[k], before.landmarks[:count] = place.poses[k], place.landmarks[:count]
         information = linear.information[: 2 * count, : 2 * count]
         saved = linear.M.copy(), linear.newest_cov.copy(), information.copy()
@@ -194,7 +190,7 @@ class GrowingOptimum:
 
     def _settle(self, *, anew: bool = False) -> None:
         """Go to the minimum of the exact cost, by chord steps or else by a search; stay where neither finds it."""
-        k, count, place = self._newest, len(self._slot), self._place
+        k, count, place = self._newest, len(self._mapped), self._place
         start = place.poses[: k + 1].copy(), place.landmarks[:count].copy()
         last_chi_square = self._chi_square
         self.settled = (not anew or self._linearise_anew()) and self._converge()
@@ -229,7 +225,7 @@ class GrowingOptimum:
     def _chord_step(self) -> float:
         """Move by one; how far that moves the newest pose and what was observed, in sigmas; nan if there is none."""
         measured, linear, place, step = self._measured, self._linear, self._place, self._chord
-        k, count = self._newest, len(self._slot)
+        k, count = self._newest, len(self._mapped)
         change, self._chi_square = chord.find_defects(measured, linear, place, k, step)
         if change * self._reach() > STALE and not self._linearise_anew():
             return np.nan
@@ -259,7 +255,7 @@ class GrowingOptimum:
     def _degrees_of_freedom(self) -> int:
         """Rows of what has been taken in, less the unknowns of its landmarks."""
         taken = self._measured.slot[: self._measured.first[self._newest + 1]] >= 0
-        return int(taken.sum()) * self._recording.observation.shape[1] - 2 * len(self._slot)
+        return int(taken.sum()) * self._recording.observation.shape[1] - 2 * len(self._mapped)
 
     def _seek(self) -> None:
         """Search a minimum; where there is none, leave it for a while."""
@@ -295,8 +291,8 @@ class GrowingOptimum:
     def _move_to(self, taken: Int, found: Minimum) -> bool:
         """Go to a minimum that a search has found; whether its matrices determine all landmarks."""
         self._place.poses[: self._newest + 1] = found.poses
-        self._map_alone(np.unique(taken[taken >= 0]), found.landmarks)
-        self._unsure = set(self._slot)
+        self._mapped.map_alone(self._newest, np.unique(taken[taken >= 0]), found.landmarks)
+        self._mapped.doubt_all()
         self._chi_square = 2.0 * found.cost
         return self._linearise_anew()
 
@@ -304,7 +300,7 @@ class GrowingOptimum:
 
     def _linearise_anew(self) -> bool:
         """Take in all poses again, linearised where path and map stand; whether that determines all landmarks."""
-        k, count, at = self._newest, len(self._slot), self._linear.at
+        k, count, at = self._newest, len(self._mapped), self._linear.at
         at.poses[: k + 1] = self._place.poses[: k + 1]
         at.landmarks[:count] = self._place.landmarks[:count]
         self._linear.information[: 2 * count, : 2 * count] = 0.0
@@ -315,7 +311,7 @@ class GrowingOptimum:
 
         Returns whether that is possible: a landmark on the pose that sees it has no Jacobians.
         """
-        landmarks, until = len(self._slot), self._newest + 1
+        landmarks, until = len(self._mapped), self._newest + 1
         try:
             elimination.take_in(self._measured, self._linear, self._place, before, landmarks, since, until)
         except LinAlgError:
@@ -324,7 +320,7 @@ class GrowingOptimum:
 
     def _factorise(self) -> bool:
         """Whether what the poses leave of the landmarks' information has a factor that rounding does not hide."""
-        width = 2 * len(self._slot)
+        width = 2 * len(self._mapped)
         information = self._linear.information[:width, :width]
         try:
             factor = np.asarray(np.linalg.cholesky(information), dtype=np.float64)
@@ -339,77 +335,3 @@ class GrowingOptimum:
 
     def _solve(self, right: Float) -> Float:
         return cho_solve((self._factor, True), right, check_finite=False) if len(right) else right
-
-    # --- landmarks -------------------------------------------------------------------------------
-
-    def _map_seen_landmarks(self) -> None:
-        """Give slots to the observations of the newest scan; with bearings alone, new landmarks wait."""
-        first, last = self._measured.first[self._newest : self._newest + 2]
-        for row in range(first, last):
-            name = int(self._ids[row])
-            if name not in self._slot and self._recording.sensor != "bearing":
-                self._map_landmark(name, self._landmark_at_sight(row))
-            self._measured.slot[row] = self._slot.get(name, -1)
-
-    def _map_waiting_landmarks(self, but: set[int]) -> set[int]:
-        """Give slots to landmarks that bearings place from the path as it stands, `but` some; which have got one."""
-        rows = np.arange(self._measured.first[self._newest + 1])
-        found, ids = set[int](), self._ids[: len(rows)]
-        for name in sorted({*ids[self._measured.slot[rows] < 0].tolist()} - but):
-            landmark, sigma = triangulate_one(self._recording, rows[ids == name], self._place.poses)
-            if np.isfinite(sigma):
-                self._map_landmark(name, landmark)
-                self._measured.slot[rows[ids == name]] = self._slot[name]
-                found.add(name)
-        return found
-
-    def _leave_out_landmarks(self) -> bool:
-        """Take their slots from landmarks that bearings no longer place; whether there are any."""
-        kept = {name for name in self._slot if name not in self._unsure or self._is_placed(name)}
-        ids = self.landmark_ids
-        if len(kept) == len(ids):
-            return False
-        self._unsure &= kept
-        stays = np.isin(ids, list(kept))
-        self._map_alone(ids[stays], self.landmarks()[stays])
-        return True
-
-    def _is_placed(self, name: int) -> bool:
-        """Whether bearings place a landmark; one that they place well is no longer looked at."""
-        rows = np.flatnonzero(self._ids[: self._measured.first[self._newest + 1]] == name)
-        if np.isfinite(triangulate_one(self._recording, rows, self._place.poses, SURELY)[1]):
-            self._unsure.remove(name)
-            return True
-        return bool(np.isfinite(triangulate_one(self._recording, rows, self._place.poses)[1]))
-
-    def _map_landmark(self, name: int, landmark: Float) -> None:
-        """Give a slot to a landmark (2,)."""
-        slot = self._slot[name] = len(self._slot)
-        self._place.landmarks[slot] = landmark
-
-    def _map_alone(self, ids: Int, landmarks: Float) -> None:
-        """Give slots to landmarks (L, 2) of these ids, and to no others."""
-        self._slot = {name: slot for slot, name in enumerate(ids.tolist())}
-        self._place.landmarks[: len(ids)] = landmarks
-        rows = self._measured.first[self._newest + 1]
-        self._measured.slot[:rows] = [self._slot.get(name, -1) for name in self._ids[:rows].tolist()]
-
-    def _landmark_at_sight(self, row: int) -> Float:
-        """(2,) in the world, of an observation from the newest pose that has a range."""
-        z, pose = self._recording.observation[row], self._place.poses[self._newest]
-        body = z if self._recording.sensor == "position" else z[0] * np.array([np.cos(z[1]), np.sin(z[1])])
-        return pose[:2] + rotation(pose[2]) @ body
-
-
-def _measured(recording: Recording) -> Measured:
-    """The recording as kernels take it; no observation has a slot yet."""
-    return Measured(
-        sensor=SENSORS[recording.sensor],
-        start=np.array(recording.prior_mean, dtype=np.float64),
-        motion=np.concatenate([np.zeros((1, 3)), recording.odometry]),
-        motion_cov=np.concatenate([prior_cov_in_body(recording)[None], recording.odometry_cov]),
-        first=np.searchsorted(recording.observation_step, np.arange(recording.steps + 2)),
-        value=np.ascontiguousarray(recording.observation, dtype=np.float64),
-        whitener=inverse_cholesky(recording.observation_cov),
-        slot=np.full(len(recording.observation), -1),
-    )

@@ -5,8 +5,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from slamgauge.arrays import Float, Int
 from slamgauge.compiled import inner
+from slamgauge.graph_baseline.factors import prior_cov_in_body
+from slamgauge.graph_baseline.linearisation import inverse_cholesky
+from slamgauge.recording import Recording
 
 RANGE_BEARING, POSITION, BEARING = range(3)
 SENSORS = {"range-bearing": RANGE_BEARING, "position": POSITION, "bearing": BEARING}
@@ -23,6 +28,20 @@ class Measured(NamedTuple):
     value: Float  # (M, d)
     whitener: Float  # (M, d, d) lower triangular L^-1 of the covariance L L'
     slot: Int  # (M,)
+
+
+def measured_of(recording: Recording) -> Measured:
+    """The recording as kernels take it; no observation has a slot yet."""
+    return Measured(
+        sensor=SENSORS[recording.sensor],
+        start=np.array(recording.prior_mean, dtype=np.float64),
+        motion=np.concatenate([np.zeros((1, 3)), recording.odometry]),
+        motion_cov=np.concatenate([prior_cov_in_body(recording)[None], recording.odometry_cov]),
+        first=np.searchsorted(recording.observation_step, np.arange(recording.steps + 2)),
+        value=np.ascontiguousarray(recording.observation, dtype=np.float64),
+        whitener=inverse_cholesky(recording.observation_cov),
+        slot=np.full(len(recording.observation), -1),
+    )
 
 
 @inner

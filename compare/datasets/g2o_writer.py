@@ -19,7 +19,8 @@ from slamgauge.compare.storage.triangles import upper_triangles
 from slamgauge.correlations import inverted, scale_of
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain, compose, rotation
+from slamgauge.se2 import chain, rotation
+from slamgauge.sights import positions_seen
 
 
 def write_g2o(path: Path, recording: Recording, *, lend: float | None = None) -> None:
@@ -43,7 +44,7 @@ def write_g2o(path: Path, recording: Recording, *, lend: float | None = None) ->
     path_guess = chain(recording.prior_mean, recording.odometry)
     lines = [
         *_written("VERTEX_SE2", poses[:, None], path_guess),
-        *_written("VERTEX_XY", ids[:, None], _seen_at(recording, path_guess, first)),
+        *_written("VERTEX_XY", ids[:, None], positions_seen(recording, first, path_guess)),
         *_motions(recording, poses, lend),
         *_sights(recording, poses, recording.landmark),
         *_start(recording, int(poses[0]), lend),
@@ -82,15 +83,6 @@ def _sights(recording: Recording, poses: Int, landmark: Int) -> Iterator[str]:
         raise UserError(f"{what}; export the recording as csv or mat")
     sigmas = np.sqrt(np.diagonal(covs, axis1=1, axis2=2))
     return _written("BR", ids, np.column_stack([values[:, ::-1], sigmas[:, ::-1]]))
-
-
-def _seen_at(recording: Recording, path: Float, rows: Int) -> Float:
-    """Positions (n, 2) of landmarks as they were seen in these rows of the observations, from a path (N+1, 3)."""
-    seen, at = recording.observation[rows], path[recording.observation_step[rows]]
-    if recording.sensor != "position":
-        distance = seen[:, 0] if recording.sensor == "range-bearing" else 1.0
-        seen = (distance * np.array([np.cos(seen[:, -1]), np.sin(seen[:, -1])])).T
-    return compose(at, np.column_stack([seen, np.zeros(len(seen))]))[:, :2]
 
 
 def _regular(covs: Float, name: str, lend: float | None) -> Float:
