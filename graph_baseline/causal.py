@@ -10,7 +10,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.correlations import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.demand import require_room_to_grow
+from slamgauge.graph_baseline.demand import require_room, tell_if_long
 from slamgauge.graph_baseline.factors import among_mapped, relative_to_start, require_known_landmarks
 from slamgauge.graph_baseline.growing import GrowingOptimum
 from slamgauge.graph_baseline.hindsight import batch, optimum_from
@@ -41,7 +41,8 @@ def isam2(recording: Recording, association: Int | None = None) -> Estimate:
     """
     if association is not None:
         return among_mapped(isam2(recording.associated(association)), association)
-    require_room_to_grow(recording)
+    require_room(recording, "isam2")
+    tell_if_long(recording)
     growing = GrowingOptimum(recording)
     steps = recording.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)

@@ -11,21 +11,23 @@ from slamgauge.recording import Recording
 
 LONG = 600.0  # s
 RATE = 5e8  # multiply-adds of factors of the landmarks' information in a second, all else that a step takes included
-MAPS, MATRICES, GROWING = 10.0, 4.0, 6.0  # arrays alive at once: of all poses' maps, of the landmarks' information
+MAPS, MATRICES = 10.0, 6.0  # arrays alive at once: of all poses' maps, of the landmarks' information
 
 
-def require_room_in_hindsight(recording: Recording) -> None:
-    """Refuse a recording whose poses' maps (K, 3, 2L+1), K with scans, and information (2L, 2L) do not fit."""
+def require_room(recording: Recording, name: str) -> None:
+    """Refuse a recording whose poses' maps (K, 3, 2L+1), K with scans, and information (2L, 2L) do not fit.
+
+    Both optima need them: the causal one is held against the other in the end.
+    """
     landmarks, scans = _counts(recording)
     needed = 8.0 * (MAPS * 3 * scans * 2 * landmarks + MATRICES * (2 * landmarks) ** 2)
-    require_memory(needed, f"batch of {landmarks} landmarks in {scans} scans", "leave it out or give a part of them")
+    what = f"{name} of {landmarks} landmarks in {scans} scans"
+    require_memory(needed, what, "leave it out or give a part of them")
 
 
-def require_room_to_grow(recording: Recording) -> None:
-    """Refuse a recording whose landmarks' information (2L, 2L) does not fit; say it where growing takes long."""
+def tell_if_long(recording: Recording) -> None:
+    """Say it where the causal optimum takes hours."""
     landmarks, scans = _counts(recording)
-    needed = 8.0 * GROWING * (2 * landmarks) ** 2
-    require_memory(needed, f"isam2 of {landmarks} landmarks", "leave it out or give fewer")
     first = recording.observation_step[first_sights(recording)[1]]
     mapped = np.searchsorted(np.sort(first), np.unique(recording.observation_step), side="right")
     seconds = float(np.sum((2.0 * mapped) ** 3)) / 6.0 / RATE

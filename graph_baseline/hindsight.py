@@ -22,7 +22,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.correlations import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.demand import require_room_in_hindsight
+from slamgauge.graph_baseline.demand import require_room
 from slamgauge.graph_baseline.descent import Minimum
 from slamgauge.graph_baseline.factors import (
     among_mapped,
@@ -52,7 +52,7 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
     """
     if association is not None:
         return among_mapped(batch(recording.associated(association)), association)
-    require_room_in_hindsight(recording)
+    require_room(recording, "batch")
     path = chain(recording.prior_mean, recording.odometry)
     if recording.sensor != "bearing":
         return optimum_from(recording, path)

@@ -31,7 +31,7 @@ def require_memory(needed: float, what: str, remedy: str) -> None:
 
 
 def free_memory() -> float:
-    """Bytes that this process may still take without others being pushed out, as far as the system tells."""
+    """Bytes that are free on this machine, or all that limits allow this process if that is less, as far as is told."""
     return min(_available(), _limit())
 
 
