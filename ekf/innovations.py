@@ -75,10 +75,10 @@ class Log:
         Returns:
             The innovations; None where no update exists: an innovation's covariance is not positive definite.
         """
-        origin_free = allocate_belief(self._landmarks)
+        belief = allocate_belief(self._landmarks)
         _, start, cov = start_of(self._recording.prior_mean, self._recording.prior_cov)
-        origin_free.state[:3] = start
-        origin_free.cov[:3, :3] = cov
+        belief.state[:3] = start
+        belief.cov[:3, :3] = cov
         count = len(self._kept)
         rows = Rows(*np.zeros((4, 2 * count)))
         measured = Measured(
@@ -87,7 +87,7 @@ class Log:
             observation[self._kept],
             observation_cov[self._kept],
         )
-        if run_log(self._code, origin_free, self._order, measured, tails, self._work, rows) != WHOLE:
+        if run_log(self._code, belief, self._order, measured, tails, self._work, rows) != WHOLE:
             return None
         found = np.full((4, len(observation), 2), np.nan)
         found[3] = 0.0

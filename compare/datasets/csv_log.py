@@ -17,7 +17,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.datasets.csv_columns import Source, Table, read_columns, require_known
 from slamgauge.compare.datasets.imported import Imported, diagonal_covariances, identified, of_file
-from slamgauge.compare.datasets.lines import require_order
+from slamgauge.compare.datasets.lines import require_order, require_ranges
 from slamgauge.compare.datasets.mapping import LogMapping, ObservationsTable, OdometryTable, load_mapping
 from slamgauge.compare.datasets.timeline import (
     Odometry,
@@ -135,8 +135,8 @@ def _observations(mapping: LogMapping) -> Table:
     require_known(section.columns, SENSORS, f"{mapping.where}: observations.columns")
     table = read_columns(_source(mapping, section), SENSORS, "observations", section.kind)
     require_order(table.lines, table.values[:, 0], strict=False)
-    if table.kind == "range-bearing" and (negative := table.values[:, 2] < 0.0).any():
-        raise table.lines[int(np.argmax(negative))].refused("the range is negative", "remove the line")
+    if table.kind == "range-bearing":
+        require_ranges(table.lines, table.values[:, 2])
     return table
 
 
@@ -153,8 +153,7 @@ def _wrapped(values: Float, sensor: Sensor) -> Float:
 
 
 def _source(mapping: LogMapping, section: OdometryTable | ObservationsTable) -> Source:
-    units = {"time": section.time, "length": section.length, "angle": section.angle}
-    return Source(mapping.folder / section.file, section.columns, units)
+    return Source(mapping.folder / section.file, section.columns, section.units)
 
 
 # --- truth and start ---------------------------------------------------------------------------
@@ -173,12 +172,11 @@ def _truth(mapping: LogMapping, stamps: Float, landmark: Int | None) -> Truth | 
     section = mapping.truth
     if section.file is None and section.landmarks is None:
         return None
-    units = {"time": section.time, "length": section.length, "angle": section.angle}
     poses = ids = landmarks = None
     if section.file is not None:
         paths = mapping.folder / section.file
         require_known(section.columns, ("poses",), f"{mapping.where}: truth.columns")
-        table = read_columns(Source(paths, section.columns, units), ("poses",), "truth", "poses")
+        table = read_columns(Source(paths, section.columns, section.units), ("poses",), "truth", "poses")
         require_order(table.lines, table.values[:, 0], strict=True)
         if not len(table.values):
             raise UserError(f"{paths}: has no rows; write some, or remove the file")
@@ -186,7 +184,9 @@ def _truth(mapping: LogMapping, stamps: Float, landmark: Int | None) -> Truth | 
     if section.landmarks is not None:
         map_paths = mapping.folder / section.landmarks
         require_known(section.landmark_columns, ("landmarks",), f"{mapping.where}: truth.landmark_columns")
-        table = read_columns(Source(map_paths, section.landmark_columns, units), ("landmarks",), "truth", "landmarks")
+        table = read_columns(
+            Source(map_paths, section.landmark_columns, section.units), ("landmarks",), "truth", "landmarks"
+        )
         ids, landmarks = table.values[:, 0].astype(np.int64), table.values[:, 1:]
     with of_file(mapping.folder / (section.landmarks or section.file or "")):
         return Truth(poses=poses, landmark_ids=ids, landmarks=landmarks, association=landmark)

@@ -137,3 +137,10 @@ def require_order(lines: Sequence[Line], stamps: Float, *, strict: bool) -> None
         at = int(np.argmax(wrong)) + 1
         last, here = stamps[at - 1], stamps[at]
         raise lines[at].refused(f"stamp {here:.9f} comes after {last:.9f}", "sort the lines by time")
+
+
+def require_ranges(lines: Sequence[Line], ranges: Float) -> None:
+    """Refuse the first line whose range [m] is below 0."""
+    negative = ranges < 0.0
+    if negative.any():
+        raise lines[int(np.argmax(negative))].refused("the range is negative", "remove the line")

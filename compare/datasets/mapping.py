@@ -41,28 +41,35 @@ UNITS = {
 
 
 @dataclass(frozen=True)
-class OdometryTable:
+class FileTable:
+    """What may be said of any file: its units, and its own names or numbers of columns."""
+
+    time: Time = "s"
+    length: Length = "m"
+    angle: Angle = "rad"
+    columns: Columns = field(default_factory=Columns)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Of times, lengths and angles."""
+        return {"time": self.time, "length": self.length, "angle": self.angle}
+
+
+@dataclass(frozen=True)
+class OdometryTable(FileTable):
     """The file of odometry. A velocity holds until the next row, or since the last one."""
 
     file: str = "odometry.csv"
     kind: Literal["increments", "velocities", "poses"] | None = None
     holds: Literal["until-next", "since-last"] = "until-next"
-    time: Time = "s"
-    length: Length = "m"
-    angle: Angle = "rad"
-    columns: Columns = field(default_factory=Columns)
 
 
 @dataclass(frozen=True)
-class ObservationsTable:
+class ObservationsTable(FileTable):
     """The file of observations."""
 
     file: str = "observations.csv"
     kind: Literal["range-bearing", "bearing", "position"] | None = None
-    time: Time = "s"
-    length: Length = "m"
-    angle: Angle = "rad"
-    columns: Columns = field(default_factory=Columns)
 
 
 @dataclass(frozen=True)
@@ -88,16 +95,12 @@ class Start:
 
 
 @dataclass(frozen=True)
-class TruthTable:
+class TruthTable(FileTable):
     """The files of ground truth; read if they are there, and if named they must be. Gaps [s] longer than that stay."""
 
     file: str | None = None
     landmarks: str | None = None
     max_gap: float = 1.0
-    time: Time = "s"
-    length: Length = "m"
-    angle: Angle = "rad"
-    columns: Columns = field(default_factory=Columns)
     landmark_columns: Columns = field(default_factory=Columns)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.datasets.imported import Imported, diagonal_covariances, of_file, require_sigmas
-from slamgauge.compare.datasets.lines import Line, read_table, require_order
+from slamgauge.compare.datasets.lines import Line, read_table, require_order, require_ranges
 from slamgauge.compare.datasets.timeline import (
     Odometry,
     constant_twist,
@@ -135,9 +135,7 @@ def _read_sights(folder: Path, prefix: str) -> tuple[Float, Int, list[str]]:
     subject_of = {line.id_at(1): line.id_at(0) for line in barcodes}
     lines, sights = read_table(folder / f"{prefix}Measurement.dat", "time barcode range bearing")
     require_order(lines, sights[:, 0], strict=False)
-    negative = sights[:, 2] < 0.0
-    if negative.any():
-        raise lines[int(np.argmax(negative))].refused("the range is negative", "remove the line")
+    require_ranges(lines, sights[:, 2])
     subjects = np.array([subject_of.get(line.id_at(1), -1) for line in lines], dtype=np.int64)
     left_out: dict[str, Marks] = {
         "are of other robots": (subjects >= 1) & (subjects <= ROBOTS),

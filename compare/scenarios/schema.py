@@ -176,9 +176,9 @@ class Scenario(Section):
             text = "motion.covariances: {name} has {rows} rows for {steps} steps of the path; give one for each"
             known = {"name": motion.name, "rows": len(covs(motion)), "steps": steps}
             raise PydanticCustomError("rows", text, known)
-        for what, largest, most in (("step", 0, steps), ("landmark", 1, len(self.landmarks.all()) - 1)):
-            if sights is not None and sights[largest].max(initial=0) > most:
+        for what, column, most in (("step", 0, steps), ("landmark", 1, len(self.landmarks.all()) - 1)):
+            if sights is not None and sights[column].max(initial=0) > most:
                 text = "sensor.sightings: {what} {value} does not exist; the last one is {most}"
-                known = {"what": what, "value": int(sights[largest].max()), "most": most}
+                known = {"what": what, "value": int(sights[column].max()), "most": most}
                 raise PydanticCustomError("rows", text, known)
         return self

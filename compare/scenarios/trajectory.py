@@ -6,6 +6,7 @@ Every kind has `step` [s]; for a start, the prior's mean, `increments` (N, 3) of
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from typing import Annotated, Literal
 
@@ -35,16 +36,16 @@ class Segment(Section):
     duration: Positive
 
 
-class Steady(Section):
+class Steady(Section, ABC):
     """What the kinds with time steps of equal length `step` [s] have in common."""
 
     step: Positive
 
-    def moves(self, start: Pose) -> Moves:
+    @abstractmethod
+    def moves(self, start: Pose, /) -> Moves:
         """How the robot is driven from a pose on."""
-        raise NotImplementedError
 
-    def increments(self, start: Pose) -> Float:
+    def increments(self, start: Pose, /) -> Float:
         """Body-frame increments (N, 3) [m, m, rad].
 
         Raises:
@@ -57,7 +58,7 @@ class Steady(Section):
         rates = np.array([(speed, 0.0, yaw_rate) for (speed, yaw_rate), _ in moves])
         return np.repeat(rates * self.step, steps, axis=0)
 
-    def stamps(self, start: Pose) -> Float:
+    def stamps(self, start: Pose, /) -> Float:
         """Times (N+1,) of the poses [s]."""
         steps = sum(times for _, times in self.moves(start))
         return np.arange(steps + 1, dtype=np.float64) * self.step
@@ -104,7 +105,7 @@ class Segments(Steady):
         """Number of steps of each segment: its duration to the nearest step, at least one."""
         return tuple(max(1, round(segment.duration / self.step)) for segment in self.segments)
 
-    def moves(self, start: Pose) -> Moves:  # noqa: ARG002
+    def moves(self, _start: Pose, /) -> Moves:
         """A move for each segment."""
         for segment, steps in zip(self.segments, self.steps, strict=True):
             yield (segment.speed, segment.yaw_rate), steps
@@ -122,7 +123,7 @@ class Waypoints(Steady):
     speed: Positive
     yaw_rate: Positive
 
-    def moves(self, start: Pose) -> Moves:
+    def moves(self, start: Pose, /) -> Moves:
         """A turn and a straight stretch for each point; none where there is nothing to turn, or to drive."""
         x, y, heading = start
         for to_x, to_y in self.points:
@@ -147,7 +148,7 @@ class FigureEight(Steady):
     speed: Positive
     laps: Annotated[Whole, Field(ge=1)] = 1
 
-    def moves(self, start: Pose) -> Moves:  # noqa: ARG002
+    def moves(self, _start: Pose, /) -> Moves:
         """A circle, and the other."""
         way = 2.0 * math.pi * self.radius
         for turn in (2.0 * math.pi, -2.0 * math.pi) * self.laps:
@@ -182,7 +183,7 @@ class Csv(Section):
         """Mean time step [s]."""
         return float(np.diff(self.file.rows(PATH_HEADER)[[0, -1], 0])[0] / (len(self.poses) - 1))
 
-    def increments(self, start: Pose) -> Float:  # noqa: ARG002
+    def increments(self, _start: Pose, /) -> Float:
         """Body-frame increments (N, 3) [m, m, rad] between the poses."""
         return between(self.poses[:-1], self.poses[1:])
 
@@ -190,7 +191,7 @@ class Csv(Section):
         """How long each step takes, (N, 1) [s]."""
         return np.diff(self.file.rows(PATH_HEADER)[:, 0])[:, None]
 
-    def stamps(self, start: Pose) -> Float:  # noqa: ARG002
+    def stamps(self, _start: Pose, /) -> Float:
         """Times (N+1,) of the poses [s]."""
         return self.file.rows(PATH_HEADER)[:, 0]
 

@@ -90,14 +90,15 @@ def read_recording_csv(folder: Path) -> Recording:
         raise UserError(f"{start}: has {len(prior)} rows; write one, the prior of the start")
     motion = _read(odometry, ("step", "stamp", *INCREMENT, *POSE_COV))
     _require_steps(odometry, motion[:, 0], first=1)
-    names = _header(observations)
+    lines = read_lines(observations)
+    names = _header(lines)
     sensor: Sensor | None = next(
         (each for each, columns in OBSERVED.items() if names == ("step", "landmark", *columns)), None
     )
     if sensor is None:
         remedy = " or ".join(f"step,landmark,{','.join(columns)}" for columns in OBSERVED.values())
         raise UserError(f"{observations}: line 1 is no header of this file; write {remedy}")
-    seen = _read(observations, names)
+    seen = parse_rows(str(observations), lines, names)
     dim = OBSERVATION_DIM[sensor]
     unknown = seen[:, 1] == -1.0
     if unknown.any() and not unknown.all():
@@ -188,9 +189,8 @@ def _require_steps(path: Path, steps: Float, first: int) -> None:
         raise UserError(f"{path}, line {at + 2}: step {steps[at]:g} where {at + first} should be; sort them")
 
 
-def _header(path: Path) -> tuple[str, ...]:
+def _header(lines: Sequence[str]) -> tuple[str, ...]:
     """The names in the first line of a file."""
-    lines = read_lines(path)
     return tuple(name.strip() for name in lines[0].split(",")) if lines else ()
 
 
@@ -221,7 +221,7 @@ def parse_rows(name: str, lines: Sequence[str], *headers: tuple[str, ...]) -> Fl
     Raises:
         UserError: another header, or a line that does not hold as many finite numbers, by its number.
     """
-    header = tuple(name.strip() for name in lines[0].split(",")) if lines else ()
+    header = _header(lines)
     if header not in headers:
         more = [",".join(each[len(headers[0]) :]) for each in headers[1:]]
         remedy = f"write {','.join(headers[0])}" + "".join(f", with or without {each}" for each in more if each)

@@ -7,21 +7,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from random_recordings import random_recording
-from textbook import textbook_ekf, textbook_fej_ekf, textbook_iekf, textbook_oc_ekf, textbook_riekf
+from textbook_pairs import PAIRS
 
-from slamgauge.ekf import SlamFilter, ekf, fej_ekf, iekf, oc_ekf, riekf
+from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.maps.rules import RULES, Correction
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 
 Estimator = Callable[[Recording], Estimate]
-PAIRS = [
-    pytest.param(ekf, textbook_ekf, id="ekf"),
-    pytest.param(fej_ekf, textbook_fej_ekf, id="fej-ekf"),
-    pytest.param(oc_ekf, textbook_oc_ekf, id="oc-ekf"),
-    pytest.param(iekf, textbook_iekf, id="iekf"),
-    pytest.param(riekf, textbook_riekf, id="riekf"),
-]
 
 
 @pytest.mark.parametrize("sensor", ["range-bearing", "position"])

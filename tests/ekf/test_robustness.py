@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from random_recordings import random_recording
 from scipy.stats import chi2
-from textbook import textbook_ekf, textbook_fej_ekf, textbook_iekf, textbook_oc_ekf, textbook_riekf
+from textbook_pairs import PAIRS
 
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import load_scenario
@@ -30,9 +30,6 @@ from slamgauge.ekf import (
     Robustness,
     SlamFilter,
     ekf,
-    fej_ekf,
-    iekf,
-    oc_ekf,
     riekf,
 )
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
@@ -43,13 +40,6 @@ from slamgauge.recording import Observations, Recording
 from slamgauge.truth import Truth
 
 STUDENT = Robustness("student-t", degrees_of_freedom=2.5)
-PAIRS = [
-    pytest.param(ekf, textbook_ekf, id="ekf"),
-    pytest.param(fej_ekf, textbook_fej_ekf, id="fej-ekf"),
-    pytest.param(oc_ekf, textbook_oc_ekf, id="oc-ekf"),
-    pytest.param(iekf, textbook_iekf, id="iekf"),
-    pytest.param(riekf, textbook_riekf, id="riekf"),
-]
 
 
 def with_outliers(recording: Recording) -> Recording:
