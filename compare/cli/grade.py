@@ -64,9 +64,10 @@ class Grade:
         from slamgauge.compare.grading.grade_table import grade_table
         from slamgauge.compare.grading.grading import grade_folder
         from slamgauge.compare.grading.submissions import submissions_in
+        from slamgauge.compare.storage.names import file_name
         from slamgauge.compare.storage.result_files import GRADES, PAGES, grade_files
 
-        out = self.out or Path("results") / f"grades-{self.folder.resolve().name}"
+        out = self.out or Path("results") / f"grades-{file_name(self.folder.resolve().name)}"
         scenario, (reference,) = sampled_scenario(self.scenario, []), ask([self.reference])
         submissions, timeout = submissions_in(self.folder), require_timeout(self.timeout)
         writes = grade_files(each.name for each in submissions)

@@ -68,10 +68,11 @@ class Run:
         from slamgauge.compare.scenarios.scenario import load_scenario
         from slamgauge.compare.scenarios.simulation import informed, simulate
         from slamgauge.compare.storage.manifest import require_free
+        from slamgauge.compare.storage.names import file_name
         from slamgauge.compare.storage.result_files import comparison_files
 
         scenario = load_scenario(self.scenario, flattened(self.set))
-        out = self.out or Path("results") / f"{scenario.name}-seed-{self.seed}"
+        out = self.out or Path("results") / f"{file_name(scenario.name)}-seed-{self.seed}"
         asked = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
         require_free(out, comparison_files(each.label for each in asked))
         truth, recording = simulate(scenario, self.seed)
@@ -141,6 +142,7 @@ class Evaluate:
         from slamgauge.compare.estimators.asked import ask
         from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
         from slamgauge.compare.storage.files import load_recording, load_truth
+        from slamgauge.compare.storage.names import shown
         from slamgauge.ekf.settings.association import Association as FilterAssociation
         from slamgauge.ekf.settings.robustness import Robustness
         from slamgauge.ekf.settings.rules import fitted, require
@@ -149,7 +151,7 @@ class Evaluate:
         beside = self.recording.with_name("truth.npz")
         path = self.truth or (beside if beside.exists() else None)
         truth = None if path is None else load_truth(path)
-        title = f"{self.recording.parent.resolve().name}/{self.recording.name}"
+        title = shown(f"{self.recording.parent.resolve().name}/{self.recording.name}")
         require(FilterAssociation, "gate", self.gate)
         settings = (
             Association(method=self.association, gate=self.gate),

@@ -30,6 +30,7 @@ class MakeTwin:
         from slamgauge.compare.scoring.optimum_notes import fit_of_the_model
         from slamgauge.compare.storage.files import load_recording
         from slamgauge.compare.storage.manifest import require_free
+        from slamgauge.compare.storage.names import shown
         from slamgauge.compare.storage.result_files import TWIN, TWIN_FILES
         from slamgauge.compare.storage.staged_folder import staged_folder
         from slamgauge.compare.studies.twin import ASSOCIATES, make_twin, write_twin
@@ -38,7 +39,7 @@ class MakeTwin:
         require_free(self.out, TWIN_FILES)
         twin = make_twin(recording)
         with staged_folder(self.out, TWIN_FILES, last=TWIN) as folder:
-            write_twin(folder, twin, f"{self.recording.parent.resolve().name}/{self.recording.name}")
+            write_twin(folder, twin, shown(f"{self.recording.parent.resolve().name}/{self.recording.name}"))
         if not twin.has_ids:
             print(f"no ids: associated by {ASSOCIATES} with jcbb, right or wrong", file=sys.stderr)
         if twin.left_out:

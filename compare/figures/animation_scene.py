@@ -154,7 +154,7 @@ def _keys(truth: Truth, mapped: Mapping[str, Estimate], chosen: Mapping[str, Sty
         yield key("mapped landmark", color=MARK_COLOR, **POINT)
     if len(histories) < len(mapped):
         yield key("landmark as mapped in the end", color=MARK_COLOR, alpha=FAINT, **POINT)
-    yield key(r"3$\sigma$ ellipse", color=MARK_COLOR, **MEMBER)
+    yield key("3σ ellipse", color=MARK_COLOR, **MEMBER)
     if any(has_rays(estimate) for estimate in histories):
         yield key("likeliest member of a ray", color=MARK_COLOR, **HEAVIEST)
 

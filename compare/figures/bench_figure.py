@@ -5,28 +5,31 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 from slamgauge.compare.bench.bench import step_time
-from slamgauge.compare.figures.plot_style import LEGEND, styles
+from slamgauge.compare.figures.plot_style import LEGEND, plain_numbers, styles
 
 
 def save_bench_figure(path: Path, result: dict[str, Any]) -> None:
     """Step time (median, or mean of a whole run) and its 95 % quantile against map size, both axes logarithmic."""
-    figure = Figure(figsize=(5.6, 3.4), layout="constrained")
-    axes = figure.subplots()
-    for name, style in styles(result["estimators"]).items():
-        by_size = result["estimators"][name]
-        sizes = [int(size) for size in by_size]
-        times = np.array([step_time(figures) for figures in by_size.values()]) * 1e3
-        high = np.array([figures.get("p95_s", np.nan) for figures in by_size.values()]) * 1e3
-        axes.plot(sizes, times, color=style.color, linestyle=style.dashes, marker="o", markersize=3, label=name)
-        axes.plot(sizes, high, color=style.color, linestyle="none", marker="_", markersize=6)
-    axes.set(xscale="log", yscale="log", xlabel="landmarks", ylabel="ms a step (dash: 95 %)")
-    sizes = sorted({int(size) for by_size in result["estimators"].values() for size in by_size})
-    axes.set_xticks(sizes, [str(size) for size in sizes])
-    axes.minorticks_off()
-    axes.grid(visible=True, which="major", linewidth=0.3)
-    figure.legend(loc="outside right center", **LEGEND)
-    figure.savefig(path, dpi=200)
+    with mpl.rc_context({"text.parse_math": False}):
+        figure = Figure(figsize=(5.6, 3.4), layout="constrained")
+        axes = figure.subplots()
+        for name, style in styles(result["estimators"]).items():
+            by_size = result["estimators"][name]
+            sizes = [int(size) for size in by_size]
+            times = np.array([step_time(figures) for figures in by_size.values()]) * 1e3
+            high = np.array([figures.get("p95_s", np.nan) for figures in by_size.values()]) * 1e3
+            axes.plot(sizes, times, color=style.color, linestyle=style.dashes, marker="o", markersize=3, label=name)
+            axes.plot(sizes, high, color=style.color, linestyle="none", marker="_", markersize=6)
+        axes.set(xscale="log", yscale="log", xlabel="landmarks", ylabel="ms a step (dash: 95 %)")
+        sizes = sorted({int(size) for by_size in result["estimators"].values() for size in by_size})
+        axes.set_xticks(sizes, [str(size) for size in sizes])
+        axes.minorticks_off()
+        plain_numbers(axes.yaxis)
+        axes.grid(visible=True, which="major", linewidth=0.3)
+        figure.legend(loc="outside right center", **LEGEND)
+        figure.savefig(path, dpi=200)

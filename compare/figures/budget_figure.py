@@ -7,8 +7,9 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from slamgauge.compare.figures.plot_style import PRINT, TRUTH_COLOR, save_png_and_svg
+from slamgauge.compare.figures.plot_style import PRINT, TRUTH_COLOR, WRAPPED, save_png_and_svg
 from slamgauge.compare.scoring.optimum_notes import MARK
+from slamgauge.compare.storage.names import math_text
 from slamgauge.compare.studies.budget import ErrorBudget, doubts, verdict
 
 BASE, COST, GAIN = "#777777", "#CC3311", "#009988"
@@ -40,5 +41,6 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
         axes.margins(y=0.12)
         axes.set_ylim(bottom=0)
         lines = [verdict(budget).replace("; ", ";\n", 1), *doubts(budget)]
-        axes.set_title("\n".join(line.replace(": ", ":\n", 1) for line in lines), loc="left", wrap=True)
+        title = "\n".join(line.replace(": ", ":\n", 1) for line in lines)
+        axes.set_title(math_text(title), loc="left", **WRAPPED)
         save_png_and_svg(figure, out / "budget")

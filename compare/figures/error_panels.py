@@ -69,12 +69,12 @@ def plot_errors(
 def _reference(truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]) -> _Reference:
     """The truth, or else the best estimate that is there, or else nothing (NaN)."""
     if truth is not None and truth.poses is not None:
-        return _Reference(r"error and ±3$\sigma$", truth.poses)
+        return _Reference("error and ±3σ", truth.poses)
     for name in (HINDSIGHT, CAUSAL):
         if name in estimates:
             mark = MARK if is_in_doubt(estimates[name].optimum_check) else ""
-            return _Reference(rf"difference to {name}{mark} and ±3$\sigma$", estimates[name].poses, name)
-    return _Reference(r"±3$\sigma$ alone: no truth, no optimum", np.full((recording.steps + 1, 3), np.nan))
+            return _Reference(f"difference to {name}{mark} and ±3σ", estimates[name].poses, name)
+    return _Reference("±3σ alone: no truth, no optimum", np.full((recording.steps + 1, 3), np.nan))
 
 
 def _three_sigma(estimate: Estimate) -> Float:

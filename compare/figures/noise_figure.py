@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import ndtri
 
-from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, save_png_and_svg
+from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, plain_numbers, save_png_and_svg
 from slamgauge.compare.noise.diagnosis import Diagnosis
 from slamgauge.compare.noise.finding import Noise
 from slamgauge.compare.noise.words import verdict
@@ -69,6 +69,7 @@ def _draw_sigmas(axes: Axes, noise: Noise) -> None:
     axes.set_yticks(range(len(noise.parameters)), [*noise.parameters])
     axes.set_ylim(len(noise.parameters) - 0.5, -0.7)
     axes.set(xscale="log", xlabel="sigma found / assumed, 95 % interval", title="noise")
+    plain_numbers(axes.xaxis)
     low, high = axes.get_xlim()
     axes.set_xlim(min(max(low, 1 / SHOWN), 0.5), max(min(high, SHOWN), 2.0))
     axes.grid(visible=True, axis="x", which="major", linewidth=0.3)
@@ -84,6 +85,7 @@ def _draw_nis(axes: Axes, noise: Noise) -> None:
     axes.fill_between(range(len(bands)), lows, highs, step="mid", color=MARK_COLOR, alpha=0.25, linewidth=0)
     axes.axhline(1.0, color=TRUTH_COLOR, linewidth=0.5)
     axes.set(xlabel="landmarks in the order of ids", ylabel="NIS a row (grey: 95 %)", yscale="log", title="by landmark")
+    plain_numbers(axes.yaxis)
     axes.set_xticks([])
 
 

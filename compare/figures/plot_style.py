@@ -6,7 +6,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation
 
 from slamgauge.compare.estimators.registry import DEAD_RECKONING as DEAD_RECKONING
 from slamgauge.compare.estimators.registry import REGISTRY
@@ -27,9 +29,24 @@ PRINT: dict[Any, Any] = {
     "axes.linewidth": 0.6,
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
+    "text.parse_math": False,  # names of others may hold dollars; numbers on axes are plain (`plain_numbers`)
     "svg.hashsalt": "slamgauge",  # the same run gives the same file
 }
+WRAPPED: dict[str, Any] = {"wrap": True, "parse_math": True}  # what is wrapped is read for formulas: `math_text`
 LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 2.6, "handletextpad": 0.6, "columnspacing": 1.2}
+
+
+class _PlainLogarithm(LogFormatterSciNotation):
+    """Which ticks get a number is matplotlib's choice; the number is a plain one."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{x:g}" if super().__call__(x, pos) else ""
+
+
+def plain_numbers(axis: Axis) -> None:
+    """Numbers of a logarithmic axis without powers of ten, which are formulas."""
+    axis.set_major_formatter(_PlainLogarithm())
+    axis.set_minor_formatter(_PlainLogarithm())
 
 
 class Style(NamedTuple):

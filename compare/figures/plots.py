@@ -107,7 +107,7 @@ def _draw_marks(ax: Axes, truth: Truth, recording: Recording, paths: Mapping[str
     ax.plot(*recording.prior_mean[:2, None], "o", color=TRUTH_COLOR, markersize=4, label="start", zorder=4)
     ax.plot([], [], ".", color=MARK_COLOR, markersize=2.5, label="mapped landmark")
     if ax.collections:
-        ax.plot([], [], "o", label=r"3$\sigma$ ellipse", **OUTLINE)
+        ax.plot([], [], "o", label="3σ ellipse", **OUTLINE)
 
 
 def _frame(ax: Axes, paths: Mapping[str, Float], others: list[Float]) -> None:

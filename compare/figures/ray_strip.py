@@ -134,7 +134,7 @@ def _keys(truth: Truth, name: str, style: Style) -> list[Line2D]:
         keys.append(key("true landmark", **TRUE_LANDMARK))
     return [
         *keys,
-        key(r"3$\sigma$ of a member, dark if likely", color=style.color, **MEMBER),
+        key("3σ of a member, dark if likely", color=style.color, **MEMBER),
         key("likeliest member of a ray", color=style.color, **HEAVIEST),
         key("landmark", color=style.color, **POINT),
         key("landmark since the frame before", **SURVIVOR),

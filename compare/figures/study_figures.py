@@ -12,10 +12,11 @@ from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
-from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, save_png_and_svg, styles
+from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, WRAPPED, save_png_and_svg, styles
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
 from slamgauge.compare.scoring.over_runs import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
 from slamgauge.compare.scoring.runs import Runs, paired
+from slamgauge.compare.storage.names import math_text
 from slamgauge.compare.studies.summary import Summary, is_marked_against, misfit_optima, share_in_doubt
 
 RUNS_DRAWN = 50  # error curves; more are one grey mass
@@ -37,7 +38,8 @@ def save_study_figures(out: Path, summary: Summary, runs: Mapping[str, Runs], st
         }
         for name, figure in figures.items():
             if figure is not None:
-                figure.suptitle("\n".join(filter(None, (title, *(doubts if name == "ratios" else ())))), wrap=True)
+                lines = filter(None, (title, *(doubts if name == "ratios" else ())))
+                figure.suptitle(math_text("\n".join(lines)), **WRAPPED)
                 save_png_and_svg(figure, out / name)
 
 
@@ -96,7 +98,7 @@ def _errors(runs: Mapping[str, Runs], step: float) -> Figure | None:
             for side in (-bound, bound):
                 axes.plot(time, side, color=style.color, linestyle=style.dashes, linewidth=1.2)
         row[0].set_ylabel(name)
-    figure.supylabel(r"error of each run (grey), mean 3$\sigma$ bound (dashed)", fontsize=7.5)
+    figure.supylabel("error of each run (grey), mean 3σ bound (dashed)", fontsize=7.5)
     return figure
 
 

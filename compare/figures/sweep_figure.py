@@ -11,9 +11,19 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from slamgauge.compare.estimators.registry import CAUSAL, REGISTRY, is_yardstick
-from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, Style, save_png_and_svg, styles
+from slamgauge.compare.figures.plot_style import (
+    LEGEND,
+    MARK_COLOR,
+    PRINT,
+    TRUTH_COLOR,
+    WRAPPED,
+    Style,
+    save_png_and_svg,
+    styles,
+)
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import at_places, distance_in_runs
+from slamgauge.compare.storage.names import math_text
 from slamgauge.compare.studies.sweep import Sweep, shares_in_doubt
 
 PANELS = (
@@ -44,7 +54,8 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
         handles, labels = figure.axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=6, **LEGEND)
         title = f"{sweep.scenario}, {sweep.runs} runs at each value (bars: 95 % intervals)"
-        figure.suptitle("\n".join([title, *at_places(CAUSAL, shares_in_doubt(sweep), distance_in_runs)]), wrap=True)
+        lines = [title, *at_places(CAUSAL, shares_in_doubt(sweep), distance_in_runs)]
+        figure.suptitle(math_text("\n".join(lines)), **WRAPPED)
         save_png_and_svg(figure, out / "sweep")
 
 

@@ -13,6 +13,7 @@ from slamgauge.compare.grading.grading import Grades
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.text_table import interval_cell
 from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.names import shown
 from slamgauge.compare.storage.result_files import GRADES, GRADES_XML, PAGES
 
 
@@ -85,7 +86,7 @@ def _junit(grades: Grades) -> ElementTree.Element:
     for each in grades.grades:
         seconds = sum(score.seconds_total or 0.0 for score in each.trial.scores)
         case = ElementTree.SubElement(
-            suite, "testcase", classname=grades.folder.name, name=each.submission, time=f"{seconds:.3f}"
+            suite, "testcase", classname=shown(grades.folder.name), name=each.submission, time=f"{seconds:.3f}"
         )
         if each.reasons:
             kind = "failure" if each.is_graded else "error"

@@ -32,6 +32,7 @@ from slamgauge.compare.scenarios.schema import (
 from slamgauge.compare.scenarios.sensor import Sensor
 from slamgauge.compare.scenarios.tables import FOLDER
 from slamgauge.compare.scenarios.trajectory import KINDS, Segment, kind_of
+from slamgauge.compare.storage.names import shown
 from slamgauge.compare.storage.toml_tables import Table
 from slamgauge.compare.storage.toml_tables import override as set_key
 from slamgauge.errors import UserError
@@ -75,7 +76,7 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
     mistakes = ["name: unknown key; the file's own name is the scenario's name"] if "name" in table else []
     try:
         files = {FOLDER: Path(where).parent if source == Path(where) else Path()}
-        scenario = Scenario.model_validate({**table, "name": Path(source.name).stem}, context=files)
+        scenario = Scenario.model_validate({**table, "name": shown(Path(source.name).stem)}, context=files)
     except ValidationError as error:
         mistakes += _mistakes(error, table)
     else:

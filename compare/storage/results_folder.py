@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from slamgauge.compare.storage.files import explained, load_estimate, load_recording, load_truth
+from slamgauge.compare.storage.names import shown
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -53,5 +54,5 @@ def load_results(folder: Path) -> Results:
                 f"{folder / 'estimates' / name}.npz: {len(estimate.poses)} poses, "
                 f"but the recording beside it needs {recording.steps + 1}; run the command again"
             )
-    title = folder.resolve().name if scenario is None else f"{scenario}, seed {seed}"
+    title = shown(folder.resolve().name if scenario is None else f"{scenario}, seed {seed}")
     return Results(title, truth, recording, estimates)
