@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compiled import announced
+from slamgauge.compiling import announced
 from slamgauge.ekf.kernels.belief import allocate_belief
 from slamgauge.ekf.kernels.evidence import WHOLE, Measured, Order, run_log
 from slamgauge.ekf.kernels.models import SENSOR_CODES

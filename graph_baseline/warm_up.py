@@ -6,7 +6,7 @@ import functools
 
 import numpy as np
 
-from slamgauge.compiled import announced
+from slamgauge.compiling import announced
 from slamgauge.graph_baseline import chord, elimination, recursions
 from slamgauge.graph_baseline.models import POSITION, Measured
 

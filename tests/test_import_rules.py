@@ -38,6 +38,7 @@ ROOMS = {
 LIBRARIES = {
     "slamgauge": {"numpy"},
     "slamgauge.compiled": {"numba"},
+    "slamgauge.kept_code": {"numba"},
     "slamgauge.ekf": {"numpy", "scipy"},
     "slamgauge.ekf.kernels.blas": {"numba", "llvmlite"},
     "slamgauge.graph_baseline": {"numpy", "scipy", "gtsam"},

@@ -6,7 +6,7 @@ import functools
 
 import numpy as np
 
-from slamgauge.compiled import announced
+from slamgauge.compiling import announced
 from slamgauge.ekf.kernels import compatibility, corrections, iterated, linear, map_edits, one_by_one
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import Belief, allocate_belief
