@@ -71,3 +71,9 @@ def require_sigmas(**sigmas: float) -> None:
     for name, sigma in sigmas.items():
         if not 0.0 <= sigma < np.inf or (sigma == 0.0 and name in ("range", "bearing")):
             raise UserError(f"{name.replace('_', '-')}: {sigma:g} is no standard deviation; give a number > 0")
+
+
+def require_max_range(max_range: float) -> None:
+    """Refuse a range [m] given as an option that nothing would be within; infinity is one."""
+    if not max_range > 0.0:
+        raise UserError(f"max-range: {max_range:g} m lets nothing be seen; give metres above 0")

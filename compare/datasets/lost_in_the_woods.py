@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import zlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slamgauge.arrays import Float
-from slamgauge.compare.storage.files import explained
+from slamgauge.compare.datasets.imported import require_max_range, require_sigmas
+from slamgauge.compare.datasets.lines import LARGEST
+from slamgauge.compare.datasets.mat_arrays import read_mat
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, wrap
 from slamgauge.truth import Truth
 
-_HEADER = b"MATLAB 5.0 MAT-file"
 _COLUMNS = ("t", "v", "om", "x_true", "y_true", "th_true", "true_valid")
 _SCALARS = ("d", "r_var", "b_var", "v_var", "om_var")
 _TABLES = ("r", "b", "l")
@@ -40,6 +38,8 @@ def read_lost_in_the_woods(
     Raises:
         UserError: With the file, the field and the remedy.
     """
+    require_max_range(max_range)
+    require_sigmas(lateral_slip=lateral_slip)
     fields = _read_fields(path)
     poses = _true_sensor_poses(fields)
     if np.isnan(poses[0]).any():
@@ -93,12 +93,13 @@ def _sensor_increments(fields: Fields, lateral_slip: float) -> tuple[Float, Floa
 
 
 def _read_fields(path: str | Path) -> Fields:
-    """The file's columns (N+1,), tables (N+1, L) and (L, 2) and scalars (), finite."""
-    raw = _load_mat(path)
-    for name in (*_COLUMNS, *_SCALARS, *_TABLES):
+    """The file's columns (N+1,), tables (N+1, L) and (L, 2) and scalars (), of a believable size."""
+    names = (*_COLUMNS, *_SCALARS, *_TABLES)
+    raw = read_mat(Path(path), names)
+    for name in names:
         if name not in raw:
             raise UserError(f"{path}: field {name} is missing; give dataset2.mat of Lost in the Woods")
-        if raw[name].dtype.kind not in "fiub" or not np.isfinite(raw[name]).all():
+        if not (np.abs(raw[name]) < LARGEST).all():
             raise UserError(f"{path}: field {name} does not hold finite numbers; correct it")
     steps, landmarks = len(raw["t"]), len(raw["l"])
     shapes = dict.fromkeys(_COLUMNS, (steps, 1)) | dict.fromkeys(_SCALARS, (1, 1))
@@ -106,19 +107,6 @@ def _read_fields(path: str | Path) -> Fields:
     for name, shape in shapes.items():
         if raw[name].shape != shape:
             raise UserError(f"{path}: field {name} has shape {raw[name].shape}, not {shape}; correct it")
-    fields = {name: raw[name].astype(np.float64) for name in shapes}
-    return fields | {name: fields[name][:, 0] for name in _COLUMNS} | {name: fields[name][0, 0] for name in _SCALARS}
-
-
-def _load_mat(path: str | Path) -> dict[str, NDArray[Any]]:
-    from scipy.io import loadmat  # imported here: slow, and for this format alone
-    from scipy.io.matlab import MatReadError
-
-    with explained(path, "read"), Path(path).open("rb") as file:
-        if file.read(len(_HEADER)) != _HEADER:
-            raise UserError(f"{path}: not a MATLAB 5 file; give dataset2.mat of Lost in the Woods")
-        file.seek(0)
-        try:
-            return loadmat(file, variable_names=[*_COLUMNS, *_SCALARS, *_TABLES])
-        except (MatReadError, OSError, ValueError, TypeError, IndexError, zlib.error):
-            raise UserError(f"{path}: damaged or cut short; copy the file again") from None
+    if not steps:
+        raise UserError(f"{path}: field t has no steps; give dataset2.mat of Lost in the Woods")
+    return raw | {name: raw[name][:, 0] for name in _COLUMNS} | {name: raw[name][0, 0] for name in _SCALARS}

@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from slamgauge.compare.datasets.imported import require_max_range
+from slamgauge.compare.datasets.lines import LARGEST, LARGEST_ID
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.triangles import from_triangles
 from slamgauge.errors import UserError
@@ -42,6 +44,7 @@ def read_victoria_park(path: str | Path, *, max_range: float = math.inf) -> Reco
     Raises:
         UserError: With the file, the line and the remedy.
     """
+    require_max_range(max_range)
     odometry, sightings = _read_edges(path)
     step_of = _chain(odometry)
     for edge in sightings:
@@ -92,7 +95,8 @@ def _edge(where: str, keyword: str, words: list[str]) -> _Edge:
         numbers = [float(word) for word in words[2:]]
     except ValueError:
         start, end, numbers = -1, -1, []
-    if min(start, end) < 0 or len(numbers) != expected or not all(map(math.isfinite, numbers)):
+    are_ids = min(start, end) >= 0 and max(start, end) < LARGEST_ID
+    if not are_ids or len(numbers) != expected or not all(abs(number) < LARGEST for number in numbers):
         raise UserError(f"{where}: {keyword} needs two ids >= 0 and {expected} finite numbers; correct the line")
     return _Edge(where, start, end, numbers)
 

@@ -33,7 +33,7 @@ from slamgauge.compare.scenarios.sensor import Sensor
 from slamgauge.compare.scenarios.tables import FOLDER
 from slamgauge.compare.scenarios.trajectory import KINDS, Segment, kind_of
 from slamgauge.compare.storage.names import shown
-from slamgauge.compare.storage.toml_tables import Table
+from slamgauge.compare.storage.toml_tables import Table, parse_toml
 from slamgauge.compare.storage.toml_tables import override as set_key
 from slamgauge.errors import UserError
 from slamgauge.near_names import did_you_mean, near_names
@@ -108,7 +108,7 @@ def _parse(source: Traversable, where: str) -> Table:
     except UnicodeDecodeError:
         raise ScenarioError(f"{where}: not a text in UTF-8; save it as such") from None
     try:
-        return tomllib.loads(text)
+        return parse_toml(text)
     except tomllib.TOMLDecodeError as error:
         message = str(error).replace("at end of document", f"at line {len(text.splitlines())}, the end")
         raise ScenarioError(f"{where}: not valid TOML: {message}; correct that line") from None

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import json
-import struct
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Generator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.lib.npyio import NpzFile
-from numpy.typing import NDArray
 
 from slamgauge.arrays import Float
+from slamgauge.compare.storage.npz_file import read_npz
 from slamgauge.compare.storage.triangles import upper_triangles
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, MapHistory, RayLog
@@ -28,20 +23,6 @@ from slamgauge.truth import Truth
 Record = TypeVar("Record", Recording, Truth, Estimate)
 
 RECORDS_WITHIN: set[type[object]] = {RayLog, MapHistory}  # records that are fields of an `Estimate`
-
-# what numpy raises at a damaged, truncated or pickled file
-_BROKEN = (
-    ValueError,
-    EOFError,
-    KeyError,
-    RuntimeError,
-    MemoryError,
-    SyntaxError,
-    struct.error,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
 
 
 @contextmanager
@@ -95,7 +76,7 @@ def load_estimate(path: str | Path) -> Estimate:
 
 def load_recording_or_estimate(path: str | Path) -> Recording | Estimate:
     """Whichever of the two an npz file holds; `UserError` with path and remedy if it holds neither."""
-    values = dict(_read_npz(path))
+    values = _read(path)
     return _made(path, Estimate if "kind" in values else Recording, values)
 
 
@@ -130,7 +111,7 @@ def write_json(path: Path, content: object) -> None:
 
 
 def _load(path: str | Path, kind: type[Record]) -> Record:
-    return _made(path, kind, dict(_read_npz(path)))
+    return _made(path, kind, _read(path))
 
 
 def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str = "") -> Any:
@@ -157,12 +138,6 @@ def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str
         raise UserError(f"{path}: {error}") from None
 
 
-def _read_npz(path: str | Path) -> dict[str, NDArray[Any]]:
-    arrays = None
-    with explained(path, "read"), Path(path).open("rb") as file, suppress(*_BROKEN):
-        archive = np.load(file, allow_pickle=False)
-        if isinstance(archive, NpzFile):  # np.load reads other formats too
-            arrays = {name: np.asarray(archive[name]) for name in archive}
-    if arrays is None:
-        raise UserError(f"{path}: not a whole npz file of plain arrays; write it again with numpy.savez")
-    return arrays
+def _read(path: str | Path) -> dict[str, Any]:
+    with explained(path, "read"):
+        return read_npz(Path(path))

@@ -14,12 +14,28 @@ from slamgauge.errors import UserError
 Table = dict[str, Any]
 
 
+def parse_toml(text: str) -> Table:
+    """`tomllib.loads`, by which what no table can hold is not valid TOML either.
+
+    Raises:
+        tomllib.TOMLDecodeError: where and why.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        raise
+    except RecursionError:
+        raise tomllib.TOMLDecodeError("brackets within brackets, too many for Python") from None
+    except ValueError:  # of `int`, which refuses some thousands of digits
+        raise tomllib.TOMLDecodeError("a number has too many digits for Python") from None
+
+
 def read_toml(path: Path) -> Table:
     """The tables of a TOML file; `UserError` with the line if it is none."""
     with explained(path, "read"):
         content = path.read_bytes()
     try:
-        return tomllib.loads(content.decode("utf-8-sig"))
+        return parse_toml(content.decode("utf-8-sig"))
     except UnicodeDecodeError:
         raise UserError(f"{path}: not a text in UTF-8; save it as such") from None
     except tomllib.TOMLDecodeError as error:
@@ -43,7 +59,7 @@ def override(table: Table, text: str) -> None:
             table[section] = {}
         table = table[section]
     try:
-        table[key] = tomllib.loads(f"value = {value}")["value"]
+        table[key] = parse_toml(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         table[key] = value.strip()
 

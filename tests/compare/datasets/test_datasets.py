@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
+from scipy.sparse import csc_matrix
 
 from slamgauge.arrays import Float
 from slamgauge.compare.datasets.lost_in_the_woods import read_lost_in_the_woods
@@ -114,6 +115,21 @@ def test_malformed_parks_are_refused_with_their_line(park: Write, old: str, new:
     assert message.removeprefix(": ") in str(caught.value)
 
 
+@pytest.mark.parametrize("name", [str(10**20), str(2**53), "1" * 5000])
+def test_ids_that_no_number_holds_are_refused_with_their_line(park: Write, name: str):
+    for line, old in ((3, "LANDMARK 3 2"), (1, "ODOMETRY 0 1")):
+        path = park(PARK.replace(old, f"{old.rsplit(' ', 1)[0]} {name}", 1))
+        with pytest.raises(ValueError, match=rf"line {line}: {old.split()[0]} needs two ids[^\n]*$"):
+            read_victoria_park(path)
+
+
+@pytest.mark.parametrize("reach", [np.nan, -1.0, 0.0])
+def test_ranges_that_let_nothing_be_seen_are_refused(park: Write, tmp_path: Path, reach: float):
+    for read_it, path in ((read_victoria_park, park(PARK)), (read_lost_in_the_woods, tmp_path / "none.mat")):
+        with pytest.raises(ValueError, match=r"^max-range: (nan|-1|0) m lets nothing be seen; give metres above 0$"):
+            read_it(path, max_range=reach)
+
+
 def test_missing_parks(tmp_path: Path):
     with pytest.raises(ValueError, match=r"none.txt: cannot be read \(No such file or directory\); check the path"):
         read_victoria_park(tmp_path / "none.txt")
@@ -131,6 +147,9 @@ def woods(**changes: Any) -> dict[str, Any]:
     fields |= {"r": np.array([[1.0], [0.0], [9.0], [5.0]]), "b": 4.0 * column, "l": [[7.0, 8.0]]}
     fields |= {"r_var": 0.1, "b_var": 0.2, "v_var": 0.01, "om_var": 0.04}
     return {name: value for name, value in (fields | changes).items() if value is not None}
+
+
+EMPTY = ("v", "om", "x_true", "y_true", "th_true", "true_valid", "r", "b")  # beside t, columns of the steps
 
 
 def read(path: Path, **changes: Any) -> tuple[Recording, Truth]:
@@ -180,7 +199,13 @@ def test_woods_observations(tmp_path: Path):
         ({"v": np.ones((3, 1))}, "field v has shape (3, 1), not (4, 1); correct it"),
         ({"r": np.ones((4, 2))}, "field r has shape (4, 2), not (4, 1); correct it"),
         ({"om": np.full((4, 1), np.nan)}, "field om does not hold finite numbers; correct it"),
-        ({"d": "half"}, "field d does not hold finite numbers; correct it"),
+        ({"d": "half"}, "field d is text; save a full matrix of real numbers"),
+        ({"r": csc_matrix(np.eye(4)[:, :1])}, "field r is sparse; save a full matrix of real numbers"),
+        ({"om": np.full((4, 1), 1 + 1e-9j)}, "field om is complex; save a full matrix of real numbers"),
+        ({"t": {"a": 1}}, "field t is a struct; save a full matrix of real numbers"),
+        ({"t": np.ones((4, 1, 2))}, "field t has shape (4, 1, 2); save a matrix of rows and columns"),
+        ({"t": np.zeros((0, 1))} | dict.fromkeys(EMPTY, np.zeros((0, 1))), "field t has no steps"),
+        ({"v": np.full((4, 1), 1e60)}, "field v does not hold finite numbers; correct it"),
         ({"true_valid": np.zeros((4, 1))}, "true_valid: no ground truth at the first step"),
         ({"t": np.ones((4, 1))}, "stamps[1]"),
     ],

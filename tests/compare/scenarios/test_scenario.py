@@ -203,6 +203,16 @@ def test_syntax_errors_name_file_and_line(write: Write, text: str, line: int):
     assert f"at line {line}," in mistake
 
 
+@pytest.mark.parametrize("value", ["[" * 3000 + "]" * 3000, "1" * 5000])
+def test_values_that_python_cannot_read_are_a_line(write: Write, value: str):
+    path = write(f'extends = "q1-short-dense"\n[sensor]\nmax_range = {value}\n')
+    for load in (lambda: load_scenario(path), lambda: load_scenario("q1-short-dense", [f"sensor.max_range={value}"])):
+        with pytest.raises(ScenarioError) as caught:
+            load()
+        assert len(str(caught.value)) < 300
+        assert "\n" not in str(caught.value)
+
+
 def test_unknown_names_list_near_misses_or_all():
     assert "did you mean q1-long-dense" in mistakes("q1-long-dens")[0]
     assert all(name in mistakes("zzz")[0] for name, _ in shipped_scenarios())

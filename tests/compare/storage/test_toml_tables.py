@@ -32,9 +32,19 @@ def test_overrides_make_their_sections():
     [
         (b"a = \n", "not valid TOML: .*line 1"),
         (b"a = '\xff'", "not a text in UTF-8"),
+        (b"a = " + b"[" * 3000 + b"]" * 3000, "not valid TOML: brackets within brackets, too many for Python"),
+        (b"a = " + b"{a=" * 3000 + b"1" + b"}" * 3000, "not valid TOML: brackets within brackets"),
+        (b"a = " + b"1" * 5000, "not valid TOML: a number has too many digits for Python; correct that line"),
     ],
 )
 def test_files_that_are_no_toml(tmp_path: Path, content: bytes, message: str):
     (tmp_path / "file.toml").write_bytes(content)
     with pytest.raises(UserError, match=message):
         read_toml(tmp_path / "file.toml")
+
+
+@pytest.mark.parametrize("value", ["[" * 3000 + "]" * 3000, "1" * 5000])
+def test_values_that_are_no_toml_for_python_are_bare_words(value: str):
+    table: dict[str, object] = {}
+    override(table, f"a={value}")
+    assert table == {"a": value}

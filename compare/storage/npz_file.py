@@ -1,0 +1,111 @@
+"""npz files that anybody may have written: what is in them is known from their headers before room is made for it.
+
+Read is what `numpy.savez` and `numpy.savez_compressed` write of plain arrays: numbers, truth values and texts. Their
+sums of check are the zip file's own; a damaged array is never returned.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import math
+import struct
+import tokenize
+import warnings
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from slamgauge.errors import UserError
+from slamgauge.memory import require_memory
+
+PLAIN = "biufU"  # kinds of numpy types: truth values, whole numbers, real ones, texts
+METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
+LONGEST_HEADER = 10_000  # bytes of what stands before the numbers
+COPIES = 5.0  # of the arrays, alive at once while a record of them is checked
+
+_BROKEN = (  # what a damaged or foreign file raises
+    ValueError,
+    EOFError,
+    KeyError,
+    OverflowError,
+    RuntimeError,
+    SyntaxError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
+
+class _Header(NamedTuple):
+    """What is said of an array before its numbers begin at `start`."""
+
+    start: int
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+    is_fortran: bool
+
+
+def read_npz(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of an npz file by name, read-only.
+
+    Raises:
+        UserError: no such file, a damaged one, one of other things than plain arrays, or one that memory cannot hold.
+        OSError: the system cannot read it.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+            if len({member.filename for member in members}) < len(members):
+                raise _OddError("a name stands in it twice")
+            headers = [_header(archive, member) for member in members]
+            size = sum(member.file_size for member in members)
+            require_memory(COPIES * size, f"{path}: reading it", "close other programs, or give a part of it")
+            pairs = zip(members, headers, strict=True)
+            return {member.filename.removesuffix(".npy"): _array(archive, member, head) for member, head in pairs}
+    except (UserError, OSError) as error:
+        if not isinstance(error, OSError) or error.errno != errno.EINVAL:  # that is a place which no file has
+            raise
+        why = ""
+    except _BROKEN as error:
+        why = f" ({error})" if isinstance(error, _OddError) else ""
+    raise UserError(f"{path}: not a whole npz file of plain arrays{why}; write it again with numpy.savez")
+
+
+class _OddError(ValueError):
+    """What about the file is no business of `numpy.savez`."""
+
+
+def _header(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> _Header:
+    """What the file says of an array, if that is true and the array plain."""
+    name = member.filename.removesuffix(".npy")
+    if name == member.filename:
+        raise _OddError(f"{name[:40]!r} is no array")
+    if member.compress_type not in METHODS:
+        raise _OddError(f"{name[:40]!r} is not compressed as numpy does it")
+    with archive.open(member) as stream:
+        begin = io.BytesIO(stream.read(LONGEST_HEADER))
+    read_header = npy.read_array_header_1_0 if npy.read_magic(begin) == (1, 0) else npy.read_array_header_2_0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about Python 2
+        try:
+            shape, is_fortran, dtype = read_header(begin, max_header_size=LONGEST_HEADER)
+        except (MemoryError, TypeError) as error:  # what is nested too deeply for Python, or no type
+            raise ValueError from error
+    if dtype.kind not in PLAIN:
+        raise _OddError(f"{name[:40]!r} is of type {dtype.name}")
+    if min(shape, default=0) < 0 or begin.tell() + math.prod(shape) * dtype.itemsize != member.file_size:
+        raise _OddError(f"{name[:40]!r} has not the size that it says")
+    return _Header(begin.tell(), dtype, shape, is_fortran)
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, header: _Header) -> NDArray[Any]:
+    content = archive.read(member)  # to the end, where its sum is checked
+    flat = np.frombuffer(content, header.dtype, math.prod(header.shape), header.start)
+    return flat.reshape(header.shape, order="F" if header.is_fortran else "C")

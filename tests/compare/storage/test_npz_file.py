@@ -1,0 +1,145 @@
+"""npz files of any kind: read, or refused in one line before room is made for what they say to hold."""
+
+from __future__ import annotations
+
+import io
+import resource
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.lib import format as npy
+
+from slamgauge.compare.storage.npz_file import read_npz
+from slamgauge.errors import UserError
+
+SAID = r"not a whole npz file of plain arrays( \([^\n]+\))?; write it again with numpy.savez$"
+
+
+def member(header: bytes | tuple[str, tuple[int, ...]], content: bytes) -> bytes:
+    """An array's file: its header, or type and shape, and what follows."""
+    if isinstance(header, bytes):
+        return b"\x93NUMPY\x02\x00" + len(header).to_bytes(4, "little") + header + content
+    begin = io.BytesIO()
+    npy.write_array_header_1_0(begin, {"descr": header[0], "fortran_order": False, "shape": header[1]})
+    return begin.getvalue() + content
+
+
+def refused(path: Path, content: bytes, method: int = zipfile.ZIP_DEFLATED) -> None:
+    with zipfile.ZipFile(path, "w", method) as archive:
+        archive.writestr("poses.npy", content)
+    with pytest.raises(UserError, match=SAID) as caught:
+        read_npz(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_plain_arrays_are_read_as_numpy_reads_them(tmp_path: Path):
+    arrays: dict[str, Any] = {
+        "c": np.arange(6.0).reshape(2, 3),
+        "fortran": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+        "big": np.arange(4, dtype=">i4"),
+        "word": np.array("filtered"),
+        "mark": np.array([True, False]),
+        "empty": np.zeros((0, 3)),
+        "number": np.float64(2.5),
+    }
+    for save in (np.savez, np.savez_compressed):
+        save(tmp_path / "a.npz", **arrays)
+        read = read_npz(tmp_path / "a.npz")
+        assert [*read] == [*arrays]
+        for name, array in arrays.items():
+            np.testing.assert_array_equal(read[name], array)
+            assert (read[name].dtype, read[name].shape) == (np.asarray(array).dtype, np.shape(array))
+
+
+@pytest.mark.parametrize(
+    "array", [np.ones(2) * 1j, np.zeros(2, "f8, f8"), np.array([{}]), np.zeros(2, "V8"), np.zeros(2, "M8[s]"), b"ab"]
+)
+def test_what_is_no_plain_array_is_refused(tmp_path: Path, array: Any):
+    np.savez(tmp_path / "a.npz", poses=array)
+    with pytest.raises(UserError, match=SAID):
+        read_npz(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize(
+    "shape", [(10**12, 3), (10**30, 3), (-1, 3), (-2, -2), (2**62, 2**62), (1, 1), (3, 1), (0, 10**30)]
+)
+def test_shapes_that_are_not_those_of_the_content_are_refused(tmp_path: Path, shape: tuple[int, ...]):
+    refused(tmp_path / "a.npz", member(("<f8", shape), bytes(16)))
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        *(b"(" * 5000, b"{'descr': '<f8', 'shape': (2,)}", b" " * 20_000, b"1" * 5000, b"\xff\x00", b""),
+        b"{'descr': 'no type', 'fortran_order': False, 'shape': (2,)}",
+        b"{'descr': '|O', 'fortran_order': False, 'shape': (2,)}",
+        b"{'descr': '<f8', 'fortran_order': False, 'shape': (2,)" + b" " * 60_000 + b"}",
+    ],
+)
+def test_headers_that_are_none_are_refused(tmp_path: Path, header: bytes):
+    refused(tmp_path / "a.npz", member(header, bytes(16)))
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_methods_that_numpy_does_not_write_are_refused(tmp_path: Path, method: int):
+    refused(tmp_path / "a.npz", member(("<f8", (2,)), bytes(16)), method)
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_a_name_that_is_there_twice_or_is_no_array_is_refused(tmp_path: Path):
+    for names in (("poses.npy", "poses.npy"), ("poses.txt",)):
+        with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+            for name in names:
+                archive.writestr(name, member(("<f8", (2,)), bytes(16)))
+        with pytest.raises(UserError, match=SAID):
+            read_npz(tmp_path / "a.npz")
+
+
+def test_encrypted_arrays_are_refused(tmp_path: Path):
+    path = tmp_path / "a.npz"
+    np.savez(path, poses=np.ones(3))
+    content = bytearray(path.read_bytes())
+    for start, flags in ((content.find(b"PK\x03\x04"), 6), (content.find(b"PK\x01\x02"), 8)):
+        content[start + flags] |= 1
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=SAID):
+        read_npz(path)
+
+
+def test_what_memory_cannot_hold_is_refused_before_it_is_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """400 MB of zeros in a file of half a megabyte."""
+    path = tmp_path / "a.npz"
+    zeros = io.BytesIO(member(("<f8", (50_000_000,)), b""))
+    archive = zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1)
+    with archive, archive.open("poses.npy", "w") as stream:
+        stream.write(zeros.getvalue())
+        for _ in range(400):
+            stream.write(bytes(1_000_000))
+    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 1.9e9)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(UserError, match=rf"^{path}: reading it needs 2.0 GB of memory, and 1.9 GB are free; [^\n]+$"):
+        read_npz(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # KB
+
+
+def test_flipped_bits_are_found(tmp_path: Path):
+    """Of arrays alone: what the directory says beside (dates, versions) may be anything."""
+    path, rng, refusals = tmp_path / "a.npz", np.random.default_rng(0), 0
+    array = rng.normal(size=(30, 3))
+    np.savez_compressed(path, poses=array)
+    whole = path.read_bytes()
+    for _ in range(500):
+        damaged = bytearray(whole)
+        damaged[rng.integers(len(whole))] ^= 1 << rng.integers(8)
+        path.write_bytes(damaged)
+        try:
+            read = read_npz(path)
+        except UserError as error:
+            refusals += 1
+            assert "\n" not in str(error)
+        else:
+            np.testing.assert_array_equal(read.get("poses", array), array)
+    assert refusals > 400
