@@ -54,7 +54,7 @@ def read_mat(path: Path, names: Collection[str]) -> dict[str, Float]:
     """
     with explained(path, "read"):
         whole = memoryview(path.read_bytes())
-    if whole[: len(BEGINNING)] != BEGINNING:
+    if bytes(whole[: len(BEGINNING)]) != BEGINNING:
         raise UserError(f"{path}: not a MATLAB 5 file; save it with -v7")
     matrices: dict[str, Float] = {}
     try:
