@@ -82,19 +82,26 @@ def _with_map(recording: Recording, estimate: Estimate, growing: GrowingOptimum)
         association=association,
         chi_square=chi_square,
         chi_square_dof=freedom,
-        optimum_check=np.inf if growing.unsettled_steps else _off(recording, path, estimate),
+        optimum_check=np.inf if growing.unsettled_steps else _farthest_off(recording, path, estimate, growing.leaps),
     )
 
 
+def _farthest_off(recording: Recording, path: Float, estimate: Estimate, leaps: list[Float]) -> float:
+    """How far off (see `_off`) the last pose is, and each before a leap to a path that its step might have had."""
+    before = (leap[:-1] for leap in leaps if len(leap) > 1)
+    return max(_off(recording.first(len(each) - 1), each, estimate) for each in (path, *before))
+
+
 def _off(recording: Recording, path: Float, estimate: Estimate) -> float:
-    """How far the last pose and its sigmas are from those of `batch`, which starts at the path, in its sigmas."""
+    """How far a recording's last pose and its sigmas are from those of `batch`, begun at the path, in its sigmas."""
     try:
         optimum = optimum_from(recording, path)
     except UndeterminedError:
         return np.inf
     assert optimum.pose_covs is not None and estimate.pose_covs is not None
-    sigma, own = (np.sqrt(np.diag(covs[-1])) for covs in (optimum.pose_covs, estimate.pose_covs))
-    apart = estimate.poses[-1] - optimum.poses[-1]
+    last = recording.steps
+    sigma, own = (np.sqrt(np.diag(covs[last])) for covs in (optimum.pose_covs, estimate.pose_covs))
+    apart = estimate.poses[last] - optimum.poses[last]
     apart[2] = wrap(apart[2])
     known = sigma > 1e-9  # m or rad
     off = np.concatenate([np.abs(apart[known]) / sigma[known], np.abs(own[known] / sigma[known] - 1.0)])

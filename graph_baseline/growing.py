@@ -75,6 +75,7 @@ class GrowingOptimum:
         self.unsettled_steps = 0  # steps without: their pose is dead reckoning from the last that had one
         self._seek_at = self._doubt_at = 0
         self._chi_square, self._freedom = 0.0, 0  # of the last minimum
+        self.leaps: list[Float] = []  # paths (k+1, 3) to which a search has led, from a minimum or from none
 
     # --- what has been found ---------------------------------------------------------------------
 
@@ -153,8 +154,8 @@ class GrowingOptimum:
 
         Each is taken in once at most: a search may leave it out again.
         """
-        if self.settled and not len(self._mapped) and self._newest >= self._seek_at:
-            self._seek()
+        if self.settled and self._newest >= self._seek_at and self._may_map_more():
+            self._seek_more()
         taken_in = set[int]()
         while self.settled and (placed := self._mapped.map_waiting(self._newest, taken_in)):
             taken_in |= placed
@@ -264,6 +265,21 @@ class GrowingOptimum:
         if not self.settled:
             self._seek_at = int(SOUGHT_AGAIN * self._newest) + 1
 
+    def _may_map_more(self) -> bool:
+        """Whether nothing is mapped, or dead reckoning places a landmark of the newest scan that waits."""
+        if not len(self._mapped):
+            return True
+        waiting = self._mapped.waiting_in_scan(self._newest)
+        return bool(waiting) and self._mapped.is_any_placed(self._newest, waiting, self._dead_reckoned())
+
+    def _seek_more(self) -> None:
+        """Search a minimum with more landmarks than the present one has; where there is none, leave it for a while."""
+        found = self._searched()
+        if found is not None and len(found[1].landmarks) > len(self._mapped):
+            self.settled = self._move_to(*found)
+        else:
+            self._seek_at = int(SOUGHT_AGAIN * self._newest) + 1
+
     def _seek_lower(self) -> None:
         """Search a minimum that is lower than the present one; where there is none, leave it for a while."""
         found = self._searched()
@@ -284,9 +300,13 @@ class GrowingOptimum:
             yield lambda: grown(part)
 
         try:
-            return placed_minimum(part, chain(part.prior_mean, part.odometry), starts)
+            return placed_minimum(part, self._dead_reckoned(), starts)
         except UndeterminedError:
             return None
+
+    def _dead_reckoned(self) -> Float:
+        """Path (k+1, 3) of the odometry alone."""
+        return chain(self._recording.prior_mean, self._recording.odometry[: self._newest])
 
     def _move_to(self, taken: Int, found: Minimum) -> bool:
         """Go to a minimum that a search has found; whether its matrices determine all landmarks."""
@@ -294,6 +314,7 @@ class GrowingOptimum:
         self._mapped.map_alone(self._newest, np.unique(taken[taken >= 0]), found.landmarks)
         self._mapped.doubt_all()
         self._chi_square = 2.0 * found.cost
+        self.leaps.append(found.poses)
         return self._linearise_anew()
 
     # --- matrices --------------------------------------------------------------------------------

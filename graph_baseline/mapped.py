@@ -63,6 +63,17 @@ class MappedLandmarks:
                 found.add(name)
         return found
 
+    def waiting_in_scan(self, newest: int) -> list[int]:
+        """Landmarks that the newest pose sees and that have no slot."""
+        rows = slice(*self._measured.first[newest : newest + 2])
+        return self._ids[rows][self._measured.slot[rows] < 0].tolist()
+
+    def is_any_placed(self, newest: int, names: list[int], path: Float) -> bool:
+        """Whether bearings from a path (newest+1, 3) place any of these landmarks."""
+        ids = self._ids[: self._measured.first[newest + 1]]
+        rows = (np.flatnonzero(ids == name) for name in names)
+        return any(np.isfinite(triangulate_one(self._recording, each, path)[1]) for each in rows)
+
     def leave_out(self, newest: int) -> bool:
         """Take their slots from landmarks that bearings no longer place; whether there are any."""
         kept = {name for name in self._slot if name not in self._unsure or self._is_placed(newest, name)}
