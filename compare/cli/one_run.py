@@ -176,17 +176,17 @@ class Evaluate:
 def _as_it_lies(path: Path, recording: Recording) -> Estimator:
     """The estimator that returns what a file holds of the recording, or fails for the reason why it holds nothing."""
     from slamgauge.compare.estimators.own import OwnCodeError
+    from slamgauge.compare.estimators.running import StoredEstimate
     from slamgauge.compare.storage.stored_estimates import load_stored
 
     def lacking(_: Recording) -> Estimate:
         raise OwnCodeError(reason)
 
     try:
-        estimate = load_stored(path, recording)
+        return StoredEstimate(load_stored(path, recording))
     except UserError as error:
         reason = str(error)
         return lacking
-    return lambda _: estimate
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from slamgauge.arrays import Marks
 from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, without
 from slamgauge.compare.estimators.registry import UNDER, YARDSTICKS, Entry
-from slamgauge.compare.estimators.running import run_estimator
+from slamgauge.compare.estimators.running import StoredEstimate, run_estimator
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.recording import Recording
@@ -21,6 +21,7 @@ from slamgauge.recording import Recording
 class SideBySide:
     """Estimates and computing times [s] by name, the reasons of those without, and who is the optimum of which kind.
 
+    Nobody knows the times of stored ones.
     `stand_ins` are optima under somebody's associations, where nobody knows the true ones.
     """
 
@@ -33,10 +34,12 @@ class SideBySide:
     def run(self, name: str, estimator: Estimator, recording: Recording, *, is_yardstick: bool = False) -> None:
         """Run one, and keep its estimate or the reason why there is none."""
         try:
-            self.estimates[name], self.seconds[name] = run_estimator(name, estimator, recording)
+            self.estimates[name], seconds = run_estimator(name, estimator, recording)
         except UserError as error:
             self.failures[name] = str(error)
             return
+        if not (isinstance(estimator, LoadedEstimator) and isinstance(estimator.estimate, StoredEstimate)):
+            self.seconds[name] = seconds
         if is_yardstick:
             self.optima[self.estimates[name].kind] = name
 

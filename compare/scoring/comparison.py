@@ -88,7 +88,7 @@ def compare_estimators(
         except UserError as error:
             failures[name] = f"estimator {name}: {error}"
             continue
-        scores[name] = score if estimate.seconds is not None else replace(score, seconds_total=seconds[name])
+        scores[name] = score if estimate.seconds is not None else replace(score, seconds_total=seconds.get(name))
     if not scores and failures:
         raise UserError(next(iter(failures.values())))
     estimates = {name: estimates[name] for name in scores}

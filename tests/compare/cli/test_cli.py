@@ -621,6 +621,7 @@ def test_estimates_are_graded_as_they_lie_and_one_that_cannot_be_read_is_a_row(
     assert scores["mine"]["nees_pose"] == before["nees_pose"]
     assert scores["path"]["ate_m"] == pytest.approx(before["ate_m"])
     assert scores["path"]["nees_pose"] is None
+    assert (scores["path"]["seconds_total"], scores["mine"]["seconds_total"]) == (None, before["seconds_total"])
     assert run("evaluate", stored / "recording.npz", "--estimators", "", "--estimates", "gone=none.csv") == 2
     assert capsys.readouterr().err == f"slamgauge: {line}\n"
 
