@@ -96,13 +96,15 @@ def as_covariances(name: str, value: object, shape: tuple[int | None, ...], *, d
     scale = np.abs(stack).max(axis=(1, 2), initial=0.0)
     sigmas = np.sqrt(np.abs(np.diagonal(stack, axis1=1, axis2=2)))  # units differ: judge each pair by its own
     allowed = 1e-9 * sigmas[:, :, None] * sigmas[:, None, :] + 1e-15 * scale[:, None, None]
-    symmetric = (np.abs(stack - transposed) <= allowed).all(axis=(1, 2))
+    symmetric = (np.abs(stack / 2 - transposed / 2) <= allowed / 2).all(axis=(1, 2))
     require_rows(name, symmetric, stack, "a covariance must be symmetric; use (P + P.T) / 2")
-    stack = (stack + transposed) / 2
+    stack = stack / 2 + transposed / 2  # half of each: sums may be more than a double holds
     variances = np.diagonal(stack, axis1=1, axis2=2)
     nonnegative = (variances >= -1e-12 * scale[:, None]).all(axis=1)
     require_rows(name, nonnegative, stack, "a covariance must not have a negative variance")
-    smallest = np.linalg.eigvalsh(stack / scale_of(stack))[:, 0]
+    with np.errstate(over="ignore"):
+        correlations = np.clip(stack / scale_of(stack), -2.0, 2.0)  # beyond 1 is no correlation, and may be infinite
+    smallest = np.linalg.eigvalsh(correlations)[:, 0]
     require_rows(name, smallest >= -1e-9, stack, "a covariance must not have a negative eigenvalue")
     if definite:
         require_rows(name, smallest > 1e-12, stack, "a covariance must be positive definite here; raise its variances")

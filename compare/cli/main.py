@@ -6,6 +6,7 @@ from slamgauge.compare.studies.executors import pin_blas_threads
 
 pin_blas_threads()  # before numpy is imported
 
+import errno
 import os
 import signal
 import sys
@@ -88,6 +89,14 @@ def _run(words: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (UserError, EmptyPathError) as error:
         print(f"slamgauge: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            return _not_the_users_mistake(error)
+        print(
+            f"slamgauge: {str(error.filename)[:60]} ...: no file system has such a name; check the path",
+            file=sys.stderr,
+        )
         return 2
     except KeyboardInterrupt as interrupt:
         print(f"slamgauge: interrupted; {str(interrupt) or 'nothing was written'}", file=sys.stderr)

@@ -11,7 +11,17 @@ from pydantic_core import PydanticCustomError
 
 from slamgauge.ekf.settings.rules import is_fitted, mistake_of
 
-Number = Annotated[float, Field(strict=True)]
+LARGEST = 1e50  # no quantity of a robot is larger; products of some such numbers are still finite
+
+
+def _believable(number: float) -> float:
+    if abs(number) > LARGEST:
+        text = "must be at most {most} in size, not {number}"
+        raise PydanticCustomError("size", text, {"most": f"{LARGEST:g}", "number": f"{number:g}"})
+    return number
+
+
+Number = Annotated[float, Field(strict=True), AfterValidator(_believable)]
 Whole = Annotated[int, Field(strict=True)]
 Section = TypeVar("Section", bound=BaseModel)
 

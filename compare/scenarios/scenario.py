@@ -42,6 +42,7 @@ __all__ = ["Scenario", "ScenarioError", "load_scenario", "shipped_scenarios"]
 
 Place = tuple[str | int, ...]
 
+LONGEST_KEY = 100  # characters of an unknown one that are told
 FORMS = {"kind", "segments", "random"}  # keys that give a section another form: it then replaces the extended one whole
 
 
@@ -179,7 +180,7 @@ def _line(place: Place, detail: ErrorDetails, kind: str) -> str:
             if kind == "segments" and place[-1] in Segment.model_fields:
                 return "trajectory: has both forms; give segments, or speed, yaw_rate and duration"
             return f"{where}: a trajectory of the kind {kind} has none; remove it or change kind"
-        return f"{where}: unknown key; {did_you_mean(str(place[-1]), _keys(place))}"
+        return f"{where[:LONGEST_KEY]}: unknown key; {did_you_mean(str(place[-1]), _keys(place))}"
     what = detail["msg"].replace("Field required", "missing; add it").replace("Tuple should", "must")
     what = what.replace(" after validation", "").replace("valid tuple", "list")
     if what.startswith("Input should be"):

@@ -157,7 +157,7 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
             kind,
             poses=rows[:, 1:4],
             pose_covs=from_triangles(rows[:, 4:], 3) if rows.shape[1] > 4 else None,
-            landmark_ids=landmarks[:, 0].astype(np.int64),
+            landmark_ids=as_ints("landmark", landmarks[:, 0], (None,)),
             landmarks=landmarks[:, 1:3],
             landmark_covs=from_triangles(landmarks[:, 3:], 2) if has_covs else None,
         )

@@ -22,6 +22,7 @@ from slamgauge.truth import Truth
 
 Record = TypeVar("Record", Recording, Truth, Estimate)
 
+LONGEST_WORD = 40  # characters
 RECORDS_WITHIN: set[type[object]] = {RayLog, MapHistory}  # records that are fields of an `Estimate`
 
 
@@ -130,12 +131,19 @@ def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str
         if names:
             found = f"it {verdict} {', '.join(sorted(f'{within}{name}' for name in names))}"
             raise UserError(f"{path}: not a {kind.__name__}, {found}; give another file")
-    texts = {field: str(values[field]) for field, hint in hints.items() if get_origin(hint) is Literal}
+    texts = {field: _word(path, field, values[field]) for field, hint in hints.items() if get_origin(hint) is Literal}
     arguments: dict[str, Any] = dict.fromkeys(optional) | values | texts
     try:
         return kind(**arguments)
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
+
+
+def _word(path: str | Path, field: str, value: Any) -> str:
+    word = str(value) if np.ndim(value) == 0 else ""
+    if not 0 < len(word) <= LONGEST_WORD:
+        raise UserError(f"{path}: {field} is no word; give another file")
+    return word
 
 
 def _read(path: str | Path) -> dict[str, Any]:

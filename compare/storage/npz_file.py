@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import io
 import math
+import os
 import struct
 import tokenize
 import warnings
@@ -27,6 +28,8 @@ from slamgauge.memory import require_memory
 PLAIN = "biufU"  # kinds of numpy types: truth values, whole numbers, real ones, texts
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
 LONGEST_HEADER = 10_000  # bytes of what stands before the numbers
+LAST_RECORD = 22  # bytes
+MANY = 0xFFFF  # members, or more: then another record counts them
 COPIES = 5.0  # of the arrays, alive at once while a record of them is checked
 
 _BROKEN = (  # what a damaged or foreign file raises
@@ -62,6 +65,7 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
     try:
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
+            _require_whole_directory(path, members)
             if len({member.filename for member in members}) < len(members):
                 raise _OddError("a name stands in it twice")
             headers = [_header(archive, member) for member in members]
@@ -80,6 +84,16 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
 
 class _OddError(ValueError):
     """What about the file is no business of `numpy.savez`."""
+
+
+def _require_whole_directory(path: Path, members: list[zipfile.ZipInfo]) -> None:
+    """Refuse a file whose last record counts more members than were found, which `zipfile` does not look at."""
+    with path.open("rb") as file:
+        file.seek(-LAST_RECORD, os.SEEK_END)
+        last = file.read(LAST_RECORD)
+    count = struct.unpack_from("<H", last, 10)[0]
+    if not last.startswith(b"PK\5\6") or count not in (len(members), MANY):
+        raise _OddError("its directory is not whole")
 
 
 def _header(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> _Header:

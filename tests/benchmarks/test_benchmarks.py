@@ -49,6 +49,13 @@ SMALLEST = {
     "close_landmarks": ("--runs 2 --distances 1.0 --jobs 1", "distance [m] ekf: ATE NEES/3 lost", "1.0 "),  # 3 s
     "causal_optimum": ("--landmarks 20 --steps 60 --prefixes 5 --log 2000", "estimator landmarks", "isam2 20 60 "),
     "kill_a_study": ("--runs 2 --kills 1 --jobs 1", "killed with", "the same summary after 1 kills; 2 runs"),  # 10 s
+    "fuzz": (  # 15 s
+        "--cases 400 --seed 0",
+        "input tried refused in one line accepted traceback hang crash silently altered",
+        "recording npz ",
+        "arguments ",
+        "all 400 ",
+    ),
     "large_maps": (  # 2 s
         "--landmarks 20",
         "landmarks filter median [ms] mean [ms] p95 [ms] worst [ms] difference memory/P",

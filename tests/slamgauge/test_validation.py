@@ -13,6 +13,7 @@ from vocabulary_examples import estimate, history, rays, recording, truth
 
 from slamgauge.arrays import Float
 from slamgauge.errors import UserError
+from slamgauge.validation import as_covariances
 
 
 def in_row(row: int, value: Any, array: Any) -> Float:
@@ -277,3 +278,11 @@ def test_an_estimate_is_equal_down_to_its_rays_and_history() -> None:
     assert estimate(rays=rays()) != estimate()
     assert recording() != recording(sensor="position")
     assert recording() != recording(landmark=None)
+
+
+def test_covariances_at_the_ends_of_a_double_are_taken_or_refused_without_a_warning():
+    with np.errstate(all="raise", under="ignore"):
+        whole = as_covariances("cov", 1.5e308 * np.eye(3)[None], (None, 3, 3))
+        np.testing.assert_array_equal(whole, 1.5e308 * np.eye(3)[None])
+        with pytest.raises(UserError, match=r"^cov\[0\] = .*: a covariance must not have a negative eigenvalue$"):
+            as_covariances("cov", [[[1e-300, 1e308], [1e308, 1e-300]]], (None, 2, 2))

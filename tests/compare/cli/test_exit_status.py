@@ -43,3 +43,11 @@ def test_what_the_machine_refuses_is_one_line(
     assert (printed.out, len(printed.err.splitlines())) == ("", 1)
     assert str(error) in printed.err
     assert printed.err.endswith("; make room and give the same command again\n")
+
+
+def test_paths_that_are_too_long_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (["evaluate", "x" * 5000], ["export", "[" * 3000, "--format", "csv", "--out", "x"]):
+        assert main(words) == 2
+        told = capsys.readouterr().err
+        assert told.startswith("slamgauge: ")
+        assert told.count("\n") == 1

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fuzzing.mutations import changed_text
 from robot_logs import CSV, DLR, FREIBURG, G2O, MRCLAM, TORO
 
 from slamgauge.compare.cli.main import main
@@ -35,10 +36,6 @@ FORMATS: dict[str, tuple[dict[str, str], Reader]] = {
     "freiburg": (FREIBURG, read_freiburg),
 }
 FILES = [(name, file) for name, (files, _) in FORMATS.items() for file in files]
-WORDS = (
-    *("nan", "inf", "-inf", "1e400", "1e49", "-1e49", "1e-320", "", "-1", "0", "9007199254740993", "1" * 5000, "0x10"),
-    *("word", '"', ",", ";", "#", "\t", "é", "\u2028", "1_0", "=", "[", "]", "\x1a", "VERTEX_SE2", "-0.0", "1e15"),
-)
 
 
 def written(folder: Path, files: dict[str, str]) -> Path:
@@ -60,29 +57,6 @@ def read_or_refused(read: Reader, folder: Path) -> str:
     return ""
 
 
-def mutated(content: bytes, rng: np.random.Generator) -> bytes:
-    """The content with a word, a line or a byte changed."""
-    lines = content.split(b"\n")
-    at = int(rng.integers(len(lines)))
-    match int(rng.integers(8)):
-        case 0:
-            return content[: rng.integers(len(content))]
-        case 1:
-            lines[at] = lines[int(rng.integers(len(lines)))]
-        case 2:
-            del lines[at]
-        case 3:
-            lines = [lines[int(each)] for each in rng.permutation(len(lines))]
-        case 4:
-            return b"".join([content[:at], bytes([int(rng.integers(256))]), content[at + int(rng.integers(2)) :]])
-        case _:
-            separator = b"," if b"," in content else b" "
-            words = lines[at].split(separator)
-            words[int(rng.integers(len(words)))] = str(rng.choice(WORDS)).encode()
-            lines[at] = separator.join(words)
-    return b"\n".join(lines)
-
-
 @pytest.mark.parametrize("name", FORMATS)
 def test_whole_logs_are_read(name: str, tmp_path: Path):
     files, read = FORMATS[name]
@@ -96,10 +70,7 @@ def test_mutations_are_read_or_refused_in_one_line(name: str, file: str, tmp_pat
     whole, rng = path.read_bytes(), np.random.default_rng(15)
     refused = 0
     for _ in range(150):
-        content = whole
-        for _ in range(rng.integers(1, 4)):
-            content = mutated(content, rng) or b"\n"
-        path.write_bytes(content)
+        path.write_bytes(changed_text(whole, rng))
         refused += bool(read_or_refused(read, tmp_path))
     assert refused > 20
 

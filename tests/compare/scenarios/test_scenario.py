@@ -213,6 +213,16 @@ def test_values_that_python_cannot_read_are_a_line(write: Write, value: str):
         assert "\n" not in str(caught.value)
 
 
+def test_keys_and_numbers_of_no_believable_size_are_a_short_line():
+    for override, told in (
+        ("trajectory.speed=1e60", "trajectory.speed: must be at most 1e+50 in size, not 1e+60"),
+        (f"sensor.{'a' * 5000}=1", "unknown key"),
+    ):
+        with pytest.raises(ScenarioError, match=r"^[^\n]{1,400}$") as caught:
+            load_scenario("q1-short-dense", [override])
+        assert told in str(caught.value)
+
+
 def test_unknown_names_list_near_misses_or_all():
     assert "did you mean q1-long-dense" in mistakes("q1-long-dens")[0]
     assert all(name in mistakes("zzz")[0] for name, _ in shipped_scenarios())

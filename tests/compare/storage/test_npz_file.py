@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import resource
+import struct
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -123,6 +124,21 @@ def test_what_memory_cannot_hold_is_refused_before_it_is_unpacked(tmp_path: Path
     with pytest.raises(UserError, match=rf"^{path}: reading it needs 2.0 GB of memory, and 1.9 GB are free; [^\n]+$"):
         read_npz(path)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # KB
+
+
+def test_a_directory_that_lost_members_is_refused(tmp_path: Path):
+    """A flipped bit in the size of the directory, and `zipfile` reads its first half."""
+    path = tmp_path / "a.npz"
+    np.savez(path, poses=np.ones(3), rays=np.ones(3))
+    content = bytearray(path.read_bytes())
+    size = struct.unpack_from("<L", content, len(content) - 10)[0]
+    first = content.find(b"PK\x01\x02")
+    second = content.find(b"PK\x01\x02", first + 1)
+    content = content[:second] + content[first + size :]  # the second member is gone from it
+    struct.pack_into("<L", content, len(content) - 10, second - first)
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=r"not a whole npz file of plain arrays \(its directory is not whole\)"):
+        read_npz(path)
 
 
 def test_flipped_bits_are_found(tmp_path: Path):

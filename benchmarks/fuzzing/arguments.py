@@ -1,0 +1,60 @@
+"""Arguments of commands, some of them replaced by what nobody should give."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+from pathlib import Path
+
+import numpy as np
+
+from fuzzing.mutations import WORDS
+from fuzzing.targets import PARK, SCENARIO
+from slamgauge import load_scenario, save, simulate
+from slamgauge.compare.cli.main import main
+
+ARGUMENTS = "arguments"
+COMMANDS = (
+    "evaluate r.npz --estimators ekf --gate 9 --association jcbb",
+    "evaluate r.npz --estimators dead-reckoning --robust gate --reach 10",
+    "evaluate r.npz --estimates mine=e.csv --initialisation delayed",
+    "import victoria-park p.txt --out p --max-range 5",
+    "import csv p.txt --out c --set noise.forward=0.1",
+    "import mrclam p --robot 1 --out m --turn 0.1",
+    "import dlr p.txt --out d",
+    "import freiburg p.txt --out f --range-sigma 0.1",
+    "import lost-in-the-woods p.txt --out w --lateral-slip 0.02",
+    "export r.npz --format g2o --out g --lend 0.1",
+    "export r.npz --format csv --out x",
+    "scenarios q1-long-dense",
+    "run s.toml --seed 0 --estimators ekf --timeout 5 --out run",
+    "twin r.npz --out t",
+)
+
+
+def give_arguments(rng: np.random.Generator, folder: Path) -> tuple[str, str]:
+    """Give a command with one or two words changed; what came of it, and what it printed if that should not be."""
+    scenario = folder / "s.toml"
+    scenario.write_text(SCENARIO)
+    save(folder / "r.npz", simulate(load_scenario(scenario), 0)[1])
+    (folder / "p.txt").write_text(PARK)
+    words = str(rng.choice(COMMANDS)).split()
+    for _ in range(rng.integers(1, 3)):
+        words[int(rng.integers(1, len(words)))] = str(rng.choice(WORDS)).replace("\x00", "")
+    heard, before = io.StringIO(), Path.cwd()
+    os.chdir(folder)
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(heard):
+            status = main(words)
+    except SystemExit as end:
+        status = 2 if end.code == 2 else 0  # the parser's own way out, with its box
+        return ("refused in one line" if status else "accepted"), ""
+    finally:
+        os.chdir(before)
+    if status in (0, 1):
+        return "accepted", ""
+    lines = [line for line in heard.getvalue().splitlines() if ": compiling the " not in line]
+    if status in (2, 71) and len(lines) == 1:
+        return "refused in one line", ""
+    return "traceback", f"{' '.join(words)!r:.150}: status {status}, {lines[-1:]!r:.200}"
