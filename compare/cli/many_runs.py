@@ -76,7 +76,8 @@ class Study:
     """Worker processes, one BLAS thread each."""
 
     scheduler: str | None = None
-    """Address of a Dask scheduler, tcp://host:port, whose workers carry the runs instead."""
+    """Address of a Dask scheduler, tcp://host:port or tls://host:port, whose workers carry the runs instead. Whoever
+    reaches it can have code run there and here."""
 
     json: bool = False
     """Print summary.json (of a sweep sweep.json) on standard output instead of the table."""

@@ -76,12 +76,14 @@ def sampled_scenario(scenario: str, overrides: Sequence[Sequence[str]]) -> Scena
 
 def carried_by(jobs: int, scheduler: str | None = None) -> AbstractContextManager[Executor]:
     """Who carries the runs."""
-    from slamgauge.compare.studies.executors import dask_cluster, local_processes
-
     if scheduler is not None:
+        from slamgauge.compare.studies.cluster import dask_cluster
+
         return dask_cluster(scheduler)
     if jobs < 1:
         raise UserError(f"jobs: {jobs} carry nothing; give at least 1")
+    from slamgauge.compare.studies.executors import local_processes
+
     return local_processes(jobs)
 
 

@@ -1,4 +1,4 @@
-"""Who carries the runs of a study: local processes, or a Dask cluster; both are `concurrent.futures.Executor`s."""
+"""Who carries the runs of a study: processes of this machine, a `concurrent.futures.Executor` (see also `cluster`)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Generator
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
 
@@ -81,30 +81,6 @@ def local_processes(jobs: int) -> Generator[Executor]:
         raise
     finally:
         pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def dask_cluster(address: str) -> Generator[Executor]:
-    """The workers of a running Dask cluster, which must have this version of slamgauge installed.
-
-    Raises:
-        UserError: the extra `cluster` is not installed, no scheduler answers at `address`, or it is lost.
-    """
-    try:
-        from distributed import Client
-    except ImportError:
-        raise UserError("scheduler: needs the extra 'cluster'; pip install 'slamgauge[cluster]'") from None
-    try:
-        client = Client(address, timeout="10s", set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        reason = str(error).splitlines()[0] if str(error) else "no answer"
-        raise UserError(f"scheduler {address}: {reason}; start one, and give its address tcp://host:port") from None
-    try:
-        yield client.get_executor(pure=False)
-    except (CancelledError, OSError) as error:
-        raise UserError(f"scheduler {address}: lost ({error or 'cancelled'}); give the same command again") from None
-    finally:
-        client.close()
 
 
 def _follow_parent() -> None:

@@ -24,7 +24,8 @@ from slamgauge.compare.scoring.over_runs import FIRST_STEP
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.storage.manifest import MANIFEST, begin_file, write_manifest
 from slamgauge.compare.studies import run as study_run
-from slamgauge.compare.studies.executors import dask_cluster, local_processes
+from slamgauge.compare.studies.cluster import dask_cluster
+from slamgauge.compare.studies.executors import local_processes
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import Summary
