@@ -70,11 +70,25 @@ SMALLEST = {
         "seconds a recording, with outliers: median ",
     ),
     "optimum_times": ("--landmarks 20 --marginals 20", "landmarks build optimise build/opt. finish", "20 "),  # 2 s
+    "scale_of_bearings": (  # 4 s
+        "--runs 2 --steps 300 --scenario q4-three-landmarks",
+        "noise of speed in estimator size % scatter % equal after steps",
+        "0.3 m/s, odometry ekf inverse-depth ",
+        "0.3 m/s, path batch ",
+    ),
     "seeded_bugs": (  # 5 s
         "--seeds 1",
         "bug named law caught others that it breaks",
         "(none) - - -",
         "wrong sign in F prediction-jacobian 1/1 ",
+    ),
+    "soak": (  # 6 s
+        "--steps 200 --only riekf --most 25",
+        "filter us/step map eigenv. asymmetr. size % MB grown ..10% ..20%",
+        "riekf ranges ids ",
+        "riekf ranges nearest-neighbour ",
+        "riekf bearings delayed ",
+        "riekf bearings fis jcbb ",
     ),
     "study_throughput": ("--runs 2 --many 2", "bare loop:", "2 runs stored by two jobs"),  # 10 s
     "ukfm_slam2d": (  # 11 s
