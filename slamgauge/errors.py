@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import traceback
+from pathlib import Path
 
 # names in `errno`, not all of them on every system: no room, no memory or files left, a broken device or connection
 _REFUSALS = frozenset(
@@ -26,3 +28,15 @@ def refused_by_the_machine(error: BaseException) -> bool:
     if refused or isinstance(error, MemoryError):
         return True
     return error.__cause__ is not None and refused_by_the_machine(error.__cause__)
+
+
+def failure_text(error: Exception) -> str:
+    """What is known of a failure, in one line: a mistake, a refusal of the machine, or a defect and where it shows."""
+    if isinstance(error, UserError):
+        return str(error)
+    what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    if refused_by_the_machine(error):
+        return what
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    where = f"{Path(frame.filename).name}, line {frame.lineno}"
+    return f"{what} ({where}; a defect of slamgauge, please report it)"

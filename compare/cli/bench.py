@@ -30,9 +30,10 @@ class Bench:
     json: bool = False
     """Print JSON on standard output instead of the table."""
 
-    def __call__(self) -> None:
-        """Measure, print and, if asked to, write."""
+    def __call__(self) -> int:
+        """Measure, print and, if asked to, write; the exit status."""
         from slamgauge.compare.bench.bench import bench_table, run_bench
+        from slamgauge.compare.storage.files import write_json
         from slamgauge.compare.storage.result_files import BENCH, BENCH_FILES
 
         words = [word.strip() for word in self.landmarks.split(",")]
@@ -40,8 +41,11 @@ class Bench:
             raise UserError(f"landmarks {self.landmarks!r}: give map sizes > 0, for example 20,100")
         with results_folder(self.out, BENCH_FILES, last=BENCH) as folder:
             result = run_bench([int(word) for word in words], split_names(self.estimators))
+            done = print_result(result if self.json else bench_table(result))
             if folder is not None:
-                from slamgauge.compare.figures.publishing import write_bench
+                write_json(folder / BENCH, result)
+        if self.out is not None:
+            from slamgauge.compare.figures.publishing import draw_bench
 
-                write_bench(folder, result)
-        print_result(result if self.json else bench_table(result))
+            done = draw_bench(self.out, result) and done
+        return 0 if done else 1

@@ -42,5 +42,5 @@ class Check:
         isolation = Isolation(require_timeout(self.timeout), strict=False)  # no-future is a law
         (asked,) = isolated(ask([self.estimator]), isolation)
         verdicts = check_estimator(asked.label, load(asked), self.seed)
-        print_result(verdicts_json(verdicts) if self.json else verdicts_table(verdicts))
-        return 1 if any(verdict.is_failure for verdict in verdicts) else 0
+        printed = print_result(verdicts_json(verdicts) if self.json else verdicts_table(verdicts))
+        return 0 if printed and not any(verdict.is_failure for verdict in verdicts) else 1

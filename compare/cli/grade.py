@@ -60,7 +60,7 @@ class Grade:
     def __call__(self) -> int:
         """Run, judge, print and write; the exit status."""
         from slamgauge.compare.estimators.asked import ask
-        from slamgauge.compare.grading.grade_files import write_grades
+        from slamgauge.compare.grading.grade_files import write_grades, write_pages
         from slamgauge.compare.grading.grade_table import grade_table
         from slamgauge.compare.grading.grading import grade_folder
         from slamgauge.compare.grading.submissions import submissions_in
@@ -79,8 +79,9 @@ class Grade:
             if not any(each.is_graded for each in grades.grades):
                 first = grades.grades[0]
                 raise UserError(f"{self.folder}: nothing could be graded; {first.submission}: {first.reasons[0]}")
+            printed = print_result([each.to_json() for each in grades.grades] if self.json else grade_table(grades))
             if staged is not None:
                 write_grades(staged, grades)
-        print_result([each.to_json() for each in grades.grades] if self.json else grade_table(grades))
+        told = write_pages(out, grades)
         print(f"written to {out}", file=sys.stderr)
-        return 0 if all(each.is_graded for each in grades.grades) else 1
+        return 0 if printed and told and all(each.is_graded for each in grades.grades) else 1

@@ -7,7 +7,6 @@ from slamgauge.compare.studies.executors import pin_blas_threads
 pin_blas_threads()  # before numpy is imported
 
 import errno
-import os
 import signal
 import sys
 import threading
@@ -30,12 +29,14 @@ from slamgauge.compare.cli.noise import Noise
 from slamgauge.compare.cli.one_run import Evaluate, Run
 from slamgauge.compare.cli.options import EmptyPathError
 from slamgauge.compare.cli.scenarios import Scenarios
+from slamgauge.compare.cli.streams import prepare_streams, put
 from slamgauge.compare.cli.twin import MakeTwin
 from slamgauge.errors import UserError, refused_by_the_machine
 
 DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
 REFUSED = 71  # EX_OSERR
-INTERRUPTED, TERMINATED = (128 + number for number in (signal.SIGINT, signal.SIGTERM))  # as shells tell them
+INTERRUPTED = 128 + signal.SIGINT  # as shells tell it
+ENDS = (signal.SIGTERM, signal.SIGHUP)  # what else ends a command as an interrupt does
 
 Command = (
     Annotated[Scenarios, tyro.conf.subcommand(name="scenarios")]
@@ -61,19 +62,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status: 0 done, 1 a row failed and the others are there, or a check did not hold, 2 bad input (one line
         on standard error), 70 a defect of slamgauge (its traceback and where to report it), 71 memory or room was
-        lacking (one line), 130 interrupted, 143 terminated.
+        lacking (one line), 130 interrupted, 143 terminated,
+        129 if its terminal is gone (SIGHUP).
     """
+    prepare_streams()
     with _terminations() as came:
         status = _run(sys.argv[1:] if arguments is None else arguments)
-    return TERMINATED if came and status == INTERRUPTED else status
+    return 128 + came[0] if came and status == INTERRUPTED else status
 
 
 def _run(words: Sequence[str]) -> int:
     """Run one command; its exit status, an end by any signal being an interrupt."""
     status = 0
     if list(words) == ["--version"]:
-        print(f"slamgauge {__version__}")
-        return 0
+        return 0 if put(f"slamgauge {__version__}") else 1
     try:
         command = tyro.cli(
             Command,  # pyright: ignore[reportArgumentType]
@@ -84,9 +86,6 @@ def _run(words: Sequence[str]) -> int:
             config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
         )
         status = command() or 0
-        sys.stdout.flush()
-    except BrokenPipeError:  # whoever reads our output (`head`, a pager) has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (UserError, EmptyPathError) as error:
         print(f"slamgauge: {error}", file=sys.stderr)
         return 2
@@ -119,11 +118,15 @@ def _terminations() -> Generator[list[int]]:
     if threading.current_thread() is not threading.main_thread():  # only there may signals be handled
         yield came
         return
-    before = signal.signal(signal.SIGTERM, interrupt)
+    before = {number: signal.getsignal(number) for number in ENDS}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:  # as `nohup` wants it
+            signal.signal(number, interrupt)
     try:
         yield came
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _not_the_users_mistake(error: Exception) -> int:

@@ -27,7 +27,11 @@ from slamgauge.compare.cli.options import (
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from slamgauge.compare.estimators.asked import Asked
+    from slamgauge.compare.scoring.runs import Runs
+    from slamgauge.compare.studies.summary import Summary
 
 
 @dataclass
@@ -85,19 +89,19 @@ class Study:
     def __call__(self) -> int:
         """Run what is missing, sum up, print and write; the exit status."""
         try:
-            content, table, failed = self._study() if self.sweep is None else self._sweep(self.sweep)
+            done = self._study() if self.sweep is None else self._sweep(self.sweep)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
-        print_result(content if self.json else table)
         print(f"written to {self.out}", file=sys.stderr)
-        return 1 if failed else 0
+        return 0 if done else 1
 
     def _asked(self) -> list[Asked]:
         from slamgauge.compare.estimators.asked import ask
 
         return kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
 
-    def _study(self) -> tuple[object, str, bool]:
+    def _study(self) -> bool:
+        """Carry out a study; whether nothing has failed."""
         from slamgauge.compare.figures.publishing import write_study
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import STUDY_FILES
@@ -111,22 +115,29 @@ class Study:
             until = None if self.precision is None else Until(self.precision, self.max_runs)
             arguments = (scenario, self.runs, self.seed, asked, self.out, executor)
             summary = run_study(*arguments, against=split_names(self.against), until=until)
+        printed = print_result(summary.to_json() if self.json else summary_table(summary))
         runs = load_runs(scenario, summary.runs, self.seed, asked, self.out)
-        write_study(self.out, summary, runs, scenario.trajectory.step)
-        return summary.to_json(), summary_table(summary), bool(summary.failures)
+        return write_study(self.out, summary, runs, scenario.trajectory.step) and printed and not summary.failures
 
-    def _sweep(self, sweep: str) -> tuple[object, str, bool]:
+    def _sweep(self, sweep: str) -> bool:
+        """Carry out a study at each value; whether nothing has failed."""
         from slamgauge.compare.figures.publishing import write_study, write_sweep
         from slamgauge.compare.studies.sweep import run_sweep, sweep_table
 
         if self.against or self.precision is not None:
             raise UserError("sweep: takes no --against and no --precision; leave them out, or study a single value")
         overrides, asked = ["start=sampled", *flattened(self.set)], self._asked()
+        drawn: list[bool] = []
+
+        def finished(folder: Path, summary: Summary, runs: dict[str, Runs], step: float) -> None:
+            drawn.append(write_study(folder, summary, runs, step))
+
         with carried_by(self.jobs, self.scheduler) as executor:
             arguments = (self.scenario, overrides, sweep, self.runs, self.seed, asked, self.out, executor)
-            result = run_sweep(*arguments, finished=write_study)
-        write_sweep(self.out, result)
-        return result.to_json(), sweep_table(result), any(each.failures for each in result.summaries)
+            result = run_sweep(*arguments, finished=finished)
+        printed = print_result(result.to_json() if self.json else sweep_table(result))
+        failed = any(each.failures for each in result.summaries)
+        return write_sweep(self.out, result) and all(drawn) and printed and not failed
 
 
 @dataclass
@@ -157,8 +168,9 @@ class Budget:
     json: bool = False
     """Print budget.json on standard output instead of the table."""
 
-    def __call__(self) -> None:
-        """Run, print and write."""
+    def __call__(self) -> int:
+        """Run, print and write; the exit status."""
+        from slamgauge.compare.storage.files import write_json
         from slamgauge.compare.storage.result_files import BUDGET, BUDGET_FILES
         from slamgauge.compare.studies.budget import budget_table, error_budget
 
@@ -166,12 +178,14 @@ class Budget:
         staged = results_folder(self.out, BUDGET_FILES, last=BUDGET)
         with staged as folder, carried_by(self.jobs) as executor:
             budget = error_budget(scenario, self.filter, self.runs, self.seed, executor)
+            printed = print_result(budget.to_json() if self.json else budget_table(budget))
             if folder is not None:
-                from slamgauge.compare.figures.publishing import write_budget
+                write_json(folder / BUDGET, budget.to_json())
+        from slamgauge.compare.figures.publishing import draw_budget
 
-                write_budget(folder, budget)
-        print_result(budget.to_json() if self.json else budget_table(budget))
+        drawn = draw_budget(self.out, budget)
         print(f"written to {self.out}", file=sys.stderr)
+        return 0 if printed and drawn else 1
 
 
 @dataclass
@@ -193,8 +207,8 @@ class Claims:
     json: bool = False
     """Print claims.json on standard output instead of the table."""
 
-    def __call__(self) -> None:
-        """Run what is missing, judge, print and write."""
+    def __call__(self) -> int:
+        """Run what is missing, judge, print and write; the exit status."""
         from slamgauge.compare.studies.claims import claims_table, judge_claims, write_claims
 
         try:
@@ -202,7 +216,8 @@ class Claims:
                 claims = judge_claims(self.runs, self.seed, self.out, executor)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
-        write_claims(self.out, claims)
         content = [each.to_json() for each in claims.judgements]
-        print_result(content if self.json else claims_table(claims))
+        printed = print_result(content if self.json else claims_table(claims))
+        write_claims(self.out, claims)
         print(f"written to {self.out}", file=sys.stderr)
+        return 0 if printed else 1

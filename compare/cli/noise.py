@@ -33,12 +33,12 @@ class Noise:
     json: bool = False
     """Print noise.json on standard output instead of the table."""
 
-    def __call__(self) -> None:
-        """Find, print and, if asked to, write."""
+    def __call__(self) -> int:
+        """Find, print and, if asked to, write; the exit status."""
         from slamgauge.compare.noise.finding import find_noise
         from slamgauge.compare.noise.noise_json import noise_json
         from slamgauge.compare.noise.words import noise_table
-        from slamgauge.compare.storage.files import load_recording, save
+        from slamgauge.compare.storage.files import load_recording, save, write_json
         from slamgauge.compare.storage.result_files import NOISE, NOISE_FILES
         from slamgauge.compare.storage.staged_folder import staged_folder
 
@@ -47,17 +47,20 @@ class Noise:
             self._require_free(self.write)
         with results_folder(self.out, NOISE_FILES, last=NOISE) as folder:
             noise = find_noise(recording, systematic=self.systematic)
+            done = print_result(noise_json(noise) if self.json else noise_table(noise))
             if folder is not None:
-                from slamgauge.compare.figures.publishing import write_noise
-
-                write_noise(folder, noise)
+                write_json(folder / NOISE, noise_json(noise))
         if self.write is not None:
             with staged_folder(self.write.parent, [self.write.name], self.write.name, remedy=REMEDY) as folder:
                 save(folder / self.write.name, noise.told)
-        print_result(noise_json(noise) if self.json else noise_table(noise))
+        if self.out is not None:
+            from slamgauge.compare.figures.publishing import draw_noise
+
+            done = draw_noise(self.out, noise) and done
         for place in (self.out, self.write):
             if place is not None:
                 print(f"written to {place}", file=sys.stderr)
+        return 0 if done else 1
 
     def _require_free(self, write: Path) -> None:
         """Refuse a place for the recording where something else is, before work begins."""

@@ -221,12 +221,15 @@ class Grading:
             comparison = compare_estimators(truth, recording, estimators, informed)
             comparison = replace(comparison, failures=failures | comparison.failures)
             content = metrics(comparison, self.scenario, self.seed)
+            done = print_result(content if self.as_json else table(comparison)) and not comparison.failures
             if folder is not None and self.out is not None:
                 from slamgauge.compare.figures.publishing import write_comparison
 
                 with explained(self.out, "written"):
-                    write_comparison(folder, comparison, content, self.title)
-        print_result(content if self.as_json else table(comparison))
+                    write_comparison(folder, comparison, content)
         if self.out is not None:
+            from slamgauge.compare.figures.publishing import draw_comparison
+
+            done = draw_comparison(self.out, comparison, self.title) and done
             print(f"written to {self.out}", file=sys.stderr)
-        return 1 if comparison.failures else 0
+        return 0 if done else 1

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from slamgauge.compare.cli.streams import put
 from slamgauge.compare.estimators.registry import FILTERS, HELP
 from slamgauge.errors import UserError
 
@@ -123,6 +124,6 @@ def flattened(groups: Sequence[Sequence[str]]) -> list[str]:
     return [text for group in groups for text in group]
 
 
-def print_result(result: object) -> None:
-    """Print a table (a text), or anything else as JSON, on standard output."""
-    print(result if isinstance(result, str) else json.dumps(result, indent=2, allow_nan=False))
+def print_result(result: object) -> bool:
+    """Print a table (a text), or anything else as JSON, on standard output; whether that took it."""
+    return put(result if isinstance(result, str) else json.dumps(result, indent=2, allow_nan=False))

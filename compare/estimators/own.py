@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 import traceback
 from collections.abc import Callable
@@ -15,6 +16,7 @@ import slamgauge
 from slamgauge.compare.estimators.private_import import PrivateFolder, public
 from slamgauge.compare.estimators.quiet_import import without_windows
 from slamgauge.compare.estimators.sources import Sources, sources_of
+from slamgauge.compare.storage.names import LONGEST
 from slamgauge.errors import UserError
 from slamgauge.near_names import did_you_mean
 
@@ -47,7 +49,7 @@ def address(text: str) -> Address:
     """
     place, _, attribute = text.rpartition(":")
     label, equals, rest = place.partition("=")
-    if equals and not Path(place).is_file():
+    if equals and not os.path.isfile(place):  # noqa: PTH113 a label may be longer than a path can be
         place = rest
     else:
         label = f"{Path(place).name}:{attribute}"
@@ -61,8 +63,9 @@ def address(text: str) -> Address:
 
 def require_label(label: str, text: str) -> None:
     """Refuse a label that cannot name a file; `text` is what was asked for."""
-    if not label.strip() or set("/\\") & set(label) or not label.isprintable():
-        remedy = "give a word without slashes, and with no blanks but plain ones"
+    is_short = len(label.encode(errors="replace")) <= LONGEST
+    if not label.strip() or set("/\\") & set(label) or not label.isprintable() or not is_short:
+        remedy = "give a short word without slashes, and with no blanks but plain ones"
         raise UserError(f"estimator {text!r}: label {label!r} names files of results; {remedy}")
 
 

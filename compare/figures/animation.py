@@ -19,6 +19,7 @@ from slamgauge.compare.estimators.asked import labels_among
 from slamgauge.compare.figures.animation_scene import DOTS, Scene
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT
 from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.result_files import METRICS
 from slamgauge.compare.storage.results_folder import load_results
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.errors import UserError
@@ -56,7 +57,7 @@ def animate(folder: Path, names: Sequence[str], seconds: float, fps: int) -> str
     frames = min(_frames(seconds, fps), results.recording.steps + 1)
     steps = np.linspace(0, results.recording.steps, frames).round().astype(int).tolist()
     rate: Any = frames / seconds  # by the writers' types a whole number, which it need not be
-    staged = staged_folder(folder, (GIF, VIDEO), last=GIF, remedy="move it away")
+    staged = staged_folder(folder, (GIF, VIDEO), last=GIF, remedy="move it away", beside=METRICS)
     with staged as stage, mpl.rc_context(SCREEN):
         scene = Scene(results, shown, mapped)
         with explained(folder, "written"):

@@ -1,4 +1,4 @@
-"""Results written into folders, their pictures beside them."""
+"""Results written into folders, then their pictures beside them."""
 
 from __future__ import annotations
 
@@ -11,23 +11,28 @@ from slamgauge.compare.figures.noise_figure import save_noise_figure
 from slamgauge.compare.figures.plots import save_figure
 from slamgauge.compare.figures.ray_frames import has_rays
 from slamgauge.compare.figures.ray_strip import save_ray_strip
-from slamgauge.compare.figures.study_figures import save_study_figures
+from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.figures.sweep_figure import save_sweep_figure
 from slamgauge.compare.noise.finding import Noise
-from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.scoring.comparison import Comparison
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.storage.files import explained, save, write_json, write_tum
+from slamgauge.compare.storage.decorations import Drawing, decorate
+from slamgauge.compare.storage.files import save, write_json, write_tum
 from slamgauge.compare.storage.result_files import (
     BENCH,
+    BENCH_PICTURES,
     BUDGET,
+    BUDGET_PICTURES,
     METRICS,
     NOISE,
+    NOISE_PICTURES,
     RECORDING,
+    RUN_PICTURES,
     STUDY_PICTURES,
     SUMMARY,
     SWEEP,
     SWEEP_FILES,
+    SWEEP_PICTURES,
     TRUTH,
 )
 from slamgauge.compare.storage.staged_folder import staged_folder
@@ -36,8 +41,8 @@ from slamgauge.compare.studies.summary import Summary
 from slamgauge.compare.studies.sweep import Sweep
 
 
-def write_comparison(folder: Path, comparison: Comparison, content: dict[str, Any], title: str) -> None:
-    """Write recording, truth, estimates, TUM trajectories, figures and metrics into an existing, empty folder."""
+def write_comparison(folder: Path, comparison: Comparison, content: dict[str, Any]) -> None:
+    """Write recording, truth, estimates, TUM trajectories and metrics into an existing, empty folder."""
     recording, truth = comparison.recording, comparison.truth
     save(folder / RECORDING, recording)
     if truth is not None:
@@ -49,40 +54,45 @@ def write_comparison(folder: Path, comparison: Comparison, content: dict[str, An
         write_tum(folder / "trajectories" / f"{name}.tum", recording.stamps, estimate.poses)
     if truth is not None and truth.poses is not None:
         write_tum(folder / "trajectories" / "truth.tum", recording.stamps, truth.poses)
-    save_figure(folder, truth, recording, comparison.estimates, title)
-    rays = next((name for name, estimate in comparison.estimates.items() if has_rays(estimate)), None)
-    if rays is not None:
-        save_ray_strip(folder, truth, recording, rays, comparison.estimates[rays], f"{title}: rays of {rays}")
     write_json(folder / METRICS, content)
 
 
-def write_study(out: Path, summary: Summary, runs: dict[str, Runs], step: float) -> None:
-    """Write summary.json and the figures into `out`; `step` is the time step [s]."""
-    with staged_folder(out, (SUMMARY, *STUDY_PICTURES), last=SUMMARY) as stage, explained(out, "written"):
-        save_study_figures(stage, summary, runs, step)
+def draw_comparison(out: Path, comparison: Comparison, title: str) -> bool:
+    """Draw the figures of the run that is written in `out`; whether all could be drawn."""
+    recording, truth, estimates = comparison.recording, comparison.truth, comparison.estimates
+    drawings: dict[str, Drawing] = {"figure": lambda stage: save_figure(stage, truth, recording, estimates, title)}
+    rays = next((name for name, estimate in estimates.items() if has_rays(estimate)), None)
+    if rays is not None:
+        drawings["rays"] = lambda stage: save_ray_strip(
+            stage, truth, recording, rays, estimates[rays], f"{title}: rays of {rays}"
+        )
+    return decorate(out, METRICS, drawings, RUN_PICTURES)
+
+
+def write_study(out: Path, summary: Summary, runs: dict[str, Runs], step: float) -> bool:
+    """Write summary.json, then the figures, into `out`; whether all could be drawn. `step` is the time step [s]."""
+    with staged_folder(out, (SUMMARY, *STUDY_PICTURES), last=SUMMARY) as stage:
         write_json(stage / SUMMARY, summary.to_json())
+    return decorate(out, SUMMARY, study_drawings(summary, runs, step), STUDY_PICTURES)
 
 
-def write_sweep(out: Path, sweep: Sweep) -> None:
-    """Write sweep.json and the figure into `out`."""
-    with staged_folder(out, SWEEP_FILES, last=SWEEP) as stage, explained(out, "written"):
-        save_sweep_figure(stage, sweep)
+def write_sweep(out: Path, sweep: Sweep) -> bool:
+    """Write sweep.json, then the figure, into `out`; whether that could be drawn."""
+    with staged_folder(out, SWEEP_FILES, last=SWEEP) as stage:
         write_json(stage / SWEEP, sweep.to_json())
+    return decorate(out, SWEEP, {"sweep": lambda stage: save_sweep_figure(stage, sweep)}, SWEEP_PICTURES)
 
 
-def write_budget(folder: Path, budget: ErrorBudget) -> None:
-    """Write budget.json and the figure into an existing folder."""
-    save_budget_figure(folder, budget)
-    write_json(folder / BUDGET, budget.to_json())
+def draw_budget(out: Path, budget: ErrorBudget) -> bool:
+    """Draw the figure of the budget that is written in `out`; whether it could be drawn."""
+    return decorate(out, BUDGET, {"budget": lambda stage: save_budget_figure(stage, budget)}, BUDGET_PICTURES)
 
 
-def write_noise(folder: Path, noise: Noise) -> None:
-    """Write noise.json and the figure into an existing folder."""
-    save_noise_figure(folder, noise)
-    write_json(folder / NOISE, noise_json(noise))
+def draw_noise(out: Path, noise: Noise) -> bool:
+    """Draw the figure of the noise that is written in `out`; whether it could be drawn."""
+    return decorate(out, NOISE, {"noise": lambda stage: save_noise_figure(stage, noise)}, NOISE_PICTURES)
 
 
-def write_bench(folder: Path, result: dict[str, Any]) -> None:
-    """Write bench.json and the figure into an existing folder."""
-    save_bench_figure(folder / "bench.png", result)
-    write_json(folder / BENCH, result)
+def draw_bench(out: Path, result: dict[str, Any]) -> bool:
+    """Draw the figure of the times that are written in `out`; whether it could be drawn."""
+    return decorate(out, BENCH, {"bench": lambda stage: save_bench_figure(stage / "bench.png", result)}, BENCH_PICTURES)

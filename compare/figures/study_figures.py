@@ -16,6 +16,7 @@ from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, WRAP
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
 from slamgauge.compare.scoring.over_runs import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
 from slamgauge.compare.scoring.runs import Runs, paired
+from slamgauge.compare.storage.decorations import Drawing
 from slamgauge.compare.storage.names import math_text
 from slamgauge.compare.studies.summary import Summary, is_marked_against, misfit_optima, share_in_doubt
 
@@ -23,24 +24,27 @@ RUNS_DRAWN = 50  # error curves; more are one grey mass
 COMPONENTS = (("x [m]", "x", 1.0), ("y [m]", "y", 1.0), ("heading [°]", "heading", 180.0 / np.pi))
 
 
-def save_study_figures(out: Path, summary: Summary, runs: Mapping[str, Runs], step: float) -> None:
-    """Write nees, nis, errors and ratios (.png and .svg) into `out`; `step` is the time step [s]."""
+def study_drawings(summary: Summary, runs: Mapping[str, Runs], step: float) -> dict[str, Drawing]:
+    """What draws nees, nis, errors and ratios (.png and .svg), each by itself; `step` is the time step [s]."""
     ran = {name: each for name, each in runs.items() if len(each.run)}
     title = f"{summary.scenario}, {summary.runs} runs"
     doubts = (misfits(misfit_optima(summary)), doubt_in_runs(CAUSAL, share_in_doubt(summary)))
     doubtful = {name for name in (CAUSAL, HINDSIGHT) if is_marked_against(summary, name)}
+    return {
+        "nees": lambda out: _save(out / "nees", lambda: _nees(ran, step), title),
+        "nis": lambda out: _save(out / "nis", lambda: _nis(ran, step), title),
+        "errors": lambda out: _save(out / "errors", lambda: _errors(ran, step), title),
+        "ratios": lambda out: _save(out / "ratios", lambda: _ratios(ran, doubtful), title, *doubts),
+    }
+
+
+def _save(path: Path, draw: Callable[[], Figure | None], *title: str | None) -> None:
+    """Write a figure, if there is anything to draw, under the lines of its title."""
     with mpl.rc_context(PRINT):
-        figures = {
-            "nees": _nees(ran, step),
-            "nis": _nis(ran, step),
-            "errors": _errors(ran, step),
-            "ratios": _ratios(ran, doubtful),
-        }
-        for name, figure in figures.items():
-            if figure is not None:
-                lines = filter(None, (title, *(doubts if name == "ratios" else ())))
-                figure.suptitle(math_text("\n".join(lines)), **WRAPPED)
-                save_png_and_svg(figure, out / name)
+        figure = draw()
+        if figure is not None:
+            figure.suptitle(math_text("\n".join(filter(None, title))), **WRAPPED)
+            save_png_and_svg(figure, path)
 
 
 def _nees(runs: Mapping[str, Runs], step: float) -> Figure | None:

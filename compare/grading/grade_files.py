@@ -12,13 +12,14 @@ from slamgauge.compare.grading.grades import Grade
 from slamgauge.compare.grading.grading import Grades
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.text_table import interval_cell
+from slamgauge.compare.storage.decorations import Drawing, decorate
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.names import shown
 from slamgauge.compare.storage.result_files import GRADES, GRADES_XML, PAGES
 
 
 def write_grades(folder: Path, grades: Grades) -> None:
-    """Write grades.csv, grades.xml and the pages into a folder that exists.
+    """Write grades.csv and grades.xml into a folder that exists.
 
     Raises:
         UserError: a file cannot be written.
@@ -30,9 +31,20 @@ def write_grades(folder: Path, grades: Grades) -> None:
             table.writeheader()
             table.writerows({key: _plain(value) for key, value in row.items()} for row in rows)
         ElementTree.ElementTree(_junit(grades)).write(folder / GRADES_XML, encoding="utf-8", xml_declaration=True)
-        (folder / PAGES).mkdir()
-        for each in grades.grades:
-            (folder / PAGES / f"{each.submission}.md").write_text(page(each, grades), encoding="utf-8")
+
+
+def write_pages(out: Path, grades: Grades) -> bool:
+    """Write a page for each submission beside the grades in `out`; whether all could be written."""
+
+    def writes(each: Grade) -> Drawing:
+        def write(stage: Path) -> None:
+            (stage / PAGES).mkdir(exist_ok=True)
+            (stage / PAGES / f"{each.submission}.md").write_text(page(each, grades), encoding="utf-8")
+
+        return write
+
+    pages = {f"{PAGES}/{each.submission}": writes(each) for each in grades.grades}
+    return decorate(out, GRADES, pages, [f"{name}.md" for name in pages])
 
 
 def page(grade: Grade, grades: Grades) -> str:

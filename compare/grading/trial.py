@@ -22,8 +22,7 @@ from slamgauge.compare.estimators.strict import require_causal
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.scores import Score, evaluate
-from slamgauge.compare.studies.run import failure_text
-from slamgauge.errors import UserError
+from slamgauge.errors import UserError, failure_text
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth

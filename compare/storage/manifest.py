@@ -15,11 +15,11 @@ import os
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
-from secrets import token_hex
 from typing import Any, cast
 
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.storage.result_files import SQLITE_SIDE_FILES, can_be_named
+from slamgauge.compare.storage.partial_folder import partial_folder, publishing
+from slamgauge.compare.storage.result_files import SIDE_FILES, can_be_named
 from slamgauge.errors import UserError
 
 MANIFEST = ".slamgauge.json"
@@ -36,13 +36,13 @@ def owned(folder: Path) -> set[str]:
     """
     path = folder / MANIFEST
     with explained(path, "read"):
-        if not os.path.lexists(path):
+        if not is_there(path):
             return set()
         if not _is_plain_file(folder, MANIFEST):
             raise _no_manifest(path)
         files, moving = _parsed(path)
         stores = [name for name in files if name.endswith(".sqlite")]
-        files |= {f"{store}{ending}" for store in stores for ending in SQLITE_SIDE_FILES}
+        files |= {f"{store}{ending}" for store in stores for ending in SIDE_FILES}
         ours = {name for name in files if _is_plain_file(folder, name)}
         return ours | {
             name
@@ -61,7 +61,9 @@ def require_free(folder: Path, names: Iterable[str], remedy: str = REMEDY) -> No
     for name in names:
         for above in _folders_above(name):
             require_folder(folder, above, remedy)
-        if os.path.lexists(folder / name) and name not in ours:
+        with explained(folder / name, "written"):
+            taken = is_there(folder / name)
+        if taken and name not in ours:
             raise UserError(f"{folder / name}: exists already, and slamgauge has not written it; {remedy}")
 
 
@@ -73,15 +75,17 @@ def require_folder(folder: Path, name: str, remedy: str = REMEDY) -> Path:
     return path
 
 
-def write_manifest(folder: Path, files: Iterable[str], moving: Mapping[str, Iterable[str]] | None = None) -> None:
-    """Write the manifest, at once: names that are ours, and digests of what is being replaced or removed."""
+def write_manifest(
+    folder: Path, files: Iterable[str], within: Path, moving: Mapping[str, Iterable[str]] | None = None
+) -> None:
+    """Write the manifest, at once: names that are ours, and digests of what is being replaced or removed.
+
+    It is written into the partial folder `within` first.
+    """
     content = {"files": sorted(files), "moving": {name: [*digests] for name, digests in sorted((moving or {}).items())}}
-    partial = folder / f"{MANIFEST}.{token_hex(4)}.partial"
-    try:
-        partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-        partial.replace(folder / MANIFEST)
-    finally:
-        partial.unlink(missing_ok=True)
+    partial = within / f"{MANIFEST}.partial"
+    partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    partial.replace(folder / MANIFEST)
 
 
 def begin_file(folder: Path, name: str) -> None:
@@ -91,13 +95,21 @@ def begin_file(folder: Path, name: str) -> None:
         UserError: a file that is not ours would be replaced, or nothing can be written there.
     """
     require_free(folder, [name])
-    with explained(folder, "written"):
-        folder.mkdir(parents=True, exist_ok=True)
+    with explained(folder, "written"), partial_folder(folder) as within, publishing(folder):
         ours = owned(folder)
         if name not in ours:
-            write_manifest(folder, ours, {name: [EMPTY]})
+            write_manifest(folder, ours, within, {name: [EMPTY]})
             (folder / name).touch(exist_ok=False)
-        write_manifest(folder, ours | {name})
+        write_manifest(folder, ours | {name}, within)
+
+
+def is_there(path: Path) -> bool:
+    """Whether anything bears this name, a dangling link too; `OSError` if the name cannot be."""
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return True
 
 
 def digest_of(path: Path) -> str:

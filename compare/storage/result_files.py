@@ -6,6 +6,8 @@ import unicodedata
 from collections.abc import Iterable
 
 SQLITE_SIDE_FILES = ("-journal", "-shm", "-wal")  # SQLite makes and removes them beside a store
+LOCK = "-lock"  # beside a store that somebody adds to
+SIDE_FILES = (*SQLITE_SIDE_FILES, LOCK)
 
 
 def can_be_named(name: str) -> bool:
@@ -21,25 +23,30 @@ def pictures(*names: str) -> tuple[str, ...]:
 RECORDING, TRUTH = "recording.npz", "truth.npz"
 MAPPING = "recording.toml"  # how a log's files were read
 METRICS = "metrics.json"
+RUN_PICTURES = pictures("figure", "rays")
 OUTDATED = ("estimates/*.npz", "trajectories/*.tum", "animation.gif", "animation.mp4")  # of an earlier run
 
 STORE = "study.sqlite"
-STORE_FILES = (STORE, *(f"{STORE}{ending}" for ending in SQLITE_SIDE_FILES))
+STORE_FILES = (STORE, *(f"{STORE}{ending}" for ending in SIDE_FILES))
 SUMMARY = "summary.json"
 STUDY_PICTURES = pictures("nees", "nis", "errors", "ratios")
 STUDY_FILES = (*STORE_FILES, SUMMARY, *STUDY_PICTURES)
 SWEEP = "sweep.json"
-SWEEP_FILES = (SWEEP, *pictures("sweep"))
+SWEEP_PICTURES = pictures("sweep")
+SWEEP_FILES = (SWEEP, *SWEEP_PICTURES)
 BUDGET = "budget.json"
-BUDGET_FILES = (BUDGET, *pictures("budget"))
+BUDGET_PICTURES = pictures("budget")
+BUDGET_FILES = (BUDGET, *BUDGET_PICTURES)
 NOISE = "noise.json"
-NOISE_FILES = (NOISE, *pictures("noise"))
+NOISE_PICTURES = pictures("noise")
+NOISE_FILES = (NOISE, *NOISE_PICTURES)
 CLAIMS = "claims.json"
 TWIN = "twin.toml"
 TWIN_PATH, TWIN_MOTION, TWIN_SIGHTINGS = "path.csv", "motion.csv", "sightings.csv"
 TWIN_FILES = (TWIN, TWIN_PATH, TWIN_MOTION, TWIN_SIGHTINGS)
 BENCH = "bench.json"
-BENCH_FILES = (BENCH, "bench.png")
+BENCH_PICTURES = ("bench.png",)
+BENCH_FILES = (BENCH, *BENCH_PICTURES)
 
 GRADES, GRADES_XML = "grades.csv", "grades.xml"
 PAGES = "submissions"  # folder of a page for each
@@ -53,4 +60,4 @@ def grade_files(submissions: Iterable[str]) -> list[str]:
 def comparison_files(estimators: Iterable[str]) -> list[str]:
     """Every file that may be written of a run of estimators of these names."""
     each = [file for name in estimators for file in (f"estimates/{name}.npz", f"trajectories/{name}.tum")]
-    return [RECORDING, TRUTH, *each, "trajectories/truth.tum", *pictures("figure", "rays"), METRICS]
+    return [RECORDING, TRUTH, *each, "trajectories/truth.tum", *RUN_PICTURES, METRICS]

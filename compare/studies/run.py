@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import traceback
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -21,7 +19,7 @@ from slamgauge.compare.scoring.landmark_identity import landmark_errors, true_la
 from slamgauge.compare.scoring.ray_figures import RayFigures
 from slamgauge.compare.scoring.scores import filter_figures, map_figures, pose_covs_of
 from slamgauge.compare.scoring.trajectory_error import pose_errors, stored_distances
-from slamgauge.errors import UserError, refused_by_the_machine
+from slamgauge.errors import failure_text, refused_by_the_machine
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
@@ -86,18 +84,6 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
 def _failed(name: str, error: Exception) -> Outcome:
     """An outcome that is a failure."""
     return Outcome(name, error=failure_text(error), transient=refused_by_the_machine(error))
-
-
-def failure_text(error: Exception) -> str:
-    """What is known of a failure, in one line: a mistake, a refusal of the machine, or a defect and where it shows."""
-    if isinstance(error, UserError):
-        return str(error)
-    what = f"{type(error).__name__}: {' '.join(str(error).split())}"
-    if refused_by_the_machine(error):
-        return what
-    frame = traceback.extract_tb(error.__traceback__)[-1]
-    where = f"{Path(frame.filename).name}, line {frame.lineno}"
-    return f"{what} ({where}; a defect of slamgauge, please report it)"
 
 
 def near_and_far(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, float | None]:

@@ -638,19 +638,33 @@ def test_places_that_cannot_be_written(stored: Path, tmp_path: Path, refuse: Ref
     assert (tmp_path / "file").read_text() == ""
 
 
-@pytest.mark.parametrize("bytes_left", [2_000, 100_000])
-def test_a_disk_that_fills_up(stored: Path, refuse: Refuse, bytes_left: int):
-    """At the recording, and at the figure."""
+def evaluate_with_room(stored: Path, out: Path, room: int) -> subprocess.CompletedProcess[str]:
+    """A command that may write so many bytes into a file."""
+    limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))"
+    arguments = ("evaluate", stored / "recording.npz", "--estimators", "dead-reckoning", "--out", out)
+    return subprocess.run(command_after(limit, *arguments), capture_output=True, text=True, check=False)
+
+
+def test_a_disk_that_is_full_costs_the_folder_but_not_the_table(stored: Path, refuse: Refuse):
     before = contents(refuse.out.parent)
-    limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({bytes_left}, {bytes_left}))"
-    arguments = ("evaluate", stored / "recording.npz", "--estimators", "dead-reckoning", "--out", refuse.out)
-    done = subprocess.run(command_after(limit, *arguments), capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (2, "")
+    done = evaluate_with_room(stored, refuse.out, 2_000)
+    assert (done.returncode, done.stdout.split()[0]) == (2, "estimator")
     assert re.fullmatch(r"slamgauge: \S+: cannot be written \(File too large\); check .*\n", done.stderr)
     assert contents(refuse.out.parent) == before
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_disk_that_fills_up_at_the_figure_costs_that_alone(stored: Path, refuse: Refuse):
+    done = evaluate_with_room(stored, refuse.out, 100_000)
+    assert (done.returncode, done.stdout.split()[0]) == (1, "estimator")
+    lost, written = done.stderr.splitlines()
+    assert re.fullmatch(rf"slamgauge: {refuse.out}/figure: left out \(OSError: .*too large.*all else is written", lost)
+    assert written == f"written to {refuse.out}"
+    assert {path.name for path in refuse.out.iterdir()} == {
+        *("recording.npz", "truth.npz", "metrics.json", "estimates", "trajectories", MANIFEST)
+    }
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(refuse: Refuse, number: int, status: int):
     before = contents(refuse.out.parent)
     compile_graphs_once()  # compilation swallows an interrupt now and then

@@ -270,7 +270,7 @@ def test_a_video_is_written_where_there_is_ffmpeg(folder: Path, capsys: pytest.C
 def test_a_video_of_an_earlier_animation_goes(folder: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("PATH", "")
     (folder / "animation.mp4").write_bytes(b"old")
-    write_manifest(folder, ["animation.mp4"])
+    write_manifest(folder, ["animation.mp4"], within=folder)
     assert animate(folder, *SHORT) == 0
     assert not (folder / "animation.mp4").exists()
 
@@ -297,7 +297,7 @@ def test_an_interrupted_animation_leaves_nothing(
 ):
     """While the GIF is drawn, and while the video is."""
     (folder / "animation.gif").write_bytes(b"old")
-    write_manifest(folder, ["animation.gif"])
+    write_manifest(folder, ["animation.gif"], within=folder)
     before = contents(folder)
     shown: list[int] = []
     show: Callable[[Scene, int], None] = Scene.show

@@ -14,7 +14,7 @@ from rays_by_hand import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_w
 
 from slamgauge.compare.figures.map_at_step import map_at
 from slamgauge.compare.figures.map_layers import FAINTEST, MapLayer
-from slamgauge.compare.figures.publishing import write_comparison
+from slamgauge.compare.figures.publishing import draw_comparison, write_comparison
 from slamgauge.compare.figures.ray_frames import has_rays, ray_frames
 from slamgauge.compare.figures.ray_strip import save_ray_strip
 from slamgauge.compare.scoring.comparison import Comparison
@@ -224,7 +224,8 @@ def test_a_comparison_draws_the_first_estimate_with_rays(tmp_path: Path, monkeyp
 
     monkeypatch.setattr("slamgauge.compare.figures.publishing.save_ray_strip", keep)
     for i, estimates in enumerate(({"a": without, "b": no_ray}, {"a": without, "b": with_rays, "c": with_rays})):
-        folder = tmp_path / str(i)
+        comparison, folder = Comparison(truth, recording, estimates, {}), tmp_path / str(i)
         folder.mkdir()
-        write_comparison(folder, Comparison(truth, recording, estimates, {}), {}, "a title")
+        write_comparison(folder, comparison, {})
+        assert draw_comparison(folder, comparison, "a title")
     assert drawn == ["b"]

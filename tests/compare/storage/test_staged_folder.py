@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+import shutil
+import signal
+import subprocess
+import sys
+import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
 
 import pytest
 
-from slamgauge.compare.storage import manifest
+from slamgauge.compare.storage import manifest, partial_folder
 from slamgauge.compare.storage.manifest import MANIFEST, begin_file, owned, require_free, write_manifest
 from slamgauge.compare.storage.staged_folder import staged_folder
 
@@ -386,3 +392,97 @@ def test_a_manifest_that_is_no_file_is_refused(tmp_path: Path, kind: str):
     with pytest.raises(ValueError, match="is no list of files that slamgauge has written"):
         publish(out, "new")
     assert [path.name for path in out.iterdir()] == [MANIFEST]
+
+
+# --- several commands, and what killed ones leave ----------------------------------------------
+
+
+def beside(out: Path) -> list[Path]:
+    """Partial folders in the folder and next to it."""
+    return [*out.parent.glob(".slamgauge.*.partial"), *out.glob(".slamgauge.*.partial")]
+
+
+@pytest.mark.parametrize("existing", [False, True])
+def test_what_a_killed_command_left_is_swept_by_the_next_one(tmp_path: Path, existing: bool):
+    out = tmp_path / "out"
+    if existing:
+        publish(out, "old")
+    staged = "from slamgauge.compare.storage.staged_folder import staged_folder\nimport os, signal, sys\n"
+    killed = "with staged_folder(sys.argv[1], ['a.txt'], 'a.txt') as stage:\n    (stage / 'a.txt').write_text('x')\n"
+    program = f"{staged}{killed}    os.kill(os.getpid(), signal.SIGKILL)\n"
+    assert subprocess.run([sys.executable, "-c", program, out], check=False).returncode == -signal.SIGKILL
+    assert len(beside(out)) == 1
+    publish(out, "new")
+    assert beside(out) == []
+    assert texts(out) == dict.fromkeys(FILES, "new")
+
+
+def test_partial_folders_in_use_and_those_of_others_are_not_swept(tmp_path: Path):
+    """Whatever lies in a folder of that name: a copy of one of ours is not ours."""
+    publish(tmp_path, "old")
+    foreign = tmp_path / ".slamgauge.0badcafe.partial"
+    foreign.mkdir()
+    (foreign / "owner").write_text("mine")
+    (tmp_path / ".slamgauge.1badcafe.partial").write_text("mine")
+    (tmp_path / ".slamgauge.2badcafe.partial").symlink_to(foreign)
+    with staged_folder(tmp_path, FILES, LAST) as stage:
+        fill(stage, "slow")
+        shutil.copytree(stage.parent, tmp_path / ".slamgauge.3badcafe.partial")
+        publish(tmp_path, "quick")
+        assert texts(stage) == dict.fromkeys(FILES, "slow")
+    assert {path.name[11] for path in beside(tmp_path)} == {*"0123"}
+    assert (foreign / "owner").read_text() == "mine"
+    assert (tmp_path / LAST).read_text() == "slow"
+
+
+def test_commands_that_publish_into_one_folder_at_once_leave_one_whole_result(tmp_path: Path):
+    """Threads take locks from each other as processes do: each opens the folder itself."""
+    for attempt in range(10):
+        out = tmp_path / str(attempt)
+        names = [(f"estimates/{text}.npz", "a.txt", *(f"{text}{n}.txt" for n in range(5)), LAST) for text in "abcd"]
+        gate = threading.Barrier(len(names))
+
+        def one(text: str, mine: tuple[str, ...], out: Path = out, gate: threading.Barrier = gate) -> None:
+            with staged_folder(out, mine, LAST, ("estimates/*", "*.txt")) as stage:
+                fill(stage, text, mine)
+                gate.wait()
+
+        with ThreadPoolExecutor(len(names)) as pool:
+            for done in [pool.submit(one, text, mine) for text, mine in zip("abcd", names, strict=True)]:
+                done.result()
+        winner = (out / LAST).read_text()
+        assert texts(out) == dict.fromkeys(names["abcd".index(winner)], winner)
+        assert owned(out) == {*names["abcd".index(winner)]}
+        assert beside(out) == []
+
+
+def test_pictures_of_results_that_have_been_replaced_are_not_published(tmp_path: Path):
+    publish(tmp_path, "old")
+    with (
+        pytest.raises(ValueError, match=rf"^{tmp_path / LAST}: another command has replaced it meanwhile$"),
+        staged_folder(tmp_path, ["figure.png"], last="", beside=LAST) as stage,
+    ):
+        (stage / "figure.png").write_text("old")
+        publish(tmp_path, "new")
+    assert texts(tmp_path) == dict.fromkeys(FILES, "new")
+
+
+def test_a_command_that_does_not_end_does_not_make_others_wait_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    publish(tmp_path, "old")
+    monkeypatch.setattr(partial_folder, "PATIENCE", 0.1)
+    with (
+        partial_folder.publishing(tmp_path),
+        pytest.raises(ValueError, match=rf"^{tmp_path}: another command has been writing there for 0.1 s; wait for it"),
+    ):
+        publish(tmp_path, "new")
+    assert texts(tmp_path) == dict.fromkeys(FILES, "old")
+
+
+def test_a_name_that_is_too_long_is_refused_on_entry(tmp_path: Path):
+    with (
+        pytest.raises(ValueError, match=r"cannot be (read|written) \(File name too long\)"),
+        staged_folder(tmp_path / ("n" * 300), FILES, LAST),
+    ):
+        pytest.fail("the block must not run")

@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from slamgauge.compare.estimators.loading import load_estimators
-from slamgauge.compare.figures.study_figures import save_study_figures
+from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.figures.sweep_figure import save_sweep_figure
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
@@ -81,7 +81,8 @@ def test_figures_say_it_too(
     for name, check in (("sure", 0.01), ("doubtful", 0.31)):
         summary = studied([0.01, check], scenario, thread, tmp_path / name, monkeypatch)
         runs = load_runs(scenario, 2, 0, ("ekf", "isam2"), tmp_path / name)
-        save_study_figures(tmp_path, summary, runs, 0.1)
+        for draw in study_drawings(summary, runs, 0.1).values():
+            draw(tmp_path)
         saved[name] = saved["ratios"]
         summaries.append(summary)
     labels = [[tick.get_text() for tick in saved[name].axes[0].get_xticklabels()] for name in ("sure", "doubtful")]
