@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
+from slamgauge.compare.figures.closure_marks import marked_closures
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, MARK_COLOR, TRUTH_COLOR, styles
 from slamgauge.compare.figures.world_axes import label_time
-from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt
 from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.scoring.trajectory_error import pose_errors
@@ -21,6 +21,7 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
 PANELS = ("x [m]", "y [m]", "heading [°]")
+LONG_TITLE = 45  # characters: the width of a panel of figure.png
 UNITS = np.array([1.0, 1.0, 180.0 / np.pi])
 
 
@@ -45,7 +46,7 @@ def plot_errors(
     reference = _reference(truth, recording, estimates)
     shown = {name: each for name, each in estimates.items() if name != reference.name}
     left_out = len(shown) > 1 and shown.pop(DEAD_RECKONING, None) is not None
-    panels[0].set_title(reference.title + (" (dead reckoning left out)" if left_out else ""))
+    panels[0].set_title(_title(reference.title, "(dead reckoning left out)" if left_out else ""))
     chosen = styles(shown)
     filled = next((name for name, each in shown.items() if each.pose_covs is not None), None)
     times = recording.stamps
@@ -58,12 +59,17 @@ def plot_errors(
             if name == filled:
                 panel.fill_between(times, -bound, bound, color=color, alpha=0.15, linewidth=0, zorder=1)
             panel.plot(times, bound, times, -bound, color=color, linewidth=0.5, alpha=0.8, zorder=2)
-    closures = closure_steps(truth, recording)
-    closed = times[:0] if closures is None else times[closures]
+    closures, mark = marked_closures(truth, recording)
     for panel, label in zip(panels, PANELS, strict=True):
-        _finish(panel, label, times, closed)
+        _finish(panel, label, times, times[closures])
     label = [label_time(panel) for panel in panels][-1]
-    panels[-1].set_xlabel(f"{label}; ticks: loop closures" if len(closed) else label)
+    ticks = "loop closures" if mark == "loop closure" else mark
+    panels[-1].set_xlabel(f"{label}; ticks: {ticks}" if len(closures) else label)
+
+
+def _title(what: str, remark: str) -> str:
+    """Both in a line if the panel is wide enough for them, else in two."""
+    return (f"{what} {remark}" if len(what) + len(remark) < LONG_TITLE else f"{what}\n{remark}").strip()
 
 
 def _reference(truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]) -> _Reference:

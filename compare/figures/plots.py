@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from slamgauge.arrays import Float
+from slamgauge.compare.figures.closure_marks import marked_closures
 from slamgauge.compare.figures.ellipses import draw_ellipses
 from slamgauge.compare.figures.error_panels import plot_errors
 from slamgauge.compare.figures.map_limits import map_limits
@@ -28,7 +29,6 @@ from slamgauge.compare.figures.plot_style import (
 )
 from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.compare.scoring.landmark_identity import true_landmarks
-from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.compare.scoring.optimum_notes import distance_from_hindsight
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -43,7 +43,6 @@ OUTLINE: dict[str, Any] = {"markersize": 6, "color": "none", "markeredgecolor": 
 LONG_LABEL = 20  # characters; import paths of guests, mostly
 POSE_ELLIPSES = 15  # along each path; odd, or two loops would show the same places
 LANDMARK_ELLIPSES = 150  # more than these in all: only the first map's are drawn
-CLOSURE_MARKS = 60  # more than these would hide the paths
 
 
 def plot_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]) -> None:
@@ -99,11 +98,9 @@ def _draw_maps(
 def _draw_marks(ax: Axes, truth: Truth, recording: Recording, paths: Mapping[str, Float]) -> None:
     """The start, the loop closures, and keys to the dots and ellipses."""
     path = truth.poses if truth.poses is not None else list(paths.values())[-1]
-    closures = closure_steps(truth, recording)
-    if closures is not None and len(closures):
-        every = -(-len(closures) // CLOSURE_MARKS)
-        label = "loop closure" if every == 1 else f"1 in {every} loop closures"
-        ax.plot(*path[closures[::every], :2].T, "d", label=label, zorder=4, **DIAMOND)
+    closures, label = marked_closures(truth, recording)
+    if len(closures):
+        ax.plot(*path[closures, :2].T, "d", label=label, zorder=4, **DIAMOND)
     ax.plot(*recording.prior_mean[:2, None], "o", color=TRUTH_COLOR, markersize=4, label="start", zorder=4)
     ax.plot([], [], ".", color=MARK_COLOR, markersize=2.5, label="mapped landmark")
     if ax.collections:

@@ -3,14 +3,16 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.collections import Collection, EllipseCollection
+from matplotlib.collections import Collection, EllipseCollection, LineCollection
 from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
-from slamgauge.compare.figures.plot_style import GUESTS, KNOWN, styles
+from slamgauge.compare.figures import plots
+from slamgauge.compare.figures.plot_style import GUESTS, KNOWN, PRINT, styles
 from slamgauge.compare.figures.plots import plot_errors, plot_run, save_figure
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -242,3 +244,40 @@ def test_names_that_look_like_formulas_are_drawn_as_they_are(tmp_path: Path):
     truth, recording = circle()
     save_figure(tmp_path, truth, recording, {r"$\frac$": estimate(truth, [0, 0, 0])}, r"cost $\frac$ of $")
     ElementTree.parse(tmp_path / "figure.svg")
+
+
+def seen_again_and_again(recording: Recording) -> Recording:
+    """A landmark that is seen at every second step, and a step in a log without clock takes ten seconds."""
+    steps = np.arange(0, STEPS, 2)
+    fields: dict[str, Any] = {name: getattr(recording, name) for name in recording.__dataclass_fields__}
+    fields |= {"stamps": 10.0 * np.arange(STEPS + 1), "observation_step": steps, "landmark": np.zeros_like(steps)}
+    fields |= {"observation": np.tile([1.0, 0.0], (len(steps), 1))}
+    return Recording(**fields | {"observation_cov": np.tile(0.01 * np.eye(2), (len(steps), 1, 1))})
+
+
+def test_ticks_of_many_loop_closures_make_no_bar() -> None:
+    truth, recording = circle()
+    recording = seen_again_and_again(recording)
+    panels = panels_of(truth, recording, {"ekf": estimate(truth, [0, 0, 0])})
+    ticks = [each for each in panels[0].collections if isinstance(each, LineCollection)]
+    assert [len(each.get_segments()) for each in ticks] == [50]  # of 99
+    assert panels[2].get_xlabel() == "time [s]; ticks: 1 in 2 loop closures"
+    assert "1 in 2 loop closures" in labels(map_of(truth, recording, {}))
+
+
+@pytest.mark.parametrize("optimum", ["batch", "isam2", "ekf"])
+def test_titles_of_a_figure_without_truth_are_whole(
+    optimum: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth, recording = circle()
+    written: list[Figure] = []
+    monkeypatch.setattr(plots, "save_png_and_svg", lambda figure, _: written.append(figure))
+    estimates = {"dead-reckoning": drifting(recording), "riekf": estimate(truth, [0, 0, 0])}
+    save_figure(tmp_path, None, recording, estimates | {optimum: estimate(truth, [0.1, 0, 0])}, "a run")
+    (figure,) = written
+    with mpl.rc_context(PRINT):
+        figure.draw_without_rendering()
+    width = figure.bbox.width
+    for ax in figure.axes:
+        extent = ax.title.get_window_extent()
+        assert 0.0 <= extent.x0 <= extent.x1 <= width, ax.get_title()
