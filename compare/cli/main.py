@@ -21,6 +21,7 @@ from slamgauge import __version__
 from slamgauge.compare.cli.animate import Animate
 from slamgauge.compare.cli.bench import Bench
 from slamgauge.compare.cli.check import Check
+from slamgauge.compare.cli.doctor import Doctor
 from slamgauge.compare.cli.export import Export
 from slamgauge.compare.cli.grade import Grade
 from slamgauge.compare.cli.imports import Import
@@ -53,6 +54,7 @@ Command = (
     | Annotated[Check, tyro.conf.subcommand(name="check")]
     | Annotated[Grade, tyro.conf.subcommand(name="grade")]
     | Annotated[Bench, tyro.conf.subcommand(name="bench")]
+    | Annotated[Doctor, tyro.conf.subcommand(name="doctor")]
 )
 
 

@@ -1,3 +1,4 @@
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -249,10 +250,14 @@ def test_names_that_look_like_formulas_are_drawn_as_they_are(tmp_path: Path):
 def seen_again_and_again(recording: Recording) -> Recording:
     """A landmark that is seen at every second step, and a step in a log without clock takes ten seconds."""
     steps = np.arange(0, STEPS, 2)
-    fields: dict[str, Any] = {name: getattr(recording, name) for name in recording.__dataclass_fields__}
-    fields |= {"stamps": 10.0 * np.arange(STEPS + 1), "observation_step": steps, "landmark": np.zeros_like(steps)}
-    fields |= {"observation": np.tile([1.0, 0.0], (len(steps), 1))}
-    return Recording(**fields | {"observation_cov": np.tile(0.01 * np.eye(2), (len(steps), 1, 1))})
+    return dataclasses.replace(
+        recording,
+        stamps=10.0 * np.arange(STEPS + 1),
+        observation_step=steps,
+        observation=np.tile([1.0, 0.0], (len(steps), 1)),
+        observation_cov=np.tile(0.01 * np.eye(2), (len(steps), 1, 1)),
+        landmark=np.zeros_like(steps),
+    )
 
 
 def test_ticks_of_many_loop_closures_make_no_bar() -> None:
@@ -271,7 +276,11 @@ def test_titles_of_a_figure_without_truth_are_whole(
 ) -> None:
     truth, recording = circle()
     written: list[Figure] = []
-    monkeypatch.setattr(plots, "save_png_and_svg", lambda figure, _: written.append(figure))
+
+    def keep(figure: Figure, _: Path) -> None:
+        written.append(figure)
+
+    monkeypatch.setattr(plots, "save_png_and_svg", keep)
     estimates = {"dead-reckoning": drifting(recording), "riekf": estimate(truth, [0, 0, 0])}
     save_figure(tmp_path, None, recording, estimates | {optimum: estimate(truth, [0.1, 0, 0])}, "a run")
     (figure,) = written
