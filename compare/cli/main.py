@@ -32,6 +32,7 @@ from slamgauge.compare.cli.options import EmptyPathError
 from slamgauge.compare.cli.scenarios import Scenarios
 from slamgauge.compare.cli.streams import prepare_streams, put
 from slamgauge.compare.cli.twin import MakeTwin
+from slamgauge.compare.storage.origin import commanded
 from slamgauge.errors import UserError, refused_by_the_machine
 
 DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
@@ -87,7 +88,8 @@ def _run(words: Sequence[str]) -> int:
             args=words,
             config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
         )
-        status = command() or 0
+        with commanded(words):
+            status = command() or 0
     except (UserError, EmptyPathError) as error:
         print(f"slamgauge: {error}", file=sys.stderr)
         return 2

@@ -66,6 +66,7 @@ class Run:
         """Simulate, grade and write; the exit status."""
         from slamgauge.compare.estimators.asked import ask
         from slamgauge.compare.scenarios.scenario import load_scenario
+        from slamgauge.compare.scenarios.scenario_text import scenario_text
         from slamgauge.compare.scenarios.simulation import informed, simulate
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.names import file_name
@@ -88,6 +89,7 @@ class Run:
             scenario.robustness,
             scenario.name,
             self.seed,
+            scenario_text(scenario),
         )
         return grading.grade(truth, recording, told)
 
@@ -202,6 +204,7 @@ class Grading:
     robust: Robustness
     scenario: str | None = None
     seed: int | None = None
+    scenario_text: str | None = None
 
     def grade(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> int:
         """Run the estimators, print the table and write the folder; 1 if one of them failed, else 0."""
@@ -220,7 +223,7 @@ class Grading:
         with results_folder(self.out, files, METRICS, OUTDATED) as folder:
             comparison = compare_estimators(truth, recording, estimators, informed)
             comparison = replace(comparison, failures=failures | comparison.failures)
-            content = metrics(comparison, self.scenario, self.seed)
+            content = metrics(comparison, self.scenario, self.seed, self.scenario_text)
             done = print_result(content if self.as_json else table(comparison)) and not comparison.failures
             if folder is not None and self.out is not None:
                 from slamgauge.compare.figures.publishing import write_comparison

@@ -28,6 +28,7 @@ from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.compare.scoring.text_table import aligned, cell, marked
 from slamgauge.compare.scoring.too_good import WHY, is_too_near_the_truth
 from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
+from slamgauge.compare.storage.origin import origin
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.recording import Recording
@@ -95,9 +96,12 @@ def compare_estimators(
     return Comparison(truth, recording, estimates, scores, optima, failures, tuple(ran.stand_ins))
 
 
-def metrics(comparison: Comparison, scenario: str | None, seed: int | None) -> dict[str, Any]:
-    """The content of metrics.json; scenario and seed are None for a stored recording."""
+def metrics(
+    comparison: Comparison, scenario: str | None, seed: int | None, scenario_text: str | None = None
+) -> dict[str, Any]:
+    """The content of metrics.json; scenario, its text and seed are None for a stored recording."""
     return {
+        **origin(scenario_text),
         "scenario": scenario,
         "seed": seed,
         "digest": digest(comparison.recording),

@@ -65,12 +65,18 @@ def override(table: Table, text: str) -> None:
 
 
 def write_toml(path: Path, sections: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write sections of texts, numbers, lists of numbers and tables of texts or numbers; what is None is left out."""
+    """Write `toml_text` into a file."""
+    with explained(path, "written"):
+        path.write_text(toml_text(sections), encoding="utf-8")
+
+
+def toml_text(sections: Mapping[str, Mapping[str, Any]]) -> str:
+    """Sections of texts, numbers, lists and tables; what is None is left out, "" is for keys before all sections."""
     lines: list[str] = []
     for name, section in sections.items():
-        lines += [f"[{name}]", *(f"{key} = {_value(value)}" for key, value in section.items() if value is not None), ""]
-    with explained(path, "written"):
-        path.write_text("\n".join(lines), encoding="utf-8")
+        keys = [f"{key} = {_value(value)}" for key, value in section.items() if value is not None]
+        lines += [*([f"[{name}]"] if name else []), *keys, ""]
+    return "\n".join(lines)
 
 
 def _value(value: object) -> str:
@@ -78,4 +84,4 @@ def _value(value: object) -> str:
         return f"{{ {', '.join(f'{json.dumps(key)} = {_value(each)}' for key, each in value.items())} }}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_value, value))}]"
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)

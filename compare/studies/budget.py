@@ -20,6 +20,7 @@ from slamgauge.compare.estimators.loading import load
 from slamgauge.compare.estimators.registry import CAUSAL, FILTERS, HINDSIGHT
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scenarios.schema import Assumed
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval
@@ -28,6 +29,7 @@ from slamgauge.compare.scoring.optimum_notes import MARK, at_places
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe, mean_figures, ray_figures
 from slamgauge.compare.scoring.text_table import aligned, marked
 from slamgauge.compare.scoring.trajectory_error import pose_errors, squared_distances
+from slamgauge.compare.storage.origin import origin
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -60,7 +62,8 @@ class Rung:
 class ErrorBudget:
     """The budget of one filter on one scenario; `costliest` is the rung above the first that adds most.
 
-    `rays` is what became of the rays of a bearing-only filter, in the mean over runs.
+    `rays` is what became of the rays of a bearing-only filter, in the mean over runs, `scenario_text` the
+    scenario as a TOML file.
     """
 
     scenario: str
@@ -69,6 +72,7 @@ class ErrorBudget:
     rungs: tuple[Rung, ...]
     costliest: str
     rays: RayFigures | None = None
+    scenario_text: str | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The content of budget.json; `rays` for bearings alone."""
@@ -82,6 +86,7 @@ class ErrorBudget:
             for rung in self.rungs
         ]
         content: dict[str, Any] = {
+            **origin(self.scenario_text),
             "scenario": self.scenario,
             "filter": self.filter,
             "runs": self.runs,
@@ -135,7 +140,7 @@ def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, exe
             future.cancel()
     errors, checks, rays = zip(*results, strict=True)
     budget = summarise_budget(scenario.name, asked.label, np.array(errors), np.array(checks))
-    return replace(budget, rays=mean_figures(rays))
+    return replace(budget, rays=mean_figures(rays), scenario_text=scenario_text(scenario))
 
 
 def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Float) -> ErrorBudget:

@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from slamgauge.compare.estimators.asked import Asked, Chosen, ask, labels_among
 from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.sequential import Look
 from slamgauge.compare.storage.manifest import begin_file, require_free
@@ -101,6 +102,7 @@ def run_study(
         estimators=summarise(loaded),
         against=compare_against(loaded, against, looks, look),
         precision=precision,
+        scenario_text=scenario_text(scenario),
     )
 
 

@@ -19,6 +19,7 @@ from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_table import aligned, cell, interval_cell, marked
 from slamgauge.compare.scoring.too_good import beats_the_optimum
 from slamgauge.compare.scoring.verdicts import verdict_lines
+from slamgauge.compare.storage.origin import origin
 from slamgauge.compare.studies.resolution import Against, Precision, against_lines
 
 
@@ -97,7 +98,7 @@ class Summary:
     """summary.json as an object.
 
     `against` has the paired comparisons that were asked for, `precision` where a study ended that went on until its
-    ratios were known.
+    ratios were known, `scenario_text` the scenario as a TOML file.
     """
 
     scenario: str
@@ -108,10 +109,12 @@ class Summary:
     estimators: dict[str, EstimatorSummary]
     against: Against = field(default_factory=dict)
     precision: Precision | None = None
+    scenario_text: str | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The content of summary.json."""
         return {
+            **origin(self.scenario_text),
             "scenario": self.scenario,
             "runs": self.runs,
             "seed": self.seed,

@@ -11,12 +11,14 @@ from typing import Any
 from slamgauge.compare.estimators.asked import Asked, Chosen, ask
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
+from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.catalogue import columns
 from slamgauge.compare.scoring.optimum_notes import at_places, misfits, placed
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_table import aligned
 from slamgauge.compare.storage.manifest import require_folder, require_free
+from slamgauge.compare.storage.origin import origin
 from slamgauge.compare.storage.result_files import STORE_FILES, STUDY_FILES, SWEEP_FILES
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import load_runs, run_study
@@ -52,6 +54,7 @@ class Sweep:
         """The content of sweep.json."""
         points = zip(self.values, self.summaries, strict=True)
         return {
+            **origin(self.summaries[0].scenario_text),
             "scenario": self.scenario,
             "key": self.key,
             "runs": self.runs,
@@ -137,7 +140,8 @@ def _run_parts(
         if asked:
             failures += run_study(told, runs, seed, asked, where, executor).failures
             loaded |= load_runs(told, runs, seed, asked, where)
-    return Summary(scenario.name, runs, seed, digest(scenario, seed), failures, summarise(loaded)), loaded
+    content = (scenario.name, runs, seed, digest(scenario, seed), failures, summarise(loaded))
+    return Summary(*content, scenario_text=scenario_text(scenario)), loaded
 
 
 def _require_different(sweep: str, values: Sequence[str], scenarios: Sequence[Scenario]) -> None:

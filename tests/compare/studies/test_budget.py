@@ -113,7 +113,8 @@ def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest
     assert main([*words, "--out", str(tmp_path / "budget")]) == 0
     printed = capsys.readouterr().out
     content = json.loads((tmp_path / "budget" / "budget.json").read_text())
-    assert set(content) == {"scenario", "filter", "runs", "rungs", "costliest", "verdict"}
+    origin = {"version", "command", "scenario_text"}
+    assert set(content) == {*origin, "scenario", "filter", "runs", "rungs", "costliest", "verdict"}
     assert content["verdict"] in printed.splitlines()
     assert "no estimator avoids" in content["verdict"]
     assert set(content["rungs"][0]) == {"name", "mse_m2", "increment_m2", "optimum_check_share"}
