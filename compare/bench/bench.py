@@ -21,7 +21,8 @@ from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.scoring.text_table import aligned, cell
+from slamgauge.compare.scoring.text_page import Grid, Page
+from slamgauge.compare.scoring.text_table import cell
 from slamgauge.compiled import direct
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.estimators import drive
@@ -145,9 +146,8 @@ def step_time(figures: dict[str, float]) -> float:
     return figures["median_s"] if "median_s" in figures else figures["mean_s"]
 
 
-def bench_table(result: dict[str, Any]) -> str:
+def bench_table(result: dict[str, Any]) -> Page:
     """The result as text: milliseconds a step against map size, whole runs, shares and ratios."""
-    lines = [f"workload: {result['workload']}", ""]
     titles = ("median [ms]", "p95 [ms]", "mean [ms]", "runs/s", "outside kernels", f"x {YARDSTICK}", f"x {CAUSAL}")
     rows: list[tuple[str, ...]] = [("estimator", "landmarks", *titles)]
     for name, by_size in result["estimators"].items():
@@ -160,10 +160,9 @@ def bench_table(result: dict[str, Any]) -> str:
                 cell(figures.get(f"ratio_to_{CAUSAL}"), "{:.4f}"),
             )
             rows.append((name, size, *cells))
-    lines += aligned(rows, words=1)
-    for name, exponent in result["growth_exponent"].items():
-        lines.append(f"growth of {name}: landmarks^{cell(exponent, '{:.2f}')}")
-    return "\n".join(lines)
+    exponents = result["growth_exponent"].items()
+    growth = [f"growth of {name}: landmarks^{cell(exponent, '{:.2f}')}" for name, exponent in exponents]
+    return Page((f"workload: {result['workload']}", "", Grid(rows), *growth))
 
 
 def _milliseconds(seconds: float | None) -> str:

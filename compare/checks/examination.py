@@ -16,7 +16,8 @@ from slamgauge.compare.checks.speed import SPEED
 from slamgauge.compare.checks.truth import TRUTH
 from slamgauge.compare.checks.update import UPDATE
 from slamgauge.compare.estimators.isolated import OverdueError
-from slamgauge.compare.scoring.text_table import aligned, cell
+from slamgauge.compare.scoring.text_page import Grid, Page
+from slamgauge.compare.scoring.text_table import cell
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 
@@ -95,14 +96,14 @@ def verdicts_json(verdicts: Sequence[Verdict]) -> list[dict[str, object]]:
     return [asdict(verdict) for verdict in verdicts]
 
 
-def verdicts_table(verdicts: Sequence[Verdict]) -> str:
+def verdicts_table(verdicts: Sequence[Verdict]) -> Page:
     """A line for every law; below it, what to look at for those that are not kept."""
     head = ("law", "verdict", "figure", "bound")
     rows = [(each.name, _word(each), cell(each.figure, "{:.2g}"), f"{each.bound:g}") for each in verdicts]
     said = [f"{each.name}: {each.blame}" for each in verdicts if not each.passed]
     failed = sum(each.is_failure for each in verdicts)
     summary = f"{len(verdicts)} laws, {failed} failed" if failed else f"{len(verdicts)} laws, none failed"
-    return "\n".join([*aligned([head, *rows], words=2), *said, summary])
+    return Page((Grid([head, *rows], words=2), *said, summary))
 
 
 def _word(verdict: Verdict) -> str:

@@ -15,7 +15,11 @@ from slamgauge.compare.cli.options import (
 
 @dataclass
 class Animate:
-    """Show a run as a moving picture: animation.gif, and animation.mp4 where ffmpeg is installed."""
+    """Show a run as a moving picture: animation.gif, and animation.mp4 where ffmpeg is installed.
+
+    For example:
+      slamgauge animate first-run --estimators ekf,riekf --seconds 20 --fps 25
+    """
 
     folder: tyro.conf.Positional[Folder]
     """What `slamgauge run` or `slamgauge evaluate --out` has written; the animation goes there too."""

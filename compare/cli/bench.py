@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from slamgauge.compare.cli.options import (
     Estimators,
@@ -11,13 +11,18 @@ from slamgauge.compare.cli.options import (
     results_folder,
     split_names,
 )
+from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.estimators.registry import BENCHED
 from slamgauge.errors import UserError
 
 
 @dataclass
 class Bench:
-    """Measure step times against map size, beside a plain numpy filter (all at four sizes: twenty minutes)."""
+    """Measure step times against map size, beside a plain numpy filter (all at four sizes: twenty minutes).
+
+    For example:
+      slamgauge bench --landmarks 20,100 --estimators ekf,riekf
+    """
 
     landmarks: str = "20,100,300,1000"
     """Comma-separated map sizes."""
@@ -29,6 +34,8 @@ class Bench:
 
     json: bool = False
     """Print JSON on standard output instead of the table."""
+
+    output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
         """Measure, print and, if asked to, write; the exit status."""

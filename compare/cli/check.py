@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import tyro
 
 from slamgauge.compare.cli.options import print_result, require_timeout
+from slamgauge.compare.cli.terminal import Output
 from slamgauge.errors import UserError
 
 
@@ -15,6 +16,9 @@ class Check:
     """Hold one estimator to laws that every filter must obey; each names the part that is to blame.
 
     Exit status 1 if a law fails. What the textbook method itself cannot keep is told as a limit, which is no failure.
+
+    For example:
+      slamgauge check my_filter.py:estimate
     """
 
     estimator: tyro.conf.Positional[str]
@@ -30,6 +34,8 @@ class Check:
 
     json: bool = False
     """Print JSON on standard output instead of the table."""
+
+    output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
         """Judge and print; the exit status."""

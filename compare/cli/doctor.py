@@ -33,6 +33,9 @@ class Doctor:
     """Say what a report of a defect needs: versions, BLAS, threads, kept machine code, gtsam, programs, free memory.
 
     Exit status 1 if something is missing that slamgauge needs.
+
+    For example:
+      slamgauge doctor
     """
 
     clear_cache: bool = False

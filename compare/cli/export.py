@@ -25,6 +25,9 @@ class Export:
 
     csv: a recording's three files in a folder, or an estimate's path and map (docs/your_filter.md). g2o: a recording as
     a graph. mat: all that there is, for Octave and MATLAB. tum-cov: an estimate's poses and covariances.
+
+    For example:
+      slamgauge export first-run --format mat --out first-run.mat
     """
 
     path: tyro.conf.Positional[Path]

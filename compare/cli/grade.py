@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import tyro
@@ -17,6 +17,7 @@ from slamgauge.compare.cli.options import (
     results_folder,
     sampled_scenario,
 )
+from slamgauge.compare.cli.terminal import Output
 from slamgauge.errors import UserError
 
 
@@ -25,6 +26,9 @@ class Grade:
     """Grade a folder of submissions, each in a process of its own and without the truth, against a reference filter.
 
     Exit status 1 if one could not be graded; the others are.
+
+    For example:
+      slamgauge grade submissions --scenario q1-long-dense --runs 20
     """
 
     folder: tyro.conf.Positional[Folder]
@@ -56,6 +60,8 @@ class Grade:
 
     json: bool = False
     """Print JSON on standard output instead of the table."""
+
+    output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
         """Run, judge, print and write; the exit status."""

@@ -242,8 +242,11 @@ class LostInTheWoods:
 class Import:
     """Turn a robot's log or a published recording into recording.npz (and truth.npz).
 
-    For example `slamgauge import csv my-log --set noise.forward=0.02 ... --out mine`, then `slamgauge evaluate
-    mine/recording.npz`. `slamgauge import FORMAT --help` says what each format has.
+    `slamgauge import FORMAT --help` says what each format has.
+
+    For example:
+      slamgauge import csv my-log --set noise.forward=0.02 noise.turn=0.01 --out mine
+      slamgauge evaluate mine/recording.npz
     """
 
     format: (

@@ -13,9 +13,6 @@ import threading
 import traceback
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
-from typing import Annotated
-
-import tyro
 
 from slamgauge import __version__
 from slamgauge.compare.cli.animate import Animate
@@ -29,8 +26,10 @@ from slamgauge.compare.cli.many_runs import Budget, Claims, Study
 from slamgauge.compare.cli.noise import Noise
 from slamgauge.compare.cli.one_run import Evaluate, Run
 from slamgauge.compare.cli.options import EmptyPathError
+from slamgauge.compare.cli.parsing import Command, parse
 from slamgauge.compare.cli.scenarios import Scenarios
-from slamgauge.compare.cli.streams import prepare_streams, put
+from slamgauge.compare.cli.streams import drop_output, prepare_streams, put
+from slamgauge.compare.cli.terminal import Output, printed_as
 from slamgauge.compare.cli.twin import MakeTwin
 from slamgauge.compare.storage.origin import commanded
 from slamgauge.errors import UserError, refused_by_the_machine
@@ -40,23 +39,23 @@ REFUSED = 71  # EX_OSERR
 INTERRUPTED = 128 + signal.SIGINT  # as shells tell it
 ENDS = (signal.SIGTERM, signal.SIGHUP)  # what else ends a command as an interrupt does
 
-Command = (
-    Annotated[Scenarios, tyro.conf.subcommand(name="scenarios")]
-    | Annotated[Run, tyro.conf.subcommand(name="run")]
-    | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
-    | Annotated[Import, tyro.conf.subcommand(name="import")]
-    | Annotated[Export, tyro.conf.subcommand(name="export")]
-    | Annotated[MakeTwin, tyro.conf.subcommand(name="twin")]
-    | Annotated[Study, tyro.conf.subcommand(name="study")]
-    | Annotated[Budget, tyro.conf.subcommand(name="budget")]
-    | Annotated[Claims, tyro.conf.subcommand(name="claims")]
-    | Annotated[Noise, tyro.conf.subcommand(name="noise")]
-    | Annotated[Animate, tyro.conf.subcommand(name="animate")]
-    | Annotated[Check, tyro.conf.subcommand(name="check")]
-    | Annotated[Grade, tyro.conf.subcommand(name="grade")]
-    | Annotated[Bench, tyro.conf.subcommand(name="bench")]
-    | Annotated[Doctor, tyro.conf.subcommand(name="doctor")]
-)
+COMMANDS: dict[str, type[Command]] = {
+    "scenarios": Scenarios,
+    "run": Run,
+    "evaluate": Evaluate,
+    "import": Import,
+    "export": Export,
+    "twin": MakeTwin,
+    "study": Study,
+    "budget": Budget,
+    "claims": Claims,
+    "noise": Noise,
+    "animate": Animate,
+    "check": Check,
+    "grade": Grade,
+    "bench": Bench,
+    "doctor": Doctor,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -80,19 +79,14 @@ def _run(words: Sequence[str]) -> int:
     if list(words) == ["--version"]:
         return 0 if put(f"slamgauge {__version__}") else 1
     try:
-        command = tyro.cli(
-            Command,  # pyright: ignore[reportArgumentType]
-            prog="slamgauge",
-            description="How far is your SLAM filter from the best that its measurements allow? "
-            "(`slamgauge --version` prints its version.)",
-            args=words,
-            config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-        )
-        with commanded(words):
+        command = parse(words, COMMANDS)
+        with commanded(words), printed_as(getattr(command, "output", Output())):
             status = command() or 0
     except (UserError, EmptyPathError) as error:
         print(f"slamgauge: {error}", file=sys.stderr)
         return 2
+    except BrokenPipeError:  # whoever reads our help (`head`, a pager) has seen enough
+        drop_output()
     except OSError as error:
         if error.errno != errno.ENAMETOOLONG:
             return _not_the_users_mistake(error)

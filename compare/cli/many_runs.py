@@ -24,6 +24,7 @@ from slamgauge.compare.cli.options import (
     sampled_scenario,
     split_names,
 )
+from slamgauge.compare.cli.terminal import Output
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
@@ -39,6 +40,10 @@ class Study:
     """Monte Carlo: many independent runs, their statistics and figures. Interrupted, it goes on where it was.
 
     Exit status 1 if an estimator failed in a run; all others are summed up.
+
+    For example:
+      slamgauge study q1-long-dense --runs 100 --estimators ekf,riekf,isam2
+      slamgauge study q2-long-dense --runs 20 --sweep association.gate=1,9,100
     """
 
     scenario: tyro.conf.Positional[str]
@@ -85,6 +90,8 @@ class Study:
 
     json: bool = False
     """Print summary.json (of a sweep sweep.json) on standard output instead of the table."""
+
+    output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
         """Run what is missing, sum up, print and write; the exit status."""
@@ -142,7 +149,11 @@ class Study:
 
 @dataclass
 class Budget:
-    """The error budget: where a filter's error comes from, rung by rung, on the same measurements."""
+    """The error budget: where a filter's error comes from, rung by rung, on the same measurements.
+
+    For example:
+      slamgauge budget q1-long-dense --filter ekf --runs 100
+    """
 
     scenario: tyro.conf.Positional[str]
     """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file; the true start is drawn
@@ -168,6 +179,8 @@ class Budget:
     json: bool = False
     """Print budget.json on standard output instead of the table."""
 
+    output: Output = field(default_factory=Output)
+
     def __call__(self) -> int:
         """Run, print and write; the exit status."""
         from slamgauge.compare.storage.files import write_json
@@ -190,7 +203,11 @@ class Budget:
 
 @dataclass
 class Claims:
-    """The practical's conclusions, each tested over many runs next to the optimum. Interrupted, it goes on."""
+    """The practical's conclusions, each tested over many runs next to the optimum. Interrupted, it goes on.
+
+    For example:
+      slamgauge claims --runs 50
+    """
 
     out: Folder
     """Folder of claims.json and of the studies behind it."""
@@ -206,6 +223,8 @@ class Claims:
 
     json: bool = False
     """Print claims.json on standard output instead of the table."""
+
+    output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
         """Run what is missing, judge, print and write; the exit status."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import tyro
 
 from slamgauge.compare.cli.options import Folder, print_result, results_folder
+from slamgauge.compare.cli.terminal import Output
 from slamgauge.errors import UserError
 
 REMEDY = "move it away or give another --write"
@@ -16,7 +17,11 @@ REMEDY = "move it away or give another --write"
 
 @dataclass
 class Noise:
-    """Which noise the measurements of a recording support, with intervals, outliers and a diagnosis."""
+    """Which noise the measurements of a recording support, with intervals, outliers and a diagnosis.
+
+    For example:
+      slamgauge noise first-run/recording.npz --systematic
+    """
 
     recording: tyro.conf.Positional[Path]
     """recording.npz, with ranges and bearings or positions; without ids, landmarks are associated jointly."""
@@ -32,6 +37,8 @@ class Noise:
 
     json: bool = False
     """Print noise.json on standard output instead of the table."""
+
+    output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
         """Find, print and, if asked to, write; the exit status."""

@@ -22,6 +22,7 @@ from slamgauge.compare.cli.options import (
     results_folder,
     split_names,
 )
+from slamgauge.compare.cli.terminal import Output
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
@@ -39,7 +40,12 @@ FRAMES = 240  # maps that filters keep for pictures
 
 @dataclass
 class Run:
-    """Simulate one run of a scenario and grade estimators on it."""
+    """Simulate one run of a scenario and grade estimators on it.
+
+    For example:
+      slamgauge run q1-long-dense --estimators ekf,riekf,isam2,batch
+      slamgauge run q2-long-dense --seed 3 --set association.gate=25
+    """
 
     scenario: tyro.conf.Positional[str]
     """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file."""
@@ -61,6 +67,8 @@ class Run:
 
     json: bool = False
     """Print metrics.json on standard output instead of the table."""
+
+    output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
         """Simulate, grade and write; the exit status."""
@@ -100,6 +108,9 @@ class Evaluate:
 
     From a truth with associations isam2 and batch are told these; where nobody knows them, those of the first estimator
     that makes any (isam2@ekf). The noise that all assume is the recording's.
+
+    For example:
+      slamgauge evaluate first-run/recording.npz --estimators ekf,my_filter.py:estimate
     """
 
     recording: tyro.conf.Positional[Path]
@@ -138,6 +149,8 @@ class Evaluate:
 
     json: bool = False
     """Print metrics.json on standard output instead of the table."""
+
+    output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
         """Load, grade and, if asked to, write; the exit status."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from slamgauge.compare.cli.streams import put
+from slamgauge.compare.cli.terminal import laid_out
 from slamgauge.compare.estimators.registry import FILTERS, HELP
 from slamgauge.errors import UserError
 
@@ -125,5 +126,9 @@ def flattened(groups: Sequence[Sequence[str]]) -> list[str]:
 
 
 def print_result(result: object) -> bool:
-    """Print a table (a text), or anything else as JSON, on standard output; whether that took it."""
+    """Print a page (tables) or a text, or anything else as JSON, on standard output; whether that took it."""
+    from slamgauge.compare.scoring.text_page import Page
+
+    if isinstance(result, Page):
+        result = laid_out(result)
     return put(result if isinstance(result, str) else json.dumps(result, indent=2, allow_nan=False))

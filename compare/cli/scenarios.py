@@ -11,7 +11,11 @@ from slamgauge.compare.cli.options import (
 
 @dataclass
 class Scenarios:
-    """List the shipped scenarios with a line each."""
+    """List the shipped scenarios with a line each.
+
+    For example:
+      slamgauge scenarios
+    """
 
     json: bool = False
     """Print JSON on standard output."""

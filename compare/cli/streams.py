@@ -28,15 +28,15 @@ def put(text: str) -> bool:
         print(text)
         sys.stdout.flush()
     except BrokenPipeError:
-        _drop_output()
+        drop_output()
     except OSError as error:
-        _drop_output()
+        drop_output()
         print(f"slamgauge: standard output: cannot be written ({error.strerror}); give it room", file=sys.stderr)
         return False
     return True
 
 
-def _drop_output() -> None:
+def drop_output() -> None:
     """Lead standard output nowhere, with what is still to be written there."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

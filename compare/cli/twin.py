@@ -16,6 +16,10 @@ class MakeTwin:
     """Make a scenario of a recording: its optimum's path and map, its own sightings, noise and stamps.
 
     All commands take the scenario: study, budget and sweeps then tell of your own site, without ground truth.
+
+    For example:
+      slamgauge twin mine/recording.npz --out twin
+      slamgauge study twin/twin.toml --runs 20
     """
 
     recording: tyro.conf.Positional[Path]

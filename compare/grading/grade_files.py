@@ -63,7 +63,7 @@ def page(grade: Grade, grades: Grades) -> str:
     if grade.reference is not None:
         lines += ["", *_figures(grade, grades.reference)]
     if trial.verdicts:
-        lines += ["", "The laws (`slamgauge check`):", "", *_verbatim(verdicts_table(trial.verdicts))]
+        lines += ["", "The laws (`slamgauge check`):", "", *_verbatim(str(verdicts_table(trial.verdicts)))]
     if trial.no_laws:
         lines += ["", f"The laws (`slamgauge check`) do not judge it: {trial.no_laws}."]
     if trial.said:

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from slamgauge.compare.grading.grades import Grade
 from slamgauge.compare.grading.grading import Grades
-from slamgauge.compare.scoring.text_table import aligned, cell, interval_cell
+from slamgauge.compare.scoring.text_page import Grid, Page
+from slamgauge.compare.scoring.text_table import cell, interval_cell
 
 HEAD = ("ATE [m]", "x", "NEES/3", "x", "sigma x", "heading sigma x", "x causal", "laws failed", "time [s]")
 
 
-def grade_table(grades: Grades) -> str:
+def grade_table(grades: Grades) -> Page:
     """A line for each submission, under that of the reference; below, why they have not passed."""
     head = ["submission", "verdict", *(f"{title} {grades.reference}" if title[-1:] == "x" else title for title in HEAD)]
     rows = [head, [f"({grades.reference})", "reference", *_figures(grades.reference_grade)]]
     rows += [[each.submission, verdict(each), *_figures(each)] for each in grades.grades]
     said = [f"{each.submission}: {'; '.join(each.reasons)}" for each in grades.grades if each.reasons]
-    return "\n".join([*aligned(rows, words=2), *said, _sum(grades)])
+    return Page((Grid(rows, words=2), *said, _sum(grades)))
 
 
 def verdict(grade: Grade) -> str:

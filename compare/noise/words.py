@@ -13,7 +13,7 @@ from slamgauge.compare.noise.diagnosis import Diagnosis, Nis
 from slamgauge.compare.noise.finding import Noise, Supported
 from slamgauge.compare.noise.told import UNITS
 from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.text_table import aligned
+from slamgauge.compare.scoring.text_page import Grid, Page
 
 LEVEL = 0.95
 MANY = 5  # landmarks that are named at most
@@ -21,7 +21,7 @@ WORTH_SAYING = 0.05  # of a correlation: less changes no interval by more than 5
 HEADINGS = ("noise", "unit", "assumed", "found", "95 % interval", "verdict")
 
 
-def noise_table(noise: Noise) -> str:
+def noise_table(noise: Noise) -> Page:
     """The table and the lines under it."""
     rows: list[tuple[str, ...]] = [HEADINGS]
     for name, found in noise.parameters.items():
@@ -31,7 +31,7 @@ def noise_table(noise: Noise) -> str:
     for name, found in noise.systematic.items():
         said = "none to be seen" if found.low <= 0.0 <= found.high else "there is one"
         rows.append((name, UNITS[name], "0", f"{found.value:+.3g}", _interval(found), said))
-    return "\n".join([line.rstrip() for line in aligned(rows, len(HEADINGS))] + [*lines(noise)])
+    return Page((Grid(rows, len(HEADINGS), sentences=HEADINGS.index("verdict")), *lines(noise)))
 
 
 def lines(noise: Noise) -> list[str]:

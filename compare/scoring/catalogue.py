@@ -57,7 +57,7 @@ CATALOGUE = (
         help="RMS heading error; of a study, mean over steps of the RMS over runs",
         scored=True,
         over_runs=mean_root_of("error_heading"),
-        column=Column(title="heading [rad]", form="{:.4f}", run=2, study=4, needs=TRUTH),
+        column=Column(title="heading [rad]", form="{:.4f}", run=6, study=7, needs=TRUTH),
     ),
     Quantity(
         key="final_position_error_m",
@@ -66,7 +66,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("final_position_error_m"),
-        column=Column(title="end [m]", run=3, study=5, needs=TRUTH),
+        column=Column(title="end [m]", run=7, study=8, needs=TRUTH),
     ),
     Quantity(key="final_heading_error_rad", unit="rad", help="absolute heading error of the last pose", scored=True),
     Quantity(key="rpe_m", unit="m", help="RMS translation error of single steps, in the body frame", scored=True),
@@ -74,13 +74,13 @@ CATALOGUE = (
         key="nees_pose",
         help="mean over time of the pose NEES; a consistent estimate reads about 3",
         scored=True,
-        column=Column(title="NEES", form="{:.2f}", run=4, needs=(*TRUTH, "covariances")),
+        column=Column(title="NEES", form="{:.2f}", run=3, needs=(*TRUTH, "covariances")),
     ),
     Quantity(
         key="nees_pose_per_dof",
         help="mean over runs and steps from the 11th on of the pose NEES over 3",
         over_runs=late_mean_of("nees_pose", 3),
-        column=Column(title="NEES/3", form="{:.2f}", study=6, sweep=3, needs=(*TRUTH, "covariances")),
+        column=Column(title="NEES/3", form="{:.2f}", study=3, sweep=3, needs=(*TRUTH, "covariances")),
     ),
     Quantity(
         key="nees_position_per_dof", help="likewise of the position, over 2", over_runs=late_mean_of("nees_position", 2)
@@ -104,7 +104,7 @@ CATALOGUE = (
         scored=True,
         measure=credibility.coverage_95,
         over_runs=late_coverage(0.95),
-        column=Column(title="in 95% ellipse", form="{:.1%}", run=5, study=7, needs=(*TRUTH, "covariances")),
+        column=Column(title="in 95% ellipse", form="{:.1%}", run=4, study=4, needs=(*TRUTH, "covariances")),
     ),
     Quantity(
         key="coverage_99",
@@ -126,7 +126,7 @@ CATALOGUE = (
         help="NIS over its degrees of freedom; a filter that knows its noise reads about 1",
         scored=True,
         over_runs=total_nis,
-        column=Column(title="NIS/dof", run=6, study=9, needs=("nis",)),
+        column=Column(title="NIS/dof", run=5, study=6, needs=("nis",)),
     ),
     Quantity(key="nis_total", help="sum of the NIS of all steps", stored=True),
     Quantity(key="nis_dof_total", help="its degrees of freedom", stored=True),
@@ -137,7 +137,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("landmark_rmse_m"),
-        column=Column(title="map [m]", run=7, needs=("truth", "true landmarks", "map")),
+        column=Column(title="map [m]", run=9, needs=("truth", "true landmarks", "map")),
     ),
     Quantity(
         key="landmark_nees_per_dof",
@@ -163,14 +163,14 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("landmarks_mapped"),
-        column=Column(title="mapped", form="{:d}", mean_form="{:.1f}", run=8, study=12, sweep=5),
+        column=Column(title="mapped", form="{:d}", mean_form="{:.1f}", run=10, study=12, sweep=5),
     ),
     Quantity(
         key="landmarks_true",
         help="number of distinct landmarks that were observed",
         scored=True,
         stored=True,
-        column=Column(title="of", form="{:d}", run=9, needs=("truth", "true associations")),
+        column=Column(title="of", form="{:d}", run=11, needs=("truth", "true associations")),
     ),
     Quantity(
         key="landmarks_missed",
@@ -196,7 +196,7 @@ CATALOGUE = (
             title="wrong",
             form="{:d}",
             mean_form="{:.1f}",
-            run=10,
+            run=8,
             study=11,
             sweep=6,
             needs=("truth", "true associations", "associations"),
@@ -221,7 +221,7 @@ CATALOGUE = (
         help="ATE over that of the optimum of the same kind, paired run by run",
         scored=True,
         over_runs=over_yardstick(),
-        column=Column(title="x optimum", form="{:.2f}", run=11, relative=True, needs=(*TRUTH, "optimum")),
+        column=Column(title="x optimum", form="{:.2f}", run=2, relative=True, needs=(*TRUTH, "optimum")),
     ),
     Quantity(
         key="ratio_to_causal",
@@ -233,7 +233,7 @@ CATALOGUE = (
         key="ratio_to_hindsight",
         help="ATE over that of the hindsight optimum",
         over_runs=over_yardstick(HINDSIGHT),
-        column=Column(title="x hindsight", study=3, needs=(*TRUTH, "hindsight optimum")),
+        column=Column(title="x hindsight", study=5, needs=(*TRUTH, "hindsight optimum")),
     ),
     Quantity(
         key="position_sigma_m",
@@ -273,7 +273,7 @@ CATALOGUE = (
         column=Column(
             title="nats to causal",
             form="{:.2f}",
-            study=8,
+            study=9,
             relative=True,
             needs=(*TRUTH, "covariances", "causal optimum"),
         ),

@@ -25,7 +25,8 @@ from slamgauge.compare.scoring.optimum_notes import (
     under_associations,
 )
 from slamgauge.compare.scoring.scores import Score, evaluate
-from slamgauge.compare.scoring.text_table import aligned, cell, marked
+from slamgauge.compare.scoring.text_page import Grid, Page
+from slamgauge.compare.scoring.text_table import cell, marked
 from slamgauge.compare.scoring.too_good import WHY, is_too_near_the_truth
 from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
 from slamgauge.compare.storage.origin import origin
@@ -122,8 +123,8 @@ def digest(recording: Recording) -> str:
     return total.hexdigest()
 
 
-def table(comparison: Comparison) -> str:
-    """The scores as a text table, filtered estimates before smoothed ones; `-` where none applies.
+def table(comparison: Comparison) -> Page:
+    """The scores as a table, filtered estimates before smoothed ones; `-` where none applies.
 
     Figures relative to an optimum that its check puts in doubt are marked; what there is to say of the optima stands
     below the table.
@@ -143,7 +144,7 @@ def table(comparison: Comparison) -> str:
     rows += [[name, "failed", *("-" for _ in found)] for name in comparison.failures]
     notes = [*optimum_notes(comparison), *remarks(comparison)]
     verdicts = verdict_lines({name: score.verdict for name, score in comparison.scores.items()})
-    return "\n".join([*aligned(rows, words=2), *notes, *verdicts, *comparison.failures.values()])
+    return Page((Grid(rows, words=2), *notes, *verdicts, *comparison.failures.values()))
 
 
 def remarks(comparison: Comparison) -> list[str]:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from slamgauge.compare.scoring.intervals import Interval
 
 VAST = 1e9  # figures from here on have an exponent, so that one lost filter does not make a table unreadable
 
 
-def aligned(rows: Sequence[Sequence[str]], words: int) -> list[str]:
-    """Lines of equal columns: the first `words` to the left, the figures after them to the right."""
+def aligned(rows: Sequence[Sequence[str]], words: int | Collection[int]) -> list[str]:
+    """Lines of equal columns: the first `words`, or those of these places, to the left, the figures to the right."""
+    left = range(words) if isinstance(words, int) else words
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
-            cell.ljust(width) if place < words else cell.rjust(width)
+            cell.ljust(width) if place in left else cell.rjust(width)
             for place, (cell, width) in enumerate(zip(row, widths, strict=True))
         )
         for row in rows

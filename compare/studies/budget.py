@@ -27,7 +27,8 @@ from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval
 from slamgauge.compare.scoring.optimum_figures import share_of_doubt
 from slamgauge.compare.scoring.optimum_notes import MARK, at_places
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe, mean_figures, ray_figures
-from slamgauge.compare.scoring.text_table import aligned, marked
+from slamgauge.compare.scoring.text_page import Grid, Page
+from slamgauge.compare.scoring.text_table import marked
 from slamgauge.compare.scoring.trajectory_error import pose_errors, squared_distances
 from slamgauge.compare.storage.origin import origin
 from slamgauge.compare.studies.run import run_seed
@@ -192,9 +193,9 @@ def _mse(truth: Truth, estimate: Estimate) -> float:
     return float(squared_distances(pose_errors(truth.poses, estimate.poses)).mean())
 
 
-def budget_table(budget: ErrorBudget) -> str:
+def budget_table(budget: ErrorBudget) -> Page:
     """The rungs, what each adds, and a sentence that says which costs most."""
-    rows = [("rung", "for", "mse [m^2]", "adds [m^2]", "95 % interval")]
+    rows = [("rung", "mse [m^2]", "adds [m^2]", "95 % interval", "for")]
     doubtful = budget.doubtful()
     for rung in budget.rungs:
         added, low, high = rung.increment_m2
@@ -202,9 +203,9 @@ def budget_table(budget: ErrorBudget) -> str:
         adds = f"{added:+.5f}"
         if doubtful:
             adds = marked(adds, MARK, is_marked=rung.name in doubtful)
-        rows.append((rung.name, RUNGS[rung.name], f"{rung.mse_m2:.5f}", adds, interval))
+        rows.append((rung.name, f"{rung.mse_m2:.5f}", adds, interval, RUNGS[rung.name]))
     rays = [] if budget.rays is None else [f"Per run {describe(budget.rays)}."]
-    return "\n".join([*aligned(rows, words=2), "", verdict(budget), *rays, *doubts(budget)])
+    return Page((Grid(rows, words=(0, 4)), "", verdict(budget), *rays, *doubts(budget)))
 
 
 def doubts(budget: ErrorBudget) -> list[str]:

@@ -26,7 +26,8 @@ from slamgauge.compare.scoring.defined import mean, number
 from slamgauge.compare.scoring.optimum_notes import MARK, at_places
 from slamgauge.compare.scoring.over_runs import share_in_doubt
 from slamgauge.compare.scoring.runs import Runs, paired
-from slamgauge.compare.scoring.text_table import aligned, cell, marked
+from slamgauge.compare.scoring.text_page import Grid, Page
+from slamgauge.compare.scoring.text_table import cell, marked
 from slamgauge.compare.storage.files import write_json
 from slamgauge.compare.storage.manifest import require_folder, require_free
 from slamgauge.compare.storage.result_files import CLAIMS as CLAIMS_FILE
@@ -196,9 +197,9 @@ def _log_ratios(above: Figure, below: Figure, studies: Studies) -> Float:
     return np.log(ratios[np.isfinite(ratios) & (ratios > 0.0)])
 
 
-def claims_table(claims: Claims) -> str:
+def claims_table(claims: Claims) -> Page:
     """A line for each claim: the practical's conclusion, the ratio with its interval, the verdict; then failures."""
-    rows = [("section", "the practical", "hypothesis", "ratio", "interval", "p", "verdict", "avoidable", "runs")]
+    rows = [("section", "the practical", "verdict", "ratio", "interval", "p", "avoidable", "runs", "hypothesis")]
     shares = {each.claim.figure.setting: each.optimum_check_share for each in claims.judgements}
     room_for_marks = any(shares.values())
     for each in claims.judgements:
@@ -209,12 +210,13 @@ def claims_table(claims: Claims) -> str:
         if room_for_marks:
             effect, verdict = (marked(text, MARK, is_marked=each.is_in_doubt) for text in (effect, verdict))
             avoidable = marked(avoidable, MARK, is_marked=bool(each.optimum_check_share))
-        figures = (effect, interval, p, verdict, avoidable, str(evidence.runs))
-        rows.append((claim.section, claim.claim, claim.hypothesis, *figures))
+        figures = (effect, interval, p, avoidable, str(evidence.runs))
+        rows.append((claim.section, claim.claim, verdict, *figures, claim.hypothesis))
     counts = Counter(each.evidence.verdict for each in claims.judgements)
     tally = ", ".join(f"{counts[verdict]} {verdict}" for verdict in ("holds", "does not hold", "undecided"))
     doubts = at_places(OPTIMUM, shares)
-    return "\n".join([*aligned(rows, words=3), "", f"{len(rows) - 1} claims: {tally}", *doubts, *claims.failures])
+    grid = Grid(rows, words=(0, 1, 2, 8), sentences=1)
+    return Page((grid, "", f"{len(rows) - 1} claims: {tally}", *doubts, *claims.failures))
 
 
 def _three(value: float | None) -> str:

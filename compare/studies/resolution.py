@@ -15,7 +15,8 @@ from slamgauge.compare.scoring.over_runs import late_means
 from slamgauge.compare.scoring.paired import Paired, compare_paired
 from slamgauge.compare.scoring.runs import Ates, Runs, paired
 from slamgauge.compare.scoring.sequential import Look, plan_looks, repeated_p_value
-from slamgauge.compare.scoring.text_table import aligned, interval_cell
+from slamgauge.compare.scoring.text_page import Grid
+from slamgauge.compare.scoring.text_table import interval_cell
 from slamgauge.errors import UserError
 
 SMALLEST_P = 1e-6  # what is below is not written out
@@ -153,17 +154,17 @@ def _at_all_looks(found: Paired, looks: Sequence[Look], look: Look) -> Paired:
     return found._replace(p_value=repeated_p_value(looks, look, found.p_value))
 
 
-def against_lines(against: Against) -> list[str]:
+def against_parts(against: Against) -> list[Grid | str]:
     """A table for each estimator that others are compared with."""
-    lines: list[str] = []
+    parts: list[Grid | str] = []
     for name, others in against.items():
         head = [f"against {name}", "runs", "x ATE", "ATE less [m]", "p", "x NEES", "NEES/3 less", "p"]
         rows = [head]
         for label, figures in others.items():
             ate, nees = figures.get("ate_m"), figures.get("nees_pose_per_dof")
             rows.append([label, str(ate.runs if ate else 0), *_cells(ate, "{:+.3f}"), *_cells(nees, "{:+.2f}")])
-        lines += ["", *aligned(rows, words=1)]
-    return lines
+        parts += ["", Grid(rows)]
+    return parts
 
 
 def _cells(found: Paired | None, form: str) -> list[str]:

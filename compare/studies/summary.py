@@ -16,11 +16,12 @@ from slamgauge.compare.scoring.over_runs import BAND_LEVEL
 from slamgauge.compare.scoring.quantity import Table
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.text_table import aligned, cell, interval_cell, marked
+from slamgauge.compare.scoring.text_page import Grid, Page
+from slamgauge.compare.scoring.text_table import cell, interval_cell, marked
 from slamgauge.compare.scoring.too_good import beats_the_optimum
 from slamgauge.compare.scoring.verdicts import verdict_lines
 from slamgauge.compare.storage.origin import origin
-from slamgauge.compare.studies.resolution import Against, Precision, against_lines
+from slamgauge.compare.studies.resolution import Against, Precision, against_parts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +143,7 @@ def _summarise(runs: Runs, others: Mapping[str, Runs]) -> EstimatorSummary:
     return EstimatorSummary(kind=runs.kind or None, runs=len(runs.run), **figures, others=further)
 
 
-def summary_table(summary: Summary) -> str:
+def summary_table(summary: Summary) -> Page:
     """Means with their 95 % intervals, the share of steps inside the band, sigma ratios, notes, failures."""
     found = columns("study")
     is_marked = is_doubtful(summary)
@@ -164,7 +165,7 @@ def summary_table(summary: Summary) -> str:
     said = verdict_lines({name: each.verdict for name, each in summary.estimators.items()})
     known = [] if summary.precision is None else summary.precision.lines()
     below = [*notes, *known, *rays, *said, *too_good_lines(summary), *failure_lines(summary)]
-    return "\n".join([*aligned(rows, words=1), *below, *against_lines(summary.against)])
+    return Page((Grid(rows), *below, *against_parts(summary.against)))
 
 
 def share_in_doubt(summary: Summary) -> float:

@@ -16,7 +16,7 @@ from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.catalogue import columns
 from slamgauge.compare.scoring.optimum_notes import at_places, misfits, placed
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.text_table import aligned
+from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.storage.manifest import require_folder, require_free
 from slamgauge.compare.storage.origin import origin
 from slamgauge.compare.storage.result_files import STORE_FILES, STUDY_FILES, SWEEP_FILES
@@ -162,7 +162,7 @@ def _require_free(out: Path, studies: Sequence[str], optima: Sequence[str]) -> N
         require_free(require_folder(out, folder), STORE_FILES)
 
 
-def sweep_table(sweep: Sweep) -> str:
+def sweep_table(sweep: Sweep) -> Page:
     """A line for each value and estimator: means, with the half width of the 95 % interval; below, what is wrong."""
     found = columns("sweep")
     rows = [[sweep.key, "estimator", *(title for title, _, _ in found)]]
@@ -176,7 +176,7 @@ def sweep_table(sweep: Sweep) -> str:
         for line in failure_lines(summary)
     ]
     notes = [*doubts(sweep), *why_empty(sweep.summaries, "sweep")]
-    return "\n".join([*aligned(rows, words=2), *notes, *fault_lines(sweep), *failed])
+    return Page((Grid(rows, words=2), *notes, *fault_lines(sweep), *failed))
 
 
 def fault_lines(sweep: Sweep) -> list[str]:

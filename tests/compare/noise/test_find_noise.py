@@ -59,7 +59,7 @@ def test_the_noise_of_a_simulated_log_is_found():
         np.diag([found.parameters["range"].value ** 2, found.parameters["bearing"].value ** 2]),
     )
     assert find_noise(found.told).log_likelihood_gain == pytest.approx(0.0, abs=0.05)
-    table = noise_table(found)
+    table = str(noise_table(found))
     assert "lateral  m per step" in table
     assert "any value below" in table
     assert "too large" in table
@@ -77,7 +77,7 @@ def test_outliers_come_out_as_a_rate_and_not_as_a_larger_sigma(share: float):
     assert found.parameters["bearing"].value == pytest.approx(TRUE["bearing"], rel=0.05)
     assert found.before.nis["range"].mean > 2.0
     assert found.after.nis["range"].low < found.after.nis["range"].mean < found.after.nis["range"].high
-    assert "outliers: " in noise_table(found)
+    assert "outliers: " in str(noise_table(found))
 
 
 def test_a_landmark_that_begins_with_an_outlier_begins_again():

@@ -47,7 +47,7 @@ def compared(
 def notes(comparison: Comparison) -> list[str]:
     """What stands of the optima under the table, before all else."""
     found = optimum_notes(comparison)
-    assert table(comparison).splitlines()[1 + len(comparison.scores) :][: len(found)] == found
+    assert str(table(comparison)).splitlines()[1 + len(comparison.scores) :][: len(found)] == found
     return found
 
 
@@ -143,7 +143,7 @@ def test_an_optimum_that_uses_all_has_no_note():
 
 def cells(comparison: Comparison, title: str) -> dict[str, str]:
     """What the table has under a title, by estimator; figures end under the end of their title, or at a mark."""
-    lines = table(comparison).splitlines()
+    lines = str(table(comparison)).splitlines()
     end = lines[0].index(title) + len(title)
     return {line.split()[0]: line[:end].split("  ")[-1].strip() for line in lines[1 : 1 + len(comparison.scores)]}
 

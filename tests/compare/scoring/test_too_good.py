@@ -74,5 +74,5 @@ def test_the_table_says_so():
         return replace(riekf(given), poses=poses)
 
     knowing = {"knowing": knows, **load_estimators(["riekf", "isam2"])}
-    said = table(compare_estimators(truth, recording, knowing)).splitlines()
+    said = str(table(compare_estimators(truth, recording, knowing))).splitlines()
     assert [line.partition(":")[0] for line in said if "nearer to the truth than chance" in line] == ["knowing"]

@@ -59,12 +59,12 @@ def test_the_share_of_runs_in_doubt_stands_under_the_table(
     assert doubtful.to_json()["estimators"]["isam2"]["optimum_check_share"] == 0.5
     assert doubtful.to_json()["estimators"]["ekf"]["optimum_check_share"] is None
     fit = "fit of the model: chi2/dof of the causal optimum 1.040 ± 0.000"
-    assert summary_table(sure).splitlines()[3:5] == [fit, EMPTY]
-    assert marks(summary_table(sure)) == [0, 0]
-    assert summary_table(doubtful).splitlines()[3:6] == [fit, NOTE, EMPTY]
-    assert marks(summary_table(doubtful)) == [3, 3]  # x causal, nats to causal, sigma / optimum
+    assert str(summary_table(sure)).splitlines()[3:5] == [fit, EMPTY]
+    assert marks(str(summary_table(sure))) == [0, 0]
+    assert str(summary_table(doubtful)).splitlines()[3:6] == [fit, NOTE, EMPTY]
+    assert marks(str(summary_table(doubtful))) == [3, 3]  # x causal, nats to causal, sigma / optimum
     sweep = Sweep("x", "a.b", 2, 0, ("1", "7"), (sure, doubtful))
-    lines = sweep_table(sweep).splitlines()
+    lines = str(sweep_table(sweep)).splitlines()
     assert lines[5] == f"a.b=7: {NOTE}"
     assert [line.count("?") for line in lines[1:5]] == [0, 0, 1, 1]
     assert len({len(line) for line in lines[:5]}) == 1

@@ -114,7 +114,7 @@ def test_an_estimator_that_changes_the_kind_of_its_estimates_is_refused_with_all
     assert summary.estimators["ekf"].runs == 4
     assert summary.precision is not None
     assert summary.precision.unknown == (("mine", "ekf"),)
-    assert "run 2: mine failed: its poses are" in summary_table(summary)
+    assert "run 2: mine failed: its poses are" in str(summary_table(summary))
 
 
 def test_workers_that_always_die_are_one_line_and_what_is_stored_stays(

@@ -87,7 +87,7 @@ def test_more_values_later_run_no_optimum_again_and_failures_are_shown(tmp_path:
     assert again.summaries[0].estimators["isam2"].runs == 2
     assert [failure.run for failure in again.summaries[0].failures] == [0, 1]
     assert again.summaries[1].failures == ()
-    lines = sweep_table(again).splitlines()
+    lines = str(sweep_table(again)).splitlines()
     assert lines[-1] == "association.gate=4, run 1: ekf failed: estimator ekf: no luck"
 
 
@@ -137,14 +137,14 @@ def test_below_the_table_stands_what_is_wrong_and_at_which_values(tmp_path: Path
         replace(each, estimators={name: entry(each, *faults[place]) for name, faults in said.items()})
         for place, each in enumerate(sweep.summaries)
     )
-    assert sweep_table(replace(sweep, runs=7, summaries=summaries)).splitlines()[-4:] == [
+    assert str(sweep_table(replace(sweep, runs=7, summaries=summaries))).splitlines()[-4:] == [
         "empty: x causal: isam2 is not among the estimators that ran",
         "ekf: claims too small a sigma at every value; loses to the causal optimum at association.gate=1",
         "mine: claims too large a sigma at association.gate=9",
         "right: nothing wrong is shown by 7 runs",
     ]
     failed = tuple(replace(each, estimators={"mine": entry(each, runs=0)}) for each in sweep.summaries)
-    assert "mine:" not in sweep_table(replace(sweep, summaries=failed))
+    assert "mine:" not in str(sweep_table(replace(sweep, summaries=failed)))
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -1,0 +1,97 @@
+"""From words to a command: its options by tyro, its mistakes in one line."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from inspect import getdoc
+from io import StringIO
+from itertools import takewhile
+from typing import Annotated, Any, Protocol, Union
+
+import tyro
+
+from slamgauge.errors import UserError
+from slamgauge.near_names import did_you_mean
+
+
+class Command(Protocol):
+    """A dataclass whose fields are the options."""
+
+    def __call__(self) -> int | None:
+        """Carry it out; the exit status."""
+        ...
+
+
+CONFIG = (tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
+ABOUT = (
+    "How far is your SLAM filter from the best that its measurements allow? "
+    "(`slamgauge --version` prints its version, `slamgauge COMMAND --help` the options of a command.)"
+)
+BAD_INPUT = 2  # exit status
+
+
+def parse(words: Sequence[str], commands: Mapping[str, type[Command]]) -> Command:
+    """The command that the words after `slamgauge` ask for.
+
+    Raises:
+        UserError: there is no such command or option, or something is missing.
+        SystemExit: help was asked for, and is printed.
+    """
+    if not words:
+        raise UserError(f"no command is given; use one of {', '.join(commands)}, or --help")
+    name = words[0]
+    if name in commands:
+        return _parsed(commands[name], f"slamgauge {name}", words[1:])
+    if not name.startswith("-"):
+        raise UserError(f"{name}: no such command; {did_you_mean(name, commands)}")
+    return _parsed(overview(commands), "slamgauge", words, ABOUT)
+
+
+def overview(commands: Mapping[str, type[Command]]) -> Any:
+    """All commands as one type, each with the first line of what it says of itself."""
+    lines = {name: (getdoc(each) or "").partition("\n")[0] for name, each in commands.items()}
+    alternatives = [
+        Annotated[each, tyro.conf.subcommand(name=name, description=lines[name])] for name, each in commands.items()
+    ]
+    return Union[tuple(alternatives)]  # noqa: UP007 of types that are known at run time
+
+
+def _parsed(kind: Any, program: str, words: Sequence[str], about: str | None = None) -> Command:
+    told = StringIO()
+    try:
+        with redirect_stderr(told):
+            return tyro.cli(kind, prog=program, description=about, args=words, config=CONFIG)
+    except SystemExit as end:
+        if end.code != BAD_INPUT:
+            sys.stdout.flush()
+            raise
+    raise UserError(_mistake(kind, program, words, told.getvalue()))
+
+
+def _mistake(kind: Any, program: str, words: Sequence[str], told: str) -> str:
+    """What is wrong in one line: an option that does not exist with the nearest that does, or what tyro has told."""
+    known = _options(kind, program, words)
+    for word in words:
+        option = word.partition("=")[0]
+        if option.startswith("--") and known and option.replace("_", "-") not in known:
+            return (
+                f"{option}: no option of `{program}`; {did_you_mean(option, known, f'`{program} --help` lists them')}"
+            )
+    lines = [line.strip("│| ") for line in told.splitlines() if re.search(r"\w", line)][1:]  # in tyro's box
+    said = " ".join(takewhile(lambda line: not line.startswith("For full helptext"), lines))
+    return f"{said}; `{program} --help` tells more"
+
+
+def _options(kind: Any, program: str, words: Sequence[str]) -> set[str]:
+    """The options of a command, as its help has them."""
+    before = list(takewhile(lambda word: not word.startswith("-"), words))
+    told = StringIO()
+    try:
+        with redirect_stdout(told), redirect_stderr(StringIO()):
+            tyro.cli(kind, prog=program, args=[*before, "--help"], config=CONFIG)
+    except SystemExit:
+        pass
+    return set(re.findall(r"(?<![\w-])--[a-z][\w-]*", told.getvalue()))

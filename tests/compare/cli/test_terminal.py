@@ -1,0 +1,101 @@
+"""Tables fit pipes and terminals, colours stay on terminals, and whoever closes a pipe hears nothing of it."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+from slamgauge.compare.cli import terminal
+from slamgauge.compare.cli.main import COMMANDS, main
+
+COMMAND = [sys.executable, "-m", "slamgauge"]
+STUDY = ["study", "q1-short-dense", "--set", "trajectory.duration=1", "--runs", "2", "--jobs", "1"]
+ESTIMATORS = ["--estimators", "dead-reckoning,ekf,isam2,batch"]
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """A command whose runs are all there already."""
+    command = [*STUDY, *ESTIMATORS, "--out", str(tmp_path_factory.mktemp("study") / "out")]
+    assert main(command) == 0
+    return command
+
+
+def printed(capsys: pytest.CaptureFixture[str], *words: str) -> list[str]:
+    capsys.readouterr()
+    assert main(words) == 0
+    return capsys.readouterr().out.splitlines()
+
+
+def test_a_study_in_a_pipe_has_no_line_over_80_characters(
+    study: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(terminal, "PIPED", 80)
+    lines = printed(capsys, *study)
+    assert max(map(len, lines)) <= 80
+    head = re.split(r" {2,}", lines[0].strip())
+    assert head == ["estimator", "runs", "ATE [m]", "x causal", "NEES/3", "in 95% ellipse"]
+    assert lines[5].startswith("left out at 80 characters: x hindsight, ")
+    whole = printed(capsys, *study, "--wide")
+    assert "sigma / optimum" in whole[0]
+    assert not any("\x1b" in line for line in (*lines, *whole))
+
+
+def test_a_wide_terminal_shows_all_columns(
+    study: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(terminal.sys.stdout, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "250")
+    assert "sigma / optimum" in printed(capsys, *study)[0]
+    monkeypatch.setenv("COLUMNS", "60")  # no terminal is taken for narrower than 80
+    assert len(printed(capsys, *study)[0]) > 60
+
+
+@pytest.mark.parametrize(
+    ("color", "environment", "is_terminal", "coloured"),
+    [
+        ("auto", {}, True, True),
+        ("auto", {"NO_COLOR": "1"}, True, False),
+        ("auto", {"TERM": "dumb"}, True, False),
+        ("auto", {}, False, False),
+        ("always", {"NO_COLOR": "1"}, False, True),
+        ("never", {}, True, False),
+    ],
+)
+def test_colours(
+    color: str,
+    environment: dict[str, str],
+    is_terminal: bool,
+    coloured: bool,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    study: list[str],
+):
+    for name, value in ({"TERM": "xterm", "NO_COLOR": ""} | environment).items():
+        monkeypatch.setenv(name, value)
+    capsys.readouterr()
+    monkeypatch.setattr(terminal.sys.stdout, "isatty", lambda: is_terminal, raising=False)
+    assert printed(capsys, *study, "--color", color)[0].startswith("\x1b[1mestimator") == coloured
+
+
+@pytest.mark.parametrize("words", [["--help"], ["study", "--help"]])
+def test_a_closed_pipe_is_silent(words: list[str]):
+    reading, writing = os.pipe()
+    os.close(reading)
+    ended = subprocess.run([*COMMAND, *words], stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert ended.stderr == ""
+
+
+def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[str]):
+    for name in COMMANDS:
+        with pytest.raises(SystemExit) as done:
+            main([name, "--help"])
+        assert done.value.code == 0
+        told = capsys.readouterr().out
+        assert re.search(rf"^  slamgauge {name} ?", told, re.MULTILINE), name
