@@ -31,6 +31,7 @@ ROOMS = {
         "grading",
         "bench",
         "figures",
+        "report",
         "cli",
     ),
 }
@@ -45,6 +46,7 @@ LIBRARIES = {
     "slamgauge.compare": {"numpy", "scipy", "tqdm", "distributed"},
     "slamgauge.compare.scenarios": {"pydantic", "pydantic_core"},
     "slamgauge.compare.figures": {"matplotlib"},
+    "slamgauge.compare.report": {"jinja2", "markupsafe"},
     "slamgauge.compare.cli": {"tyro"},
 }
 FLOORS_BELOW = {

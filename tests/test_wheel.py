@@ -45,7 +45,8 @@ def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path):
     source = {PurePosixPath("slamgauge", file.name) for file in (ROOT / "slamgauge").glob("*.py")}
     source |= {PurePosixPath("slamgauge/py.typed")}
     for floor in FLOORS:
-        files = [*(ROOT / floor).rglob("*.py"), *(ROOT / floor).rglob("*.toml")]
+        kinds = ("*.py", "*.toml", "*.html", "*.css", "*.js")
+        files = [file for kind in kinds for file in (ROOT / floor).rglob(kind)]
         source |= {PurePosixPath("slamgauge", file.relative_to(ROOT).as_posix()) for file in files}
     assert program == source
     assert set(SCENARIOS) >= {"q1-long-dense", "q1-long-sparse", "q1-short-dense"}

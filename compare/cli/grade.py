@@ -17,6 +17,7 @@ from slamgauge.compare.cli.options import (
     results_folder,
     sampled_scenario,
 )
+from slamgauge.compare.cli.pages import NoReport, Open, write_page
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.errors import UserError
 
@@ -58,6 +59,10 @@ class Grade:
     out: Folder | None = None
     """Folder of grades.csv, grades.xml (JUnit) and submissions/NAME.md; results/grades-FOLDER if not given."""
 
+    no_report: NoReport = False
+
+    open: Open = False
+
     json: bool = False
     """Print JSON on standard output instead of the table."""
 
@@ -77,7 +82,7 @@ class Grade:
         scenario, (reference,) = sampled_scenario(self.scenario, []), ask([self.reference])
         submissions, timeout = submissions_in(self.folder), require_timeout(self.timeout)
         writes = grade_files(each.name for each in submissions)
-        with results_folder(out, writes, GRADES, [f"{PAGES}/*.md"]) as staged:
+        with results_folder(out, writes, GRADES, [f"{PAGES}/*.md", f"{PAGES}/*.html"]) as staged:
             with carried_by(self.jobs) as executor:
                 grades = grade_folder(
                     self.folder, submissions, scenario, self.runs, self.seed, reference, timeout, executor
@@ -90,4 +95,5 @@ class Grade:
                 write_grades(staged, grades)
         told = write_pages(out, grades)
         print(f"written to {out}", file=sys.stderr)
-        return 0 if printed and told and all(each.is_graded for each in grades.grades) else 1
+        explained = write_page(out, GRADES, wanted=not self.no_report, opened=self.open)
+        return 0 if printed and told and explained and all(each.is_graded for each in grades.grades) else 1

@@ -27,6 +27,7 @@ from slamgauge.compare.cli.noise import Noise
 from slamgauge.compare.cli.one_run import Evaluate, Run
 from slamgauge.compare.cli.options import EmptyPathError
 from slamgauge.compare.cli.parsing import Command, parse
+from slamgauge.compare.cli.report import Report
 from slamgauge.compare.cli.scenarios import Scenarios
 from slamgauge.compare.cli.streams import drop_output, prepare_streams, put
 from slamgauge.compare.cli.terminal import Output, printed_as
@@ -51,6 +52,7 @@ COMMANDS: dict[str, type[Command]] = {
     "claims": Claims,
     "noise": Noise,
     "animate": Animate,
+    "report": Report,
     "check": Check,
     "grade": Grade,
     "bench": Bench,

@@ -24,7 +24,9 @@ from slamgauge.compare.cli.options import (
     sampled_scenario,
     split_names,
 )
+from slamgauge.compare.cli.pages import NoReport, Open, write_page
 from slamgauge.compare.cli.terminal import Output
+from slamgauge.compare.storage.result_files import BUDGET, BUDGET_FILES, CLAIMS, SUMMARY, SWEEP
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
@@ -88,6 +90,10 @@ class Study:
     """Address of a Dask scheduler, tcp://host:port or tls://host:port, whose workers carry the runs instead. Whoever
     reaches it can have code run there and here."""
 
+    no_report: NoReport = False
+
+    open: Open = False
+
     json: bool = False
     """Print summary.json (of a sweep sweep.json) on standard output instead of the table."""
 
@@ -100,7 +106,9 @@ class Study:
         except KeyboardInterrupt:
             raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
         print(f"written to {self.out}", file=sys.stderr)
-        return 0 if done else 1
+        beside = SUMMARY if self.sweep is None else SWEEP
+        explained = write_page(self.out, beside, wanted=not self.no_report, opened=self.open)
+        return 0 if done and explained else 1
 
     def _asked(self) -> list[Asked]:
         from slamgauge.compare.estimators.asked import ask
@@ -176,6 +184,10 @@ class Budget:
     jobs: int = ALL_CORES
     """Worker processes, one BLAS thread each."""
 
+    no_report: NoReport = False
+
+    open: Open = False
+
     json: bool = False
     """Print budget.json on standard output instead of the table."""
 
@@ -184,7 +196,6 @@ class Budget:
     def __call__(self) -> int:
         """Run, print and write; the exit status."""
         from slamgauge.compare.storage.files import write_json
-        from slamgauge.compare.storage.result_files import BUDGET, BUDGET_FILES
         from slamgauge.compare.studies.budget import budget_table, error_budget
 
         scenario = sampled_scenario(self.scenario, self.set)
@@ -198,7 +209,8 @@ class Budget:
 
         drawn = draw_budget(self.out, budget)
         print(f"written to {self.out}", file=sys.stderr)
-        return 0 if printed and drawn else 1
+        explained = write_page(self.out, BUDGET, wanted=not self.no_report, opened=self.open)
+        return 0 if printed and drawn and explained else 1
 
 
 @dataclass
@@ -221,6 +233,10 @@ class Claims:
     jobs: int = ALL_CORES
     """Worker processes, one BLAS thread each."""
 
+    no_report: NoReport = False
+
+    open: Open = False
+
     json: bool = False
     """Print claims.json on standard output instead of the table."""
 
@@ -239,4 +255,5 @@ class Claims:
         printed = print_result(content if self.json else claims_table(claims))
         write_claims(self.out, claims)
         print(f"written to {self.out}", file=sys.stderr)
-        return 0 if printed else 1
+        explained = write_page(self.out, CLAIMS, wanted=not self.no_report, opened=self.open)
+        return 0 if printed and explained else 1

@@ -9,6 +9,7 @@ from pathlib import Path
 import tyro
 
 from slamgauge.compare.cli.options import Folder, print_result, results_folder
+from slamgauge.compare.cli.pages import NoReport, Open, write_page
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.errors import UserError
 
@@ -34,6 +35,10 @@ class Noise:
 
     systematic: bool = False
     """Look for systematic errors, too: odometry scale, turn per metre, offsets of range and bearing."""
+
+    no_report: NoReport = False
+
+    open: Open = False
 
     json: bool = False
     """Print noise.json on standard output instead of the table."""
@@ -67,7 +72,8 @@ class Noise:
         for place in (self.out, self.write):
             if place is not None:
                 print(f"written to {place}", file=sys.stderr)
-        return 0 if done else 1
+        explained = write_page(self.out, NOISE, wanted=not self.no_report, opened=self.open)
+        return 0 if done and explained else 1
 
     def _require_free(self, write: Path) -> None:
         """Refuse a place for the recording where something else is, before work begins."""

@@ -22,7 +22,9 @@ from slamgauge.compare.cli.options import (
     results_folder,
     split_names,
 )
+from slamgauge.compare.cli.pages import NoReport, Open, write_page
 from slamgauge.compare.cli.terminal import Output
+from slamgauge.compare.storage.result_files import METRICS
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
@@ -65,6 +67,10 @@ class Run:
     out: Folder | None = None
     """Folder of the results; results/SCENARIO-seed-SEED if not given."""
 
+    no_report: NoReport = False
+
+    open: Open = False
+
     json: bool = False
     """Print metrics.json on standard output instead of the table."""
 
@@ -99,7 +105,8 @@ class Run:
             self.seed,
             scenario_text(scenario),
         )
-        return grading.grade(truth, recording, told)
+        status = grading.grade(truth, recording, told)
+        return status if write_page(out, METRICS, wanted=not self.no_report, opened=self.open) else 1
 
 
 @dataclass
@@ -147,6 +154,10 @@ class Evaluate:
     out: Folder | None = None
     """Folder of the results; without it only the table is printed."""
 
+    no_report: NoReport = False
+
+    open: Open = False
+
     json: bool = False
     """Print metrics.json on standard output instead of the table."""
 
@@ -177,7 +188,8 @@ class Evaluate:
         named = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
         asked = ask([*named, *ask(stored)])
         grading = Grading(asked, self.out, self.json, title, *settings)
-        return grading.grade(truth, recording)
+        status = grading.grade(truth, recording)
+        return status if write_page(self.out, METRICS, wanted=not self.no_report, opened=self.open) else 1
 
     def _stored(self) -> dict[str, Path]:
         """Paths of estimates by label."""
@@ -225,7 +237,7 @@ class Grading:
         from slamgauge.compare.estimators.side_by_side import with_stand_ins
         from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
         from slamgauge.compare.storage.files import explained
-        from slamgauge.compare.storage.result_files import METRICS, OUTDATED, comparison_files
+        from slamgauge.compare.storage.result_files import OUTDATED, comparison_files
 
         if not self.asked:
             raise UserError("estimators: none given; name at least one, for example --estimators ekf,batch")

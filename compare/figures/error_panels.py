@@ -25,7 +25,7 @@ LONG_TITLE = 45  # characters: the width of a panel of figure.png
 UNITS = np.array([1.0, 1.0, 180.0 / np.pi])
 
 
-class _Reference(NamedTuple):
+class Reference(NamedTuple):
     """What errors are measured from: a title for them, poses (N+1, 3), and its name if it is an estimate."""
 
     title: str
@@ -43,7 +43,7 @@ def plot_errors(
     true poses the differences to batch, or else to iSAM2, are drawn; without those the bounds alone.
     """
     panels = list(axes)
-    reference = _reference(truth, recording, estimates)
+    reference = reference_of(truth, recording, estimates)
     shown = {name: each for name, each in estimates.items() if name != reference.name}
     left_out = len(shown) > 1 and shown.pop(DEAD_RECKONING, None) is not None
     panels[0].set_title(_title(reference.title, "(dead reckoning left out)" if left_out else ""))
@@ -72,15 +72,15 @@ def _title(what: str, remark: str) -> str:
     return (f"{what} {remark}" if len(what) + len(remark) < LONG_TITLE else f"{what}\n{remark}").strip()
 
 
-def _reference(truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]) -> _Reference:
+def reference_of(truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]) -> Reference:
     """The truth, or else the best estimate that is there, or else nothing (NaN)."""
     if truth is not None and truth.poses is not None:
-        return _Reference("error and ±3σ", truth.poses)
+        return Reference("error and ±3σ", truth.poses)
     for name in (HINDSIGHT, CAUSAL):
         if name in estimates:
             mark = MARK if is_in_doubt(estimates[name].optimum_check) else ""
-            return _Reference(f"difference to {name}{mark} and ±3σ", estimates[name].poses, name)
-    return _Reference("±3σ alone: no truth, no optimum", np.full((recording.steps + 1, 3), np.nan))
+            return Reference(f"difference to {name}{mark} and ±3σ", estimates[name].poses, name)
+    return Reference("±3σ alone: no truth, no optimum", np.full((recording.steps + 1, 3), np.nan))
 
 
 def _three_sigma(estimate: Estimate) -> Float:

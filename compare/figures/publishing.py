@@ -27,6 +27,7 @@ from slamgauge.compare.storage.result_files import (
     NOISE,
     NOISE_PICTURES,
     RECORDING,
+    REPORT,
     RUN_PICTURES,
     STUDY_PICTURES,
     SUMMARY,
@@ -71,7 +72,7 @@ def draw_comparison(out: Path, comparison: Comparison, title: str) -> bool:
 
 def write_study(out: Path, summary: Summary, runs: dict[str, Runs], step: float) -> bool:
     """Write summary.json, then the figures, into `out`; whether all could be drawn. `step` is the time step [s]."""
-    with staged_folder(out, (SUMMARY, *STUDY_PICTURES), last=SUMMARY) as stage:
+    with staged_folder(out, (SUMMARY, *STUDY_PICTURES, REPORT), last=SUMMARY) as stage:
         write_json(stage / SUMMARY, summary.to_json())
     return decorate(out, SUMMARY, study_drawings(summary, runs, step), STUDY_PICTURES)
 

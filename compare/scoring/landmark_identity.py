@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slamgauge.arrays import Float, Int
 from slamgauge.estimate import Estimate
@@ -74,12 +75,7 @@ def association_figures(truth: Truth, recording: Recording, estimate: Estimate) 
     )
     if given is None:
         return figures
-    names, sights = _sights(true, estimate)
-    ids = np.asarray(estimate.landmark_ids)
-    if recording.landmark is not None:
-        stands_for = np.where(np.isin(ids, observed), ids, NOBODY)
-    else:
-        stands_for = names[sights.argmax(axis=1)] if len(names) else owners
+    names, sights, stands_for = _stands_for(true, recording, estimate)
     rightly = np.where(stands_for[:, None] == names, sights, 0).sum()
     totals = sights.sum(axis=1)
     purity = sights.max(axis=1, initial=0)[totals > 0] / totals[totals > 0]
@@ -89,6 +85,29 @@ def association_figures(truth: Truth, recording: Recording, estimate: Estimate) 
         track_purity=float(purity.mean()) if len(purity) else None,
         track_purity_min=float(purity.min()) if len(purity) else None,
     )
+
+
+def wrong_sights(truth: Truth, recording: Recording, estimate: Estimate) -> NDArray[np.bool_] | None:
+    """Which observations (M,) are given to a track that stands for another landmark; None where nobody can tell."""
+    given, true = estimate.association, truth.association
+    if given is None or true is None:
+        return None
+    stands_for = _stands_for(true, recording, estimate)[2]
+    order = np.argsort(estimate.landmark_ids)
+    accepted = given != NOBODY
+    wrong = np.zeros(len(given), dtype=np.bool_)
+    track = order[np.searchsorted(estimate.landmark_ids, given[accepted], sorter=order)]
+    wrong[accepted] = stands_for[track] != true[accepted]
+    return wrong
+
+
+def _stands_for(true: Int, recording: Recording, estimate: Estimate) -> tuple[Int, Int, Int]:
+    """What `_sights` returns, and the true landmark (L,) that each mapped one stands for, NOBODY for none."""
+    names, sights = _sights(true, estimate)
+    ids = np.asarray(estimate.landmark_ids)
+    if recording.landmark is not None:
+        return names, sights, np.where(np.isin(ids, true[true != NOBODY]), ids, NOBODY)
+    return names, sights, names[sights.argmax(axis=1)] if len(names) else np.full(len(ids), NOBODY)
 
 
 def _sights(true: Int, estimate: Estimate) -> tuple[Int, Int]:

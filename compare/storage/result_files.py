@@ -24,23 +24,25 @@ RECORDING, TRUTH = "recording.npz", "truth.npz"
 MAPPING = "recording.toml"  # how a log's files were read
 METRICS = "metrics.json"
 RUN_PICTURES = pictures("figure", "rays")
+REPORT = "report.html"  # the page that explains what lies beside it
 OUTDATED = ("estimates/*.npz", "trajectories/*.tum", "animation.gif", "animation.mp4")  # of an earlier run
 
 STORE = "study.sqlite"
 STORE_FILES = (STORE, *(f"{STORE}{ending}" for ending in SIDE_FILES))
 SUMMARY = "summary.json"
 STUDY_PICTURES = pictures("nees", "nis", "errors", "ratios")
-STUDY_FILES = (*STORE_FILES, SUMMARY, *STUDY_PICTURES)
+STUDY_FILES = (*STORE_FILES, SUMMARY, *STUDY_PICTURES, REPORT)
 SWEEP = "sweep.json"
 SWEEP_PICTURES = pictures("sweep")
-SWEEP_FILES = (SWEEP, *SWEEP_PICTURES)
+SWEEP_FILES = (SWEEP, *SWEEP_PICTURES, REPORT)
 BUDGET = "budget.json"
 BUDGET_PICTURES = pictures("budget")
-BUDGET_FILES = (BUDGET, *BUDGET_PICTURES)
+BUDGET_FILES = (BUDGET, *BUDGET_PICTURES, REPORT)
 NOISE = "noise.json"
 NOISE_PICTURES = pictures("noise")
-NOISE_FILES = (NOISE, *NOISE_PICTURES)
+NOISE_FILES = (NOISE, *NOISE_PICTURES, REPORT)
 CLAIMS = "claims.json"
+CLAIMS_FILES = (CLAIMS, REPORT)
 TWIN = "twin.toml"
 TWIN_PATH, TWIN_MOTION, TWIN_SIGHTINGS = "path.csv", "motion.csv", "sightings.csv"
 TWIN_FILES = (TWIN, TWIN_PATH, TWIN_MOTION, TWIN_SIGHTINGS)
@@ -54,10 +56,10 @@ PAGES = "submissions"  # folder of a page for each
 
 def grade_files(submissions: Iterable[str]) -> list[str]:
     """Every file that is written of submissions of these names."""
-    return [GRADES, GRADES_XML, *(f"{PAGES}/{name}.md" for name in submissions)]
+    return [GRADES, GRADES_XML, REPORT, *(f"{PAGES}/{name}.{kind}" for name in submissions for kind in ("md", "html"))]
 
 
 def comparison_files(estimators: Iterable[str]) -> list[str]:
     """Every file that may be written of a run of estimators of these names."""
     each = [file for name in estimators for file in (f"estimates/{name}.npz", f"trajectories/{name}.tum")]
-    return [RECORDING, TRUTH, *each, "trajectories/truth.tum", *RUN_PICTURES, METRICS]
+    return [RECORDING, TRUTH, *each, "trajectories/truth.tum", *RUN_PICTURES, METRICS, REPORT]

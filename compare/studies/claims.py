@@ -31,7 +31,7 @@ from slamgauge.compare.scoring.text_table import cell, marked
 from slamgauge.compare.storage.files import write_json
 from slamgauge.compare.storage.manifest import require_folder, require_free
 from slamgauge.compare.storage.result_files import CLAIMS as CLAIMS_FILE
-from slamgauge.compare.storage.result_files import STORE_FILES
+from slamgauge.compare.storage.result_files import CLAIMS_FILES, STORE_FILES
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.studies.claim_list import CLAIMS, FILTER, OPTIMUM, SETTINGS, Claim, Figure, ate
 from slamgauge.compare.studies.study import load_runs, run_study
@@ -123,7 +123,7 @@ def judge_claims(runs: int, seed: int, out: Path, executor: Executor) -> Claims:
     """
     if runs < 2:
         raise UserError(f"runs: {runs} show no spread; give at least 2")
-    require_free(out, [CLAIMS_FILE])
+    require_free(out, CLAIMS_FILES)
     inside = require_folder(out, "studies")
     for name in SETTINGS:
         for folder in (name, f"optimum-of-{name}"):
@@ -151,7 +151,7 @@ def judge_claims(runs: int, seed: int, out: Path, executor: Executor) -> Claims:
 
 def write_claims(out: Path, claims: Claims) -> None:
     """Write claims.json into `out`."""
-    with staged_folder(out, [CLAIMS_FILE], last=CLAIMS_FILE) as stage:
+    with staged_folder(out, CLAIMS_FILES, last=CLAIMS_FILE) as stage:
         write_json(stage / CLAIMS_FILE, [each.to_json() for each in claims.judgements])
 
 

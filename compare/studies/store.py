@@ -185,6 +185,29 @@ def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStor
         yield StudyStore(connection)
 
 
+def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tuple[float, dict[str, Runs]]:
+    """Time step [s] and the first `runs` runs of a study with that digest, by the labels of its estimators.
+
+    People's own code has a key for every version of it: that which was stored last is meant.
+
+    Raises:
+        UserError: there is no such store, it is of another study, or it cannot be used.
+    """
+    if not path.is_file():
+        raise UserError(f"{path}: is not there; give the command of the study again")
+    with _connected(path) as connection:
+        found = dict(connection.execute("SELECT key, value FROM study"))
+        if found.get("digest") != digest or found.get("schema") != str(SCHEMA):
+            raise UserError(f"{path}: is of another study than the summary beside it; give the command again")
+        latest = "SELECT estimator FROM outcome GROUP BY estimator ORDER BY max(rowid)"
+        keys = {key.partition(" ")[0]: key for (key,) in connection.execute(latest)}
+        store, lacking = StudyStore(connection), [label for label in labels if label not in keys]
+        if lacking:
+            raise UserError(f"{path}: holds no run of {lacking[0]}; of a sweep's value, give the sweep's own folder")
+        step = float(json.loads(found["scenario"])["trajectory"]["step"])
+        return step, {label: store.load(keys[label], runs) for label in labels}
+
+
 @contextmanager
 def _connected(path: Path) -> Generator[sqlite3.Connection]:
     """The database at `path`, which must be there."""

@@ -183,6 +183,7 @@ def test_run_writes_every_file(stored: Path):
     names = {str(path.relative_to(stored)) for path in stored.rglob("*") if path.is_file()}
     assert names == {
         MANIFEST,
+        "report.html",
         "recording.npz",
         "truth.npz",
         "metrics.json",

@@ -188,7 +188,7 @@ def test_a_later_run_removes_what_earlier_commands_left(
     assert main(["evaluate", str(blind / "recording.npz"), "--estimators", "isam2", "--out", str(out)]) == 0
     expected = {
         *("recording.npz", "metrics.json", "figure.png", "figure.svg", "estimates/isam2.npz", "trajectories/isam2.tum"),
-        *("budget.json", "budget.png", "budget.svg"),
+        *("budget.json", "budget.png", "budget.svg", "report.html"),
     }
     assert owned(out) == expected
     assert {name for name, data in contents(out).items() if data is not None} == {*expected, MANIFEST}

@@ -1,0 +1,61 @@
+"""The page of an error budget."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from slamgauge.compare.estimators.registry import CAUSAL
+from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
+from slamgauge.compare.report.plain_page import content_of, figure_cell, from_to, plain_page
+from slamgauge.compare.scoring.optimum_notes import MARK, at_places
+from slamgauge.compare.scoring.ray_figures import RayFigures, describe
+from slamgauge.compare.storage.result_files import BUDGET, REPORT
+from slamgauge.compare.studies.budget import RUNGS
+
+PICTURES = {
+    "budget.png": (
+        "Waterfall of the mean squared position error: each bar starts where the last one ended",
+        "Each bar starts where the last one ended; the line in it is its 95 % interval.",
+    )
+}
+HEADS = (
+    Head("rung", "an estimator on the same measurements as the others, which lacks one thing more", words=True),
+    Head("for", words=True),
+    Head("mse [m²]", "mean squared position error over runs and steps"),
+    Head("adds [m²]", "what it has more than the rung before: what could be gained back there"),
+    Head("95 % interval", "of what it adds, bootstrapped over runs"),
+    Head("share", "of the whole error"),
+)
+
+
+def budget_page(folder: Path) -> dict[str, str]:
+    """The page of what `budget` has written into a folder."""
+    content = content_of(folder / BUDGET)
+    total = content["rungs"][-1]["mse_m2"]
+    rows: list[list[Cell]] = []
+    for rung in content["rungs"]:
+        added, mark = rung["increment_m2"], MARK if rung["optimum_check_share"] else ""
+        rows.append(
+            [
+                Cell(rung["name"]),
+                Cell(RUNGS.get(rung["name"], "")),
+                figure_cell(rung["mse_m2"], "{:.5f}"),
+                figure_cell(added["mean"], "{:+.5f}", mark),
+                Cell(from_to(added["low"], added["high"], "{:+.5f}"), added["low"]),
+                figure_cell(added["mean"] / total if total else None, "{:.0%}"),
+            ]
+        )
+    rays = content.get("rays")
+    text = plain_page(
+        kind="an error budget",
+        title=f"Where the error of {content['filter']} comes from: {content['scenario']}",
+        lead=[("", content["verdict"])],
+        notes=[
+            *at_places(CAUSAL, {rung["name"]: rung["optimum_check_share"] for rung in content["rungs"]}),
+            *([] if rays is None else [f"Per run {describe(RayFigures(**rays))}."]),
+        ],
+        tables=[Table("budget", "Rung by rung", HEADS, rows)],
+        pictures=pictures(folder, PICTURES),
+        origin=origin(folder / BUDGET, content, [("Filter", content["filter"]), ("Runs", str(content["runs"]))]),
+    )
+    return {REPORT: text}

@@ -1,0 +1,35 @@
+"""What columns mean, from the catalogue of figures."""
+
+from __future__ import annotations
+
+from slamgauge.compare.report.content import Head
+from slamgauge.compare.scoring.catalogue import CATALOGUE, columns
+from slamgauge.compare.scoring.quantity import Table
+
+HELP = {each.key: each.help for each in CATALOGUE}
+TERMS = {
+    "run": (
+        ("estimator", "who made the estimate"),
+        ("kind", "filtered: a pose knows the past alone; smoothed: it knows all measurements. They are never ranked"),
+        ("causal optimum", "the best that can be known of a pose from what came before (isam2), with the true noise"),
+        ("hindsight optimum", "the best that all measurements together tell (batch)"),
+        (
+            "3-sigma ellipse",
+            "where the estimate says that the place is, with 98.9 % in the plane, if its sigma is right",
+        ),
+    ),
+    "study": (
+        ("\u00b1", "half the width of the 95 % interval of the mean over runs"),
+        ("band", "where the mean of consistent estimates would be, at the level that stands beside it"),
+    ),
+}
+
+
+def figure_heads(table: Table) -> list[Head]:
+    """The columns of figures in a table, from the left."""
+    return [Head(title, HELP[key]) for title, key, _ in columns(table)]
+
+
+def glossary(table: Table) -> list[tuple[str, str]]:
+    """Terms and meanings: those of every column of a table, and of the words around it."""
+    return [*TERMS.get(table, ()), *((head.title, head.help) for head in figure_heads(table))]

@@ -1,0 +1,102 @@
+"""The page of the noise that a recording supports."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from slamgauge.compare.noise.finding import Supported
+from slamgauge.compare.noise.words import verdict
+from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
+from slamgauge.compare.report.plain_page import content_of, figure_cell, from_to, plain_page
+from slamgauge.compare.storage.result_files import NOISE, REPORT
+
+PICTURES = {
+    "noise.png": (
+        "Sigmas found over those assumed with their intervals, and how the innovations fit before and after",
+        "What was found, over what was assumed, and how the innovations fit.",
+    )
+}
+HEADS = (
+    Head("noise", words=True),
+    Head("unit", words=True),
+    Head("assumed"),
+    Head("found", "the likeliest value"),
+    Head("95 % interval", "of the profile likelihood; an end that is missing the log does not have"),
+    Head("verdict", words=True),
+)
+NIS = (
+    Head("channel", words=True),
+    Head("NIS as assumed", "innovations over their variance, with the noise that the recording states; 1 when right"),
+    Head("NIS as found"),
+    Head("95 % band"),
+    Head("rows"),
+)
+
+
+def noise_page(folder: Path) -> dict[str, str]:
+    """The page of what `noise --out` has written into a folder."""
+    content = content_of(folder / NOISE)
+    sigmas = [_parameter(name, each) for name, each in content["parameters"].items()]
+    lead = [(row[0].text, row[-1].text) for row in sigmas]
+    text = plain_page(
+        kind="the noise of a recording",
+        title="Which noise the measurements support",
+        lead=lead,
+        notes=notes(content),
+        tables=[
+            Table("noise", "Noise of the measurements", HEADS, sigmas),
+            Table("systematic", "Systematic errors", HEADS[:2] + HEADS[3:], _systematic(content["systematic"])),
+            Table("nis", "How the innovations fit", NIS, [_nis(*each) for each in content["nis_by_channel"].items()]),
+        ],
+        pictures=pictures(folder, PICTURES),
+        origin=origin(folder / NOISE, content),
+    )
+    return {REPORT: text}
+
+
+def _parameter(name: str, found: dict[str, Any]) -> list[Cell]:
+    high = math.inf if found["high"] is None else found["high"]
+    said = verdict(Supported(found["sigma"], found["low"] or 0.0, high), found["assumed"])
+    return [
+        *(Cell(name), Cell(found["unit"])),
+        *(figure_cell(found["assumed"], "{:.4g}"), figure_cell(found["sigma"], "{:.4g}")),
+        *(Cell(from_to(found["low"], found["high"], "{:.4g}"), found["low"]), Cell(said)),
+    ]
+
+
+def _systematic(found: dict[str, Any]) -> list[list[Cell]]:
+    rows: list[list[Cell]] = []
+    for name, each in found.items():
+        low, high = each["low"], each["high"]
+        is_none = (low is None or low <= 0) and (high is None or high >= 0)
+        interval = Cell(from_to(low, high, "{:.3g}"), low)
+        said = Cell("none to be seen" if is_none else "there is one")
+        rows.append([Cell(name), Cell(each["unit"]), figure_cell(each["value"], "{:+.3g}"), interval, said])
+    return rows
+
+
+def _nis(channel: str, found: dict[str, Any]) -> list[Cell]:
+    return [
+        Cell(channel),
+        *(figure_cell(found[key], "{:.3f}") for key in ("before", "after")),
+        Cell(from_to(found["low"], found["high"], "{:.3f}"), found["low"]),
+        Cell(str(found["rows"]), found["rows"]),
+    ]
+
+
+def notes(content: dict[str, Any]) -> list[str]:
+    """Outliers, and what the noise found is worth."""
+    said = [
+        f"outliers: {each['rate']:.2%} of {channel}; the sigma in the table is of the others"
+        for channel, each in content["outliers"].items()
+    ]
+    said.append(f"log-likelihood: {content['log_likelihood_gain']:+.1f} nats over the noise assumed")
+    held = content["held_out"]
+    if held is not None:
+        gain, count = held["log_likelihood_gain"], held["observations"]
+        said.append(
+            f"held out: the first half's noise gains {gain:+.1f} nats on the {count} observations of the second"
+        )
+    return said

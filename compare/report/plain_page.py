@@ -1,0 +1,75 @@
+"""Pages of sentences, tables and pictures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from slamgauge.compare.report.content import Cell, Picture, Table
+from slamgauge.compare.report.page import render
+from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.text_table import cell, interval_cell
+from slamgauge.compare.storage.files import explained
+from slamgauge.errors import UserError
+
+
+def plain_page(
+    *,
+    kind: str,
+    title: str,
+    lead: Sequence[tuple[str, str]],
+    tables: Sequence[Table],
+    origin: Sequence[tuple[str, str, bool]],
+    notes: Sequence[str] = (),
+    pictures: Sequence[Picture] = (),
+    glossary: Sequence[tuple[str, str]] = (),
+    back: str = "",
+    verbatim: Sequence[str] = (),
+) -> str:
+    """A page; `lead` is what is told first, each with whom it is about, `verbatim` lines of a program's record."""
+    return render(
+        "plain.html",
+        kind=kind,
+        title=title,
+        lead=lead,
+        notes=notes,
+        tables=tables,
+        pictures=pictures,
+        glossary=[*glossary, *((head.title, head.help) for each in tables for head in each.columns if head.help)],
+        origin=origin,
+        back=back,
+        verbatim=verbatim,
+    )
+
+
+def content_of(path: Path) -> Any:
+    """The JSON in a file of results.
+
+    Raises:
+        UserError: it cannot be read, or holds no JSON.
+    """
+    with explained(path, "read"):
+        text = path.read_bytes()
+    try:
+        return json.loads(text)
+    except ValueError:
+        raise UserError(f"{path}: not what slamgauge writes; give the command again") from None
+
+
+def figure_cell(value: float | None, form: str, mark: str = "") -> Cell:
+    """A figure, and what it sorts by."""
+    return Cell(cell(value, form) + mark, value)
+
+
+def interval_of(found: dict[str, Any] | None, form: str) -> Cell:
+    """A mean with its interval, as JSON has it."""
+    if found is None:
+        return Cell("-")
+    return Cell(interval_cell(Interval(found["mean"], found["low"], found["high"]), form), found["mean"])
+
+
+def from_to(low: float | None, high: float | None, form: str) -> str:
+    """An interval by its ends."""
+    return "-" if low is None and high is None else f"{cell(low, form)} to {cell(high, form)}"

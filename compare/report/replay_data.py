@@ -1,0 +1,136 @@
+"""What the replay of a run shows, packed for its page; `replay.js` has the same names."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.compare.figures.error_panels import reference_of
+from slamgauge.compare.figures.map_limits import map_limits
+from slamgauge.compare.figures.plot_style import DEAD_RECKONING
+from slamgauge.compare.report.content import Look
+from slamgauge.compare.report.frames import Sights, frame_steps, sights_of
+from slamgauge.compare.report.map_rows import packed_map, triangle
+from slamgauge.compare.report.packing import pack
+from slamgauge.compare.scoring.consistency import chi2_band, squared_mahalanobis
+from slamgauge.compare.scoring.landmark_identity import wrong_sights
+from slamgauge.compare.scoring.loop_closures import closure_steps
+from slamgauge.compare.scoring.scores import pose_covs_of
+from slamgauge.compare.scoring.trajectory_error import distances, pose_errors
+from slamgauge.compare.storage.results_folder import Results
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import compose
+from slamgauge.truth import Truth
+
+MOST_FRAMES = 1500  # more than a screen has columns
+FEWEST_FRAMES = 30
+STEP_LEVEL = 0.95  # of the band that the NEES of single steps is held against
+
+
+def replay_data(results: Results, looks: Sequence[Look], room: int) -> dict[str, Any]:
+    """The run with as many moments as find room.
+
+    Args:
+        results: truth, recording and estimates.
+        looks: how each estimate is drawn, in their order.
+        room: characters of JSON that it may take; with the fewest frames it takes what it takes.
+    """
+    count = MOST_FRAMES
+    while True:
+        data = _data(results, looks, frame_steps(results.recording.steps, count))
+        if len(json.dumps(data)) <= room or count <= FEWEST_FRAMES:
+            return data
+        count = max(count * 3 // 4, FEWEST_FRAMES)
+
+
+def _data(results: Results, looks: Sequence[Look], shown: Int) -> dict[str, Any]:
+    recording, truth = results.recording, Truth() if results.truth is None else results.truth
+    world = _world(results, truth)
+    sights = sights_of(recording, shown, float((world[1] - world[0]).max()))
+    reference = reference_of(truth, recording, results.estimates)
+    closures = closure_steps(truth, recording)
+    named = "error" if reference.name is None else f"difference to {reference.name}"
+    return {
+        "step": pack(shown, "i4"),
+        "time": pack(recording.stamps[shown] - recording.stamps[0]),
+        "truth": {
+            "poses": None if truth.poses is None else pack(truth.poses[shown]),
+            "landmarks": None if truth.landmarks is None else pack(truth.landmarks),
+        },
+        "sights": {
+            "start": pack(sights.start, "i4"),
+            "body": pack(sights.body),
+            "bearingOnly": recording.sensor == "bearing",
+        },
+        "estimates": [
+            _estimate(results.estimates[look.name], look, recording, truth, reference.poses, sights, shown)
+            for look in looks
+        ],
+        "closures": pack([] if closures is None else np.unique(_frames_of(closures, shown)), "i4"),
+        "world": {"low": world[0].tolist(), "high": world[1].tolist()},
+        "errorTitle": f"position {named} [m]",
+        "neesBand": list(chi2_band(STEP_LEVEL, 3)),
+    }
+
+
+def _estimate(
+    estimate: Estimate, look: Look, recording: Recording, truth: Truth, reference: Float, sights: Sights, shown: Int
+) -> dict[str, Any]:
+    errors, covs = pose_errors(reference, estimate.poses), estimate.pose_covs
+    nees = squared_mahalanobis(errors, pose_covs_of(estimate)) if truth.poses is not None else errors[:, 0] * np.nan
+    wrong = wrong_sights(truth, recording, estimate)
+    given = recording.landmark if estimate.association is None else estimate.association
+    return {
+        "name": look.name,
+        "color": look.color,
+        "dashes": list(look.dashes),
+        "shown": look.shown,
+        "poses": pack(estimate.poses[shown]),
+        "predicted": pack(_predicted(recording, estimate)[shown]),
+        "covs": None if covs is None else pack(triangle(covs[shown])),
+        "error": pack(distances(errors)[shown]),
+        "nees": pack(nees[shown]),
+        "nis": pack(_nis(estimate)[shown]),
+        "rows": packed_map(recording, estimate, shown),
+        "association": None if given is None else pack(given[sights.observation], "i4"),
+        "wrong": None if wrong is None else pack(wrong[sights.observation], "u1"),
+        "wrongFrames": pack(
+            [] if wrong is None else np.unique(_frames_of(recording.observation_step[wrong], shown)), "i4"
+        ),
+    }
+
+
+def _predicted(recording: Recording, estimate: Estimate) -> Float:
+    """Where a filter takes the robot to be before it sees (N+1, 3); a smoothed estimate knows from the start."""
+    if estimate.kind == "smoothed":
+        return estimate.poses
+    return np.concatenate([recording.prior_mean[None], compose(estimate.poses[:-1], recording.odometry)])
+
+
+def _nis(estimate: Estimate) -> Float:
+    """NIS over its degrees of freedom (N+1,), NaN where there is none."""
+    none = np.full(len(estimate.poses), np.nan)
+    if estimate.nis is None or estimate.nis_dof is None:
+        return none
+    return np.divide(estimate.nis, estimate.nis_dof, out=none, where=estimate.nis_dof > 0)
+
+
+def _frames_of(steps: Int, shown: Int) -> Int:
+    """The first frames that show what happened at these steps."""
+    return np.searchsorted(shown, steps)
+
+
+def _world(results: Results, truth: Truth) -> tuple[Float, Float]:
+    """Limits (2,) [m] of all there is; a dead reckoning that has gone astray does not widen them."""
+    known = [each for each in (truth.poses, truth.landmarks) if each is not None]
+    paths = {name: each.poses for name, each in results.estimates.items()}
+    drift = paths.pop(DEAD_RECKONING, None)
+    known += list(paths.values()) or ([] if drift is None else [drift])
+    places = np.concatenate([each[:, :2] for each in known])
+    places = places[np.isfinite(places).all(axis=1)]
+    return map_limits(places, places[:0] if drift is None else drift[:, :2])

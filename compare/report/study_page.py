@@ -1,0 +1,192 @@
+"""The page of a study: what many runs say of each estimator, and which runs to look at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slamgauge.compare.report.content import Cell, Head, Look, Table, looks, origin, pictures, sized
+from slamgauge.compare.report.glossary import figure_heads, glossary
+from slamgauge.compare.report.packing import pack
+from slamgauge.compare.report.page import render
+from slamgauge.compare.report.rerun import command_of_run
+from slamgauge.compare.scoring.catalogue import columns
+from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.over_runs import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
+from slamgauge.compare.scoring.ray_figures import describe
+from slamgauge.compare.scoring.text_table import cell, interval_cell
+from slamgauge.compare.storage.result_files import REPORT, SUMMARY
+from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.stored_study import StoredStudy, load_study
+from slamgauge.compare.studies.summary import (
+    failure_lines,
+    figure_cells,
+    is_doubtful,
+    optimum_lines,
+    too_good_lines,
+    why_empty,
+)
+
+MOST_MOMENTS = 1500  # of a curve
+PICTURES = {
+    "nees.png": ("Mean pose NEES over runs against time, with its chi-square band", "Mean pose NEES over runs."),
+    "nis.png": ("NIS over its degrees of freedom against time, with its band", "NIS of all runs together."),
+    "errors.png": (
+        "Errors of single runs within the mean 3-sigma bounds",
+        "Errors of single runs, mean 3-sigma bounds.",
+    ),
+    "ratios.png": ("Box plots of each run's ATE over the optimum's", "ATE of each run over the optimum's in that run."),
+}
+COMPARED = {"ate_m": "ATE [m]", "nees_pose_per_dof": "NEES/3"}
+
+
+def study_page(folder: Path) -> dict[str, str]:
+    """The page of what `study` has written into a folder.
+
+    Raises:
+        UserError: there is no study in it, or its files do not belong together.
+    """
+    study = load_study(folder)
+    summary = study.summary
+    shown = looks(summary.estimators)
+    text = render(
+        "study.html",
+        kind="a study",
+        title=f"{summary.scenario}, {summary.runs} runs",
+        lead=[(name, each.verdict) for name, each in summary.estimators.items() if each.verdict],
+        notes=[
+            *optimum_lines(summary),
+            *why_empty([summary], "study"),
+            *too_good_lines(summary),
+            *failure_lines(summary),
+        ],
+        table=summary_score_table(study),
+        worst=worst_table(study),
+        every=run_table(study),
+        comparisons=comparison_tables(study.content),
+        rays=[(name, describe(each.rays)) for name, each in summary.estimators.items() if each.rays is not None],
+        level=f"{BAND_LEVEL:.1%}",
+        looks=shown,
+        pictures=pictures(folder, PICTURES),
+        glossary=glossary("study"),
+        origin=origin(folder / SUMMARY, study.content, [("Runs", str(summary.runs))]),
+        data={"study": study_data(study, shown)},
+    )
+    return {REPORT: text}
+
+
+def summary_score_table(study: StoredStudy) -> Table:
+    """Means with their 95 % intervals, as the terminal has them."""
+    summary, found = study.summary, columns("study")
+    rows: list[list[Cell]] = []
+    for name, entry in summary.estimators.items():
+        texts = figure_cells(summary, entry, found, room_for_marks=is_doubtful(summary))
+        values = [entry.figure(key) for _, key, _ in found]
+        share = entry.nees_share_inside_band
+        cells = [Cell(text, _mean(value)) for text, value in zip(texts, values, strict=True)]
+        rows.append([Cell(name), Cell(str(entry.runs), entry.runs), *cells, Cell(cell(share, "{:.1%}"), share)])
+    band = Head(
+        f"in {BAND_LEVEL:.1%} band", "share of steps whose mean pose NEES over runs lies in its chi-square band"
+    )
+    heads = [Head("estimator", words=True), Head("runs"), *figure_heads("study"), band]
+    return Table("summary", "Means over runs with their 95 % intervals; a click on a head sorts", heads, rows)
+
+
+def _mean(value: Any) -> float | None:
+    return sized(value.mean if isinstance(value, Interval) else value)
+
+
+def worst_table(study: StoredStudy) -> Table:
+    """The worst and the median run of each estimator, and the command that makes it again, with its replay."""
+    rows: list[list[Cell]] = []
+    for name, runs in study.runs.items():
+        ates = runs.figures["ate_m"] if len(runs.run) else np.zeros(0)
+        order = np.argsort(ates)[: np.isfinite(ates).sum()]
+        places = (("worst", order[-1:]), ("median", order[len(order) // 2 : len(order) // 2 + 1]))
+        for which, place in places:
+            for at in place.tolist():
+                run, ate = int(runs.run[at]), float(ates[at])
+                command = command_of_run(study.content, run_seed(study.summary.seed, run))
+                rows.append([Cell(name), Cell(which), Cell(str(run), run), Cell(f"{ate:.3f}", ate), Cell(command)])
+    heads = ("which", "run", "ATE [m]", "the command that makes it, with its replay")
+    words = (True, False, False, True)
+    named = [Head(title, words=is_words) for title, is_words in zip(heads, words, strict=True)]
+    return Table("worst", "Runs to look at", [Head("estimator", words=True), *named], rows)
+
+
+def run_table(study: StoredStudy) -> Table:
+    """The ATE of every run and estimator, and the run's seed."""
+    ates = {name: dict(zip(each.run.tolist(), each.figures["ate_m"], strict=True)) for name, each in study.runs.items()}
+    rows = [
+        [Cell(str(run), run), Cell(str(run_seed(study.summary.seed, run)))]
+        + [_figure(by_run.get(run)) for by_run in ates.values()]
+        for run in range(study.summary.runs)
+    ]
+    return Table("runs", "ATE [m] of every run", [Head("run"), Head("seed"), *(Head(name) for name in ates)], rows)
+
+
+def _figure(value: float | None) -> Cell:
+    known = None if value is None or not np.isfinite(value) else float(value)
+    return Cell(cell(known, "{:.4f}"), known)
+
+
+def comparison_tables(content: dict[str, Any]) -> list[Table]:
+    """Paired comparisons, a table for each estimator that others are held against."""
+    tables: list[Table] = []
+    for name, others in content.get("against", {}).items():
+        rows = [_compared(label, key, each) for label, figures in others.items() for key, each in figures.items()]
+        heads = [Head("estimator", words=True), Head("figure", words=True), Head("runs")]
+        heads += [
+            Head(f"over that of {name}"),
+            Head(f"less that of {name}"),
+            Head("p", "of the paired test of equal means"),
+        ]
+        tables.append(Table(f"against-{len(tables)}", f"Run by run against {name}", heads, rows))
+    return tables
+
+
+def _compared(label: str, key: str, found: dict[str, Any]) -> list[Cell]:
+    p_value, runs = found["p_value"], found["runs"]
+    intervals = [_interval(found["ratio"], "{:.3f}"), _interval(found["difference"], "{:+.3f}")]
+    return [
+        *(Cell(label), Cell(COMPARED.get(key, key)), Cell(str(runs), runs)),
+        *intervals,
+        Cell(cell(p_value, "{:.2g}"), p_value),
+    ]
+
+
+def _interval(found: dict[str, Any] | None, form: str) -> Cell:
+    interval = None if found is None else Interval(**found)
+    return Cell(interval_cell(interval, form).replace("± +", "± "), None if interval is None else interval.mean)
+
+
+def study_data(study: StoredStudy, shown: list[Look]) -> dict[str, Any]:
+    """What the charts of the page show."""
+    ran = {look.name: study.runs[look.name] for look in shown if len(study.runs[look.name].run)}
+    nees = {name: nees_per_step(runs) for name, runs in ran.items()}
+    nis = {name: nis_per_step(runs) for name, runs in ran.items()}
+    length = max((len(each.value) for each in nees.values()), default=0)
+    moments = np.unique(np.linspace(0, max(length - 1, 0), min(length, MOST_MOMENTS)).round().astype(np.int64))
+    return {
+        "time": pack(study.step * moments),
+        "looks": [{"name": each.name, "color": each.color, "dashes": list(each.dashes)} for each in shown],
+        "nees": _curves(nees, shown, moments),
+        "nis": _curves(nis, shown, moments),
+        "ates": [pack(study.runs[each.name].figures["ate_m"] if each.name in ran else []) for each in shown],
+        "runs": [pack(study.runs[each.name].run if each.name in ran else [], "i4") for each in shown],
+        "commands": [
+            command_of_run(study.content, run_seed(study.summary.seed, run)) for run in range(study.summary.runs)
+        ],
+    }
+
+
+def _curves(found: dict[str, PerStep], shown: list[Look], moments: Any) -> dict[str, Any]:
+    """A curve for each estimator, and the widest of their bands."""
+    none = np.full(len(moments), np.nan)
+    bands = [(each.low[moments], each.high[moments]) for each in found.values()]
+    low = np.fmin.reduce([low for low, _ in bands]) if bands else none
+    high = np.fmax.reduce([high for _, high in bands]) if bands else none
+    values = [pack(found[each.name].value[moments] if each.name in found else none) for each in shown]
+    return {"values": values, "low": pack(low), "high": pack(high)}

@@ -1,0 +1,52 @@
+"""The page of a sweep: a study at each value of a key."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
+from slamgauge.compare.report.glossary import figure_heads
+from slamgauge.compare.report.plain_page import content_of, interval_of, plain_page
+from slamgauge.compare.scoring.catalogue import columns
+from slamgauge.compare.storage.result_files import REPORT, SWEEP
+
+PICTURES = {
+    "sweep.png": (
+        "Error, consistency, reported sigma and size of the map against the value, with 95 % intervals",
+        "Error, consistency, reported sigma and size of the map against the value; bars are 95 % intervals.",
+    )
+}
+
+
+def sweep_page(folder: Path) -> dict[str, str]:
+    """The page of what `study --sweep` has written into a folder."""
+    content = content_of(folder / SWEEP)
+    found, rows = columns("sweep"), list[list[Cell]]()
+    for point in content["points"]:
+        for name, entry in point["summary"]["estimators"].items():
+            figures = [interval_of(entry[key], form) for _, key, form in found]
+            rows.append([Cell(str(point["value"])), Cell(name), *figures])
+    heads = [Head(content["key"], words=True), Head("estimator", words=True), *figure_heads("sweep")]
+    text = plain_page(
+        kind="a sweep",
+        title=f"{content['scenario']} over {content['key']}, {content['runs']} runs at each value",
+        lead=faults(content),
+        tables=[Table("sweep", "Means over runs, with the half width of their 95 % intervals", heads, rows)],
+        pictures=pictures(folder, PICTURES),
+        origin=origin(folder / SWEEP, content, [("Runs at each value", str(content["runs"]))]),
+    )
+    return {REPORT: text}
+
+
+def faults(content: dict[str, Any]) -> list[tuple[str, str]]:
+    """What is wrong with each estimator, and at which values."""
+    places: dict[str, dict[str, list[str]]] = {}
+    for point in content["points"]:
+        for name, entry in point["summary"]["estimators"].items():
+            for fault in entry["faults"]:
+                places.setdefault(name, {}).setdefault(fault, []).append(str(point["value"]))
+    return [
+        (name, "; ".join(f"{fault} at {content['key']} = {', '.join(values)}" for fault, values in found.items()))
+        for name, found in places.items()
+    ]

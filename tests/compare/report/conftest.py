@@ -1,0 +1,101 @@
+"""A browser for pages, and pages for the browser.
+
+Debian's chromium and its driver, as CONTRIBUTING.md names them; where they are not, tests that need them are skipped,
+except where SLAMGAUGE_BROWSER=required says that they must be there, as `.ci/run` does.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Generator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+
+from slamgauge import compare_estimators, load_estimators, load_scenario, simulate
+from slamgauge.compare.figures.publishing import draw_comparison, write_comparison
+from slamgauge.compare.report.publishing import publish_report
+from slamgauge.compare.scoring.comparison import metrics
+
+NAMED = "<script>alert(1)</script>"
+GUEST = 'own "<b>&amp;'
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+class Reader:
+    """Somebody who opens pages in a browser, and sees what it complains of and whom it asks."""
+
+    def __init__(self, driver: webdriver.Chrome) -> None:
+        self.driver = driver
+
+    def open(self, page: Path, *, width: int = 1280, dark: bool = False) -> None:
+        self.complaints()  # what came before is not this page's
+        self.command("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.command("Emulation.setEmulatedMedia", media="", features=[scheme])
+        self.driver.get(page.as_uri())
+
+    def run(self, script: str, *arguments: object) -> Any:
+        return self.driver.execute_script(script, *arguments)
+
+    def wait(self, script: str) -> Any:
+        """What a script that calls its last argument hands over."""
+        return self.driver.execute_async_script(script)
+
+    def command(self, name: str, **arguments: object) -> Any:
+        return self.driver.execute_cdp_cmd(name, arguments)
+
+    def complaints(self) -> list[str]:
+        """What stands in the console since it was last looked at."""
+        return [entry["message"] for entry in self.driver.get_log("browser")]
+
+    def requests(self) -> list[str]:
+        """Addresses that were asked since this was last looked at, but those that stand in the page itself."""
+        messages = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
+        asked = [each["params"]["request"]["url"] for each in messages if each["method"] == "Network.requestWillBeSent"]
+        return [url for url in asked if not url.startswith("data:")]
+
+
+@pytest.fixture(scope="session")
+def reader() -> Generator[Reader]:
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    driver = shutil.which("chromedriver")
+    if browser is None or driver is None:
+        lacking = "no chromium and chromedriver on the PATH; install Debian's packages chromium and chromium-driver"
+        if os.environ.get("SLAMGAUGE_BROWSER") == "required":
+            pytest.fail(lacking)
+        pytest.skip(lacking)
+    os.environ.update(SE_OFFLINE="true", SE_AVOID_STATS="true")
+    options = webdriver.ChromeOptions()
+    options.binary_location = browser
+    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    opened = webdriver.Chrome(options=options, service=Service(driver))
+    opened.set_script_timeout(60)
+    yield Reader(opened)
+    opened.quit()
+
+
+@pytest.fixture(scope="session")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The README's first run with names that are not meant well, and its page."""
+    truth, recording = simulate(load_scenario("q1-long-dense"), 0)
+    estimators = load_estimators(["dead-reckoning", "ekf", "riekf", "isam2", "batch"], frames=240)
+    named = {GUEST if name == "riekf" else name: each for name, each in estimators.items()}
+    comparison = compare_estimators(truth, recording, named)
+    folder = tmp_path_factory.mktemp("run")
+    write_comparison(folder, comparison, metrics(comparison, NAMED, 0))
+    assert draw_comparison(folder, comparison, NAMED)
+    publish_report(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def run_page(run_folder: Path) -> Path:
+    return run_folder / "report.html"

@@ -1,0 +1,126 @@
+"""Pages as texts: whatever comes from data is escaped, the policy fits, the program is whole, and it has its size."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slamgauge import UserError
+from slamgauge.compare.report.packing import pack
+from slamgauge.compare.report.page import ASSETS, MODULES, json_text, program, render
+from slamgauge.compare.report.publishing import publish_report
+
+BARE = re.compile(r"^(?:export )?(?:async )?(?:function|class|const|let) +(\w+)", re.MULTILINE)
+SOURCES = {name: (ASSETS / "modules" / f"{name}.js").read_text(encoding="utf-8") for name in MODULES}
+
+
+class Elements(HTMLParser):
+    """Start tags with their attributes, and the text within each kind of element."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: dict[str, list[str]] = {}
+        self._within = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        self._within = tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.setdefault(self._within, []).append(data)
+
+
+@pytest.fixture(scope="module")
+def text(run_page: Path) -> str:
+    return run_page.read_text(encoding="utf-8")
+
+
+def test_a_page_of_the_first_run_has_at_most_three_megabytes(run_page: Path) -> None:
+    assert run_page.stat().st_size <= 3_000_000
+
+
+def test_names_of_others_are_text_and_nothing_else(text: str) -> None:
+    found = Elements(text)
+    scripts = [attributes for tag, attributes in found.tags if tag == "script"]
+    assert [each["type"] for each in scripts] == ["application/json", "module"]
+    assert "<script>alert(1)</script>, seed 0" in found.texts["h1"]
+    assert 'own "<b>&amp;' in "".join(found.texts["th"])
+    assert not [tag for tag, _ in found.tags if tag == "b"]
+    assert not [name for _, attributes in found.tags for name in attributes if name == "style" or name.startswith("on")]
+
+
+def test_the_policy_names_program_and_style_by_what_they_are(text: str) -> None:
+    (policy,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]+)"', text)
+    rules = dict(each.strip().split(" ", 1) for each in policy.replace("&#39;", "'").split(";"))
+    assert rules["default-src"] == "'none'"
+    assert "unsafe" not in policy
+    for kind, rule in (("style", "style-src"), ('script type="module"', "script-src")):
+        (inlined,) = re.findall(rf"<{kind}>(.*?)</{kind.split()[0]}>", text, re.DOTALL)
+        digest = base64.b64encode(hashlib.sha256(inlined.encode()).digest()).decode()
+        assert rules[rule] == f"'sha256-{digest}'"
+
+
+def test_data_in_the_page_is_what_was_given_and_ends_no_element() -> None:
+    data = {"name": "</script><!-- & \u2028", "list": [1.5, None]}
+    text = json_text(data)
+    assert json.loads(text) == data
+    assert not set("<>&") & set(text)
+
+
+def test_numbers_of_json_are_numbers() -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        json_text({"figure": float("nan")})
+
+
+def test_arrays_come_back_as_they_were_packed() -> None:
+    values = np.array([[1.0, np.nan], [-2.5, 3e7]])
+    packed = pack(values)
+    read = np.frombuffer(base64.b64decode(packed["data"]), dtype="<f4").reshape(2, 2)
+    np.testing.assert_array_equal(read, values)
+
+
+def test_what_cannot_be_printed_is_written_out() -> None:
+    text = render("base.html", kind="k", title="a\x1bb\udcff", origin=[], glossary=[])
+    assert r"a\x1bb\udcff" in text
+    assert text.encode()
+
+
+def test_modules_define_no_name_twice_and_import_what_stands_before_them() -> None:
+    assert {path.name for path in (ASSETS / "modules").iterdir()} == {f"{name}.js" for name in MODULES}
+    names = [name for source in SOURCES.values() for name in BARE.findall(source)]
+    assert len(names) == len(set(names))
+    for place, (name, source) in enumerate(SOURCES.items()):
+        assert source.startswith("// @ts-check\n/** "), f"{name}.js says what it is"
+        for imported, other in re.findall(r'^import \{ (.*) \} from "\./(\w+)\.js";$', source, re.MULTILINE):
+            assert other in MODULES[:place]
+            exported = set(re.findall(r"^export (?:function|class|const) (\w+)", SOURCES[other], re.MULTILINE))
+            assert {*imported.split(", ")} <= exported
+
+
+def test_the_program_has_neither_imports_nor_exports_nor_makes_code_of_texts() -> None:
+    assert not re.findall(r"^(?:import|export) .*", program(), re.MULTILINE)
+    assert not re.findall(
+        r"\beval\b|new Function|innerHTML|insertAdjacentHTML|document\.write|fetch\(|https?:", program()
+    )
+
+
+def test_a_folder_without_results_is_refused_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="holds no results; give a folder that slamgauge has written"):
+        publish_report(tmp_path)
+
+
+def test_a_page_of_somebody_else_stays(run_folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "metrics.json").write_bytes((run_folder / "metrics.json").read_bytes())
+    (tmp_path / "report.html").write_text("mine")
+    with pytest.raises(UserError, match=r"report\.html: exists already, and slamgauge has not written it"):
+        publish_report(tmp_path)
+    assert (tmp_path / "report.html").read_text() == "mine"
