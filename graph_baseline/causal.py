@@ -12,7 +12,7 @@ from slamgauge.correlations import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.demand import require_room, tell_if_long
 from slamgauge.graph_baseline.factors import among_mapped, relative_to_start, require_known_landmarks
-from slamgauge.graph_baseline.growing import GrowingOptimum
+from slamgauge.graph_baseline.growing import GrowingOptimum, Leap
 from slamgauge.graph_baseline.hindsight import batch, optimum_from
 from slamgauge.graph_baseline.search import chi_square_of
 from slamgauge.graph_baseline.undetermined import UndeterminedError
@@ -86,14 +86,20 @@ def _with_map(recording: Recording, estimate: Estimate, growing: GrowingOptimum)
     )
 
 
-def _farthest_off(recording: Recording, path: Float, estimate: Estimate, leaps: list[Float]) -> float:
+def _farthest_off(recording: Recording, path: Float, estimate: Estimate, leaps: list[Leap]) -> float:
     """How far off (see `_off`) the last pose is, and each before a leap to a path that its step might have had."""
-    before = (leap[:-1] for leap in leaps if len(leap) > 1)
-    return max(_off(recording.first(len(each) - 1), each, estimate) for each in (path, *before))
+    farthest = _off(recording, path, estimate)
+    for path_after, landmark_ids in leaps:
+        if len(landmark_ids):
+            part = recording.first(len(path_after) - 2)
+            ids = require_known_landmarks(part)
+            part = part.associated(np.where(np.isin(ids, landmark_ids), ids, -1))
+            farthest = max(farthest, _off(part, path_after[:-1], estimate))
+    return farthest
 
 
 def _off(recording: Recording, path: Float, estimate: Estimate) -> float:
-    """How far a recording's last pose and its sigmas are from those of `batch`, begun at the path, in its sigmas."""
+    """How far the last pose of a recording and its sigmas are from `batch` begun at a path, in its sigmas."""
     try:
         optimum = optimum_from(recording, path)
     except UndeterminedError:

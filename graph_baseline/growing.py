@@ -14,6 +14,7 @@ Of bearings alone, landmarks wait until the optimum places them, and leave where
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -49,6 +50,13 @@ DOUBTED_AGAIN = 2.0  # the same for a lower one of a path that is not short
 EXACT = 1e-9  # m or rad: a smaller standard deviation measures nothing
 
 
+class Leap(NamedTuple):
+    """Where a search has led: a path (k+1, 3), and the landmarks (L,) that were mapped before."""
+
+    path: Float
+    landmark_ids: Int
+
+
 class GrowingOptimum:
     """The optimum of the first steps of a recording.
 
@@ -75,7 +83,7 @@ class GrowingOptimum:
         self.unsettled_steps = 0  # steps without: their pose is dead reckoning from the last that had one
         self._seek_at = self._doubt_at = 0
         self._chi_square, self._freedom = 0.0, 0  # of the last minimum
-        self.leaps: list[Float] = []  # paths (k+1, 3) to which a search has led, from a minimum or from none
+        self.leaps: list[Leap] = []
 
     # --- what has been found ---------------------------------------------------------------------
 
@@ -266,9 +274,14 @@ class GrowingOptimum:
             self._seek_at = int(SOUGHT_AGAIN * self._newest) + 1
 
     def _may_map_more(self) -> bool:
-        """Whether nothing is mapped, or dead reckoning places a landmark of the newest scan that waits."""
+        """Whether nothing is mapped, or dead reckoning places a landmark of the newest scan that waits.
+
+        Dead reckoning tells as much as long as the path is short.
+        """
         if not len(self._mapped):
             return True
+        if self._newest > SHORT:
+            return False
         waiting = self._mapped.waiting_in_scan(self._newest)
         return bool(waiting) and self._mapped.is_any_placed(self._newest, waiting, self._dead_reckoned())
 
@@ -310,11 +323,11 @@ class GrowingOptimum:
 
     def _move_to(self, taken: Int, found: Minimum) -> bool:
         """Go to a minimum that a search has found; whether its matrices determine all landmarks."""
+        self.leaps.append(Leap(found.poses, self._mapped.ids))
         self._place.poses[: self._newest + 1] = found.poses
         self._mapped.map_alone(self._newest, np.unique(taken[taken >= 0]), found.landmarks)
         self._mapped.doubt_all()
         self._chi_square = 2.0 * found.cost
-        self.leaps.append(found.poses)
         return self._linearise_anew()
 
     # --- matrices --------------------------------------------------------------------------------

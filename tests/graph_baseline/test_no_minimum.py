@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from random_recordings import random_recording
 
+from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, isam2
-from slamgauge.graph_baseline.growing import GrowingOptimum
+from slamgauge.graph_baseline.growing import GrowingOptimum, Leap
 from slamgauge.graph_baseline.linearisation import linearise
 from slamgauge.graph_baseline.smoother import Damping, damped_step
 from slamgauge.recording import Recording
@@ -107,3 +108,29 @@ def test_the_causal_optimum_leaves_a_minimum_whose_cost_leaps(monkeypatch: pytes
     assert optimum.pose_covs is not None
     sigma = np.sqrt(np.diag(optimum.pose_covs[-1]))
     assert np.abs(growing.newest_pose() - optimum.poses[-1]).max() < 1e-6 * sigma.min()
+
+
+@pytest.mark.parametrize(("wrong", "flagged"), [(0.0, False), (3.0, True)])
+def test_a_step_before_a_leap_is_flagged_where_its_pose_was_off(
+    monkeypatch: pytest.MonkeyPatch, wrong: float, flagged: bool
+) -> None:
+    """The pose of step 20 is put off by some sigmas, and a search leads to the right path at step 21."""
+    recording = random_recording(3, steps=30)[1]
+    ids = np.unique(recording.landmark)
+    add_step, newest_pose = GrowingOptimum.add_step, GrowingOptimum.newest_pose
+
+    def leaping(growing: GrowingOptimum) -> None:
+        add_step(growing)
+        path = growing.path_and_map()[0]
+        if len(path) == 22:
+            growing.leaps.append(Leap(path, ids))
+
+    def off(growing: GrowingOptimum) -> Float:
+        is_wrong = len(growing.path_and_map()[0]) == 21
+        return newest_pose(growing) + is_wrong * wrong * np.sqrt(np.diag(growing.newest_cov()))
+
+    monkeypatch.setattr(GrowingOptimum, "add_step", leaping)
+    monkeypatch.setattr(GrowingOptimum, "newest_pose", off)
+    check = isam2(recording).optimum_check
+    assert check is not None
+    assert (check == pytest.approx(wrong, abs=0.05)) if flagged else check < 0.02
