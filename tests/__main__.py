@@ -17,6 +17,7 @@ CHECKS = {
     "lint": ["ruff", "check", "."],
     "format": ["ruff", "format", "--check", "."],
     "types": ["basedpyright", "--pythonpath", sys.executable],
+    "pages": ["sphinx", "--quiet", "--fail-on-warning", "--keep-going", "docs", "build/site"],
     "tests": ["pytest", "-n", "auto", "--dist", "loadfile"],
 }
 

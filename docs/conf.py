@@ -1,0 +1,24 @@
+"""How Sphinx makes one site of this folder: `python -m tests pages`, or `sphinx-build -t online docs build/site`."""
+
+from __future__ import annotations
+
+import slamgauge
+
+project = "slamgauge"
+version = release = slamgauge.__version__
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+if tags.has("online"):  # noqa: F821  Sphinx puts it here
+    extensions.append("sphinx.ext.intersphinx")  # it fetches lists of names, which a check must not depend on
+intersphinx_mapping = {
+    "python": ("https://docs.python.org/3", None),
+    "numpy": ("https://numpy.org/doc/stable", None),
+    "scipy": ("https://docs.scipy.org/doc/scipy", None),
+    "matplotlib": ("https://matplotlib.org/stable", None),
+}
+html_theme = "furo"
+html_title = f"slamgauge {release}"
+html_copy_source = False
+myst_heading_anchors = 3  # levels of headings that links may name
+autodoc_typehints = "description"
+autodoc_member_order = "bysource"
+napoleon_use_ivar = True  # dataclasses name their fields in their docstring and in their body
