@@ -17,7 +17,7 @@ FEW = 300  # landmarks of a map that the caches hold: it is never compressed
 AREA = 1.5  # radius of an area over the farthest sight
 CLEARLY = 0.5  # of the full filter's work: less is worth another program
 ACCOUNT = 4.0  # work of a step with the account of its area, over that without
-COPIED = 50.0  # multiply-adds in the time in which settling touches an entry of the covariance
+COPIED = 270.0  # multiply-adds in the time in which settling touches an entry of the covariance
 
 
 def area_that_pays(recording: Recording) -> float | None:

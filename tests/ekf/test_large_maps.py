@@ -71,6 +71,11 @@ def test_areas_that_are_left_at_once_and_maps_that_are_one_area_are_not() -> Non
     assert area_that_pays(along_a_road(100, 3.0, 0.02)) is None
 
 
+def test_a_dozen_sights_a_step_of_a_map_that_settling_copies_at_every_metre_and_a_half_are_not() -> None:
+    """The compressed filter takes 1.6 times as long here."""
+    assert area_that_pays(along_a_road(800, 3.0, 0.1)) is None
+
+
 def test_the_estimate_is_that_of_the_full_filter(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = along_a_road(60, 3.0, 0.1)
     full = ekf(recording)
