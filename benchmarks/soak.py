@@ -6,7 +6,7 @@ The scenario is driven round and round, in stretches, so that no more than one o
 rows whose name holds that text. Of each filter: microseconds a step; landmarks in the end; the smallest eigenvalue (100
 looks; what is in the state twice, an anchor or a clone, has none but rounding) and the largest asymmetry that its
 covariance ever had; by how much its map is too large; what the resident memory has grown by since the first tenth; and
-NEES/3 of the pose in ten bands of steps. A filter stops where its map holds `--most` landmarks.
+NEES/3 of the pose in ten bands of steps. A filter stops where its state holds `--most` points.
 """
 
 from __future__ import annotations
@@ -42,7 +42,11 @@ LOOKS = 100  # at the whole covariance
 EVERY = 10  # steps from one NEES to the next
 RANGES = ["sensor.kind=range-bearing", "sensor.sigma_range=0.1"]
 INITIALISATIONS: dict[str, Initialisation] = {"fis": Rays(), "inverse-depth": InverseDepth(), "delayed": Delayed()}
-ASSOCIATIONS = {"nearest-neighbour": NEAREST_NEIGHBOUR, "jcbb": Association("jcbb", map_management=MapManagement())}
+ASSOCIATIONS = {
+    "nearest-neighbour": NEAREST_NEIGHBOUR,
+    "managed neighbour": Association(map_management=MapManagement()),
+    "jcbb": Association("jcbb", map_management=MapManagement()),
+}
 
 
 class Row(NamedTuple):
@@ -161,7 +165,7 @@ def soak(row: Row, scenario: str, steps: int, seed: int, most: int) -> str:
             if step % max(steps // LOOKS, 1) == 0:
                 tally.note_covariance(slam)
             if len(map_of(slam).ids) >= most:
-                grown = f"  {most} landmarks at step {step}: stopped"
+                grown = f"  {most} points at step {step}: stopped"
                 break
         if grown:
             break

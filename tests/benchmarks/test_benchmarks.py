@@ -83,10 +83,11 @@ SMALLEST = {
         "wrong sign in F prediction-jacobian 1/1 ",
     ),
     "soak": (  # 6 s
-        "--steps 200 --only riekf --most 25",
+        "--steps 200 --only riekf",
         "filter us/step map eigenv. asymmetr. size % MB grown ..10% ..20%",
         "riekf ranges ids ",
         "riekf ranges nearest-neighbour ",
+        "riekf ranges managed neighbour ",
         "riekf bearings delayed ",
         "riekf bearings fis jcbb ",
     ),
