@@ -1,0 +1,154 @@
+"""What a replay is told of a run: the same as the run."""
+
+from __future__ import annotations
+
+import base64
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from slamgauge import Estimate, Recording, Truth, compare_estimators, load_estimators, load_scenario, simulate
+from slamgauge.arrays import Float
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.figures.map_at_step import map_at
+from slamgauge.compare.report.content import looks
+from slamgauge.compare.report.frames import frame_steps, sights_of
+from slamgauge.compare.report.practical import QUESTIONS
+from slamgauge.compare.report.replay_data import replay_data
+from slamgauge.compare.scoring.landmark_identity import association_figures, wrong_sights
+from slamgauge.compare.storage.results_folder import Results
+
+KINDS = {"f4": "<f4", "i4": "<i4", "u2": "<u2", "u1": "u1"}
+
+
+def unpacked(packed: dict[str, Any]) -> Float:
+    return np.frombuffer(base64.b64decode(packed["data"]), dtype=KINDS[packed["kind"]])
+
+
+@pytest.fixture(scope="module")
+def results() -> Results:
+    """Twenty seconds without ids at a gate that lets wrong landmarks pass."""
+    settings = ["trajectory.duration=20", "association.gate=100", "trajectory.yaw_rate=0.6"]
+    scenario = load_scenario("q2-short-dense", settings)
+    truth, recording = simulate(scenario, 0)
+    estimators = load_estimators(["ekf", "riekf"], scenario.association, frames=40)
+    return Results("a run", truth, recording, compare_estimators(truth, recording, estimators).estimates)
+
+
+def test_wrong_sights_are_as_many_as_are_counted(results: Results):
+    assert results.truth is not None
+    for estimate in results.estimates.values():
+        wrong = wrong_sights(results.truth, results.recording, estimate)
+        assert wrong is not None
+        assert wrong.sum() == association_figures(results.truth, results.recording, estimate).wrong_associations
+        assert wrong.any()
+
+
+def test_who_cannot_tell_says_nothing_of_wrong_sights(results: Results):
+    estimate = Estimate("filtered", results.estimates["ekf"].poses)
+    assert results.truth is not None
+    assert wrong_sights(results.truth, results.recording, estimate) is None
+    assert wrong_sights(Truth(), results.recording, results.estimates["ekf"]) is None
+
+
+def test_frames_are_evenly_spaced_from_the_first_step_to_the_last():
+    assert frame_steps(10, 100).tolist() == list(range(11))
+    assert frame_steps(1000, 11).tolist() == list(range(0, 1001, 100))
+    assert frame_steps(0, 5).tolist() == [0]
+
+
+@pytest.mark.parametrize("count", [201, 40, 2])
+def test_a_frame_has_the_last_scan_since_the_frame_before(results: Results, count: int):
+    recording = results.recording
+    shown = frame_steps(recording.steps, count)
+    sights = sights_of(recording, shown, 1.0)
+    before = -1
+    for frame, step in enumerate(shown.tolist()):
+        since = recording.observation_step[(recording.observation_step > before) & (recording.observation_step <= step)]
+        expected = np.flatnonzero(recording.observation_step == since.max()) if len(since) else []
+        found = sights.observation[sights.start[frame] : sights.start[frame + 1]]
+        np.testing.assert_array_equal(found, expected)
+        before = step
+
+
+def test_sights_end_where_range_and_bearing_say(results: Results):
+    sights = sights_of(results.recording, frame_steps(results.recording.steps, 50), 1.0)
+    seen = results.recording.observation[sights.observation]
+    np.testing.assert_allclose(np.hypot(*sights.body.T), seen[:, 0])
+    np.testing.assert_allclose(np.arctan2(sights.body[:, 1], sights.body[:, 0]), seen[:, 1], atol=1e-12)
+
+
+def test_a_recording_without_observations_has_no_sights():
+    stamps = np.arange(4.0)
+    recording = Recording(
+        stamps=stamps,
+        prior_mean=np.zeros(3),
+        prior_cov=np.eye(3),
+        odometry=np.zeros((3, 3)),
+        odometry_cov=np.tile(np.eye(3), (3, 1, 1)),
+        sensor="range-bearing",
+        observation_step=np.zeros(0, np.int64),
+        observation=np.zeros((0, 2)),
+        observation_cov=np.zeros((0, 2, 2)),
+        landmark=None,
+    )
+    sights = sights_of(recording, frame_steps(3, 10), 1.0)
+    assert sights.start.tolist() == [0] * 5
+    assert sights.body.shape == (0, 2)
+
+
+def test_maps_stand_as_they_were_last_noted(results: Results):
+    data = replay_data(results, looks(results.estimates), 10_000_000)
+    for packed, estimate in zip(data["estimates"], results.estimates.values(), strict=True):
+        rows = packed["rows"]
+        map_of, start = unpacked(rows["mapAt"]), unpacked(rows["start"])
+        places = unpacked(rows["place"]).reshape(-1, 2)
+        for frame in range(0, results.recording.steps + 1, 7):
+            expected = map_at(estimate, frame).position
+            at = int(map_of[frame])
+            found = places[int(start[at]) : int(start[at + 1])] if at >= 0 else places[:0]
+            np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_a_replay_has_as_many_frames_as_find_room(results: Results):
+    whole = replay_data(results, looks(results.estimates), 10_000_000)
+    assert len(unpacked(whole["step"])) == results.recording.steps + 1
+    room = len(json.dumps(whole)) // 2
+    half = replay_data(results, looks(results.estimates), room)
+    assert len(json.dumps(half)) <= room
+    steps = unpacked(half["step"])
+    assert 30 <= len(steps) < results.recording.steps + 1
+    assert (steps[0], steps[-1]) == (0, results.recording.steps)
+
+
+def test_errors_and_nees_are_those_of_the_scores(results: Results):
+    data = replay_data(results, looks(results.estimates), 10_000_000)
+    assert results.truth is not None
+    assert results.truth.poses is not None
+    for packed, estimate in zip(data["estimates"], results.estimates.values(), strict=True):
+        offs = np.linalg.norm(estimate.poses[:, :2] - results.truth.poses[:, :2], axis=1)
+        np.testing.assert_allclose(unpacked(packed["error"]), offs, rtol=1e-5, atol=1e-6)
+        assert np.isfinite(unpacked(packed["nees"])).any()
+
+
+def test_a_question_of_the_practical_is_carried_out_and_explained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    short = QUESTIONS["q1"]._replace(scenarios=("stationary",), estimators="dead-reckoning,ekf")
+    monkeypatch.setitem(QUESTIONS, "q1", short)
+    monkeypatch.chdir(tmp_path)
+    assert main(["report", "q1"]) == 0
+    assert "stationary:" in capsys.readouterr().out
+    page = (tmp_path / "results/q1/report.html").read_text(encoding="utf-8")
+    assert 'href="stationary/report.html"' in page
+    assert "the error accumulates along the loop" in page
+    assert (tmp_path / "results/q1/stationary/report.html").exists()
+
+
+def test_questions_name_scenarios_that_are_shipped():
+    for question in QUESTIONS.values():
+        for name in question.scenarios:
+            assert load_scenario(name).name == name

@@ -1,0 +1,207 @@
+"""The page of a study in a real browser, and pages of sentences and tables, whatever their names hold."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Generator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slamgauge import UserError, load_scenario
+from slamgauge.compare.figures.publishing import write_study
+from slamgauge.compare.report.publishing import PAGES, publish_report
+from slamgauge.compare.report.rerun import command_of_run
+from slamgauge.compare.storage.decorations import decorate
+from slamgauge.compare.studies.budget import RUNGS, summarise_budget
+from slamgauge.compare.studies.claim_list import CLAIMS
+from slamgauge.compare.studies.claims import Evidence, Judgement
+from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.stored_study import load_study
+from slamgauge.compare.studies.study import load_runs, run_study
+
+from .conftest import NAMED, Reader
+
+RUNS = 4
+NOW = "return document.getElementById(arguments[0]).textContent"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four short runs of two estimators, and their page."""
+    folder = tmp_path_factory.mktemp("study")
+    scenario = load_scenario("q1-short-dense", ["start=sampled", "trajectory.duration=5"])
+    chosen = ["ekf", "isam2"]
+    with ThreadPoolExecutor(1) as executor:
+        summary = run_study(scenario, RUNS, 0, chosen, folder, executor, against=["ekf"])
+    assert write_study(folder, summary, load_runs(scenario, RUNS, 0, chosen, folder), scenario.trajectory.step)
+    publish_report(folder)
+    return folder
+
+
+@pytest.fixture
+def opened(reader: Reader, folder: Path) -> Generator[Reader]:
+    reader.requests()
+    reader.open(folder / "report.html")
+    yield reader
+    assert reader.complaints() == []
+
+
+def test_a_study_is_read_back_as_it_was_summed_up(folder: Path):
+    study = load_study(folder)
+    written = json.loads((folder / "summary.json").read_text())
+    for name, entry in study.summary.estimators.items():
+        assert json.loads(json.dumps(entry.to_json())) == written["estimators"][name]
+    assert study.step == 0.1
+
+
+def test_a_store_of_another_study_is_refused(folder: Path, tmp_path: Path):
+    (tmp_path / "study.sqlite").write_bytes((folder / "study.sqlite").read_bytes())
+    summary = json.loads((folder / "summary.json").read_text())
+    (tmp_path / "summary.json").write_text(json.dumps({**summary, "digest": "0" * 64}))
+    with pytest.raises(UserError, match="is of another study than the summary beside it"):
+        publish_report(tmp_path)
+
+
+def test_the_page_of_a_study_asks_for_nothing_and_tells_first_what_the_figures_say(opened: Reader, folder: Path):
+    page = folder / "report.html"
+    assert opened.requests() == [page.as_uri()]
+    assert page.stat().st_size <= 8_000_000
+    said = opened.run("return document.querySelector('main').firstElementChild.textContent")
+    assert "ekf: " in said
+    assert opened.run("return document.querySelectorAll('#runs tbody tr').length") == RUNS
+    assert opened.run("return document.querySelectorAll('#against-0 tbody tr').length") == 2
+
+
+def test_a_click_tells_the_moment_and_keys_choose_a_run_and_its_command(opened: Reader):
+    opened.run(
+        """const canvas = document.getElementById('study-nees'), box = canvas.getBoundingClientRect();
+        canvas.setPointerCapture = () => {};
+        const at = {clientX: box.left + box.width / 2, clientY: box.top + 50};
+        canvas.dispatchEvent(new PointerEvent('pointerdown', at));"""
+    )
+    assert opened.run(NOW, "nees-now").startswith("t = 2.")
+    opened.run(
+        "document.getElementById('study-errors').dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowRight'}))"
+    )
+    assert opened.run(NOW, "run-now").startswith("run 0: ekf ")
+    assert f"--seed {run_seed(0, 0)}" in opened.run(NOW, "run-command")
+
+
+def test_a_click_takes_the_nearest_run(opened: Reader):
+    """Every dot is the nearest to a click upon it; dots stand where the chart says."""
+    opened.run(
+        """const canvas = document.getElementById('study-errors'), box = canvas.getBoundingClientRect();
+        for (let x = 0; x < box.width && document.getElementById('run-now').textContent === ''; x += 8)
+          for (let y = 0; y < box.height - 36; y += 8)
+            canvas.dispatchEvent(new PointerEvent('pointerdown', {clientX: box.left + x, clientY: box.top + y}));"""
+    )
+    assert opened.run(NOW, "run-now").startswith("run ")
+
+
+def test_an_estimator_of_a_study_goes_and_comes_back(opened: Reader):
+    pixels = "return document.getElementById('study-nees').toDataURL()"
+    shown = opened.run(pixels)
+    opened.run("document.querySelector('.toggle').click()")
+    assert opened.run(pixels) != shown
+    opened.run("document.querySelector('.toggle').click()")
+    assert opened.run(pixels) == shown
+
+
+def test_a_study_fits_a_narrow_screen(reader: Reader, folder: Path):
+    reader.open(folder / "report.html", width=360)
+    assert reader.run("return document.documentElement.scrollWidth") <= 360
+    assert reader.complaints() == []
+
+
+def test_the_command_of_a_run_has_the_settings_of_the_study():
+    command = (
+        "slamgauge study 'my map.toml' --runs 9 --set a.b=1 'c=[1, 2]' --estimators ekf,mine.py:f --set d=x --out o"
+    )
+    content = {"command": command, "scenario": "my map", "estimators": {"ekf": {}, "f": {}}}
+    expected = (
+        "slamgauge run 'my map.toml' --seed 7 --set start=sampled a.b=1 'c=[1, 2]' d=x --estimators ekf,mine.py:f"
+    )
+    assert command_of_run(content, 7) == expected
+    assert "the study's own --set" in command_of_run({**content, "command": None}, 7)
+
+
+def budget(folder: Path) -> None:
+    errors = np.random.default_rng(0).uniform(1.0, 2.0, (5, len(RUNGS)))
+    found = summarise_budget(NAMED, "ekf", errors, np.full(errors.shape, np.nan))
+    (folder / "budget.json").write_text(json.dumps(found.to_json()))
+
+
+def claims(folder: Path) -> None:
+    evidence = Evidence(1.5, 1.2, 1.9, p_value=0.001, support=4.0, runs=50)
+    found = [Judgement(each, evidence, 0.25, None).to_json() for each in CLAIMS]
+    (folder / "claims.json").write_text(json.dumps([{**found[0], "claim": NAMED}, *found[1:]]))
+
+
+def grades(folder: Path) -> None:
+    row = {"submission": 'a "<b>', "passed": "false", "graded": "true", "reason": f"{NAMED}; two"}
+    row |= {
+        "failed_laws": "heading-wrap",
+        "seconds_per_run": "0.5",
+        "ate_m": "0.3",
+        "ate_m_low": "0.2",
+        "ate_m_high": "0.4",
+    }
+    ratios = (
+        "nees_per_dof",
+        "ratio_to_optimum",
+        "ate_ratio",
+        "nees_ratio",
+        "sigma_position_ratio",
+        "sigma_heading_ratio",
+    )
+    row |= {f"{key}{end}": "" for key in ratios for end in ("", "_low", "_high")}
+    with (folder / "grades.csv").open("w", encoding="utf-8", newline="") as file:
+        table = csv.DictWriter(file, row)
+        table.writeheader()
+        table.writerow(row)
+    (folder / "submissions").mkdir()
+    (folder / "submissions" / f"{row['submission']}.md").write_text(f"# {NAMED}\n")
+
+
+@pytest.mark.parametrize("write", [budget, claims, grades])
+def test_pages_of_tables_hold_names_of_others_as_text(reader: Reader, write: Callable[[Path], None], tmp_path: Path):
+    write(tmp_path)
+    publish_report(tmp_path)
+    pages = sorted(tmp_path.rglob("*.html"))
+    assert len(pages) == (2 if write is grades else 1)
+    for page in pages:
+        reader.open(page, width=360)
+        assert reader.complaints() == []
+        assert reader.run("return document.documentElement.scrollWidth") <= 360
+        assert reader.run("return document.querySelectorAll('script').length") == 2
+    assert NAMED in reader.run("return document.body.textContent")
+
+
+def test_links_of_the_class_lead_to_the_submissions(reader: Reader, tmp_path: Path):
+    grades(tmp_path)
+    publish_report(tmp_path)
+    reader.open(tmp_path / "report.html")
+    reader.run("document.querySelector('#grades a').click()")
+    assert reader.run("return document.querySelector('h1').textContent") == 'a "<b>: not passed'
+    law = reader.run("return document.querySelector('#laws tbody').textContent")
+    assert "heading-wrap" in law
+    assert "the wrap of the heading" in law
+
+
+def test_the_latest_of_several_results_is_explained(tmp_path: Path):
+    claims(tmp_path)
+    budget(tmp_path)
+    publish_report(tmp_path)
+    assert "Where the error of ekf comes from" in (tmp_path / "report.html").read_text()
+
+
+def test_a_page_that_cannot_be_made_costs_the_page_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "budget.json").write_text("{}")
+    pages = PAGES["budget.json"]
+    assert not decorate(tmp_path, "budget.json", {"report": lambda _: pages(tmp_path)}, ["report.html"])
+    assert "report: left out (KeyError: 'rungs'" in capsys.readouterr().err
+    assert (tmp_path / "budget.json").exists()
