@@ -100,7 +100,7 @@ CATALOGUE = (
     ),
     Quantity(
         key="coverage_95",
-        help="likewise inside their 95 % ellipses",
+        help="share of the positions inside their 95 % ellipses; of a study, from the 11th step on",
         scored=True,
         measure=credibility.coverage_95,
         over_runs=late_coverage(0.95),

@@ -40,6 +40,7 @@ SMALLEST = {
         "start failed lower equal higher lowest, relative to batch",
         "truth 0 0 1 0 ",
     ),
+    "chart_libraries": ("", "library bytes complaints start [ms]", "slamgauge "),  # 5 s
     "class_of_thirty": (  # 25 s
         "--graded 2 --runs 2 --scenario q1-short-dense --timeout 15 --jobs 1",
         "submission verdict ATE [m] x ekf",
