@@ -7,7 +7,8 @@ are those that stand at the end, after deletion and merging.
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
+from collections import deque
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -32,6 +33,7 @@ from slamgauge.compare.scoring.text_table import marked
 from slamgauge.compare.scoring.trajectory_error import pose_errors, squared_distances
 from slamgauge.compare.storage.origin import origin
 from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.study import IN_FLIGHT
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -132,12 +134,15 @@ def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, exe
         raise UserError(f"runs: {runs} is no budget; give at least 1")
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
-    seeds = [run_seed(seed, run) for run in range(runs)]
-    futures = [executor.submit(rung_errors, scenario, each, asked) for each in seeds]
+    results: list[RungErrors] = []
+    pending: deque[Future[RungErrors]] = deque()
     try:
-        results = [future.result() for future in tqdm(futures, disable=None, unit="run", desc=scenario.name)]
+        for run in tqdm(range(runs), disable=None, unit="run", desc=scenario.name):
+            for ahead in range(run + len(pending), min(run + IN_FLIGHT, runs)):
+                pending.append(executor.submit(rung_errors, scenario, run_seed(seed, ahead), asked))
+            results.append(pending.popleft().result())
     finally:
-        for future in futures:
+        for future in pending:
             future.cancel()
     errors, checks, rays = zip(*results, strict=True)
     budget = summarise_budget(scenario.name, asked.label, np.array(errors), np.array(checks))

@@ -19,6 +19,7 @@ from slamgauge.compare.scoring.landmark_identity import landmark_errors, true_la
 from slamgauge.compare.scoring.ray_figures import RayFigures
 from slamgauge.compare.scoring.scores import filter_figures, map_figures, pose_covs_of
 from slamgauge.compare.scoring.trajectory_error import pose_errors, stored_distances
+from slamgauge.compare.storage.names import shown
 from slamgauge.errors import failure_text, refused_by_the_machine
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -83,7 +84,7 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
 
 def _failed(name: str, error: Exception) -> Outcome:
     """An outcome that is a failure."""
-    return Outcome(name, error=failure_text(error), transient=refused_by_the_machine(error))
+    return Outcome(name, error=shown(failure_text(error)), transient=refused_by_the_machine(error))
 
 
 def near_and_far(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, float | None]:

@@ -1,5 +1,6 @@
 """The store of a study: one SQLite file, a row per run and estimator, written as results arrive.
 
+Rows carry checksums (`store_damage`), and one command at a time adds to a store (`store_file`).
 Every run is one transaction of a write-ahead log: whatever ends the process, a run is stored whole or
 not at all, and the next process goes on with the runs that are missing. What the machine refused (`Outcome.transient`)
 is not stored, so that the next process tries it again.
@@ -22,10 +23,20 @@ from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.catalogue import LATER, STORED
 from slamgauge.compare.scoring.runs import SERIES, Ates, Runs
 from slamgauge.compare.studies.run import Outcome
+from slamgauge.compare.studies.store_damage import (
+    INSERT,
+    TABLES,
+    add_checksums,
+    mend_store,
+    require_whole,
+    with_checksum,
+)
+from slamgauge.compare.studies.store_file import connected
 from slamgauge.errors import UserError
 
-# of what a store holds: raise it when `_TABLES`, `SERIES` or `STORED` change, and when the same scenario and seed
-# give other measurements or a figure another meaning; stores of another number are refused, whatever their version.
+# of what a store holds: raise it when `TABLES` (unless `begin_store` adds what lacks), `SERIES` or `STORED` change, and
+# when the same scenario and seed give other measurements or a figure another meaning; stores of another number are
+# refused, whatever their version.
 # A further figure that old rows may lack goes into `catalogue.LATER` instead
 SCHEMA = 1
 # keys that scenarios have had since version 0.4, by section; a key that is added later belongs here too
@@ -42,26 +53,9 @@ LATER_KEYS = {
     "inverse_depth": ("lost_after",),
     "landmarks": ("random",),
 }
+BUSY = 10  # s that another program may keep the store from taking in a run
 LATER_SECTIONS = ("update",)  # likewise whole sections
 _UNNUMBERED = {"0.3.0": "1"}  # the schema of stores that were begun before they carried its number, by version
-# SQLite's errors that are not the file's fault: give the same command again
-_REFUSALS = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_NOMEM)
-
-_TABLES = """
-BEGIN;
-CREATE TABLE IF NOT EXISTS study (key TEXT PRIMARY KEY, value TEXT NOT NULL);
-CREATE TABLE IF NOT EXISTS outcome (
-    run INTEGER NOT NULL,
-    estimator TEXT NOT NULL,
-    seed INTEGER NOT NULL,
-    kind TEXT NOT NULL,
-    error TEXT,
-    figures TEXT NOT NULL,
-    series BLOB NOT NULL,
-    PRIMARY KEY (run, estimator)
-);
-COMMIT;
-"""
 _DONE = "estimator = ?1 AND run < ?2 AND error IS NULL"
 _OF_ONE_KIND = (
     f"{_DONE} AND (SELECT count(DISTINCT kind) FROM outcome WHERE {_DONE}) = 1"  # else they have no one optimum
@@ -99,12 +93,12 @@ class StudyStore:
     def add(self, run: int, seed: int, outcomes: Sequence[Outcome]) -> None:
         """Store a run whole, except for what may succeed another time; what is stored already stays."""
         rows = [
-            (run, each.estimator, seed, each.kind, each.error, json.dumps(each.figures), each.series)
+            with_checksum((run, each.estimator, seed, each.kind, each.error, json.dumps(each.figures), each.series))
             for each in outcomes
             if not each.transient
         ]
         with self._connection:
-            self._connection.executemany("INSERT OR IGNORE INTO outcome VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+            self._connection.executemany(INSERT, rows)
 
     def failures(self, runs: int) -> list[tuple[int, str, str]]:
         """Run, estimator and error of each failure among the first `runs`, and changes of kind."""
@@ -148,7 +142,7 @@ class StudyStore:
 
 
 def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
-    """Make the file at `path`, which is empty or a store, the store of this study.
+    """Make the file at `path`, which is empty or a store, the store of this study, and mend it if it is damaged.
 
     Raises:
         UserError: the file cannot be used.
@@ -160,9 +154,11 @@ def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
         "scenario": _as_text(scenario),
         "seed": str(seed),
     }
-    with _connected(path) as connection:
+    mend_store(path)
+    with connected(path) as connection:
         connection.execute("PRAGMA journal_mode = WAL")
-        connection.executescript(_TABLES)
+        connection.executescript(TABLES)
+        add_checksums(connection)
         with connection:
             connection.execute("BEGIN IMMEDIATE")  # another process may be about to claim it too
             if not connection.execute("SELECT 1 FROM study").fetchone():
@@ -179,8 +175,9 @@ def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStor
     Raises:
         UserError: the file holds another study, has another schema, or cannot be used.
     """
-    with _connected(path) as connection:
+    with connected(path) as connection:
         connection.execute("PRAGMA synchronous = NORMAL")
+        connection.execute(f"PRAGMA busy_timeout = {1000 * BUSY}")
         _require_same(connection, path, scenario, seed)
         yield StudyStore(connection)
 
@@ -195,7 +192,8 @@ def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tup
     """
     if not path.is_file():
         raise UserError(f"{path}: is not there; give the command of the study again")
-    with _connected(path) as connection:
+    require_whole(path)
+    with connected(path) as connection:
         found = dict(connection.execute("SELECT key, value FROM study"))
         if found.get("digest") != digest or found.get("schema") != str(SCHEMA):
             raise UserError(f"{path}: is of another study than the summary beside it; give the command again")
@@ -206,23 +204,6 @@ def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tup
             raise UserError(f"{path}: holds no run of {lacking[0]}; of a sweep's value, give the sweep's own folder")
         step = float(json.loads(found["scenario"])["trajectory"]["step"])
         return step, {label: store.load(keys[label], runs) for label in labels}
-
-
-@contextmanager
-def _connected(path: Path) -> Generator[sqlite3.Connection]:
-    """The database at `path`, which must be there."""
-    try:
-        connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", uri=True, timeout=60.0)
-        try:
-            yield connection
-        finally:
-            connection.close()
-    except sqlite3.Error as error:
-        if (getattr(error, "sqlite_errorcode", 0) & 0xFF) in _REFUSALS:  # the low byte: the rest tells the kinds apart
-            raise UserError(
-                f"{path}: cannot be written ({error}); make room, and give the same command again"
-            ) from None
-        raise UserError(f"{path}: cannot be used as a study's store ({error}); give another --out") from None
 
 
 def _require_same(connection: sqlite3.Connection, path: Path, scenario: Scenario, seed: int) -> None:

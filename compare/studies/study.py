@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections import Counter
+from collections.abc import Generator, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import closing
 from dataclasses import replace
@@ -30,6 +31,8 @@ from slamgauge.compare.studies.resolution import (
 )
 from slamgauge.compare.studies.run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.store import StudyStore, begin_store, digest, open_store
+from slamgauge.compare.studies.store_damage import require_whole
+from slamgauge.compare.studies.store_file import sole_use
 from slamgauge.compare.studies.summary import Failure, Summary, summarise
 from slamgauge.errors import UserError
 
@@ -71,8 +74,8 @@ def run_study(
             runs that are fixed beforehand, so that a study that was killed ends where it would have ended.
 
     Raises:
-        UserError: bad names or numbers, a store that holds another study, a file in its place that is not ours, or
-            workers that die whatever they carry.
+        UserError: bad names or numbers, a store that holds another study, or that another command is at work on, a file
+            in its place that is not ours, or workers that die whatever they carry.
     """
     asked = ask(estimators)  # misspelt names are refused before anything is written
     if not asked:
@@ -85,14 +88,15 @@ def run_study(
     looks, pairs = looks_of(runs, until), pairs_to_resolve(asked, against) if until is not None else []
     require_free(out, STORE_FILES)
     begin_file(out, STORE)
-    begin_store(out / STORE, scenario, seed)
-    with open_store(out / STORE, scenario, seed) as store:
-        look, precision, refused = _carry_out_looks(store, scenario, seed, asked, executor, looks, pairs, until)
-        loaded = {each.label: store.load(each.key, look.runs) for each in asked}
-        labels = {each.key: each.label for each in asked}
-        found = [*(Failure(*each) for each in store.failures(look.runs)), *refused]
-        failures = [replace(each, estimator=labels[each.estimator]) for each in found if each.estimator in labels]
-        failures.sort(key=lambda failure: (failure.run, failure.estimator))
+    with sole_use(out / STORE):
+        begin_store(out / STORE, scenario, seed)
+        with open_store(out / STORE, scenario, seed) as store:
+            look, precision, refused = _carry_out_looks(store, scenario, seed, asked, executor, looks, pairs, until)
+            loaded = {each.label: store.load(each.key, look.runs) for each in asked}
+            found = [*(Failure(*each) for each in store.failures(look.runs)), *refused]
+    labels = {each.key: each.label for each in asked}
+    failures = [replace(each, estimator=labels[each.estimator]) for each in found if each.estimator in labels]
+    failures.sort(key=lambda failure: (failure.run, failure.estimator))
     return Summary(
         scenario=scenario.name,
         runs=look.runs,
@@ -107,10 +111,15 @@ def run_study(
 
 
 def load_runs(scenario: Scenario, runs: int, seed: int, estimators: Chosen, out: Path) -> dict[str, Runs]:
-    """What the store in `out` holds of each estimator, for figures and statistics of one's own."""
+    """What the store in `out` holds of each estimator, for figures and statistics of one's own.
+
+    Raises:
+        UserError: there is none, it is another study's, or it is damaged.
+    """
     if not (out / STORE).exists():
         raise UserError(f"{out / STORE}: there is no study; carry one out with run_study")
     with open_store(out / STORE, scenario, seed) as store:
+        require_whole(out / STORE)
         return {each.label: store.load(each.key, runs) for each in ask(estimators)}
 
 
@@ -146,14 +155,16 @@ def _carry_out(
     tells the one that takes its worker with it from the others.
     """
     stored = store.stored()
-    missing = {run: [each for each in asked if (run, each.key) not in stored] for run in range(runs)}
-    to_do = [(run, estimators) for run, estimators in missing.items() if estimators]
-    progress = tqdm(total=runs, initial=runs - len(to_do), disable=None, unit="run", desc=scenario.name)
+    keys = {each.key for each in asked}
+    whole = Counter(run for run, key in stored if run < runs and key in keys)
+    there = sum(count == len(keys) for count in whole.values())
+    to_do = ((run, [each for each in asked if (run, each.key) not in stored]) for run in range(runs))
+    progress = tqdm(total=runs, initial=there, disable=None, unit="run", desc=scenario.name)
     refused: list[Failure] = []
     lost: list[_Task] = []
     in_a_row = 0
     with progress:
-        with closing(_carried(to_do, IN_FLIGHT, scenario, seed, executor)) as arriving:
+        with closing(_carried((task for task in to_do if task[1]), IN_FLIGHT, scenario, seed, executor)) as arriving:
             for task, done in arriving:
                 if done is None:
                     lost.append(task)
@@ -182,7 +193,7 @@ def _kept(store: StudyStore, run: int, seed: int, outcomes: list[Outcome]) -> li
 
 
 def _carried(
-    to_do: Sequence[_Task], in_flight: int, scenario: Scenario, seed: int, executor: Executor
+    to_do: Iterable[_Task], in_flight: int, scenario: Scenario, seed: int, executor: Executor
 ) -> Generator[tuple[_Task, list[Outcome] | None]]:
     """What became of each run, as it arrives; None if its worker died."""
     pending: dict[Future[list[Outcome]], _Task] = {}
