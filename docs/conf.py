@@ -18,6 +18,7 @@ intersphinx_mapping = {
 html_theme = "furo"
 html_title = f"slamgauge {release}"
 html_copy_source = False
+html_show_copyright = False
 myst_heading_anchors = 3  # levels of headings that links may name
 autodoc_typehints = "description"
 autodoc_member_order = "bysource"
