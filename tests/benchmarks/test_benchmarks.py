@@ -49,6 +49,13 @@ SMALLEST = {
     ),
     "close_landmarks": ("--runs 2 --distances 1.0 --jobs 1", "distance [m] ekf: ATE NEES/3 lost", "1.0 "),  # 3 s
     "causal_optimum": ("--landmarks 20 --steps 60 --prefixes 5 --log 2000", "estimator landmarks", "isam2 20 60 "),
+    "faults": (  # 10 s
+        "--faults limit,read-only,foreign --commands export --foreign 40 --kills 1",
+        "fault command tried done refused traceback hang crash lost",
+        "limit export 2 1 1 0 0 0 0",
+        "foreign export 2 2 0 0 0 0 0",
+        "tracebacks, hangs, crashes and losses: 0",
+    ),
     "kill_a_study": ("--runs 2 --kills 1 --jobs 1", "killed with", "the same summary after 1 kills; 2 runs"),  # 10 s
     "fuzz": (  # 15 s
         "--cases 400 --seed 0",
