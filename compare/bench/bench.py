@@ -11,7 +11,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from slamgauge.arrays import Float
 from slamgauge.compare.bench.plain_numpy import plain_numpy_ekf
@@ -23,6 +22,7 @@ from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell
+from slamgauge.compare.storage.progress import counted
 from slamgauge.compiled import direct
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.estimators import drive
@@ -69,16 +69,15 @@ def run_bench(sizes: Sequence[int], chosen: Chosen, seed: int = 0) -> dict[str, 
     """
     contestants = {**load_estimators(chosen), YARDSTICK: plain_numpy_ekf}
     results: dict[str, dict[str, dict[str, float]]] = {name: {} for name in contestants}
-    progress = tqdm(total=len(sizes) * len(contestants), disable=None, leave=False, unit="run")
-    for size in sizes:
-        _, recording = simulate(workload(size, seed), seed)
-        for name, estimator in contestants.items():
-            progress.set_description(f"{name}, {size} landmarks")
-            run_estimator(name, estimator, recording.first(20))  # compiled code loaded, caches warm
-            estimate, seconds = run_estimator(name, estimator, recording)
-            results[name][str(size)] = _figures(name, recording, estimate, seconds)
-            progress.update()
-    progress.close()
+    with counted(len(sizes) * len(contestants), "run") as progress:
+        for size in sizes:
+            _, recording = simulate(workload(size, seed), seed)
+            for name, estimator in contestants.items():
+                progress.set_description(f"{name}, {size} landmarks")
+                run_estimator(name, estimator, recording.first(20))  # compiled code loaded, caches warm
+                estimate, seconds = run_estimator(name, estimator, recording)
+                results[name][str(size)] = _figures(name, recording, estimate, seconds)
+                progress.update()
     for name, by_size in results.items():
         for size, figures in by_size.items():
             for other in (YARDSTICK, CAUSAL):

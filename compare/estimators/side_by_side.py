@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from tqdm import tqdm
-
 from slamgauge.arrays import Marks
 from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, without
 from slamgauge.compare.estimators.registry import UNDER, YARDSTICKS, Entry
 from slamgauge.compare.estimators.running import StoredEstimate, run_estimator
+from slamgauge.compare.storage.progress import counted
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.recording import Recording
@@ -55,15 +54,14 @@ def run_side_by_side(
     yardsticks = {name: entry for name, entry in entries.items() if entry is not None and entry.is_yardstick}
     waiting = yardsticks if informed.landmark is None else {}
     ran = SideBySide()
-    progress = tqdm(estimators.items(), disable=None, leave=False, unit="estimator")
-    for name, estimator in progress:
-        progress.set_description(name)
-        if name not in waiting:
-            is_yardstick = name in yardsticks
-            if is_yardstick:
+    with counted(len(estimators), "estimator") as progress:
+        for name, estimator in estimators.items():
+            progress.set_description(name)
+            if name in yardsticks and name not in waiting:
                 ran.run(name, without(estimator, informed, misleading), informed, is_yardstick=True)
-            else:
+            elif name not in waiting:
                 ran.run(name, estimator, recording)
+            progress.update()
     if informed.landmark is None:
         graphs = {name: entry for name, entry in entries.items() if entry is not None and entry.is_graph}
         _stand_in(ran, waiting, graphs, estimators, recording)

@@ -13,12 +13,12 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
-from tqdm import tqdm
 
 from slamgauge.compare.estimators.asked import labels_among
 from slamgauge.compare.figures.animation_scene import DOTS, Scene
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT
 from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.progress import tracked
 from slamgauge.compare.storage.result_files import METRICS
 from slamgauge.compare.storage.results_folder import load_results
 from slamgauge.compare.storage.staged_folder import staged_folder
@@ -91,7 +91,7 @@ def _frames(seconds: float, fps: int) -> int:
 def _render(scene: Scene, writer: AbstractMovieWriter, path: Path, steps: list[int]) -> None:
     """Draw every step; what is half done is not finished when that is interrupted."""
     writer.setup(scene.figure, str(path), DOTS)
-    for step in tqdm(steps, desc=path.name, disable=None, leave=False, unit="frame"):
+    for step in tracked(steps, len(steps), "frame", path.name):
         scene.show(step)
         writer.grab_frame()
     writer.finish()

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from tqdm import tqdm
-
 from slamgauge.compare.estimators.asked import Asked
 from slamgauge.compare.grading.grades import Grade, grade
 from slamgauge.compare.grading.submissions import Submission
 from slamgauge.compare.grading.trial import Trial, Yardstick, examine, yardstick
 from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.errors import UserError
@@ -109,7 +108,7 @@ def _carried(
     """
     pending: dict[Future[T], int] = {executor.submit(work, *each): place for place, each in enumerate(arguments)}
     lost: list[int] = []
-    with tqdm(total=len(pending), disable=None, leave=False, unit=unit) as progress:
+    with counted(len(pending), unit) as progress:
         try:
             for future in as_completed(pending):
                 error = future.exception()

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.asked import Asked, ask
@@ -32,6 +31,7 @@ from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import marked
 from slamgauge.compare.scoring.trajectory_error import pose_errors, squared_distances
 from slamgauge.compare.storage.origin import origin
+from slamgauge.compare.storage.progress import tracked
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.compare.studies.study import IN_FLIGHT
 from slamgauge.errors import UserError
@@ -137,7 +137,7 @@ def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, exe
     results: list[RungErrors] = []
     pending: deque[Future[RungErrors]] = deque()
     try:
-        for run in tqdm(range(runs), disable=None, unit="run", desc=scenario.name):
+        for run in tracked(range(runs), runs, "run", scenario.name, leave=True):
             for ahead in range(run + len(pending), min(run + IN_FLIGHT, runs)):
                 pending.append(executor.submit(rung_errors, scenario, run_seed(seed, ahead), asked))
             results.append(pending.popleft().result())

@@ -10,14 +10,13 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
-from tqdm import tqdm
-
 from slamgauge.compare.estimators.asked import Asked, Chosen, ask, labels_among
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.sequential import Look
 from slamgauge.compare.storage.manifest import begin_file, require_free
+from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.result_files import STORE, STORE_FILES
 from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.resolution import (
@@ -159,7 +158,7 @@ def _carry_out(
     whole = Counter(run for run, key in stored if run < runs and key in keys)
     there = sum(count == len(keys) for count in whole.values())
     to_do = ((run, [each for each in asked if (run, each.key) not in stored]) for run in range(runs))
-    progress = tqdm(total=runs, initial=there, disable=None, unit="run", desc=scenario.name)
+    progress = counted(runs, "run", scenario.name, there, leave=True)
     refused: list[Failure] = []
     lost: list[_Task] = []
     in_a_row = 0
