@@ -190,6 +190,11 @@ def __dir__() -> list[str]:
     return sorted([*_HOME, *_FLOORS, *_filters(), "__version__"])
 
 
+def names_of(floor: str) -> list[str]:
+    """The public names whose home is in a floor, in order."""
+    return sorted(name for name, module in _HOME.items() if module.partition(".")[0] == floor)
+
+
 def _filters() -> list[str]:
     """The filters as estimators; the name of the textbook one is its floor's here."""
     return [name for name in importlib.import_module("slamgauge.ekf.estimators").__all__ if name not in _FLOORS]

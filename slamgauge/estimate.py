@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.errors import UserError
+from slamgauge.facts import counted, data_frame, fact_table
 from slamgauge.recording import Recording
 from slamgauge.validation import (
     as_array,
@@ -23,6 +24,7 @@ from slamgauge.validation import (
 )
 
 Kind = Literal["filtered", "smoothed"]
+AXES = ("x", "y", "heading")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,6 +182,28 @@ class Estimate:
         if (self.chi_square is None) != (self.chi_square_dof is None):
             raise UserError("chi_square: give chi_square and chi_square_dof together, or neither")
         _require_on_the_path(self.rays, self.history, steps=count - 1)
+
+    def __repr__(self) -> str:
+        return f"Estimate({', '.join(str(each) for each in self._facts().values())})"
+
+    def _repr_html_(self) -> str:
+        return fact_table({"Estimate": "", **self._facts()})
+
+    def _facts(self) -> dict[str, object]:
+        has = ("without", "with")[self.pose_covs is not None]
+        return {
+            "kind": self.kind,
+            "poses": f"{counted(len(self.poses), 'pose')} {has} covariances",
+            "map": counted(len(self.landmark_ids), "landmark"),
+        }
+
+    def to_frame(self) -> Any:
+        """The path as a `pandas.DataFrame`: x, y [m], heading [rad], and their sigmas if there are any."""
+        columns: dict[str, Any] = dict(zip(AXES, self.poses.T, strict=True))
+        if self.pose_covs is not None:
+            sigmas = np.sqrt(np.diagonal(self.pose_covs, axis1=1, axis2=2).clip(min=0))
+            columns |= {f"sigma_{name}": sigma for name, sigma in zip(AXES, sigmas.T, strict=True)}
+        return data_frame(columns)
 
     def __eq__(self, other: object) -> bool:
         return equal(self, other)

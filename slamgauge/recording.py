@@ -5,19 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slamgauge.arrays import Float, Int
 from slamgauge.errors import UserError
-from slamgauge.validation import as_covariances, as_floats, as_ints, equal, require_rows, store
+from slamgauge.facts import counted, data_frame, fact_table
+from slamgauge.validation import as_covariances, as_floats, as_ints, equal, for_all, require_rows, store
 
 Sensor = Literal["range-bearing", "bearing", "position"]
 
 
 OBSERVATION_DIM: dict[str, int] = {"range-bearing": 2, "bearing": 1, "position": 2}
+VALUES = {"range-bearing": ("range", "bearing"), "bearing": ("bearing",), "position": ("x", "y")}
 
 
 class Observations(NamedTuple):
@@ -39,12 +41,12 @@ class Recording:
         prior_mean: (3,) mean of the start pose.
         prior_cov: (3, 3) its covariance; may be zero (a fixed start).
         odometry: (N, 3) body-frame increments (dx, dy, dtheta).
-        odometry_cov: (N, 3, 3) as estimators shall assume it; may be singular.
+        odometry_cov: (N, 3, 3) as estimators shall assume it; may be singular. One (3, 3) stands for all steps.
         sensor: `range-bearing` (range [m], bearing [rad]), `bearing` ([rad]) or `position`
             (landmark in the body frame, [m]).
         observation_step: (M,) in 0..N, in increasing order; the pose that observed.
         observation: (M, d) values.
-        observation_cov: (M, d, d) as estimators shall assume it, positive definite.
+        observation_cov: (M, d, d) as estimators shall assume it, positive definite. One (d, d) stands for all.
         landmark: (M,) ids >= 0, or None when the association is unknown.
     """
 
@@ -92,15 +94,40 @@ class Recording:
             prior_mean=as_floats("prior_mean", self.prior_mean, (3,)),
             prior_cov=as_covariances("prior_cov", self.prior_cov, (3, 3)),
             odometry=odometry,
-            odometry_cov=as_covariances("odometry_cov", self.odometry_cov, (steps, 3, 3)),
+            odometry_cov=as_covariances("odometry_cov", for_all(self.odometry_cov, steps), (steps, 3, 3)),
             observation=observation,
             observation_step=observation_step,
-            observation_cov=as_covariances("observation_cov", self.observation_cov, (count, dim, dim), definite=True),
+            observation_cov=as_covariances(
+                "observation_cov", for_all(self.observation_cov, count), (count, dim, dim), definite=True
+            ),
             landmark=landmark,
         )
 
     def __eq__(self, other: object) -> bool:
         return equal(self, other)
+
+    def __repr__(self) -> str:
+        return f"Recording({', '.join(str(each) for each in self._facts().values())})"
+
+    def _repr_html_(self) -> str:
+        return fact_table({"Recording": "", **self._facts()})
+
+    def _facts(self) -> dict[str, object]:
+        count = counted(len(self.observation), "observation")
+        whose = "without ids" if self.landmark is None else f"of {counted(len(np.unique(self.landmark)), 'landmark')}"
+        return {
+            "sensor": self.sensor,
+            "steps": counted(self.steps, "step"),
+            "duration": f"{self.stamps[-1] - self.stamps[0]:.6g} s",
+            "observations": f"{count} {whose}",
+        }
+
+    def to_frame(self) -> Any:
+        """The observations as a `pandas.DataFrame`: step, stamp [s], landmark, values [m, rad]."""
+        columns: dict[str, Any] = {"step": self.observation_step, "stamp": self.stamps[self.observation_step]}
+        if self.landmark is not None:
+            columns["landmark"] = self.landmark
+        return data_frame(columns | dict(zip(VALUES[self.sensor], self.observation.T, strict=True)))
 
     @property
     def steps(self) -> int:

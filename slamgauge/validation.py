@@ -111,6 +111,21 @@ def as_covariances(name: str, value: object, shape: tuple[int | None, ...], *, d
     return stack.reshape(array.shape)
 
 
+def for_all(matrix: object, count: int) -> object:
+    """One matrix (d, d) as that of all rows (count, d, d); anything else as it is."""
+    try:
+        array = np.asarray(matrix)
+    except ValueError:  # rows of several lengths, which `as_covariances` names
+        return matrix
+    return np.broadcast_to(array, (count, *array.shape)) if array.ndim == 2 else matrix
+
+
+def require_type(name: str, value: object, kind: type) -> None:
+    """Refuse an argument of another type, by its name."""
+    if not isinstance(value, kind):
+        raise UserError(f"{name}: is a {type(value).__name__}; give a {kind.__name__}")
+
+
 def wrap_headings(poses: Float) -> Float:
     """The same poses (n, 3), their headings wrapped in place."""
     poses[:, 2] = wrap(poses[:, 2])

@@ -39,6 +39,7 @@ ROOMS = {
 LIBRARIES = {
     "slamgauge": {"numpy"},
     "slamgauge.compiled": {"numba"},
+    "slamgauge.facts": {"numpy", "pandas"},
     "slamgauge.kept_code": {"numba"},
     "slamgauge.ekf": {"numpy", "scipy"},
     "slamgauge.ekf.kernels.blas": {"numba", "llvmlite"},

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import tyro
 
-from slamgauge.compare.cli.options import Folder
+from slamgauge.compare.cli.options import Folder, named_after, print_result, split_names
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
@@ -19,25 +19,34 @@ if TYPE_CHECKING:
     from slamgauge.truth import Truth
 
 
+OUT = Path("results/export-NAME")
+ENDINGS = {"csv": ".csv", "g2o": ".g2o", "mat": ".mat", "tum-cov": ".tum"}
+TABLES = ("latex", "markdown")
+
+
 @dataclass
 class Export:
-    """Write a recording, a run or an estimate in a form that other programs read.
+    """Write a recording, a run, an estimate or a study's table in a form that other programs read.
 
     csv: a recording's three files in a folder, or an estimate's path and map (docs/your_filter.md). g2o: a recording as
     a graph. mat: all that there is, for Octave and MATLAB. tum-cov: an estimate's poses and covariances.
 
+    Of the folder of a study: its table, means with 95 % intervals. csv: with full precision. latex: with booktabs and
+    a caption. markdown. Printed on standard output without --out.
+
     For example:
-      slamgauge export first-run --format mat --out first-run.mat
+      slamgauge export first-run --format mat
+      slamgauge export results/study --format latex --estimators ekf,riekf --columns ate_m,nees_pose_per_dof
     """
 
     path: tyro.conf.Positional[Path]
-    """A recording.npz, the folder of a run, or an estimate of one: FOLDER/estimates/NAME.npz."""
+    """A recording.npz, the folder of a run, an estimate of one (FOLDER/estimates/NAME.npz), or a study's folder."""
 
-    format: Literal["csv", "g2o", "mat", "tum-cov"]
+    format: Literal["csv", "g2o", "mat", "tum-cov", "latex", "markdown"]
     """What to write. Of the folder of a run csv and g2o take the recording."""
 
-    out: Folder
-    """The file to write; of a recording as csv the folder."""
+    out: Folder = OUT
+    """The file to write, with the ending of its format if none is given; of a recording as csv the folder."""
 
     recording: Path | None = None
     """The recording of an estimate, for the time stamps of tum-cov; by default the one of its run."""
@@ -45,8 +54,44 @@ class Export:
     lend: float | None = None
     """g2o: standard deviation [m, rad] lent to motions whose covariance is singular, which a graph cannot say."""
 
+    columns: str = ""
+    """Of a study: comma-separated keys of summary.json (docs/json.md); its key columns if not given."""
+
+    estimators: str = ""
+    """Of a study: comma-separated, all if not given."""
+
+    means_only: bool = False
+    """Of a study: without intervals."""
+
     def __call__(self) -> None:
         """Load and write."""
+        from slamgauge.compare.storage.result_files import SUMMARY
+
+        if (self.path / SUMMARY).exists():
+            self._write_study_table()
+        elif self.format in TABLES or self.columns or self.estimators or self.means_only:
+            raise UserError(f"{self.path}: no study is there, it has no summary.json; give the --out of a study")
+        else:
+            self._write_records()
+
+    def _write_study_table(self) -> None:
+        """Print the table of a study, or write it."""
+        from slamgauge.compare.storage.staged_folder import staged_folder
+        from slamgauge.compare.studies.study_table import read_study_table
+
+        if self.format not in ("csv", "latex", "markdown"):
+            raise UserError(f"format: {self.format} is none of a study's table; use csv, latex or markdown")
+        keys, estimators = split_names(self.columns), split_names(self.estimators)
+        text = read_study_table(self.path, keys, estimators, intervals=not self.means_only).text(self.format)
+        if self.out == OUT:
+            print_result(text.rstrip("\n"))
+            return
+        with staged_folder(self.out.parent, [self.out.name], last=self.out.name) as folder:
+            (folder / self.out.name).write_text(text, encoding="utf-8")
+        print(f"written to {self.out}", file=sys.stderr)
+
+    def _write_records(self) -> None:
+        """Write recordings and estimates."""
         from slamgauge.compare.datasets.imported import of_file
         from slamgauge.compare.storage.staged_folder import staged_folder
 
@@ -54,6 +99,8 @@ class Export:
             raise UserError(f"lend: {self.lend:g} is no small standard deviation; give one between 0 and 1")
         exported = _load(self.path)
         whole_folder = self.format == "csv" and exported.recording is not None
+        if self.out == OUT:
+            self.out = Path(f"{named_after(OUT, self.path)}{'' if whole_folder else ENDINGS[self.format]}")
         if not whole_folder and not self.out.name:
             raise UserError(f"out: {self.out} is a folder; name the file to write")
         parent = self.out if whole_folder else self.out.parent

@@ -14,6 +14,7 @@ from slamgauge.compare.cli.options import (
     Folder,
     Overrides,
     flattened,
+    named_after,
 )
 from slamgauge.compare.storage.result_files import MAPPING, RECORDING, TRUTH
 
@@ -44,7 +45,7 @@ class Csv:
     path: tyro.conf.Positional[Path]
     """The folder of the files, or a recording.toml of any name."""
 
-    out: Folder
+    out: Folder = Path("results/import-NAME")
     """Folder for recording.npz, truth.npz and the recording.toml by which the files were read."""
 
     set: Overrides = field(default_factory=list)
@@ -68,7 +69,7 @@ class G2o:
     path: tyro.conf.Positional[Path]
     """The graph."""
 
-    out: Folder
+    out: Folder = Path("results/import-NAME")
     """Folder for recording.npz."""
 
     drop_loop_edges: bool = False
@@ -95,7 +96,7 @@ class Mrclam:
     path: tyro.conf.Positional[Path]
     """Folder of Odometry.dat, Measurement.dat, Barcodes.dat, Groundtruth.dat and Landmark_Groundtruth.dat."""
 
-    out: Folder
+    out: Folder = Path("results/import-NAME")
     """Folder for recording.npz and truth.npz."""
 
     robot: int | None = None
@@ -139,7 +140,7 @@ class Dlr:
     path: tyro.conf.Positional[Path]
     """The log, of lines STEP and LANDMARK."""
 
-    out: Folder
+    out: Folder = Path("results/import-NAME")
     """Folder for recording.npz."""
 
     without_ids: bool = False
@@ -163,7 +164,7 @@ class Freiburg:
     path: tyro.conf.Positional[Path]
     """The log, or the folder of both files."""
 
-    out: Folder
+    out: Folder = Path("results/import-NAME")
     """Folder for recording.npz and truth.npz."""
 
     rotation_sigma: float = 0.005
@@ -199,7 +200,7 @@ class VictoriaPark:
     path: tyro.conf.Positional[Path]
     """victoria_park.txt"""
 
-    out: Folder
+    out: Folder = Path("results/import-NAME")
     """Folder for recording.npz."""
 
     max_range: float = math.inf
@@ -220,7 +221,7 @@ class LostInTheWoods:
     path: tyro.conf.Positional[Path]
     """dataset2.mat"""
 
-    out: Folder
+    out: Folder = Path("results/import-NAME")
     """Folder for recording.npz and truth.npz."""
 
     max_range: float = 5.0
@@ -245,8 +246,8 @@ class Import:
     `slamgauge import FORMAT --help` says what each format has.
 
     For example:
-      slamgauge import csv my-log --set noise.forward=0.02 noise.turn=0.01 --out mine
-      slamgauge evaluate mine/recording.npz
+      slamgauge import csv my-log --set noise.forward=0.02 noise.turn=0.01
+      slamgauge evaluate results/import-my-log/recording.npz
     """
 
     format: (
@@ -263,6 +264,7 @@ class Import:
         """Read and store."""
         from slamgauge.compare.storage.manifest import require_free
 
+        self.format.out = named_after(self.format.out, self.format.path)
         require_free(self.format.out, IMPORTED)  # before long files are read
         self.format()
 

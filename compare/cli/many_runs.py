@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import tyro
@@ -19,6 +20,7 @@ from slamgauge.compare.cli.options import (
     carried_by,
     flattened,
     kept_apart,
+    named_after,
     print_result,
     results_folder,
     sampled_scenario,
@@ -30,8 +32,6 @@ from slamgauge.compare.storage.result_files import BUDGET, BUDGET_FILES, CLAIMS,
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from slamgauge.compare.estimators.asked import Asked
     from slamgauge.compare.scoring.runs import Runs
     from slamgauge.compare.studies.summary import Summary
@@ -52,7 +52,7 @@ class Study:
     """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file; the true start is drawn
     from the prior unless --set start=mean."""
 
-    out: Folder
+    out: Folder = Path("results/study-NAME")
     """Folder of study.sqlite, summary.json and the figures."""
 
     runs: int = 100
@@ -98,6 +98,9 @@ class Study:
     """Print summary.json (of a sweep sweep.json) on standard output instead of the table."""
 
     output: Output = field(default_factory=Output)
+
+    def __post_init__(self) -> None:
+        self.out = named_after(self.out, self.scenario)
 
     def __call__(self) -> int:
         """Run what is missing, sum up, print and write; the exit status."""
@@ -167,7 +170,7 @@ class Budget:
     """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file; the true start is drawn
     from the prior unless --set start=mean."""
 
-    out: Folder
+    out: Folder = Path("results/budget-NAME")
     """Folder of budget.json, budget.png and budget.svg."""
 
     filter: FilterName = "ekf"
@@ -192,6 +195,9 @@ class Budget:
     """Print budget.json on standard output instead of the table."""
 
     output: Output = field(default_factory=Output)
+
+    def __post_init__(self) -> None:
+        self.out = named_after(self.out, self.scenario)
 
     def __call__(self) -> int:
         """Run, print and write; the exit status."""
@@ -221,7 +227,7 @@ class Claims:
       slamgauge claims --runs 50
     """
 
-    out: Folder
+    out: Folder = Path("results/claims")
     """Folder of claims.json and of the studies behind it."""
 
     runs: int = 50

@@ -120,6 +120,14 @@ def results_folder(
     return nullcontext() if out is None else staged_folder(out, writes, last, outdated)
 
 
+def named_after(out: Path, source: str | Path) -> Path:
+    """A default of --out with NAME in it, for the scenario, file or folder that `source` is."""
+    from slamgauge.compare.storage.names import file_name
+
+    name = Path(source).resolve().name.removesuffix(".toml").removesuffix(".npz")
+    return Path(str(out).replace("NAME", file_name(name)))
+
+
 def flattened(groups: Sequence[Sequence[str]]) -> list[str]:
     """The words of an option that was given several times, in one list."""
     return [text for group in groups for text in group]

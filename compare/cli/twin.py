@@ -8,7 +8,7 @@ from pathlib import Path
 
 import tyro
 
-from slamgauge.compare.cli.options import Folder
+from slamgauge.compare.cli.options import Folder, named_after
 
 
 @dataclass
@@ -25,8 +25,11 @@ class MakeTwin:
     recording: tyro.conf.Positional[Path]
     """A recording.npz; one without ids is associated jointly first."""
 
-    out: Folder
+    out: Folder = Path("results/twin-NAME")
     """Folder of twin.toml and of the CSV files that it names."""
+
+    def __post_init__(self) -> None:
+        self.out = named_after(self.out, self.recording.resolve().parent)
 
     def __call__(self) -> None:
         """Load, solve and write."""

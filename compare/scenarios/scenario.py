@@ -86,6 +86,16 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
     raise ScenarioError("\n".join(f"{where}: {mistake}" for mistake in mistakes))
 
 
+def as_scenario(scenario: Scenario | str | Path, overrides: Sequence[str] = ()) -> Scenario:
+    """The scenario itself, or that of a name or a path with these overrides."""
+    return scenario if isinstance(scenario, Scenario) else load_scenario(scenario, overrides)
+
+
+def sampled(scenario: Scenario | str | Path) -> Scenario:
+    """Likewise, with the true start of a named one drawn from the prior, as statistics need it."""
+    return as_scenario(scenario, ["start=sampled"])
+
+
 def _shipped() -> dict[str, Traversable]:
     folder = resources.files(__package__ or "")
     return {file.name.removesuffix(".toml"): file for file in folder.iterdir() if file.name.endswith(".toml")}

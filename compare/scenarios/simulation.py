@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.scenarios.motion import covs
 from slamgauge.compare.scenarios.observing import Streams, observe
-from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scenarios.scenario import Scenario, as_scenario
 from slamgauge.compare.scenarios.schema import Association, Assumed, Delayed, Fis, InverseDepth, Update
 from slamgauge.correlations import square_roots
 from slamgauge.errors import UserError
@@ -16,16 +18,21 @@ from slamgauge.se2 import chain
 from slamgauge.truth import NOBODY, Truth
 
 
-def simulate(scenario: Scenario, seed: int) -> tuple[Truth, Recording]:
+def simulate(scenario: Scenario | str | Path, seed: int) -> tuple[Truth, Recording]:
     """One run: its truth, and the recording that estimators see.
 
     The truth follows the commanded increments exactly; the odometry is the command as the motion misreads it, with
     noise. Every kind of draw has a stream of its own: a change of the map leaves the odometry as it was, and so does
     every option all other draws.
 
+    Args:
+        scenario: itself, or the name or path of one.
+        seed: of all noise.
+
     Raises:
         UserError: If the seed is negative.
     """
+    scenario = as_scenario(scenario)
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     start_stream, motion_stream, noise, slip, *others = np.random.SeedSequence(seed).spawn(9)

@@ -108,7 +108,7 @@ CATALOGUE = (
     ),
     Quantity(
         key="coverage_99",
-        help="likewise inside their 99 % ellipses",
+        help="share of the positions inside their 99 % ellipses; of a study, from the 11th step on",
         scored=True,
         measure=credibility.coverage_99,
         over_runs=late_coverage(0.99),

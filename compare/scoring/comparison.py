@@ -32,8 +32,10 @@ from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
 from slamgauge.compare.storage.origin import origin
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
+from slamgauge.facts import data_frame
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth, require_same_run
+from slamgauge.validation import require_type
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,19 @@ class Comparison:
     optima: dict[Kind, str] = field(default_factory=dict)
     failures: dict[str, str] = field(default_factory=dict)
     stand_ins: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        failed = f"; failed: {', '.join(self.failures)}" if self.failures else ""
+        return f"Comparison({', '.join(self.scores)}{failed})"
+
+    def _repr_html_(self) -> str:
+        return table(self).html()
+
+    def to_frame(self) -> Any:
+        """The scores as a `pandas.DataFrame`: a row for each estimator, the keys of metrics.json that are figures."""
+        entries = {name: score.figures() for name, score in self.scores.items()}
+        keys = dict.fromkeys(key for entry in entries.values() for key in entry)
+        return data_frame({key: [entry.get(key) for entry in entries.values()] for key in keys}, [*entries])
 
 
 def compare_estimators(
@@ -75,6 +90,7 @@ def compare_estimators(
     Raises:
         UserError: the truth is of another recording; or every estimator raised, or returned what does not fit.
     """
+    require_type("recording", recording, Recording)
     require_same_run(truth, recording)
     if informed is None:
         informed = recording

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scoring.catalogue import SCORED, measured
+from slamgauge.compare.scoring.catalogue import CATALOGUE, SCORED, measured
 from slamgauge.compare.scoring.consistency import sigma_ratios, squared_mahalanobis
 from slamgauge.compare.scoring.credibility import log_scores
 from slamgauge.compare.scoring.defined import mean, number, rms
@@ -21,8 +21,10 @@ from slamgauge.compare.scoring.trajectory_error import aligned_errors, distances
 from slamgauge.compare.scoring.verdicts import Evidence, verdict
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
+from slamgauge.facts import data_frame, html_table
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
+from slamgauge.validation import require_type
 
 OPTIMUM_FIGURES = (
     "ratio_to_optimum",
@@ -83,6 +85,26 @@ class Score:
         """A figure of the catalogue by its key."""
         return self.others[key] if key in self.others else getattr(self, key)
 
+    def __repr__(self) -> str:
+        known = {"ATE": (self.ate_m, " m"), "NEES": (self.nees_pose, ""), "NIS/dof": (self.nis_per_dof, "")}
+        told = [f"{title} {value:.3g}{unit}" for title, (value, unit) in known.items() if value is not None]
+        return f"Score({', '.join([self.kind, *told])})"
+
+    def _repr_html_(self) -> str:
+        helps = {each.key: each.help for each in CATALOGUE}
+        rows = [(key, f"{value:.4g}", helps.get(key, "")) for key, value in self.figures().items() if value is not None]
+        return html_table((f"{self.kind} estimate", "", ""), rows)
+
+    def figures(self) -> dict[str, float | None]:
+        """What of metrics.json is a figure."""
+        entry = {key: value for key, value in self.to_json().items() if key != "kind"}
+        return {key: value for key, value in entry.items() if value is None or isinstance(value, int | float)}
+
+    def to_frame(self) -> Any:
+        """The figures as a `pandas.DataFrame`: a row for each."""
+        figures = self.figures()
+        return data_frame({"value": [*figures.values()]}, [*figures])
+
     def to_json(self) -> dict[str, Any]:
         """The estimator's entry in metrics.json: plain numbers, lists and None; `rays` only where there are any.
 
@@ -123,6 +145,12 @@ def evaluate(
         UserError: if lengths do not fit the recording, or the optimum is of another kind.
     """
     truth = Truth() if truth is None else truth
+    for name, value, kind in (
+        ("truth", truth, Truth),
+        ("recording", recording, Recording),
+        ("estimate", estimate, Estimate),
+    ):
+        require_type(name, value, kind)
     _check(truth, recording, estimate, optimum, batch)
     figures = _path_figures(truth, recording, estimate)
     figures |= map_figures(truth, recording, estimate, batch)

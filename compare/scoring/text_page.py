@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from slamgauge.compare.scoring.text_table import aligned
+from slamgauge.facts import html_table
 
 Tone = Literal["plain", "head", "good", "bad", "faint"]
 Paint = Callable[[str, Tone], str]
@@ -52,7 +53,10 @@ class Page:
 
     def html(self) -> str:
         """Tables and paragraphs."""
-        return "\n".join(_html_table(part) if isinstance(part, Grid) else _html_line(part) for part in self.parts)
+        return "\n".join(
+            html_table(part.rows[0], part.rows[1:]) if isinstance(part, Grid) else _html_line(part)
+            for part in self.parts
+        )
 
     def text(self, width: int | None = None, paint: Paint = plain) -> str:
         """Lines of at most `width` characters, words longer than that apart; None leaves every line whole."""
@@ -127,13 +131,6 @@ def _shortened(name: str) -> str:
         return name
     half = (LONGEST_NAME - 3) // 2
     return f"{name[:half]}...{name[-half:]}"
-
-
-def _html_table(grid: Grid) -> str:
-    head, *body = grid.rows
-    titles = "".join(f"<th>{html.escape(title)}</th>" for title in head)
-    lines = "".join(f"<tr>{''.join(f'<td>{html.escape(text)}</td>' for text in row)}</tr>" for row in body)
-    return f"<table><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>"
 
 
 def _html_line(line: str) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import deque
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from slamgauge.compare.estimators.asked import Asked, ask
 from slamgauge.compare.estimators.loading import load
 from slamgauge.compare.estimators.registry import CAUSAL, FILTERS, HINDSIGHT
 from slamgauge.compare.estimators.running import run_estimator
-from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scenarios.scenario import Scenario, sampled
 from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scenarios.schema import Assumed
 from slamgauge.compare.scenarios.simulation import informed, simulate
@@ -117,7 +118,9 @@ class RungErrors(NamedTuple):
     rays: RayFigures | None
 
 
-def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, executor: Executor) -> ErrorBudget:
+def error_budget(
+    scenario: Scenario | str | Path, filter_name: str, runs: int, seed: int, executor: Executor
+) -> ErrorBudget:
     """The budget of a filter, one's own by its address too, over `runs` runs whose seeds are spawned from `seed`.
 
     Intervals are bootstrapped over runs.
@@ -125,6 +128,7 @@ def error_budget(scenario: Scenario, filter_name: str, runs: int, seed: int, exe
     Raises:
         UserError: bad names or numbers, or an estimator that failed, with the run.
     """
+    scenario = sampled(scenario)
     asked = ask([filter_name])[0]
     if asked.name and asked.name not in FILTERS:
         raise UserError(

@@ -11,7 +11,7 @@ from itertools import islice
 from pathlib import Path
 
 from slamgauge.compare.estimators.asked import Asked, Chosen, ask, labels_among
-from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scenarios.scenario import Scenario, sampled
 from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.sequential import Look
@@ -43,7 +43,7 @@ _Task = tuple[int, list[Asked]]  # a run, and the estimators that it is still to
 
 
 def run_study(
-    scenario: Scenario,
+    scenario: Scenario | str | Path,
     runs: int,
     seed: int,
     estimators: Chosen,
@@ -60,7 +60,7 @@ def run_study(
 
     Args:
         scenario: what to simulate; draw the true start from the prior (`start = "sampled"`) for any
-            statement about consistency.
+            statement about consistency, as is done with one that is given by its name or path.
         runs: how many; their seeds are spawned from `seed`, the same whatever the number.
         seed: the study's root seed.
         estimators: what `load_estimators` takes, people's own among it, whose results are kept under a digest of
@@ -76,6 +76,7 @@ def run_study(
         UserError: bad names or numbers, a store that holds another study, or that another command is at work on, a file
             in its place that is not ours, or workers that die whatever they carry.
     """
+    scenario = sampled(scenario)
     asked = ask(estimators)  # misspelt names are refused before anything is written
     if not asked:
         raise UserError("estimators: none given; name at least one, for example --estimators ekf,isam2")
@@ -109,12 +110,13 @@ def run_study(
     )
 
 
-def load_runs(scenario: Scenario, runs: int, seed: int, estimators: Chosen, out: Path) -> dict[str, Runs]:
+def load_runs(scenario: Scenario | str | Path, runs: int, seed: int, estimators: Chosen, out: Path) -> dict[str, Runs]:
     """What the store in `out` holds of each estimator, for figures and statistics of one's own.
 
     Raises:
         UserError: there is none, it is another study's, or it is damaged.
     """
+    scenario = sampled(scenario)
     if not (out / STORE).exists():
         raise UserError(f"{out / STORE}: there is no study; carry one out with run_study")
     with open_store(out / STORE, scenario, seed) as store:

@@ -22,6 +22,7 @@ from slamgauge.compare.scoring.too_good import beats_the_optimum
 from slamgauge.compare.scoring.verdicts import verdict_lines
 from slamgauge.compare.storage.origin import origin
 from slamgauge.compare.studies.resolution import Against, Precision, against_parts
+from slamgauge.facts import data_frame
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,6 +113,22 @@ class Summary:
     precision: Precision | None = None
     scenario_text: str | None = None
 
+    def __repr__(self) -> str:
+        return f"Summary({self.scenario}, {self.runs} runs: {', '.join(self.estimators)})"
+
+    def _repr_html_(self) -> str:
+        return summary_table(self).html()
+
+    def to_frame(self) -> Any:
+        """Means over runs as a `pandas.DataFrame`: a row for each estimator, KEY, KEY_low and KEY_high for its ends."""
+        entries = {name: entry.to_json() for name, entry in self.estimators.items()}
+        keys = dict.fromkeys(key for each in entries.values() for key, value in each.items() if _has_ends(value))
+        columns: dict[str, list[float | None]] = {}
+        for key in keys:
+            for end, name in (("mean", key), ("low", f"{key}_low"), ("high", f"{key}_high")):
+                columns[name] = [(entry[key] or {}).get(end) for entry in entries.values()]
+        return data_frame(columns, [*entries])
+
     def to_json(self) -> dict[str, Any]:
         """The content of summary.json."""
         return {
@@ -130,6 +147,10 @@ class Summary:
             },
             "precision": None if self.precision is None else self.precision.to_json(),
         }
+
+
+def _has_ends(value: object) -> bool:
+    return isinstance(value, dict) and "low" in value
 
 
 def summarise(runs: Mapping[str, Runs]) -> dict[str, EstimatorSummary]:

@@ -69,7 +69,7 @@ RULES: list[tuple[Callable[..., object], dict[str, Any], str, str]] = [
     (recording, {"prior_cov": np.eye(2)}, "prior_cov", "shape (2, 2) does not fit; give shape (3, 3)"),
     (recording, {"odometry": np.zeros((2, 2))}, "odometry", "shape (2, 2) does not fit; give shape (any, 3)"),
     (recording, {"odometry": np.zeros(3)}, "odometry", "shape (3,) does not fit; give shape (any, 3)"),
-    (recording, {"odometry_cov": np.eye(3)}, "odometry_cov", "shape (3, 3) does not fit; give shape (2, 3, 3)"),
+    (recording, {"odometry_cov": np.eye(2)}, "odometry_cov", "shape (2, 2, 2) does not fit; give shape (2, 3, 3)"),
     (recording, {"observation": np.ones((3, 1))}, "observation", "shape (3, 1) does not fit; give shape (any, 2)"),
     (recording, {"sensor": "bearing"}, "observation", "shape (3, 2) does not fit; give shape (any, 1)"),
     (recording, {"observation_cov": np.ones((3, 1, 1))}, "observation_cov", "give shape (3, 2, 2)"),

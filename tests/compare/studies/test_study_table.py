@@ -1,0 +1,85 @@
+"""A study's table for papers: chosen columns and rows, intervals or not, and texts that LaTeX sets as they are."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from slamgauge import UserError
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.studies.study_table import latex_text, read_study_table
+
+
+def interval(mean: float) -> dict[str, float]:
+    return {"mean": mean, "low": mean - 0.5, "high": mean + 0.5}
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    entry = {"runs": 7, "ate_m": interval(1.0), "ratio_to_causal": interval(2.0), "nees_pose_per_dof": interval(3.0)}
+    entry |= {"coverage_95": interval(0.9), "seconds_total": {"mean": 1.0}, "landmarks_mapped": None}
+    estimators = {"ekf": entry, "a_b|c": entry | {"ate_m": None}}
+    content = {"scenario": "my_scene", "runs": 7, "seed": 3, "command": "slamgauge study", "version": "1"}
+    (tmp_path / "summary.json").write_text(json.dumps(content | {"estimators": estimators}), encoding="utf-8")
+    return tmp_path
+
+
+def test_csv_has_means_and_ends_in_columns_of_their_own(study: Path):
+    rows = list(csv.DictReader(read_study_table(study, ["ate_m"], []).text("csv").splitlines()))
+    assert rows[0] == {"estimator": "ekf", "runs": "7", "ate_m": "1.0", "ate_m_low": "0.5", "ate_m_high": "1.5"}
+    assert rows[1] == {"estimator": "a_b|c", "runs": "7", "ate_m": "", "ate_m_low": "", "ate_m_high": ""}
+    assert (
+        read_study_table(study, ["ate_m"], ["ekf"], intervals=False).text("csv") == "estimator,runs,ate_m\nekf,7,1.0\n"
+    )
+
+
+def test_markdown(study: Path):
+    assert read_study_table(study, ["ate_m", "nees_pose_per_dof"], []).text("markdown").splitlines() == [
+        "| estimator | runs | ATE [m] | NEES/3 |",
+        "| --- | ---: | ---: | ---: |",
+        "| ekf | 7 | 1.000 ± 0.500 | 3.00 ± 0.50 |",
+        r"| a_b\|c | 7 | - | 3.00 ± 0.50 |",
+    ]
+
+
+def test_latex_has_booktabs_and_a_caption(study: Path):
+    text = read_study_table(study, [], ["a_b|c"]).text("latex")
+    assert r"\begin{tabular}{lrrrrr}" in text
+    assert all(f"\\{rule}rule" in text for rule in ("top", "mid", "bottom"))
+    assert r"\caption{my\_scene, 7 runs (seed 3), means with 95 \% intervals. ATE [m]: " in text
+    assert r"a\_b|c & 7 & - & 2.000 $\pm$ 0.500 & 3.00 $\pm$ 0.50 & 90.0\% $\pm$ 50.0\% \\" in text
+
+
+def test_texts_are_set_letter_by_letter():
+    assert latex_text(r"50 % of $x_1^2$ & {~\}#") == (
+        r"50 \% of \$x\_1\textasciicircum{}2\$ \& \{\textasciitilde{}\textbackslash{}\}\#"
+    )
+
+
+@pytest.mark.parametrize(
+    ("keys", "estimators", "message"),
+    [
+        (["ate"], [], "ate: no column of this study; did you mean ate_m?"),
+        (["seconds_total"], [], "seconds_total: no column"),  # it has no interval
+        ([], ["efk"], "efk: no estimator of this study; did you mean ekf?"),
+    ],
+)
+def test_what_is_not_there_is_refused(study: Path, keys: list[str], estimators: list[str], message: str):
+    with pytest.raises(UserError, match=message.replace("?", r"\?")):
+        read_study_table(study, keys, estimators)
+
+
+def test_the_command_prints_or_writes_it(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    arguments = ["export", str(study), "--format", "markdown", "--columns", "ate_m", "--means-only"]
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert printed.splitlines()[2] == "| ekf | 7 | 1.000 |"
+    assert main([*arguments, "--out", str(tmp_path / "tables" / "ate.md")]) == 0
+    assert (tmp_path / "tables" / "ate.md").read_text(encoding="utf-8") == printed
+    assert main(["export", str(study), "--format", "g2o"]) == 2
+    (study / "summary.json").write_text("[]", encoding="utf-8")
+    assert main(arguments) == 2
+    assert capsys.readouterr().err.count("\n") == 3

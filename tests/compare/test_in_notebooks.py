@@ -1,0 +1,116 @@
+"""What values show of themselves at a prompt and in a notebook, and what functions take there."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import slamgauge
+from slamgauge import (
+    Recording,
+    Truth,
+    UserError,
+    compare_estimators,
+    evaluate,
+    load_estimators,
+    load_scenario,
+    local_processes,
+    run_study,
+    simulate,
+)
+
+SHORT = load_scenario("q1-short-dense", ["trajectory.duration=1"])
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    truth, recording = simulate(SHORT, 0)
+    comparison = compare_estimators(truth, recording, load_estimators(["ekf", "batch"]))
+    with local_processes(1) as executor:
+        summary = run_study(SHORT, 2, 0, ["ekf"], tmp_path_factory.mktemp("study"), executor)
+    return {
+        "Recording": recording,
+        "Estimate": comparison.estimates["ekf"],
+        "Score": comparison.scores["ekf"],
+        "Comparison": comparison,
+        "Summary": summary,
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "start"),
+    [
+        ("Recording", "Recording(range-bearing, 10 steps, 1 s, "),
+        ("Estimate", "Estimate(filtered, 11 poses with covariances, "),
+        ("Score", "Score(filtered, ATE 0."),
+        ("Comparison", "Comparison(ekf, batch)"),
+        ("Summary", "Summary(q1-short-dense, 2 runs: ekf)"),
+    ],
+)
+def test_values_are_a_line_at_the_prompt_and_a_table_in_notebooks(shown: dict[str, Any], name: str, start: str):
+    assert repr(shown[name]).startswith(start)
+    assert len(repr(shown[name])) < 100
+    assert shown[name]._repr_html_().startswith("<table>")
+
+
+def test_values_become_data_frames(shown: dict[str, Any]):
+    recording, comparison, summary = shown["Recording"], shown["Comparison"], shown["Summary"]
+    frame = recording.to_frame()
+    assert list(frame) == ["step", "stamp", "landmark", "range", "bearing"]
+    np.testing.assert_array_equal(frame["bearing"], recording.observation[:, 1])
+    path = shown["Estimate"].to_frame()
+    assert list(path) == ["x", "y", "heading", "sigma_x", "sigma_y", "sigma_heading"]
+    np.testing.assert_allclose(path["sigma_y"] ** 2, shown["Estimate"].pose_covs[:, 1, 1], rtol=1e-12)
+    assert comparison.to_frame().loc["batch", "ate_m"] == comparison.scores["batch"].ate_m
+    assert shown["Score"].to_frame().loc["nees_pose", "value"] == comparison.scores["ekf"].nees_pose
+    assert summary.to_frame().loc["ekf", "ate_m_low"] == summary.estimators["ekf"].ate_m.low
+
+
+def test_without_pandas_it_is_named(shown: dict[str, Any], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(UserError, match="to_frame: needs pandas; pip install pandas"):
+        shown["Recording"].to_frame()
+
+
+def test_a_scenario_may_be_given_by_its_name(tmp_path: Path):
+    by_name = simulate("q1-short-dense", 3)
+    assert by_name == simulate(load_scenario("q1-short-dense"), 3)
+    with pytest.raises(UserError, match="did you mean q1-short-dense"):
+        simulate("q1-short-dens", 3)
+    with local_processes(1) as executor:
+        summary = run_study("q1-short-dense", 1, 0, ["dead-reckoning"], tmp_path, executor)
+    assert 'start = "sampled"' in (summary.scenario_text or "")
+
+
+def test_one_covariance_stands_for_all_rows(shown: dict[str, Any]):
+    recording: Recording = shown["Recording"]
+    motion, sight = np.diag([0.1, 0.0, 0.2]), np.diag([0.3, 0.4])
+    short = replace(recording, odometry_cov=motion, observation_cov=sight)
+    long = replace(
+        recording,
+        odometry_cov=np.tile(motion, (recording.steps, 1, 1)),
+        observation_cov=np.tile(sight, (len(recording.observation), 1, 1)),
+    )
+    assert short == long
+    with pytest.raises(UserError, match=r"odometry_cov: not an array of numbers"):
+        replace(recording, odometry_cov=[[1.0], [2.0, 3.0]])
+
+
+def test_arguments_of_another_type_are_named(shown: dict[str, Any]):
+    recording: Any = shown["Recording"]
+    with pytest.raises(UserError, match="truth: is a Recording; give a Truth"):
+        evaluate(recording, recording, shown["Estimate"])
+    with pytest.raises(UserError, match="recording: is a Truth; give a Recording"):
+        compare_estimators(None, Truth(), {})  # pyright: ignore[reportArgumentType]
+
+
+def test_the_floor_of_comparisons_lists_its_names():
+    names = dir(slamgauge.compare)
+    assert {"Comparison", "run_study", "load_scenario"} <= {*names}
+    assert "SlamFilter" not in names
+    assert slamgauge.compare.run_study is run_study
