@@ -55,7 +55,7 @@ class Export:
     """g2o: standard deviation [m, rad] lent to motions whose covariance is singular, which a graph cannot say."""
 
     columns: str = ""
-    """Of a study: comma-separated keys of summary.json, whose entries have an interval; its key columns if not given."""
+    """Of a study: comma-separated keys of summary.json that have an interval; its key columns if not given."""
 
     estimators: str = ""
     """Of a study: comma-separated, all if not given."""
