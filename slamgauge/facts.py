@@ -26,7 +26,7 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}{'s' * (count != 1)}"
 
 
-def data_frame(columns: Mapping[str, Any], index: Sequence[str] | None = None) -> Any:
+def data_frame(columns: Mapping[str, Any], index: list[str] | None = None) -> Any:
     """A `pandas.DataFrame`.
 
     Raises:

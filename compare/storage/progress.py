@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from time import monotonic
+from types import TracebackType
 from typing import Protocol, Self, TypeVar
 
 from tqdm import tqdm
@@ -29,7 +30,9 @@ class Progress(Protocol):
         """Begin."""
         ...
 
-    def __exit__(self, *_: object) -> object:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> object:
         """End."""
         ...
 

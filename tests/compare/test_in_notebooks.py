@@ -113,4 +113,4 @@ def test_the_floor_of_comparisons_lists_its_names():
     names = dir(slamgauge.compare)
     assert {"Comparison", "run_study", "load_scenario"} <= {*names}
     assert "SlamFilter" not in names
-    assert slamgauge.compare.run_study is run_study
+    assert slamgauge.compare.run_study is run_study  # pyright: ignore[reportAttributeAccessIssue]
