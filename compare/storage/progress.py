@@ -22,7 +22,7 @@ class Progress(Protocol):
         """One more is done."""
         ...
 
-    def set_description(self, text: str) -> object:
+    def set_description(self, text: str, /) -> object:
         """What is being done."""
         ...
 
@@ -78,7 +78,7 @@ class LogLines:
         what = f"{self._text}: " if self._text else ""
         print(f"{what}{self._done} of {self._total} {self._unit}s, about {duration(left)} left", file=sys.stderr)
 
-    def set_description(self, text: str) -> None:
+    def set_description(self, text: str, /) -> None:
         """What is being done."""
         self._text = text
 
