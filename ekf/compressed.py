@@ -119,7 +119,14 @@ class CompressedFilter(PointFilter):
             require_ids(ids)
             self._local.map.require_sound(values, covs)
             self._settle(ids)
-        result = self._local.update(observations, gate)
+        account = (self._T, self._C, self._vector)
+        if len(np.unique(ids)) < len(ids):  # then a later part of the update may be refused
+            self._T, self._C, self._vector = (each.copy() for each in account)
+        try:
+            result = self._local.update(observations, gate)
+        except BaseException:
+            self._T, self._C, self._vector = account
+            raise
         self._account_for_new_landmarks(self._local.pose, self._local.landmarks.ravel())
         return result
 

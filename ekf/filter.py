@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf.kernels.precision import LARGEST
 from slamgauge.ekf.maps.checks import ids_of, require_gate, require_ids, require_robustness, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.rules import Correction, Rule
+from slamgauge.ekf.maps.undo import undone_if_refused
 from slamgauge.ekf.online import PointFilter
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.errors import UserError
@@ -106,8 +110,7 @@ class SlamFilter(PointFilter):
 
         Raises:
             UserError: no ids, shapes that do not fit, a negative range, a number that is not finite, or a covariance
-                that is not positive definite; the filter is then unchanged, unless it had diverged (its own covariance
-                no longer positive definite).
+                that is not positive definite, or no update in double precision; the filter is then unchanged.
         """
         values, covs = rows_of(observations, self.map.dim)
         ids = ids_of(observations, len(values))
@@ -145,13 +148,16 @@ class SlamFilter(PointFilter):
         first[np.unique(ids, return_index=True)[1]] = True
         new = first & ~mapped
         again = ~first & ~mapped
-        total, dof = 0.0, 0
-        if mapped.any():
-            total, dof = self._update(ids[mapped], values[mapped], covs[mapped])
-        self.map.add(ids[new], values[new], covs[new])
-        if again.any():
-            nis, informative = self._update(ids[again], values[again], covs[again])
-            total, dof = total + nis, dof + informative
+        self.map.reserve(self.map.belief.size + 2 * int(new.sum()))  # may be refused, and before anything changes
+        certain = not again.any() and self.map.variances.max() < LARGEST**2  # then what is added is finite
+        with nullcontext() if certain else undone_if_refused(self.map):
+            total, dof = 0.0, 0
+            if mapped.any():
+                total, dof = self._update(ids[mapped], values[mapped], covs[mapped])
+            self.map.add(ids[new], values[new], covs[new])
+            if again.any():
+                nis, informative = self._update(ids[again], values[again], covs[again])
+                total, dof = total + nis, dof + informative
         return total, dof
 
     def _update_gated(

@@ -7,6 +7,7 @@ provisional ones have their turn.
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import cast
 
 import numpy as np
@@ -18,6 +19,7 @@ from slamgauge.ekf.bearings.initialiser import Initialiser
 from slamgauge.ekf.bearings.inverse_depth import InverseDepthInitialiser
 from slamgauge.ekf.bearings.ray_association import RayAssociation
 from slamgauge.ekf.bearings.rays import RayInitialiser
+from slamgauge.ekf.bearings.undo import all_undone_if_refused
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.warm_up import compile_bearings_once
 from slamgauge.ekf.maps.checks import ids_of, require_gate, require_ids, require_robustness, rows_of
@@ -147,7 +149,7 @@ class BearingFilter:
 
         Raises:
             UserError: no ids for a filter without association, shapes that do not fit, a number that is not finite or
-                a variance not positive; the filter is then unchanged, unless it had diverged.
+                a variance not positive, or no update in double precision; the filter is then unchanged.
         """
         gate = self._gate if gate is None else gate
         require_gate(gate)
@@ -158,15 +160,18 @@ class BearingFilter:
             return 0.0, 0
         values, covs = np.asarray(given, np.float64), np.asarray(given_covs, np.float64)
         self._map.require_sound(values, covs)
-        if self._association is not None:
-            ids = self._association.associate(self._owners(), values, covs)
-        else:
-            ids = self._without_outliers(np.asarray(known), values, covs, gate)
-        result = self._take_in(ids.tolist(), values, covs)
-        self._associated = ids.copy()
-        if self._association is not None:
-            for landmark in self._association.false_starts({*self._provisional.counts, *self._points}):
-                self._forget(landmark)
+        books = [self._provisional, self, *([] if self._association is None else [self._association])]
+        is_one_part = known is not None and all(each in self._points for each in known.tolist())
+        with nullcontext() if is_one_part else all_undone_if_refused(self._map, *books):
+            if self._association is not None:
+                ids = self._association.associate(self._owners(), values, covs)
+            else:
+                ids = self._without_outliers(np.asarray(known), values, covs, gate)
+            result = self._take_in(ids.tolist(), values, covs)
+            self._associated = ids.copy()
+            if self._association is not None:
+                for landmark in self._association.false_starts({*self._provisional.counts, *self._points}):
+                    self._forget(landmark)
         return result
 
     def _without_outliers(self, ids: Int, values: Float, covs: Float, gate: float | None) -> Int:
@@ -185,6 +190,14 @@ class BearingFilter:
 
         Of a provisional landmark that is seen more than once the first bearing is taken in, and the others after it.
         """
+        total, dof, left = 0.0, 0, np.arange(len(ids))
+        while len(left):
+            nis, informative, again = self._take_in_first([ids[row] for row in left], values[left], covs[left])
+            total, dof, left = total + nis, dof + informative, left[again]
+        return total, dof
+
+    def _take_in_first(self, ids: list[int], values: Float, covs: Float) -> tuple[float, int, list[int]]:
+        """`_take_in` without the later bearings of provisional landmarks, whose rows are returned too."""
         of_points = [row for row, landmark in enumerate(ids) if landmark in self._points]
         slots = self._slots_of_points([ids[row] for row in of_points])
         nis, dof = self._map.correct(slots, values[of_points], covs[of_points])
@@ -194,11 +207,7 @@ class BearingFilter:
             first.setdefault(ids[row], row)
         rows = [*first.values()]
         self._points |= self._provisional.observe(self._step, [*first], values[rows], covs[rows])
-        again = [row for row in others if first[ids[row]] != row]
-        if again:
-            further = self._take_in([ids[row] for row in again], values[again], covs[again])
-            nis, dof = nis + further[0], dof + further[1]
-        return nis, dof
+        return nis, dof, [row for row in others if first[ids[row]] != row]
 
     def _slots_of_points(self, landmarks: list[int]) -> Int:
         return self._map.slots_of(np.array([self._points[each] for each in landmarks], dtype=np.int64))

@@ -16,6 +16,7 @@ Davison and Montiel, IEEE Transactions on Robotics 24(5), 2008 (linearity index)
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,7 +113,7 @@ class InverseDepthInitialiser:
             return
         depth = self._depths[landmark]
         columns = self._map.columns_of(depth.ids)
-        state, sigma = self._map.entries(columns), np.sqrt(self._map.block(columns)[3, 3])
+        state, sigma = self._map.entries(columns), math.sqrt(max(self._map.block(columns)[3, 3], 0.0))
         if state[3] < -BEYOND_INFINITY * sigma:
             self.forget(step, landmark)
         elif state[3] > 0.0 and linearity_index(state, sigma, self._map.robot) < self._settings.linearity:

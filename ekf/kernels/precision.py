@@ -13,6 +13,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.compiled import kernel
 from slamgauge.ekf.kernels.belief import ROBOT
 
+LARGEST = 1e50  # of what is measured; a filter that starts with it is still finite after every sum of squares
 LEAST = 1e-13  # share of what a difference was made of
 EXHAUSTED = math.inf  # a NIS that says that double precision is exhausted,
 NO_MINIMUM = -math.inf  # and one that says that the iterated filter has not come to a minimum

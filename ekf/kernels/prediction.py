@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from slamgauge.arrays import Float
 from slamgauge.compiled import kernel
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import ROUNDING, is_symmetric, mirror_robot_block
 from slamgauge.ekf.kernels.models import wrap
+from slamgauge.ekf.kernels.precision import LARGEST
 
 
 @kernel
@@ -20,9 +23,11 @@ def predict(belief: Belief, increment: Float, increment_cov: Float) -> bool:
     """Move the robot by a body-frame increment: P_rr <- F P_rr F' + G Q G', P_rm <- F P_rm.
 
     F = [I, J lever; 0, 1], where the lever reaches from the robot of `point` to the new position. `point` then takes
-    the predicted pose. Returns False, with nothing changed, when a number is not finite or Q is no covariance.
+    the predicted pose. Returns False, with nothing changed, when a number is of no believable size, or Q no covariance.
     """
-    if not (math.isfinite(increment.sum() + increment_cov.sum()) and is_semidefinite(increment_cov)):
+    if not (np.abs(increment).max() < LARGEST and np.abs(increment_cov).max() < LARGEST * LARGEST):
+        return False
+    if not is_semidefinite(increment_cov):
         return False
     state, point, cov = belief.state, belief.point, belief.cov
     c, s = math.cos(state[2]), math.sin(state[2])

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
 from slamgauge.correlations import scale_of, without_negative_eigenvalues
-from slamgauge.ekf.kernels.precision import EXHAUSTED, NO_MINIMUM
+from slamgauge.ekf.kernels.precision import EXHAUSTED, LARGEST, NO_MINIMUM
 from slamgauge.ekf.settings.association import Association
 from slamgauge.ekf.settings.robustness import Robustness
 from slamgauge.ekf.settings.rules import is_number, require
@@ -27,6 +27,7 @@ TOO_FAR_APART = (
     "its standard deviations and those of the filter lie so far apart that double precision does not hold both; "
     "raise the smallest, or lower the largest"
 )
+TOO_LARGE = f"nothing is measured in numbers beyond {LARGEST:g}"
 ENDLESS = "the iterated update comes to no minimum; use another filter, or raise the noise"
 WHY = {EXHAUSTED: TOO_FAR_APART, NO_MINIMUM: ENDLESS}
 ROUNDING = 1e-3  # of a correlation, in what is left of a variance; see `kernels.precision`
@@ -114,6 +115,8 @@ def explain_increment(increment: Float, cov: Float) -> UserError:
     try:
         as_floats("increment", increment[None], (1, 3))
         as_covariances("increment_cov", cov[None], (1, 3, 3))
+        believable = np.abs(increment).max() < LARGEST and np.abs(cov).max() < LARGEST**2
+        require_rows("increment", [believable], increment[None], f"{TOO_LARGE}; correct it or its covariance")
     except UserError as error:
         return UserError(str(error).replace("[0] =", " ="))
     return UserError(f"increment_cov: {cov.tolist()} is no covariance; use (P + P.T) / 2, or raise its variances")
@@ -234,7 +237,10 @@ def require_sound(sensor: str, values: ArrayLike, covs: ArrayLike) -> None:
     values = as_floats("observation", values, (None, dim))
     if sensor == "range-bearing":
         require_rows("observation", values[:, 0] >= 0, values, "a range cannot be negative; drop the row")
-    as_covariances("observation_cov", covs, (len(values), dim, dim), definite=True)
+    covs = as_covariances("observation_cov", covs, (len(values), dim, dim), definite=True)
+    require_rows("observation", (np.abs(values) < LARGEST).all(axis=1), values, f"{TOO_LARGE}; drop the row")
+    sizes = np.trace(covs, axis1=1, axis2=2)
+    require_rows("observation_cov", sizes < LARGEST**2, covs, f"{TOO_LARGE}; drop the row")
 
 
 def require_ids(ids: Int) -> None:

@@ -19,13 +19,14 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compiled import direct
 from slamgauge.ekf.kernels import linear, map_edits
 from slamgauge.ekf.kernels.augmentation import augment
-from slamgauge.ekf.kernels.belief import Belief, allocate_belief, enlarged
+from slamgauge.ekf.kernels.belief import ROBOT, Belief, allocate_belief, enlarged
 from slamgauge.ekf.kernels.models import BEARING, RANGE_BEARING, SENSOR_CODES
 from slamgauge.ekf.kernels.take_in import are_sound
 from slamgauge.ekf.kernels.warm_up import compile_once
 from slamgauge.ekf.kernels.weighing import weigh
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
 from slamgauge.ekf.maps.checks import (
+    DIVERGED,
     explain_increment,
     explain_scan,
     load_increment,
@@ -36,6 +37,7 @@ from slamgauge.ekf.maps.checks import (
 )
 from slamgauge.ekf.maps.rules import Correction, Rule, rule_of
 from slamgauge.errors import UserError
+from slamgauge.memory import require_memory
 
 
 class LandmarkMap:
@@ -202,7 +204,7 @@ class LandmarkMap:
             The normalised innovation squared and its degrees of freedom (0, 0 without observations).
 
         Raises:
-            UserError: there is no update; nothing has changed, unless the filter had diverged.
+            UserError: there is no update; nothing has changed.
         """
         count = len(slots)
         if count == 0:
@@ -241,13 +243,20 @@ class LandmarkMap:
         """Map new landmarks (m,) at their first observations (m, 2), with covariances (m, 2, 2).
 
         With a bearing sensor these are made up of a range and a bearing.
+
+        Raises:
+            UserError: they have no finite positions or covariances; nothing has changed.
         """
         count = len(ids)
         self.reserve(self.belief.size + 2 * count)
         self.room_for(count)
         self.load(values, covs)
         augment(RANGE_BEARING if self.code == BEARING else self.code, self.belief, count, self._work)
-        self.resize(self.belief.size + 2 * count)
+        first, last = self.belief.size, self.belief.size + 2 * count
+        added = (self.belief.state[first:last], np.diagonal(self.belief.cov)[first:last])
+        if not all(np.isfinite(each).all() for each in added):
+            raise UserError(f"observation: no finite landmarks follow from this scan; {DIVERGED}")
+        self.resize(last)
         self.name(np.concatenate([self.ids, ids]))
 
     def add_linear(
@@ -303,8 +312,14 @@ class LandmarkMap:
         self.belief = self.belief._replace(size=size)
 
     def reserve(self, size: int) -> None:
-        """Make room for `size` entries."""
+        """Make room for `size` entries.
+
+        Raises:
+            UserError: memory does not hold them; nothing has changed.
+        """
         if size > len(self.belief.state):
+            what = f"the covariance of {(size - ROBOT) // 2} landmarks or members of rays"
+            require_memory(8.0 * size * size, what, "give fewer landmarks, or choose a larger beta of rays")
             self.belief = enlarged(self.belief, size)
             self._work = allocate(len(self._work.ids), len(self.belief.state), self.rule.block)
 

@@ -9,11 +9,13 @@ from slamgauge.ekf.kernels.compatibility import Pairs, allocate_pairs, find_comp
 from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.linearisation import describe
 from slamgauge.ekf.kernels.one_by_one import Gates, update_one_by_one
+from slamgauge.ekf.kernels.precision import LARGEST
 from slamgauge.ekf.kernels.warm_up import compile_association_once
 from slamgauge.ekf.maps.checks import explain_scan
 from slamgauge.ekf.maps.ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.rules import sequential_of
+from slamgauge.ekf.maps.undo import undone_if_refused
 
 
 class Matcher:
@@ -80,9 +82,13 @@ def update_nearest(
     landmarks.reserve(landmarks.belief.size + 2 * count)
     work = landmarks.room_for(count)
     landmarks.load(values, covs)
-    nis, informative, size = update_one_by_one(landmarks.code, landmarks.belief, count, gates, form, work)
-    if not np.isfinite(nis):
-        raise explain_scan(landmarks.sensor, values, covs, nis, landmarks.variances)
+    is_one_block = count <= landmarks.rule.block  # of which P is settled at the end
+    certain = is_one_block and landmarks.variances.max() < LARGEST**2
+    with undone_if_refused(landmarks, covariance=not certain):
+        nis, informative, size = update_one_by_one(landmarks.code, landmarks.belief, count, gates, form, work)
+        variances = np.diagonal(landmarks.belief.cov)[:size]
+        if not (np.isfinite(nis) and np.isfinite(variances).all()):
+            raise explain_scan(landmarks.sensor, values, covs, nis, variances)
     added = (size - landmarks.belief.size) // 2
     landmarks.resize(size)
     if added:

@@ -14,6 +14,7 @@ from slamgauge.errors import UserError
 
 Sharing = Literal["federated", "uniform", "none", "best", "weights"]
 
+MOST_MEMBERS = 1000  # of a ray; the practical's has three
 FEWEST = 3  # bearings that place a landmark
 
 
@@ -46,12 +47,18 @@ class Rays:
         check(self)
         if not self.s_min < self.s_max:
             raise UserError(f"s_max: {self.s_max} m must lie beyond s_min, {self.s_min} m; choose it farther")
+        if self._count() > MOST_MEMBERS:
+            what = f"{self.beta} makes {self._count()} members of a ray from s_min to s_max"
+            raise UserError(f"beta: {what}; choose it larger, for {MOST_MEMBERS} members at most")
 
     def distances(self) -> Float:
         """Distances (N_g,) of the members [m]."""
-        ratio = (1.0 - self.alpha) / (1.0 + self.alpha) * self.s_max / self.s_min
-        count = max(1 + math.ceil(math.log(ratio) / math.log(self.beta)), 1)
-        return self.s_min / (1.0 - self.alpha) * np.float64(self.beta) ** np.arange(count)
+        return self.s_min / (1.0 - self.alpha) * np.float64(self.beta) ** np.arange(self._count())
+
+    def _count(self) -> int:
+        """Number N_g of members."""
+        orders = math.log((1.0 - self.alpha) / (1.0 + self.alpha)) + math.log(self.s_max) - math.log(self.s_min)
+        return max(1 + math.ceil(orders / math.log(self.beta)), 1)
 
 
 @dataclass(frozen=True)

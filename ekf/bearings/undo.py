@@ -1,0 +1,47 @@
+"""Nothing or all, for what bearings have begun: the books of provisional landmarks are put back with the map."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Generator
+from contextlib import contextmanager
+
+from slamgauge.ekf.bearings.inverse_depth import Depth
+from slamgauge.ekf.bearings.ray_recorder import RayRecorder
+from slamgauge.ekf.bearings.rays import Ray
+from slamgauge.ekf.maps.ids import Ids
+from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.undo import undone_if_refused
+
+BOOKS = (Depth, Ids, Ray, RayRecorder)  # objects within books that change
+
+
+@contextmanager
+def all_undone_if_refused(landmarks: LandmarkMap, *books: object) -> Generator[None]:
+    """Leave the map, and the attributes of the books, as they were if what is done within raises.
+
+    Arrays in books are never changed but replaced, and so are kept as they are.
+    """
+    before = [_kept(vars(book)) for book in books]
+    try:
+        with undone_if_refused(landmarks):
+            yield
+    except BaseException:
+        for book, attributes in zip(books, before, strict=True):
+            vars(book).update(attributes)
+        raise
+
+
+def _kept(value: object) -> object:
+    """The value as it is now, whatever becomes of it."""
+    if isinstance(value, dict):
+        return {key: _kept(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_kept(each) for each in value] if value and isinstance(value[0], list) else [*value]
+    if isinstance(value, set):
+        return {*value}
+    if isinstance(value, BOOKS):
+        kept = copy.copy(value)
+        vars(kept).update(_kept(vars(value)))
+        return kept
+    return value
