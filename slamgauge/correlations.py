@@ -29,7 +29,8 @@ def without_negative_eigenvalues(covs: Float) -> Float:
 def inverted(matrices: Float) -> Float:
     """Inverses of positive definite matrices (n, d, d), exactly symmetric; their units may differ widely."""
     scale = scale_of(matrices)
-    inverse = np.linalg.inv(matrices / scale) / scale
+    with np.errstate(over="ignore"):  # what is not finite is found by whoever takes it
+        inverse = np.linalg.inv(matrices / scale) / scale
     return (inverse + inverse.swapaxes(1, 2)) / 2
 
 

@@ -112,7 +112,7 @@ def _require_usable(recording: Recording) -> None:
 
 
 def _refusal(error: UserError) -> tuple[str, str]:
-    lines = str(error).splitlines()
+    lines = str(error).split("\n")  # other ends of lines are written out by the command
     is_told = len(lines) == 1 or (isinstance(error, ScenarioError) and lines)
     return (REFUSED, "") if is_told and max(map(len, lines)) < LONGEST else (TRACEBACK, f"not a line: {error!s:.200}")
 

@@ -32,6 +32,7 @@ from slamgauge.compare.cli.scenarios import Scenarios
 from slamgauge.compare.cli.streams import drop_output, prepare_streams, put
 from slamgauge.compare.cli.terminal import Output, printed_as
 from slamgauge.compare.cli.twin import MakeTwin
+from slamgauge.compare.storage.names import shown
 from slamgauge.compare.storage.origin import commanded
 from slamgauge.errors import UserError, refused_by_the_machine
 
@@ -85,7 +86,8 @@ def _run(words: Sequence[str]) -> int:
         with commanded(words), printed_as(getattr(command, "output", Output())):
             status = command() or 0
     except (UserError, EmptyPathError) as error:
-        print(f"slamgauge: {error}", file=sys.stderr)
+        lines = str(error).split("\n")  # the only end of a line that is ours: others are names'
+        print("slamgauge: " + "\n".join(map(shown, lines)), file=sys.stderr)
         return 2
     except BrokenPipeError:  # whoever reads our help (`head`, a pager) has seen enough
         drop_output()

@@ -27,6 +27,7 @@ Columns = dict[str, str | int]
 Time = Literal["s", "ms", "us", "ns"]
 Length = Literal["m", "cm", "mm"]
 Angle = Literal["rad", "deg"]
+LONGEST = 100  # characters of an unknown name that are told
 UNITS = {
     "s": 1.0,
     "ms": 1e-3,
@@ -162,7 +163,7 @@ def load_mapping(path: Path, overrides: Sequence[str] = ()) -> LogMapping:
     where = str(file)
     for name, section in table.items():
         if name not in SECTIONS:
-            raise UserError(f"{where}: {name}: unknown section; {did_you_mean(name, SECTIONS)}")
+            raise UserError(f"{where}: {name[:LONGEST]}: unknown section; {did_you_mean(name, SECTIONS)}")
         if not isinstance(section, dict):
             raise UserError(f"{where}: {name}: must be a section; write [{name}]")
     made = {name: _section(kind, table.get(name, {}), f"{where}: {name}") for name, kind in SECTIONS.items()}
@@ -177,7 +178,7 @@ def _section(kind: type[Section], table: Mapping[str, Any], where: str) -> Secti
     names = [each.name for each in fields(kind)]  # pyright: ignore[reportArgumentType]
     for key in table:
         if key not in names:
-            raise UserError(f"{where}.{key}: unknown key; {did_you_mean(key, names)}")
+            raise UserError(f"{where}.{key[:LONGEST]}: unknown key; {did_you_mean(key, names)}")
     return kind(**{key: _value(value, hints[key], f"{where}.{key}") for key, value in table.items()})
 
 

@@ -18,6 +18,7 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
+LARGEST = 1e150  # its square is still finite
 TUM = 8  # columns without covariances
 PLANAR = {6: (0, 1, 2), 21: (0, 1, 5)}  # by the length of a triangle: which of its rows are x, y and heading
 
@@ -70,7 +71,7 @@ def _numbers(path: Path, number: int, line: str) -> list[float]:
         raise UserError(
             f"{path}, line {number}: {line[:60]!r} holds no number somewhere; write t x y z qx qy qz qw"
         ) from None
-    if len(numbers) - TUM not in (0, *PLANAR) or not np.isfinite(numbers).all():
+    if len(numbers) - TUM not in (0, *PLANAR) or not (np.abs(numbers) < LARGEST).all():
         counts = ", ".join(str(TUM + more) for more in (0, *PLANAR))
         raise UserError(f"{path}, line {number}: {len(numbers)} columns; write {counts} finite numbers")
     return numbers

@@ -52,7 +52,7 @@ def override(table: Table, text: str) -> None:
     """
     path, equals, value = text.partition("=")
     if not equals or not path.strip():
-        raise UserError(f"{text}: not an override; write dotted.key=value")
+        raise UserError(f"{text[:100]}: not an override; write dotted.key=value")
     *sections, key = path.strip().split(".")
     for section in sections:
         if not isinstance(table.get(section), dict):

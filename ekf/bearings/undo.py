@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
 from slamgauge.ekf.bearings.inverse_depth import Depth
 from slamgauge.ekf.bearings.ray_recorder import RayRecorder
@@ -22,7 +23,7 @@ def all_undone_if_refused(landmarks: LandmarkMap, *books: object) -> Generator[N
 
     Arrays in books are never changed but replaced, and so are kept as they are.
     """
-    before = [_kept(vars(book)) for book in books]
+    before = [_all_kept(vars(book)) for book in books]
     try:
         with undone_if_refused(landmarks):
             yield
@@ -32,16 +33,20 @@ def all_undone_if_refused(landmarks: LandmarkMap, *books: object) -> Generator[N
         raise
 
 
+def _all_kept(values: Mapping[Any, object]) -> dict[Any, object]:
+    return {key: _kept(each) for key, each in values.items()}
+
+
 def _kept(value: object) -> object:
     """The value as it is now, whatever becomes of it."""
     if isinstance(value, dict):
-        return {key: _kept(each) for key, each in value.items()}
+        return _all_kept(value)
     if isinstance(value, list):
         return [_kept(each) for each in value] if value and isinstance(value[0], list) else [*value]
     if isinstance(value, set):
         return {*value}
     if isinstance(value, BOOKS):
         kept = copy.copy(value)
-        vars(kept).update(_kept(vars(value)))
+        vars(kept).update(_all_kept(vars(value)))
         return kept
     return value

@@ -22,15 +22,21 @@ from slamgauge.ekf import (
     Robustness,
     SlamFilter,
 )
-from slamgauge.ekf.maps.rules import RULES
+from slamgauge.ekf.maps.rules import RULES, Rule
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
 
 START = (np.zeros(3), np.diag([0.01, 0.01, 1e-4]))
 NOISE = {2: np.diag([0.01, 0.0076]), 1: np.array([[0.0076]])}
 SEEN: dict[int, Float] = {2: np.array([[3.0, 0.1], [4.0, 1.0], [5.0, -1.0]]), 1: np.array([[0.1], [1.0], [-1.0]])}
+
+
+def with_rule(rule: Rule) -> Callable[[], SlamFilter]:
+    return lambda: SlamFilter("range-bearing", *START, rule)
+
+
 MAKERS: dict[str, tuple[int, bool, Callable[[], Any]]] = {  # dimension, whether it is given ids, a fresh one
-    **{name: (2, True, lambda name=name: SlamFilter("range-bearing", *START, name)) for name in RULES},
+    **{name: (2, True, with_rule(rule)) for name, rule in RULES.items()},
     "gate": (2, True, lambda: SlamFilter("range-bearing", *START, robust=Robustness("gate"))),
     "student-t": (2, True, lambda: SlamFilter("range-bearing", *START, robust=Robustness("student-t"))),
     "compressed": (2, True, lambda: CompressedFilter("range-bearing", *START, 15.0)),

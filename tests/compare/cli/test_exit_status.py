@@ -45,6 +45,13 @@ def test_what_the_machine_refuses_is_one_line(
     assert printed.err.endswith("; make room and give the same command again\n")
 
 
+def test_names_that_would_end_a_line_are_written_out(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", "a\u2028b\x1b.npz"]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("slamgauge: a\\u2028b\\x1b.npz: cannot be read")
+    assert len(told.splitlines()) == 1
+
+
 def test_paths_that_are_too_long_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     for words in (["evaluate", "x" * 5000], ["export", "[" * 3000, "--format", "csv", "--out", "x"]):
         assert main(words) == 2

@@ -47,6 +47,7 @@ def test_ours(tmp_path: Path) -> None:
     [
         ("0 0 0 0 0 0 0\n", "line 1: 7 columns; write 8, 14, 29 finite numbers"),
         ("0 0 0 0 0 0 0 one\n", "line 1: .* holds no number somewhere"),
+        ("0 0 0 0 0 0 1e200 1\n", "line 1: 8 columns; write 8, 14, 29 finite numbers"),
         ("0 0 0 0 0 0 0 1\n", "no line for step 1"),
         ("", "no line for step 0"),
     ],

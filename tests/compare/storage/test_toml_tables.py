@@ -48,3 +48,8 @@ def test_values_that_are_no_toml_for_python_are_bare_words(value: str):
     table: dict[str, object] = {}
     override(table, f"a={value}")
     assert table == {"a": value}
+
+
+def test_what_is_no_override_is_told_in_short():
+    with pytest.raises(UserError, match=r"^=1{99}: not an override; write dotted.key=value$"):
+        override({}, "=" + "1" * 5000)
