@@ -661,7 +661,7 @@ def test_places_that_cannot_be_written(stored: Path, tmp_path: Path, refuse: Ref
 def evaluate_with_room(stored: Path, out: Path, room: int) -> subprocess.CompletedProcess[str]:
     """A command that may write so many bytes into a file."""
     limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))"
-    arguments = ("evaluate", stored / "recording.npz", "--estimators", "dead-reckoning", "--out", out)
+    arguments = ("evaluate", stored / "recording.npz", "--estimators", "dead-reckoning", "--no-report", "--out", out)
     return subprocess.run(command_after(limit, *arguments), capture_output=True, text=True, check=False)
 
 
