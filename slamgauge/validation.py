@@ -15,6 +15,7 @@ from slamgauge.correlations import scale_of
 from slamgauge.errors import UserError
 from slamgauge.se2 import wrap
 
+CHUNK = 65_536  # covariances that are looked at together: what that takes of memory does not grow with a recording
 REAL = "fiu"  # kinds of numpy types that are real numbers
 
 
@@ -92,23 +93,32 @@ def as_covariances(name: str, value: object, shape: tuple[int | None, ...], *, d
     """Symmetric positive semi-definite (or definite) matrices, exactly symmetric on return."""
     array = as_floats(name, value, shape)
     stack = array.reshape(-1, *array.shape[-2:])
+    for first in range(0, len(stack), CHUNK):
+        rows = slice(first, first + CHUNK)
+        stack[rows] = _symmetric(name, stack[rows], first, definite=definite)
+    return array
+
+
+def _symmetric(name: str, stack: Float, first: int, *, definite: bool) -> Float:
+    """Covariances (n, d, d), exactly symmetric, of which the first is row `first` of all that were given."""
     transposed = stack.swapaxes(1, 2)
     scale = np.abs(stack).max(axis=(1, 2), initial=0.0)
     sigmas = np.sqrt(np.abs(np.diagonal(stack, axis1=1, axis2=2)))  # units differ: judge each pair by its own
     allowed = 1e-9 * sigmas[:, :, None] * sigmas[:, None, :] + 1e-15 * scale[:, None, None]
     symmetric = (np.abs(stack / 2 - transposed / 2) <= allowed / 2).all(axis=(1, 2))
-    require_rows(name, symmetric, stack, "a covariance must be symmetric; use (P + P.T) / 2")
+    require_rows(name, symmetric, stack, "a covariance must be symmetric; use (P + P.T) / 2", first)
     stack = stack / 2 + transposed / 2  # half of each: sums may be more than a double holds
     variances = np.diagonal(stack, axis1=1, axis2=2)
     nonnegative = (variances >= -1e-12 * scale[:, None]).all(axis=1)
-    require_rows(name, nonnegative, stack, "a covariance must not have a negative variance")
+    require_rows(name, nonnegative, stack, "a covariance must not have a negative variance", first)
     with np.errstate(over="ignore"):
         correlations = np.clip(stack / scale_of(stack), -2.0, 2.0)  # beyond 1 is no correlation, and may be infinite
     smallest = np.linalg.eigvalsh(correlations)[:, 0]
-    require_rows(name, smallest >= -1e-9, stack, "a covariance must not have a negative eigenvalue")
+    require_rows(name, smallest >= -1e-9, stack, "a covariance must not have a negative eigenvalue", first)
     if definite:
-        require_rows(name, smallest > 1e-12, stack, "a covariance must be positive definite here; raise its variances")
-    return stack.reshape(array.shape)
+        rule = "a covariance must be positive definite here; raise its variances"
+        require_rows(name, smallest > 1e-12, stack, rule, first)
+    return stack
 
 
 def for_all(matrix: object, count: int) -> object:
@@ -132,9 +142,9 @@ def wrap_headings(poses: Float) -> Float:
     return poses
 
 
-def require_rows(name: str, good: ArrayLike, rows: NDArray[np.generic], rule: str) -> None:
-    """Raise for the first row that breaks `rule`, naming field, row and value."""
+def require_rows(name: str, good: ArrayLike, rows: NDArray[np.generic], rule: str, first: int = 0) -> None:
+    """Raise for the first row that breaks `rule`, naming field, row (counted from `first`) and value."""
     bad = np.flatnonzero(np.logical_not(good))
     if len(bad):
         value = np.array2string(np.asarray(rows[bad[0]]), precision=6, separator=", ").replace("\n", "")
-        raise UserError(f"{name}[{bad[0]}] = {value}: {rule}")
+        raise UserError(f"{name}[{first + bad[0]}] = {value}: {rule}")

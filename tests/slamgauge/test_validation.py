@@ -280,6 +280,14 @@ def test_an_estimate_is_equal_down_to_its_rays_and_history() -> None:
     assert recording() != recording(landmark=None)
 
 
+def test_covariances_of_a_long_recording_are_told_by_their_row():
+    many = np.tile(np.eye(2), (150_000, 1, 1))
+    np.testing.assert_array_equal(as_covariances("cov", many, (None, 2, 2), definite=True), many)
+    many[140_000] = [[1.0, 2.0], [2.0, 1.0]]
+    with pytest.raises(UserError, match=r"^cov\[140000\] = .*: a covariance must not have a negative eigenvalue$"):
+        as_covariances("cov", many, (None, 2, 2))
+
+
 def test_covariances_at_the_ends_of_a_double_are_taken_or_refused_without_a_warning():
     with np.errstate(all="raise", under="ignore"):
         whole = as_covariances("cov", 1.5e308 * np.eye(3)[None], (None, 3, 3))
