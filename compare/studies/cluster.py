@@ -92,7 +92,9 @@ def versions() -> dict[str, str]:
 @contextmanager
 def _quiet() -> Generator[None]:
     """Keep to ourselves what distributed logs of connections that break; it is raised as well."""
-    loggers: list[tuple[Any, int]] = [(each, each.level) for each in map(logging.getLogger, ("distributed", "tornado"))]
+    # some have levels of their own, which those above them do not change
+    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in ("distributed", "tornado")]
+    loggers: list[tuple[Any, int]] = [(each, each.level) for each in map(logging.getLogger, names)]
     for logger, _ in loggers:
         logger.setLevel(logging.CRITICAL + 1)
     try:

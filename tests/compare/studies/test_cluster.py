@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Generator
+from importlib import import_module
 from typing import Any
 
 import pytest
@@ -104,3 +105,14 @@ def test_what_is_no_address(address: str):
 def test_tls_without_certificates():
     with pytest.raises(UserError, match=r"^scheduler tls://\S+: tls needs certificates; name them in the env"):
         dask_cluster("tls://127.0.0.1:1").__enter__()
+
+
+def test_nothing_that_distributed_logs_is_said_meanwhile():
+    """Its client has a level of its own, and logs a traceback when a scheduler is lost."""
+    import_module("distributed")  # gives it that level
+
+    client = logging.getLogger("distributed.client")
+    before = client.level
+    with cluster._quiet():  # pyright: ignore[reportPrivateUsage]
+        assert not client.isEnabledFor(logging.CRITICAL)
+    assert client.level == before
