@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 CONNECT = 10.0  # s to wait for a scheduler, and
-WORKERS = 10.0  # s for its first worker
+WORKERS = 5.0  # s for its first worker
 TLS = "DASK_DISTRIBUTED__COMM__TLS_"
 
 
