@@ -18,6 +18,7 @@ from slamgauge import __version__
 from slamgauge.compare.cli.animate import Animate
 from slamgauge.compare.cli.bench import Bench
 from slamgauge.compare.cli.check import Check
+from slamgauge.compare.cli.completion import Completion
 from slamgauge.compare.cli.doctor import Doctor
 from slamgauge.compare.cli.export import Export
 from slamgauge.compare.cli.grade import Grade
@@ -58,6 +59,7 @@ COMMANDS: dict[str, type[Command]] = {
     "grade": Grade,
     "bench": Bench,
     "doctor": Doctor,
+    "completion": Completion,
 }
 
 

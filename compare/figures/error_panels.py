@@ -21,6 +21,7 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
 PANELS = ("x [m]", "y [m]", "heading [°]")
+ASTRAY = 5.0  # an estimate with errors or bounds so many times the median's leaves the panels
 LONG_TITLE = 45  # characters: the width of a panel of figure.png
 UNITS = np.array([1.0, 1.0, 180.0 / np.pi])
 
@@ -34,37 +35,59 @@ class Reference(NamedTuple):
 
 
 def plot_errors(
-    axes: Iterable[Axes], truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]
+    axes: Iterable[Axes],
+    truth: Truth | None,
+    recording: Recording,
+    estimates: Mapping[str, Estimate],
+    band: str | None = None,
 ) -> None:
     """Draw the errors in x, y [m] and heading [deg] against time on three axes, world frame.
 
-    The 3-sigma bounds of the first estimate with covariances are filled, those of the others are thin lines in
-    their own colours. Dead reckoning would flatten the rest and is left out where there is anything else. Without
-    true poses the differences to batch, or else to iSAM2, are drawn; without those the bounds alone.
+    The 3-sigma bounds of the estimate `band` are filled, by default of the first with covariances, those of the others
+    are thin lines in their own colours. An estimate that has gone astray leaves the panels, and is named, where it
+    would flatten the others; dead reckoning, which would too, is left out where there is anything else. Without true
+    poses the differences to batch, or else to iSAM2, are drawn; without those the bounds alone.
     """
     panels = list(axes)
     reference = reference_of(truth, recording, estimates)
     shown = {name: each for name, each in estimates.items() if name != reference.name}
     left_out = len(shown) > 1 and shown.pop(DEAD_RECKONING, None) is not None
-    panels[0].set_title(_title(reference.title, "(dead reckoning left out)" if left_out else ""))
     chosen = styles(shown)
-    filled = next((name for name, each in shown.items() if each.pose_covs is not None), None)
+    filled = band or next((name for name, each in shown.items() if each.pose_covs is not None), None)
     times = recording.stamps
+    extents: dict[str, Float] = {}
     for name, estimate in shown.items():
         color, dashes = chosen[name]
         errors = pose_errors(reference.poses, estimate.poses) * UNITS
         bounds = _three_sigma(estimate)
+        extents[name] = np.nan_to_num(np.fmax(np.abs(errors), bounds)).max(axis=0)
         for panel, error, bound in zip(panels, errors.T, bounds.T, strict=True):
             panel.plot(times, error, color=color, linestyle=dashes, linewidth=0.8, label=name, zorder=3)
             if name == filled:
                 panel.fill_between(times, -bound, bound, color=color, alpha=0.15, linewidth=0, zorder=1)
             panel.plot(times, bound, times, -bound, color=color, linewidth=0.5, alpha=0.8, zorder=2)
     closures, mark = marked_closures(truth, recording)
-    for panel, label in zip(panels, PANELS, strict=True):
-        _finish(panel, label, times, times[closures])
+    limits, astray = _limits(extents)
+    remarks = [f"{', '.join(astray)} leave{'s' * (len(astray) == 1)} the panels"] * bool(astray)
+    remarks += ["dead reckoning left out"] * left_out
+    panels[0].set_title(_title(reference.title, f"({'; '.join(remarks)})" if remarks else ""))
+    for panel, label, limit in zip(panels, PANELS, limits, strict=True):
+        _finish(panel, label, times, times[closures], limit)
     label = [label_time(panel) for panel in panels][-1]
     ticks = "loop closures" if mark == "loop closure" else mark
     panels[-1].set_xlabel(f"{label}; ticks: {ticks}" if len(closures) else label)
+
+
+def _limits(extents: Mapping[str, Float]) -> tuple[Float, list[str]]:
+    """Heights (3,) of panels that hold extents (3,) of errors and bounds by estimate, and who leaves them."""
+    if not extents:
+        return np.zeros(3), []
+    rows = np.array([*extents.values()])
+    typical = np.sort(rows, axis=0)[(len(rows) - 1) // 2]
+    stays = rows <= ASTRAY * typical
+    return np.where(stays, rows, 0.0).max(axis=0), [
+        name for name, kept in zip(extents, stays, strict=True) if not kept.all()
+    ]
 
 
 def _title(what: str, remark: str) -> str:
@@ -90,11 +113,10 @@ def _three_sigma(estimate: Estimate) -> Float:
     return 3 * np.sqrt(np.diagonal(estimate.pose_covs, axis1=1, axis2=2).clip(min=0)) * UNITS
 
 
-def _finish(panel: Axes, label: str, times: Float, closures: Float) -> None:
+def _finish(panel: Axes, label: str, times: Float, closures: Float, limit: float) -> None:
     """Zero line, marks at the loop closures, and limits that are symmetric so that a bias shows."""
-    panel.margins(y=0.1)
-    limit = max(map(abs, panel.get_ylim()))
-    panel.set_ylim(-limit, limit)
+    height = 1.1 * limit or 1.0
+    panel.set_ylim(-height, height)
     panel.axhline(0, color=MARK_COLOR, linewidth=0.5, zorder=0)
     panel.vlines(closures, 0, 0.06, transform=panel.get_xaxis_transform(), color=TRUTH_COLOR, linewidth=0.4)
     panel.set_xlim(times[0], times[-1])

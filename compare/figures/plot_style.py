@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
+from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,9 +33,15 @@ PRINT: dict[Any, Any] = {
     "ytick.major.width": 0.6,
     "text.parse_math": False,  # names of others may hold dollars; numbers on axes are plain (`plain_numbers`)
     "svg.hashsalt": "slamgauge",  # the same run gives the same file
+    "svg.fonttype": "none",  # text stays text: it can be searched, and edited
+    "path.simplify_threshold": 0.5,  # pixels, points in SVG: less cannot be seen
 }
 WRAPPED: dict[str, Any] = {"wrap": True, "parse_math": True}  # what is wrapped is read for formulas: `math_text`
 LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 2.6, "handletextpad": 0.6, "columnspacing": 1.2}
+
+
+_PATH = re.compile(r' d="[^"]*"')
+_DIGITS = re.compile(r"(\.\d\d)\d+")
 
 
 class _PlainLogarithm(LogFormatterSciNotation):
@@ -84,4 +92,11 @@ def styles(names: Iterable[str]) -> dict[str, Style]:
 def save_png_and_svg(figure: Figure, path: Path) -> None:
     """Write `path`.png (200 dpi) and `path`.svg; the same figure gives the same files."""
     figure.savefig(path.with_suffix(".png"), dpi=200)
-    figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
+    svg = StringIO()
+    figure.savefig(svg, format="svg", metadata={"Date": None})
+    path.with_suffix(".svg").write_text(_thinned(svg.getvalue()), encoding="utf-8")
+
+
+def _thinned(svg: str) -> str:
+    """The coordinates of its paths in hundredths of a point."""
+    return _PATH.sub(lambda path: _DIGITS.sub(r"\1", path.group()), svg)

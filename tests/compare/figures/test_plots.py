@@ -1,4 +1,5 @@
 import dataclasses
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -290,3 +291,25 @@ def test_titles_of_a_figure_without_truth_are_whole(
     for ax in figure.axes:
         extent = ax.title.get_window_extent()
         assert 0.0 <= extent.x0 <= extent.x1 <= width, ax.get_title()
+
+
+def test_who_goes_astray_leaves_the_panels_and_is_named():
+    truth, recording = circle()
+    assert truth.poses is not None
+    near, lost = estimate(truth, [0.01, 0.0, 0.0]), estimate(truth, [40.0, 0.0, 0.0])
+    panels = Figure().subplots(3)
+    plot_errors(panels, truth, recording, {"near": near, "lost": lost, "too": near}, band="too")
+    assert panels[0].get_title() == "error and ±3σ (lost leaves the panels)"
+    assert panels[0].get_ylim() == pytest.approx((-0.66, 0.66))  # 3 sigma are 0.6 m
+    band = next(each for each in panels[0].collections if not isinstance(each, LineCollection))
+    chosen = styles(["near", "lost", "too"])["too"].color
+    assert mpl.colors.to_hex(np.asarray(band.get_facecolor())[0]) == chosen.lower()
+
+
+def test_svg_keeps_text_as_text_and_hundredths_of_a_point(tmp_path: Path):
+    truth, recording = circle()
+    save_figure(tmp_path, truth, recording, {"mine": estimate(truth, [0.01, 0.0, 0.0])}, "a title")
+    svg = (tmp_path / "figure.svg").read_text(encoding="utf-8")
+    assert ">a title</text>" in svg
+    assert ' d="' in svg
+    assert not re.search(r' d="[^"]*\.\d{3}', svg)

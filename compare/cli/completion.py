@@ -1,0 +1,75 @@
+"""`slamgauge completion`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from slamgauge.compare.cli.options import print_result
+from slamgauge.errors import UserError
+
+SHELLS = ("bash", "zsh", "tcsh")
+# where shells look by themselves, below the user's own folder; the others have to be told
+PLACES = {
+    "bash": ".local/share/bash-completion/completions/slamgauge",
+    "zsh": ".zfunc/_slamgauge",
+    "tcsh": ".slamgauge.tcsh",
+}
+THEN = {
+    "bash": "new shells have it (package bash-completion)",
+    "zsh": "have `fpath+=~/.zfunc; autoload -Uz compinit; compinit` in ~/.zshrc",
+    "tcsh": "have `source ~/.slamgauge.tcsh` in ~/.tcshrc",
+}
+
+
+@dataclass
+class Completion:
+    """Let the shell complete commands and options: writes the script to where the shell looks for it.
+
+    For example:
+      slamgauge completion
+      slamgauge completion --shell zsh --print
+    """
+
+    shell: Literal["bash", "zsh", "tcsh"] | None = None
+    """For which; yours, of the environment variable SHELL, if not given."""
+
+    print: bool = False
+    """Print the script on standard output instead."""
+
+    def __call__(self) -> None:
+        """Write or print it."""
+        from slamgauge.compare.storage.files import explained
+
+        shell = self.shell or Path(os.environ.get("SHELL", "")).name
+        if shell not in SHELLS:
+            raise UserError(f"shell: {shell or 'none'} has no completion here; give --shell {', '.join(SHELLS)}")
+        if self.print:
+            print_result(completion_script(shell))
+            return
+        place = Path.home() / PLACES[shell]
+        with explained(place, "written"):
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_text(completion_script(shell) + "\n", encoding="utf-8")
+        sys.stderr.write(f"written to {place}: {THEN[shell]}\n")
+
+
+def completion_script(shell: str) -> str:
+    """The script by which a shell completes `slamgauge`."""
+    from slamgauge.compare.cli.main import COMMANDS
+    from slamgauge.compare.cli.parsing import CONFIG, overview
+
+    told = StringIO()
+    try:
+        with redirect_stdout(told):
+            tyro.cli(overview(COMMANDS), prog="slamgauge", args=["--tyro-print-completion", shell], config=CONFIG)
+    except SystemExit:
+        pass
+    return told.getvalue().rstrip("\n")
