@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.collections import Collection, EllipseCollection, LineCollection
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
@@ -303,7 +304,7 @@ def test_who_goes_astray_leaves_the_panels_and_is_named():
     assert panels[0].get_ylim() == pytest.approx((-0.66, 0.66))  # 3 sigma are 0.6 m
     band = next(each for each in panels[0].collections if not isinstance(each, LineCollection))
     chosen = styles(["near", "lost", "too"])["too"].color
-    assert mpl.colors.to_hex(np.asarray(band.get_facecolor())[0]) == chosen.lower()
+    assert to_hex(np.asarray(band.get_facecolor())[0]) == chosen.lower()
 
 
 def test_svg_keeps_text_as_text_and_hundredths_of_a_point(tmp_path: Path):
