@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
-from contextlib import redirect_stdout
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 from typing import Literal
-
-import tyro
 
 from slamgauge.compare.cli.options import print_result
 from slamgauge.errors import UserError
@@ -62,14 +59,6 @@ class Completion:
 
 
 def completion_script(shell: str) -> str:
-    """The script by which a shell completes `slamgauge`."""
-    from slamgauge.compare.cli.main import COMMANDS
-    from slamgauge.compare.cli.parsing import CONFIG, overview
-
-    told = StringIO()
-    try:
-        with redirect_stdout(told):
-            tyro.cli(overview(COMMANDS), prog="slamgauge", args=["--tyro-print-completion", shell], config=CONFIG)
-    except SystemExit:
-        pass
-    return told.getvalue().rstrip("\n")
+    """The script by which a shell completes `slamgauge`, as tyro makes it of all commands."""
+    command = [sys.executable, "-P", "-m", "slamgauge", "--tyro-print-completion", shell]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.rstrip("\n")
