@@ -22,6 +22,7 @@ from slamgauge.compare.storage.results_folder import Results, load_results
 from slamgauge.estimate import Kind
 
 LARGEST = 2_950_000  # bytes of a page: 3 MB, with room for what a browser may add when it saves it
+MOST_CLOSURES = 500  # rows of that table
 PICTURES = {
     "figure.png": (
         "Map of the run with paths, landmarks and 3-sigma ellipses, beside the errors in x, y and heading against time",
@@ -132,8 +133,10 @@ def closure_table(metrics: dict[str, Any]) -> Table:
         for name, entry in metrics["estimators"].items()
         for closure in entry.get("loop_closure") or ()
     ]
+    every = max(-(-len(rows) // MOST_CLOSURES), 1)
+    which = "each loop closure" if every == 1 else f"1 in {every} loop closures"
     heads = [Head("estimator", words=True), Head("step"), *map(Head, titles)]
-    return Table("closures", "Position error and its sigma before and after each loop closure", heads, rows)
+    return Table("closures", f"Position error and its sigma before and after {which}", heads, rows[::every])
 
 
 def legend(results: Results) -> str:

@@ -16,6 +16,7 @@ from slamgauge import UserError
 from slamgauge.compare.report.packing import pack
 from slamgauge.compare.report.page import ASSETS, MODULES, json_text, program, render
 from slamgauge.compare.report.publishing import publish_report
+from slamgauge.compare.report.run_page import closure_table
 
 BARE = re.compile(r"^(?:export )?(?:async )?(?:function|class|const|let) +(\w+)", re.MULTILINE)
 SOURCES = {name: (ASSETS / "modules" / f"{name}.js").read_text(encoding="utf-8") for name in MODULES}
@@ -111,6 +112,14 @@ def test_the_program_has_neither_imports_nor_exports_nor_makes_code_of_texts() -
     assert not re.findall(
         r"\beval\b|new Function|innerHTML|insertAdjacentHTML|document\.write|fetch\(|https?:", program()
     )
+
+
+def test_a_table_of_very_many_loop_closures_has_some_of_them() -> None:
+    keys = ("error_before_m", "error_after_m", "sigma_before_m", "sigma_after_m")
+    closures = [{"step": step, **dict.fromkeys(keys, 0.1)} for step in range(10_000)]
+    table = closure_table({"estimators": {"ekf": {"loop_closure": closures}, "batch": {"loop_closure": None}}})
+    assert len(table.rows) == 500
+    assert "1 in 20 loop closures" in table.caption
 
 
 def test_a_folder_without_results_is_refused_in_one_line(tmp_path: Path) -> None:
