@@ -10,6 +10,7 @@ import numpy as np
 
 from slamgauge.compare.noise.association import with_ids
 from slamgauge.compare.noise.diagnosis import Diagnosis, diagnose
+from slamgauge.compare.noise.lasting import larger, lasting, sights_counted_as_one
 from slamgauge.compare.noise.model import NoiseModel
 from slamgauge.compare.noise.outliers import Fit, fit
 from slamgauge.compare.noise.profile import ends
@@ -55,7 +56,9 @@ class Noise:
         after: the same of the noise found.
         log_likelihood_gain: of the noise found over the one assumed [nats].
         held_out: the gain where nothing was fitted; None if one half of the log tells too little.
-        told: the recording given, with the noise found and without the systematic errors.
+        sights_counted_as_one: how many of a landmark, because their errors last; 1 where they are white.
+        told: the recording given, with the noise found, covariances of observations times `sights_counted_as_one`, and
+            without the systematic errors; as it was given where what is found loses on what was held out.
     """
 
     recording: Recording
@@ -70,6 +73,7 @@ class Noise:
     after: Diagnosis
     log_likelihood_gain: float
     held_out: HeldOut | None
+    sights_counted_as_one: float
     told: Recording
 
     @property
@@ -95,6 +99,11 @@ def find_noise(recording: Recording, *, systematic: bool = False) -> Noise:
     used = found.model
     before = _require_update(used.as_assumed())
     values, local = found.values, _supported(found)
+    after = diagnose(used, found.innovations, values)
+    held_out = _held_out(used, before)
+    is_kept = held_out is not None and held_out.log_likelihood_gain < 0.0
+    correlation = 0.0 if is_kept else lasting(after)
+    counted = sights_counted_as_one(used, values, correlation) if correlation else 1.0
     return Noise(
         recording=used.recording,
         assumed=model.told.assumed,
@@ -105,10 +114,11 @@ def find_noise(recording: Recording, *, systematic: bool = False) -> Noise:
         first_sights_left_out=len(known.observation) - len(used.recording.observation),
         left_without_id=len(recording.observation) - len(known.observation),
         before=diagnose(used, before, {}),
-        after=diagnose(used, found.innovations, values),
+        after=after,
         log_likelihood_gain=_total(found.innovations) - _total(before),
-        held_out=_held_out(used, before),
-        told=Told(recording).under(values),
+        held_out=held_out,
+        sights_counted_as_one=counted,
+        told=recording if is_kept else Told(recording).under(larger(used, values, counted)),
     )
 
 

@@ -47,6 +47,7 @@ def noise_json(noise: Noise) -> dict[str, Any]:
         },
         "log_likelihood_gain": noise.log_likelihood_gain,
         "held_out": None if noise.held_out is None else noise.held_out._asdict(),
+        "sights_counted_as_one": noise.sights_counted_as_one,
         "first_sights_left_out": noise.first_sights_left_out,
         "left_without_id": noise.left_without_id,
     }

@@ -3,6 +3,9 @@
 Only channels whose innovations have heavy tails under the best Gaussian noise are looked at more closely; there the
 laws compete by likelihood, each parameter charged log(n) / 2 (Schwarz, Annals of Statistics 6(2), 1978).
 
+Tails without a gap are evidence only where errors are new with every sight: where they last, what looks like many small
+outliers is a few large errors seen again and again. Only outliers that stand apart are looked for there.
+
 A landmark that begins with an outlier stands in the wrong place, and all its later sights look like outliers. A first
 sight that most of the next ones contradict is therefore left out, and the landmark begins with the next.
 """
@@ -16,6 +19,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.noise.diagnosis import diagnose
+from slamgauge.compare.noise.lasting import lasting
 from slamgauge.compare.noise.likelihood import ITERATIONS, Likelihood
 from slamgauge.compare.noise.model import Law, NoiseModel
 from slamgauge.ekf.innovations import Innovations
@@ -66,15 +70,19 @@ class Fit(NamedTuple):
 def fit(model: NoiseModel) -> Fit:
     """The best noise, with outliers where the likelihood asks for them."""
     nearly = _maximum(model, model.start(), NEARLY)
-    heavy = _heavy_tails(nearly)
+    diagnosis = diagnose(nearly.model, nearly.innovations, nearly.values)
+    heavy = [channel for channel, scores in diagnosis.scores.items() if _is_heavy(scores)]
     if not heavy:
         return nearly.finished()
-    mixed = _fit_mixture(nearly, heavy)
+    begun = _begun_mixture(nearly, heavy)
+    if lasting(diagnosis) and not _is_apart(begun, heavy):
+        return nearly.finished()
+    mixed = _finished_mixture(begun)
     bare = model.on(mixed.model.recording)  # all laws compete on the same observations
     rivals = [mixed]
     if len(bare.recording.observation) == len(model.recording.observation):  # else there are outliers without doubt
         rivals.append(nearly)
-    if any(mixed.values[f"{channel} spread"] < APART * mixed.values[channel] for channel in heavy):
+    if not _is_apart(mixed, heavy):
         student = bare.with_laws(tuple(Law(channel, "student-t") for channel in heavy))
         rivals.append(_maximum(student, _start(student, nearly)))
     best = max(rivals, key=lambda each: each.merit)
@@ -86,29 +94,34 @@ def _maximum(model: NoiseModel, start: Float, iterations: int = ITERATIONS) -> F
     return Fit(likelihood, likelihood.maximum(start, iterations))
 
 
-def _heavy_tails(fit: Fit) -> list[str]:
-    """Channels with more kurtosis than a normal distribution has by chance."""
-    found = diagnose(fit.model, fit.innovations, fit.values).scores
-    return [channel for channel, scores in found.items() if _is_heavy(scores)]
-
-
 def _is_heavy(scores: Float) -> bool:
+    """Whether scores have more kurtosis than those of a normal distribution by chance."""
     if not len(scores):
         return False
     excess = float(np.mean(scores**4) / np.mean(scores**2) ** 2) - 3.0
     return excess > max(HEAVY, SIGNIFICANT * math.sqrt(24.0 / len(scores)))
 
 
-def _fit_mixture(gaussian: Fit, heavy: list[str]) -> Fit:
-    """The best mixture, with first sights left out that the next ones contradict."""
+def _begun_mixture(gaussian: Fit, heavy: list[str]) -> Fit:
+    """A mixture near its maximum, with first sights left out that the next ones contradict."""
     model = gaussian.model.with_laws(tuple(Law(channel, "mixture") for channel in heavy))
     point = _start(model, gaussian)
     for _ in range(REFINED):
         model = _settled(model, point)
         point = _refined(model, point)
-    mixed = _maximum(model, point)
-    again = _settled(model, mixed.best)
-    return mixed if again is model else _maximum(again, mixed.best)
+    return Fit(Likelihood(model), point)
+
+
+def _finished_mixture(begun: Fit) -> Fit:
+    """The best mixture."""
+    mixed = begun.finished()
+    again = _settled(mixed.model, mixed.best)
+    return mixed if again is mixed.model else _maximum(again, mixed.best)
+
+
+def _is_apart(mixed: Fit, heavy: list[str]) -> bool:
+    """Whether a gap parts the outliers of every channel from its other errors."""
+    return all(mixed.values[f"{channel} spread"] >= APART * mixed.values[channel] for channel in heavy)
 
 
 def _start(model: NoiseModel, gaussian: Fit) -> Float:

@@ -11,13 +11,13 @@ from collections.abc import Iterator
 
 from slamgauge.compare.noise.diagnosis import Diagnosis, Nis
 from slamgauge.compare.noise.finding import Noise, Supported
+from slamgauge.compare.noise.lasting import WORTH_SAYING
 from slamgauge.compare.noise.told import UNITS
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.text_page import Grid, Page
 
 LEVEL = 0.95
 MANY = 5  # landmarks that are named at most
-WORTH_SAYING = 0.05  # of a correlation: less changes no interval by more than 5 %
 HEADINGS = ("noise", "unit", "assumed", "found", "95 % interval", "verdict")
 
 
@@ -113,6 +113,12 @@ def _whiteness(noise: Noise) -> Iterator[str]:
                 f"{channel} is not white: successive sights of a landmark correlate by {first:+.2f} "
                 f"(white: within {band:.2f}); intervals, which suppose white noise, are too narrow"
             )
+    counted = noise.sights_counted_as_one
+    if counted > 1.0:
+        yield (
+            f"errors last: {counted:.2g} sights of a landmark count as one within the filter's memory; covariances of "
+            "observations are written that many times larger than found"
+        )
 
 
 def _gain(noise: Noise) -> Iterator[str]:
@@ -123,5 +129,5 @@ def _gain(noise: Noise) -> Iterator[str]:
         gain, count = noise.held_out
         yield (
             f"held out: the first half's noise gains {gain:+.1f} nats on the {count} observations of the second "
-            f"({gain / count:+.3f} each)"
+            f"({gain / count:+.3f} each)" + ("; it loses there, and the noise assumed is kept" if gain < 0.0 else "")
         )

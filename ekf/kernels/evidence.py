@@ -19,7 +19,7 @@ from slamgauge.ekf.kernels.covariance import innovation_covariance, mirror_robot
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
 from slamgauge.ekf.kernels.precision import are_variances_lost
 from slamgauge.ekf.kernels.prediction import predict
-from slamgauge.ekf.kernels.rows_with_tails import Rows, Tails, factor_weighing
+from slamgauge.ekf.kernels.rows_with_tails import Rows, Run, Tails, continued, factor_weighing, longest_run
 from slamgauge.ekf.kernels.workspace import BLOCK_CORRECTION, CORRECTION, Workspace
 
 WHOLE = -1
@@ -50,14 +50,16 @@ def run_log(
 
     The belief holds the prior, and has room for all landmarks.
     """
+    run, longest = Run(0, -1), longest_run(tails)
     for step in range(len(order.new)):
         if step > 0 and not predict(belief, measured.increment[step - 1], measured.increment_cov[step - 1]):
             return step
         start, new, end = order.first[step], order.new[step], order.first[step + 1]
         if new > start:
             _load(order, measured, start, new, work)
-            if not _take_in(sensor, belief, new - start, tails, work, rows, start):
+            if not _take_in(sensor, belief, new - start, tails, run.length >= longest, work, rows, start):
                 return step
+            run = continued(run, order.slots, rows, start, new)
         if end > new:
             _load(order, measured, new, end, work)
             augment(sensor, belief, end - new, work)
@@ -78,7 +80,9 @@ def _load(order: Order, measured: Measured, start: int, end: int, work: Workspac
 
 
 @kernel
-def _take_in(sensor: int, belief: Belief, count: int, tails: Tails, work: Workspace, rows: Rows, start: int) -> bool:
+def _take_in(
+    sensor: int, belief: Belief, count: int, tails: Tails, is_lost: bool, work: Workspace, rows: Rows, start: int
+) -> bool:
     """Correct with the first `count` observations of the workspace, weighed; False if no update exists.
 
     `take_in` and `update_right_invariant` with a weight for every row, which `rows` takes from observation `start` on.
@@ -94,7 +98,7 @@ def _take_in(sensor: int, belief: Belief, count: int, tails: Tails, work: Worksp
         project_covariance(belief.cov, size, slots, jacobian, work.W)
         innovation_covariance(work.W, slots, jacobian, work.observation_cov[first:last], work.S)
         y, height = work.innovation[2 * first : 2 * last], 2 * (last - first)
-        if not factor_weighing(work.S, y, jacobian, tails, rows, 2 * (start + first)):
+        if not factor_weighing(work.S, y, jacobian, tails, is_lost, rows, 2 * (start + first)):
             return False
         solve_factor(work.S, work.W, height, size)
         if are_variances_lost(belief.cov, slots, work.W, height):

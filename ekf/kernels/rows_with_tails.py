@@ -10,6 +10,9 @@ A row that may be an outlier corrects by its weight w alone, the probability tha
 (dof + 1) / (dof + e^2 / v), at most 1): its pivot is divided by w, and the gain multiplied by it. That keeps the mean
 of the mixture of posteriors, as probabilistic data association does, and leaves out the spread of its means (Bar-Shalom
 and Tse, Automatica 11(5), 1975).
+
+A filter that is lost takes all that it sees for outliers, and would never come back. A run of outliers of landmark
+after landmark that is less likely than INCREDIBLE is therefore none: rows correct by their full weight until one fits.
 """
 
 from __future__ import annotations
@@ -22,6 +25,8 @@ from slamgauge.compiled import inner, kernel
 
 GAUSSIAN, MIXTURE, STUDENT_T = 0, 1, 2
 LEAST_WEIGHT = 1e-12
+DOUBTED = 0.5  # a row of less weight is rather an outlier than none
+INCREDIBLE = 1e-9
 HALF_LOG_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
@@ -32,6 +37,13 @@ class Tails(NamedTuple):
     rate: Float  # (2,) share of outliers of the mixture
     spread: Float  # (2,) what their standard deviation has more [m or rad]
     dof: Float  # (2,) degrees of freedom of Student's t
+
+
+class Run(NamedTuple):
+    """Landmarks that came one after the other and were all doubted."""
+
+    length: int  # how many times the landmark changed, and 1
+    slot: int  # the newest; -1 after one that was not doubted
 
 
 class Rows(NamedTuple):
@@ -63,10 +75,11 @@ def weigh(e: float, v: float, row: int, tails: Tails) -> tuple[float, float]:
 
 
 @kernel
-def factor_weighing(S: Float, y: Float, jacobian: Float, tails: Tails, rows: Rows, first: int) -> bool:
+def factor_weighing(S: Float, y: Float, jacobian: Float, tails: Tails, is_lost: bool, rows: Rows, first: int) -> bool:
     """S = U'U in place with pivots divided by weights, and y <- U'^-1 y; fills `rows` from row `first` on.
 
-    Upper triangle only, of as many rows as y has. False if S is not positive definite.
+    Upper triangle only, of as many rows as y has. A filter that is lost corrects by full weights. False if S is not
+    positive definite.
     """
     count = len(y)
     for a in range(count):
@@ -81,7 +94,7 @@ def factor_weighing(S: Float, y: Float, jacobian: Float, tails: Tails, rows: Row
             k = first + a
             rows.innovation[k], rows.variance[k] = e, variance
             rows.weight[k], rows.log_likelihood[k] = weight, likelihood
-        root = math.sqrt(variance / weight)
+        root = math.sqrt(variance if is_lost else variance / weight)
         y[a] = e / root
         S[a, a] = root
         for c in range(a + 1, count):
@@ -90,6 +103,28 @@ def factor_weighing(S: Float, y: Float, jacobian: Float, tails: Tails, rows: Row
             for c in range(b, count):
                 S[b, c] -= S[a, b] * S[a, c]
     return True
+
+
+@kernel
+def longest_run(tails: Tails) -> float:
+    """Landmarks in a row that may all be outliers."""
+    longest = 1e9  # without a mixture: any number
+    for row in range(len(tails.law)):
+        if tails.law[row] == MIXTURE:
+            longest = min(longest, math.log(INCREDIBLE) / math.log(tails.rate[row]))
+    return longest
+
+
+@kernel
+def continued(run: Run, slots: Int, rows: Rows, start: int, end: int) -> Run:
+    """The run after the observations start..end."""
+    for i in range(start, end):
+        told = rows.variance[2 * i] + rows.variance[2 * i + 1] > 0.0
+        if told and min(rows.weight[2 * i], rows.weight[2 * i + 1]) >= DOUBTED:
+            run = Run(0, -1)
+        elif told and slots[i] != run.slot:
+            run = Run(run.length + 1, slots[i])
+    return run
 
 
 @inner

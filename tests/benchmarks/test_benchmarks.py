@@ -77,6 +77,12 @@ SMALLEST = {
         "both bearing 2 ",
         "seconds a recording, with outliers: median ",
     ),
+    "noise_lasting": (  # 6 s
+        "--recordings 1",
+        "correlations count as one simulated: ATE [m] NEES found: ATE [m] NEES written: ATE [m] NEES",
+        "0.9 0.9 ",
+        "0.0 0.0 1.00 ",
+    ),
     "optimum_times": ("--landmarks 20 --marginals 20", "landmarks build optimise build/opt. finish", "20 "),  # 2 s
     "scale_of_bearings": (  # 4 s
         "--runs 2 --steps 300 --scenario q4-three-landmarks",

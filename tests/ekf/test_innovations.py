@@ -95,6 +95,17 @@ def test_a_row_that_is_an_outlier_moves_nothing():
     assert np.nanmax(plain) > 10.0
 
 
+def test_a_filter_that_is_lost_comes_back():
+    """After a jump of the robot that no odometry tells, all that follows looks like outliers: half of them for ever."""
+    recording = recording_of()
+    odometry = recording.odometry.copy()
+    odometry[recording.steps // 2, 0] += 6.0
+    mixture = Tails(np.full(2, MIXTURE), np.full(2, 0.01), np.array([4.0, 1.0]), np.ones(2))
+    found = as_it_is(replace(recording, odometry=odometry), mixture)
+    late = recording.observation_step > 0.8 * recording.steps
+    assert np.nanmean(found.weight[late] < 0.5) < 0.1
+
+
 def test_what_it_cannot_filter_is_refused():
     recording = recording_of()
     with pytest.raises(UserError, match="landmark: a log without ids"):

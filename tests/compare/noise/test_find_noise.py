@@ -109,6 +109,37 @@ def test_heavy_tails_without_a_gap_are_students():
     assert found.parameters["range"].value == pytest.approx(0.1, rel=0.15)
 
 
+def test_sights_whose_errors_last_count_as_less():
+    """Range errors of a landmark correlate by .9 from sight to sight: averaged for ever, 19 would count as one."""
+    recording = recording_of("sensor.sigma_range=1e-6", "assumed.scale=1", duration=15.0)
+    ids = recording.landmark
+    assert ids is not None
+    errors, last = np.random.default_rng(5).standard_normal(len(ids)), dict[int, float]()
+    for place, each in enumerate(ids.tolist()):
+        if each in last:
+            errors[place] = 0.9 * last[each] + math.sqrt(0.19) * errors[place]
+        last[each] = float(errors[place])
+    observation = recording.observation.copy()
+    observation[:, 0] = np.abs(observation[:, 0] + 0.1 * errors)
+    covs = np.broadcast_to(np.diag([0.04, 4.0 * TRUE["bearing"] ** 2]), (len(ids), 2, 2))
+    found = find_noise(replace(recording, observation=observation, observation_cov=covs))
+    assert 2.0 < found.sights_counted_as_one < 10.0
+    for place, name in enumerate(("range", "bearing")):
+        told = found.sights_counted_as_one * found.parameters[name].value ** 2
+        np.testing.assert_allclose(found.told.observation_cov[:, place, place], told)
+    assert "sights of a landmark count as one" in noise_table(found)
+    assert noise_json(found)["sights_counted_as_one"] == found.sights_counted_as_one
+
+
+def test_noise_that_loses_on_what_was_held_out_is_not_written():
+    recording = recording_of("assumed.scale=1", duration=8.0, seed=3)
+    found = find_noise(recording)
+    assert found.held_out is not None
+    assert found.held_out.log_likelihood_gain < 0.0
+    assert found.told == recording
+    assert "the noise assumed is kept" in noise_table(found)
+
+
 def test_systematic_errors_are_found():
     recording = recording_of("assumed.scale=1", "motion.sigma_speed=0.02", "motion.sigma_yaw_rate_deg=0.5")
     odometry, observation = recording.odometry.copy(), recording.observation + np.array([0.15, 0.04])
