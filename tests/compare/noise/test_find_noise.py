@@ -127,7 +127,7 @@ def test_sights_whose_errors_last_count_as_less():
     for place, name in enumerate(("range", "bearing")):
         told = found.sights_counted_as_one * found.parameters[name].value ** 2
         np.testing.assert_allclose(found.told.observation_cov[:, place, place], told)
-    assert "sights of a landmark count as one" in noise_table(found)
+    assert "sights of a landmark count as one" in str(noise_table(found))
     assert noise_json(found)["sights_counted_as_one"] == found.sights_counted_as_one
 
 
@@ -137,7 +137,7 @@ def test_noise_that_loses_on_what_was_held_out_is_not_written():
     assert found.held_out is not None
     assert found.held_out.log_likelihood_gain < 0.0
     assert found.told == recording
-    assert "the noise assumed is kept" in noise_table(found)
+    assert "the noise assumed is kept" in str(noise_table(found))
 
 
 def test_systematic_errors_are_found():
