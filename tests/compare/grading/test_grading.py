@@ -134,7 +134,13 @@ def test_a_page_tells_each_of_them_what_there_is_to_know(graded: Path):
     assert "| ATE [m] | " in page
     assert "do not judge it: its noise is its own" in (graded / "submissions/own_noise.md").read_text()
     assert (graded / "submissions/broken.md").read_text().startswith("# broken: not graded\n")
-    assert {path.name for path in graded.iterdir()} == {"grades.csv", "grades.xml", "submissions", ".slamgauge.json"}
+    assert {path.name for path in graded.iterdir()} == {
+        "grades.csv",
+        "grades.xml",
+        "submissions",
+        "report.html",
+        ".slamgauge.json",
+    }
 
 
 def test_all_graded_is_status_0_and_json_has_the_rows(
