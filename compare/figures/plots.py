@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from slamgauge.arrays import Float
+from slamgauge.compare.estimators.registry import YARDSTICKS
 from slamgauge.compare.figures.closure_marks import marked_closures
 from slamgauge.compare.figures.ellipses import draw_ellipses
 from slamgauge.compare.figures.error_panels import plot_errors
@@ -29,7 +30,8 @@ from slamgauge.compare.figures.plot_style import (
 )
 from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.compare.scoring.landmark_identity import true_landmarks
-from slamgauge.compare.scoring.optimum_notes import distance_from_hindsight
+from slamgauge.compare.scoring.optimum_figures import is_misfit
+from slamgauge.compare.scoring.optimum_notes import distance_from_hindsight, misfits
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
@@ -126,7 +128,7 @@ def save_figure(
 ) -> None:
     """Write figure.png (200 dpi) and figure.svg into `folder`: the map beside the errors, 7.2 x 4.6 in.
 
-    An optimum that its check puts in doubt is named under the title.
+    An optimum that its check puts in doubt, or its residuals, is named under the title.
     """
     with mpl.rc_context(PRINT):
         figure = Figure(figsize=PAGE, layout="constrained")
@@ -137,6 +139,7 @@ def save_figure(
         handles, labels = left_axes.get_legend_handles_labels()
         columns = 6 if max(map(len, labels)) <= LONG_LABEL else 4
         figure.legend(handles, labels, loc="outside lower center", ncols=columns, **LEGEND)
-        doubts = [distance_from_hindsight(name, estimate.optimum_check) for name, estimate in estimates.items()]
+        doubts = [misfits([name for name in YARDSTICKS.values() if name in estimates and is_misfit(estimates[name])])]
+        doubts += [distance_from_hindsight(name, estimate.optimum_check) for name, estimate in estimates.items()]
         figure.suptitle("\n".join([title, *filter(None, doubts)]))
         save_png_and_svg(figure, folder / "figure")

@@ -24,9 +24,9 @@ from slamgauge.compare.scenarios.scenario import Scenario, sampled
 from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scenarios.schema import Assumed
 from slamgauge.compare.scenarios.simulation import informed, simulate
-from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval
-from slamgauge.compare.scoring.optimum_figures import share_of_doubt
-from slamgauge.compare.scoring.optimum_notes import MARK, at_places
+from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval, mean_interval
+from slamgauge.compare.scoring.optimum_figures import chi_square_per_dof, is_misfit_in_runs, share_of_doubt
+from slamgauge.compare.scoring.optimum_notes import MARK, at_places, misfits
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe, mean_figures, ray_figures
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import marked
@@ -66,8 +66,8 @@ class Rung:
 class ErrorBudget:
     """The budget of one filter on one scenario; `costliest` is the rung above the first that adds most.
 
-    `rays` is what became of the rays of a bearing-only filter, in the mean over runs, `scenario_text` the
-    scenario as a TOML file.
+    `fit` is chi2/dof of the hindsight optimum, `rays` what became of the rays of a bearing-only filter, both in the
+    mean over runs; `scenario_text` is the scenario as a TOML file.
     """
 
     scenario: str
@@ -75,6 +75,7 @@ class ErrorBudget:
     runs: int
     rungs: tuple[Rung, ...]
     costliest: str
+    fit: Interval | None
     rays: RayFigures | None = None
     scenario_text: str | None = None
 
@@ -96,12 +97,15 @@ class ErrorBudget:
             "runs": self.runs,
             "rungs": rungs,
             "costliest": self.costliest,
+            "chi_square_per_dof": None if self.fit is None else self.fit._asdict(),
             "verdict": verdict(self),
         }
         return content if self.rays is None else {**content, "rays": self.rays._asdict()}
 
     def doubtful(self) -> set[str]:
-        """Rungs whose addition starts or ends at an optimum in doubt."""
+        """Rungs whose addition starts or ends at an optimum in doubt; all, if the optima are none of what happened."""
+        if is_misfit_in_runs(self.fit):
+            return {rung.name for rung in self.rungs}
         starts = (None, *self.rungs[:-1])
         return {
             rung.name
@@ -111,10 +115,14 @@ class ErrorBudget:
 
 
 class RungErrors(NamedTuple):
-    """One run of a budget: mean squared errors (5,) [m^2], a rung each, their optima's checks (5,), and the rays."""
+    """One run of a budget: mean squared errors (5,) [m^2], a rung each, their optima's checks (5,), and the rays.
+
+    `fit` is chi2/dof of the hindsight optimum, NaN where it does not tell.
+    """
 
     errors: Float
     checks: Float
+    fit: float
     rays: RayFigures | None
 
 
@@ -148,20 +156,23 @@ def error_budget(
     finally:
         for future in pending:
             future.cancel()
-    errors, checks, rays = zip(*results, strict=True)
-    budget = summarise_budget(scenario.name, asked.label, np.array(errors), np.array(checks))
+    errors, checks, fits, rays = zip(*results, strict=True)
+    budget = summarise_budget(scenario.name, asked.label, np.array(errors), np.array(checks), np.array(fits))
     return replace(budget, rays=mean_figures(rays), scenario_text=scenario_text(scenario))
 
 
-def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Float) -> ErrorBudget:
-    """The budget of mean squared errors (runs, 5) [m^2], a column per rung, and of checks likewise, NaN for none."""
+def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Float, fits: Float) -> ErrorBudget:
+    """The budget of mean squared errors (runs, 5) [m^2], a column per rung, of checks likewise, and of fits (runs,).
+
+    Checks and fits that are not told are NaN.
+    """
     increments = np.diff(table, axis=1, prepend=0.0)
     rungs = tuple(
         Rung(name, float(errors.mean()), bootstrap_interval(added), share_of_doubt(check))
         for name, errors, added, check in zip(RUNGS, table.T, increments.T, checks.T, strict=True)
     )
     costliest = max(rungs[1:], key=lambda rung: rung.increment_m2.mean).name
-    return ErrorBudget(scenario, filter_name, len(table), rungs, costliest)
+    return ErrorBudget(scenario, filter_name, len(table), rungs, costliest, mean_interval(fits))
 
 
 def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked) -> RungErrors:
@@ -190,7 +201,8 @@ def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked) -> RungError
     rungs = (hindsight, causal, assuming, associating, estimate)
     errors = np.array([_mse(truth, each) for each in rungs])
     checks = np.array([each.optimum_check for each in rungs], dtype=np.float64)
-    return RungErrors(errors, checks, ray_figures(truth, recording, estimate))
+    fit = chi_square_per_dof(truth, told, hindsight)
+    return RungErrors(errors, checks, np.nan if fit is None else fit, ray_figures(truth, recording, estimate))
 
 
 def _run(name: str, recording: Recording) -> Estimate:
@@ -218,8 +230,10 @@ def budget_table(budget: ErrorBudget) -> Page:
 
 
 def doubts(budget: ErrorBudget) -> list[str]:
-    """Which rungs are optima in doubt, and in which share of the runs."""
-    return at_places(CAUSAL, {rung.name: rung.optimum_check_share for rung in budget.rungs})
+    """That the optima are none of what has happened; which rungs are optima in doubt, in which share of the runs."""
+    misfit = misfits([HINDSIGHT, CAUSAL]) if is_misfit_in_runs(budget.fit) else None
+    told = at_places(CAUSAL, {rung.name: rung.optimum_check_share for rung in budget.rungs})
+    return [misfit, *told] if misfit else told
 
 
 def verdict(budget: ErrorBudget) -> str:

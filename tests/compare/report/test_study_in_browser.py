@@ -131,7 +131,7 @@ def test_the_command_of_a_run_has_the_settings_of_the_study():
 
 def budget(folder: Path) -> None:
     errors = np.random.default_rng(0).uniform(1.0, 2.0, (5, len(RUNGS)))
-    found = summarise_budget(NAMED, "ekf", errors, np.full(errors.shape, np.nan))
+    found = summarise_budget(NAMED, "ekf", errors, np.full(errors.shape, np.nan), np.ones(len(errors)))
     (folder / "budget.json").write_text(json.dumps(found.to_json()))
 
 

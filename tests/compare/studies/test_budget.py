@@ -84,14 +84,14 @@ def test_a_filter_without_ids_pays_for_its_associations_alone() -> None:
 def test_the_costliest_rung_is_named_with_its_share() -> None:
     table = np.array([[1.0, 1.5, 1.5, 1.5, 4.0], [1.0, 2.0, 2.0, 2.0, 4.0]])
     unchecked = np.full_like(table, np.nan)
-    budget = summarise_budget("somewhere", "ekf", table, unchecked)
+    budget = summarise_budget("somewhere", "ekf", table, unchecked, np.ones(2))
     assert budget.costliest == "linearisation"
     assert budget.rungs[1].increment_m2.mean == 0.75
     assert str(budget_table(budget)).splitlines()[-1] == (
         "ekf on somewhere, 2 runs: of 4.0000 m^2 (RMS 2.000 m) 1.0000 m^2 no estimator avoids; "
         "most of the rest goes to linearisation: 2.2500 m^2, 56% of the whole."
     )
-    assert str(budget_table(summarise_budget("here", "riekf", np.ones((1, 5)), unchecked[:1]))).endswith(
+    assert str(budget_table(summarise_budget("here", "riekf", np.ones((1, 5)), unchecked[:1], np.ones(1)))).endswith(
         "no rung above that costs anything."
     )
 
@@ -114,7 +114,16 @@ def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest
     printed = capsys.readouterr().out
     content = json.loads((tmp_path / "budget" / "budget.json").read_text())
     origin = {"version", "command", "scenario_text"}
-    assert set(content) == {*origin, "scenario", "filter", "runs", "rungs", "costliest", "verdict"}
+    assert set(content) == {
+        *origin,
+        "scenario",
+        "filter",
+        "runs",
+        "rungs",
+        "costliest",
+        "verdict",
+        "chi_square_per_dof",
+    }
     assert content["verdict"] in printed.splitlines()
     assert "no estimator avoids" in content["verdict"]
     assert set(content["rungs"][0]) == {"name", "mse_m2", "increment_m2", "optimum_check_share"}
@@ -126,8 +135,8 @@ def test_rungs_that_are_optima_in_doubt_are_marked_and_named(tmp_path: Path, sav
     sure = np.array([[np.nan, 0.01, 0.01, 0.05, np.nan]] * 2)
     doubtful = sure.copy()
     doubtful[0, 3] = np.inf
-    budget = summarise_budget("somewhere", "ekf", table, doubtful)
-    assert str(budget_table(summarise_budget("somewhere", "ekf", table, sure))).count("?") == 0
+    budget = summarise_budget("somewhere", "ekf", table, doubtful, np.ones(2))
+    assert str(budget_table(summarise_budget("somewhere", "ekf", table, sure, np.ones(2)))).count("?") == 0
     lines = str(budget_table(budget)).splitlines()
     assert [line.count("?") for line in lines[:6]] == [0, 0, 0, 0, 1, 1]
     assert "linearisation: 1.7500? m^2, 44%? of the whole." in lines[-2]
@@ -142,6 +151,27 @@ def test_rungs_that_are_optima_in_doubt_are_marked_and_named(tmp_path: Path, sav
     (axes,) = saved["budget"].axes
     assert [text.get_text().count("?") for text in axes.texts] == [0, 0, 0, 1, 1, 0]
     assert note.replace(": ", ":\n", 1) in axes.get_title(loc="left")
+
+
+def test_optima_that_are_none_of_what_has_happened_are_said_to_be_so(tmp_path: Path, saved: dict[str, Figure]) -> None:
+    """The odometry errs in a way that nobody is told of: residuals are not those of the stated noise."""
+    changes = ["start=sampled", "trajectory.duration=20", "motion.scale_error=0.5"]
+    scenario = load_scenario("q1-long-dense", changes)
+    with ThreadPoolExecutor(1) as executor:
+        budget = error_budget(scenario, "ekf", 3, 0, executor)
+    assert budget.fit is not None
+    assert budget.fit.low is not None
+    assert budget.fit.low > 1.05
+    note = (
+        "the residuals of batch and isam2 are not those of the stated noise: no optimum of what has happened; "
+        "figures relative to them are marked ?"
+    )
+    lines = str(budget_table(budget)).splitlines()
+    assert note in lines
+    assert [line.count("?") for line in lines[:6]] == [0, 1, 1, 1, 1, 1]
+    assert budget.to_json()["chi_square_per_dof"]["mean"] == budget.fit.mean
+    save_budget_figure(tmp_path, budget)
+    assert "no optimum of what has happened" in saved["budget"].axes[0].get_title(loc="left")
 
 
 def test_a_run_tells_the_checks_of_its_optima(monkeypatch: pytest.MonkeyPatch) -> None:
