@@ -76,8 +76,9 @@ def stored(out: Path) -> int:
 
 
 def summary(out: Path) -> dict[str, Any]:
-    """summary.json without computing times."""
+    """summary.json without computing times, and without the command, which names the folder."""
     content = json.loads((out / "summary.json").read_text())
+    del content["command"]
     for entry in content["estimators"].values():
         del entry["seconds_total"]
     return content

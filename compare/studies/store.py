@@ -202,7 +202,7 @@ def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tup
         store, lacking = StudyStore(connection), [label for label in labels if label not in keys]
         if lacking:
             raise UserError(f"{path}: holds no run of {lacking[0]}; of a sweep's value, give the sweep's own folder")
-        step = float(json.loads(found["scenario"])["trajectory"]["step"])
+        step = Scenario.model_validate_json(found["scenario"]).trajectory.step
         return step, {label: store.load(keys[label], runs) for label in labels}
 
 
