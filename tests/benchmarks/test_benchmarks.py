@@ -56,7 +56,7 @@ SMALLEST = {
         "foreign export 2 2 0 0 0 0 0",
         "tracebacks, hangs, crashes and losses: 0",
     ),
-    "kill_a_study": ("--runs 2 --kills 1 --jobs 1", "killed with", "the same summary after 1 kills; 2 runs"),  # 10 s
+    "kill_a_study": ("--runs 12 --kills 3", "killed with", "the same summary after 3 kills; 12 runs"),
     "fuzz": (  # 15 s
         "--cases 400 --seed 0",
         "input tried refused in one line accepted traceback hang crash silently altered",

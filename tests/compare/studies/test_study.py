@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sqlite3
-import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -282,16 +281,6 @@ def test_figures_of_a_study_in_which_everything_failed(
     content = json.loads((tmp_path / "summary.json").read_text())
     assert content["estimators"]["ekf"]["ate_m"] is None
     assert len(content["failures"]) == 2
-
-
-def test_a_killed_study_goes_on_to_the_same_summary() -> None:
-    """The program behind docs/consistency.md, at a small size."""
-    program = Path(__file__).parents[3] / "benchmarks" / "kill_a_study.py"
-    done = subprocess.run(
-        [sys.executable, str(program), "--runs", "12", "--kills", "3"], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.endswith("the same summary after 3 kills; 12 runs stored\n")
 
 
 def test_several_threads_leave_standard_output_alone(scenario: Scenario, tmp_path: Path) -> None:
