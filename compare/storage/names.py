@@ -6,19 +6,12 @@ more characters than a file system takes. Every text of theirs passes one of the
 
 from __future__ import annotations
 
-import html
-
 LONGEST = 200  # bytes of a file name; most file systems take 255, and endings of ours follow
 
 
 def shown(name: str) -> str:
     r"""For terminals, figures, JSON and XML: what cannot be printed is written out, as \x1b or \udcff."""
     return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in name)
-
-
-def html_text(name: str) -> str:
-    """For the text and the quoted attributes of HTML and XML that is written by hand."""
-    return html.escape(shown(name), quote=True)
 
 
 def math_text(text: str) -> str:
