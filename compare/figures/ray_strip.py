@@ -28,6 +28,7 @@ from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, Styl
 from slamgauge.compare.figures.ray_frames import RayFrame, ray_frames
 from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.estimate import Estimate
+from slamgauge.facts import counted
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
@@ -121,8 +122,8 @@ def _draw_map(ax: Axes, truth: Truth, estimate: Estimate, style: Style, since: i
 
 def _title(frame: RayFrame, stamps: Float) -> str:
     """When, what has just happened, and how many members there are."""
-    counted = f"{frame.rays} ray{'s' * (frame.rays != 1)}, {frame.members} member{'s' * (frame.members != 1)}"
-    moment = f"t = {stamps[frame.step] - stamps[0]:.1f} s, {counted}"
+    counts = f"{counted(frame.rays, 'ray')}, {counted(frame.members, 'member')}"
+    moment = f"t = {stamps[frame.step] - stamps[0]:.1f} s, {counts}"
     return f"{moment}\n{frame.caption}"
 
 

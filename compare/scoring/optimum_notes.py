@@ -12,6 +12,7 @@ from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT, is_in_doubt, unused_observations
 from slamgauge.compare.scoring.text_table import interval_cell
 from slamgauge.estimate import Estimate
+from slamgauge.facts import counted
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY, Truth
 
@@ -54,7 +55,7 @@ def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Esti
     landmarks = 0 if ids is None else int(np.sum(~np.isin(np.unique(ids), optimum.landmark_ids)))
     if not observations:
         return None
-    counts = [_counted(landmarks, "landmark")] * (landmarks > 0) + [_counted(observations, "observation")]
+    counts = [counted(landmarks, "landmark")] * (landmarks > 0) + [counted(observations, "observation")]
     why = " that bearings alone do not place" if recording.sensor == "bearing" else ""
     return f"{name} leaves out {' and '.join(counts)}{why}"
 
@@ -127,7 +128,3 @@ def placed(said: Mapping[str, str | None]) -> list[str]:
 
 def _with_marks(distance: str | None) -> str | None:
     return None if distance is None else f"{distance}: {_MARKED}"
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'s' * (count != 1)}"
