@@ -20,13 +20,12 @@ from scipy.special import chdtri
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.one_by_one import Gates
-from slamgauge.ekf.kernels.precision import LARGEST
 from slamgauge.ekf.maps.checks import require_robustness, require_sensor, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import Matcher, update_nearest
 from slamgauge.ekf.maps.rules import Correction, Rule, sequential_of
 from slamgauge.ekf.maps.tracks import Tracks
-from slamgauge.ekf.maps.undo import undone_if_refused
+from slamgauge.ekf.maps.undo import is_addition_certain, undone_if_refused
 from slamgauge.ekf.online import PointFilter
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
@@ -149,8 +148,7 @@ class AssociatingFilter(PointFilter):
         associated = np.full(len(values), NONE)
         associated[matched] = self._map.ids[slots[matched]]
         self._map.reserve(self._map.belief.size + 2 * int(new.sum()))  # may be refused, and before anything changes
-        certain = self._map.variances.max() < LARGEST**2  # then what is added is finite
-        with nullcontext() if certain else undone_if_refused(self._map):
+        with nullcontext() if is_addition_certain(self._map) else undone_if_refused(self._map):
             nis, dof = self._map.correct(slots[matched], values[matched], covs[matched])
             associated[new] = self._tracks.new_ids.given + np.arange(new.sum())
             self._map.add(associated[new], values[new], covs[new])

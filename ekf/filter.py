@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.kernels.precision import LARGEST
 from slamgauge.ekf.maps.checks import ids_of, require_gate, require_ids, require_robustness, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.rules import Correction, Rule
-from slamgauge.ekf.maps.undo import undone_if_refused
+from slamgauge.ekf.maps.undo import is_addition_certain, undone_if_refused
 from slamgauge.ekf.online import PointFilter
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.errors import UserError
@@ -149,7 +148,7 @@ class SlamFilter(PointFilter):
         new = first & ~mapped
         again = ~first & ~mapped
         self.map.reserve(self.map.belief.size + 2 * int(new.sum()))  # may be refused, and before anything changes
-        certain = not again.any() and self.map.variances.max() < LARGEST**2  # then what is added is finite
+        certain = not again.any() and is_addition_certain(self.map)
         with nullcontext() if certain else undone_if_refused(self.map):
             total, dof = 0.0, 0
             if mapped.any():

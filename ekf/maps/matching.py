@@ -9,13 +9,12 @@ from slamgauge.ekf.kernels.compatibility import Pairs, allocate_pairs, find_comp
 from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.linearisation import describe
 from slamgauge.ekf.kernels.one_by_one import Gates, update_one_by_one
-from slamgauge.ekf.kernels.precision import LARGEST
 from slamgauge.ekf.kernels.warm_up import compile_association_once
 from slamgauge.ekf.maps.checks import explain_scan
 from slamgauge.ekf.maps.ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.rules import sequential_of
-from slamgauge.ekf.maps.undo import undone_if_refused
+from slamgauge.ekf.maps.undo import is_addition_certain, undone_if_refused
 
 
 class Matcher:
@@ -83,7 +82,7 @@ def update_nearest(
     work = landmarks.room_for(count)
     landmarks.load(values, covs)
     is_one_block = count <= landmarks.rule.block  # of which P is settled at the end
-    certain = is_one_block and landmarks.variances.max() < LARGEST**2
+    certain = is_one_block and is_addition_certain(landmarks)
     with undone_if_refused(landmarks, covariance=not certain):
         nis, informative, size = update_one_by_one(landmarks.code, landmarks.belief, count, gates, form, work)
         variances = np.diagonal(landmarks.belief.cov)[:size]

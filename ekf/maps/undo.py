@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Generator
 from contextlib import contextmanager
 
+from slamgauge.ekf.kernels.precision import LARGEST
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+
+
+def is_addition_certain(landmarks: LandmarkMap) -> bool:
+    """Whether landmarks that sound observations add have finite covariances, so that adding them is never refused."""
+    return landmarks.variances.max() < LARGEST**2
 
 
 @contextmanager
