@@ -16,6 +16,7 @@ from slamgauge.errors import UserError
 from slamgauge.se2 import wrap
 
 CHUNK = 65_536  # covariances that are looked at together: what that takes of memory does not grow with a recording
+LARGEST = 1e50  # no quantity of a robot is larger; products of some such numbers are still finite
 REAL = "fiu"  # kinds of numpy types that are real numbers
 
 

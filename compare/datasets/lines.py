@@ -17,8 +17,8 @@ from tqdm import tqdm
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
+from slamgauge.validation import LARGEST
 
-LARGEST = 1e50  # no quantity of a robot is larger; products of some such numbers are still finite
 LARGEST_ID = 2**53  # beyond it not every whole number is a float64
 REMARKS = ("#", "%")  # what lines of tables begin with that are remarks, or names of columns
 PATIENCE = 2.0  # seconds of reading before a terminal shows progress

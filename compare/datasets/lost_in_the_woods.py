@@ -8,12 +8,12 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.datasets.imported import require_max_range, require_sigmas
-from slamgauge.compare.datasets.lines import LARGEST
 from slamgauge.compare.datasets.mat_arrays import read_mat
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, wrap
 from slamgauge.truth import Truth
+from slamgauge.validation import LARGEST
 
 _COLUMNS = ("t", "v", "om", "x_true", "y_true", "th_true", "true_valid")
 _SCALARS = ("d", "r_var", "b_var", "v_var", "om_var")

@@ -22,6 +22,7 @@ from slamgauge.compare.storage.result_files import MAPPING
 from slamgauge.compare.storage.toml_tables import Table, override, read_toml
 from slamgauge.errors import UserError
 from slamgauge.near_names import did_you_mean
+from slamgauge.validation import LARGEST
 
 Columns = dict[str, str | int]
 Time = Literal["s", "ms", "us", "ns"]
@@ -202,7 +203,7 @@ def _value(value: object, hint: Any, where: str) -> object:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e50
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST
 
 
 def _require_sizes(mapping: LogMapping) -> None:

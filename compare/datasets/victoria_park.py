@@ -13,11 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.compare.datasets.imported import require_max_range
-from slamgauge.compare.datasets.lines import LARGEST, LARGEST_ID
+from slamgauge.compare.datasets.lines import LARGEST_ID
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.triangles import from_triangles
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
+from slamgauge.validation import LARGEST
 
 _NUMBERS = {"ODOMETRY": 9, "LANDMARK": 5}
 

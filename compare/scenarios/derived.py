@@ -10,8 +10,7 @@ from pydantic import AfterValidator, BaseModel, Field, create_model
 from pydantic_core import PydanticCustomError
 
 from slamgauge.ekf.settings.rules import is_fitted, mistake_of
-
-LARGEST = 1e50  # no quantity of a robot is larger; products of some such numbers are still finite
+from slamgauge.validation import LARGEST
 
 
 def _believable(number: float) -> float:
