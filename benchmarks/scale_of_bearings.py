@@ -18,6 +18,7 @@ import argparse
 from collections.abc import Callable
 
 import numpy as np
+from map_scale import too_large
 
 from slamgauge import Estimate, Recording, Truth, batch, load_scenario, simulate
 from slamgauge.compare.scenarios.observing import Streams, observe
@@ -56,15 +57,12 @@ def noise_in_the_path(scenario: Scenario, truth: Truth, recording: Recording, se
     return Truth(poses=poses, landmark_ids=truth.landmark_ids, landmarks=truth.landmarks), driven
 
 
-def too_large(estimate: Estimate, truth: Truth) -> float:
-    """By how much the map is larger than the true one [%]: the scale of the similarity that fits it best."""
+def size_of_map(estimate: Estimate, truth: Truth) -> float:
+    """By how much the map is larger than the true one [%]."""
     assert truth.landmarks is not None
     assert estimate.landmarks is not None
     assert estimate.landmark_ids is not None
-    true = truth.landmarks[estimate.landmark_ids]
-    found, true = (each[:, 0] + 1j * each[:, 1] for each in (estimate.landmarks, true))
-    found, true = found - found.mean(), true - true.mean()
-    return 100.0 * float(abs(np.vdot(true, found)) / np.vdot(true, true).real - 1.0)
+    return too_large(estimate.landmarks, truth.landmarks[estimate.landmark_ids])
 
 
 def main() -> None:
@@ -86,7 +84,7 @@ def main() -> None:
                 if where == "path":
                     truth, recording = noise_in_the_path(scenario, truth, recording, options.seed + run)
                 for name, estimator in ESTIMATORS.items():
-                    sizes[name].append(too_large(estimator(recording), truth))
+                    sizes[name].append(size_of_map(estimator(recording), truth))
             for name, found in sizes.items():
                 mean, scatter = np.mean(found), np.std(found, ddof=1)
                 size = f"{mean:.2f} ± {scatter / np.sqrt(options.runs):.2f}"

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from map_scale import too_large
 
 from slamgauge import Recording, Truth, load_scenario, simulate
 from slamgauge.arrays import Float
@@ -133,14 +134,6 @@ def resident() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def too_large(slam: OnlineFilter, truth: Truth) -> float:
-    """How much larger the map is than the true one, [%]: the scale of the similarity that fits it best."""
-    assert truth.landmarks is not None
-    found, true = (each[:, 0] + 1j * each[:, 1] for each in (slam.landmarks, truth.landmarks[slam.landmark_ids]))
-    found, true = found - found.mean(), true - true.mean()
-    return 100.0 * float(abs(np.vdot(true, found)) / np.vdot(true, true).real - 1.0)
-
-
 def soak(row: Row, scenario: str, steps: int, seed: int, most: int) -> str:
     """Drive a filter; its cells of the table."""
     slam: OnlineFilter | None = None
@@ -170,7 +163,9 @@ def soak(row: Row, scenario: str, steps: int, seed: int, most: int) -> str:
         if grown:
             break
         memory = resident() if first <= steps // BANDS else memory
-        scale = f"{too_large(slam, truth):.2f}" if slam is not None and row.association is None else "-"
+        if slam is not None and row.association is None:
+            assert truth.landmarks is not None
+            scale = f"{too_large(slam.landmarks, truth.landmarks[slam.landmark_ids]):.2f}"
     assert slam is not None
     cells = f"{1e6 * tally.seconds / max(step, 1):6.0f} {len(slam.landmark_ids):5} {tally.eigenvalue:8.1e}"
     cells += f" {tally.asymmetry:8.1e} {scale:>6} {resident() - memory:6.1f}"
