@@ -69,8 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status: 0 done, 1 a row failed and the others are there, or a check did not hold, 2 bad input (one line
         on standard error), 70 a defect of slamgauge (its traceback and where to report it), 71 memory or room was
-        lacking (one line), 130 interrupted, 143 terminated,
-        129 if its terminal is gone (SIGHUP).
+        lacking (one line), 130 interrupted, 143 terminated, 129 if its terminal is gone (SIGHUP).
     """
     prepare_streams()
     with _terminations() as came:

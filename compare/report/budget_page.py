@@ -6,9 +6,10 @@ from pathlib import Path
 
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
-from slamgauge.compare.report.plain_page import content_of, figure_cell, from_to, plain_page
+from slamgauge.compare.report.plain_page import figure_cell, from_to, plain_page
 from slamgauge.compare.scoring.optimum_notes import MARK, at_places
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe
+from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import BUDGET, REPORT
 from slamgauge.compare.studies.budget import RUNGS
 
@@ -30,7 +31,7 @@ HEADS = (
 
 def budget_page(folder: Path) -> dict[str, str]:
     """The page of what `budget` has written into a folder."""
-    content = content_of(folder / BUDGET)
+    content = read_json(folder / BUDGET, "budget")
     total = content["rungs"][-1]["mse_m2"]
     rows: list[list[Cell]] = []
     for rung in content["rungs"]:

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from slamgauge.compare.report.content import Cell, Head, Table, origin
-from slamgauge.compare.report.plain_page import content_of, figure_cell, from_to, plain_page
+from slamgauge.compare.report.plain_page import figure_cell, from_to, plain_page
 from slamgauge.compare.scoring.optimum_notes import MARK
+from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import CLAIMS, REPORT
 from slamgauge.compare.studies.claims import ALPHA
 
@@ -30,7 +31,7 @@ HEADS = (
 
 def claims_page(folder: Path) -> dict[str, str]:
     """The page of what `claims` has written into a folder."""
-    found: list[dict[str, Any]] = content_of(folder / CLAIMS)
+    found: list[dict[str, Any]] = read_json(folder / CLAIMS, "claims")
     counts = Counter(each["verdict"] for each in found)
     text = plain_page(
         kind="claims",

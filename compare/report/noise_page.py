@@ -9,7 +9,8 @@ from typing import Any
 from slamgauge.compare.noise.finding import Supported
 from slamgauge.compare.noise.words import verdict
 from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
-from slamgauge.compare.report.plain_page import content_of, figure_cell, from_to, plain_page
+from slamgauge.compare.report.plain_page import figure_cell, from_to, plain_page
+from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import NOISE, REPORT
 
 PICTURES = {
@@ -37,7 +38,7 @@ NIS = (
 
 def noise_page(folder: Path) -> dict[str, str]:
     """The page of what `noise --out` has written into a folder."""
-    content = content_of(folder / NOISE)
+    content = read_json(folder / NOISE, "noise")
     sigmas = [_parameter(name, each) for name, each in content["parameters"].items()]
     lead = [(row[0].text, row[-1].text) for row in sigmas]
     text = plain_page(

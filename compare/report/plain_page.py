@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from slamgauge.compare.report.content import Cell, Picture, Table
 from slamgauge.compare.report.page import render
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.text_table import cell, interval_cell
-from slamgauge.compare.storage.files import explained
-from slamgauge.errors import UserError
 
 
 def plain_page(
@@ -42,20 +38,6 @@ def plain_page(
         back=back,
         verbatim=verbatim,
     )
-
-
-def content_of(path: Path) -> Any:
-    """The JSON in a file of results.
-
-    Raises:
-        UserError: it cannot be read, or holds no JSON.
-    """
-    with explained(path, "read"):
-        text = path.read_bytes()
-    try:
-        return json.loads(text)
-    except ValueError:
-        raise UserError(f"{path}: not what slamgauge writes; give the command again") from None
 
 
 def figure_cell(value: float | None, form: str, mark: str = "") -> Cell:

@@ -8,9 +8,10 @@ from urllib.parse import quote
 
 from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
 from slamgauge.compare.report.glossary import figure_heads, glossary
-from slamgauge.compare.report.plain_page import content_of, figure_cell, plain_page
+from slamgauge.compare.report.plain_page import figure_cell, plain_page
 from slamgauge.compare.report.run_page import PICTURES
 from slamgauge.compare.scoring.catalogue import columns
+from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import METRICS, REPORT
 from slamgauge.compare.studies.claim_list import CLAIMS
 
@@ -109,7 +110,7 @@ def question_page(folder: Path, name: str) -> str:
         UserError: a run is missing.
     """
     question = QUESTIONS[name]
-    runs = {each: content_of(folder / each / METRICS) for each in question.scenarios}
+    runs = {each: read_json(folder / each / METRICS, "run") for each in question.scenarios}
     found = [each for each in columns("run") if each[1] in CHIEF]
     rows = [
         [Cell(scenario, link=f"{quote(scenario)}/{REPORT}"), Cell(estimator)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from slamgauge.compare.scoring.comparison import Comparison, optimum_notes
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
 from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.scoring.text_table import cell
+from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import METRICS, REPORT
 from slamgauge.compare.storage.results_folder import Results, load_results
 from slamgauge.estimate import Kind
@@ -44,7 +44,7 @@ def run_page(folder: Path) -> dict[str, str]:
         UserError: there are no results in it, or they do not belong together.
     """
     results, path = load_results(folder), folder / METRICS
-    metrics = json.loads(path.read_bytes())
+    metrics = read_json(path, "run")
     others = len(results.estimates) > 1
     shown = looks(results.estimates, hidden=(DEAD_RECKONING,) if others else ())
     comparison = Comparison(results.truth, results.recording, results.estimates, {}, optima_of(results))

@@ -7,8 +7,9 @@ from typing import Any
 
 from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
 from slamgauge.compare.report.glossary import figure_heads
-from slamgauge.compare.report.plain_page import content_of, interval_of, plain_page
+from slamgauge.compare.report.plain_page import interval_of, plain_page
 from slamgauge.compare.scoring.catalogue import columns
+from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import REPORT, SWEEP
 
 PICTURES = {
@@ -21,7 +22,7 @@ PICTURES = {
 
 def sweep_page(folder: Path) -> dict[str, str]:
     """The page of what `study --sweep` has written into a folder."""
-    content = content_of(folder / SWEEP)
+    content = read_json(folder / SWEEP, "sweep")
     found, rows = columns("sweep"), list[list[Cell]]()
     for point in content["points"]:
         for name, entry in point["summary"]["estimators"].items():

@@ -111,6 +111,20 @@ def write_json(path: Path, content: object) -> None:
         path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
+def read_json(path: Path, command: str) -> Any:
+    """The content of a file that `slamgauge COMMAND` has written.
+
+    Raises:
+        UserError: it cannot be read, or holds no JSON.
+    """
+    with explained(path, "read"):
+        text = path.read_bytes()
+    try:
+        return json.loads(text)
+    except ValueError:
+        raise UserError(f"{path}: not what `slamgauge {command}` writes; run it again") from None
+
+
 def _load(path: str | Path, kind: type[Record]) -> Record:
     return _made(path, kind, _read(path))
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import NamedTuple
 
-from slamgauge.compare.storage.files import explained, load_estimate, load_recording, load_truth
+from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, read_json
 from slamgauge.compare.storage.names import shown
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -35,12 +34,10 @@ def load_results(folder: Path) -> Results:
             f"{folder}: not a folder of results, it has no metrics.json; "
             "give one that `slamgauge run` or `slamgauge evaluate --out` has written"
         )
-    with explained(path, "read"):
-        text = path.read_bytes()
+    metrics = read_json(path, "run")
     try:
-        metrics = json.loads(text)
         names, scenario, seed = list(metrics["estimators"]), metrics["scenario"], metrics["seed"]
-    except (ValueError, TypeError, KeyError):
+    except (TypeError, KeyError):
         raise UserError(f"{path}: not what `slamgauge run` writes; run it again") from None
     if not names:
         raise UserError(f"{path}: tells of no estimators; run the command again with at least one")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import STORE, SUMMARY
 from slamgauge.compare.studies.store import read_store
 from slamgauge.compare.studies.summary import Failure, Summary, summarise
@@ -37,14 +36,12 @@ def load_study(folder: Path) -> StoredStudy:
         UserError: there is none, or its files do not belong together.
     """
     path = folder / SUMMARY
-    with explained(path, "read"):
-        text = path.read_bytes()
+    content = read_json(path, "study")
     try:
-        content = json.loads(text)
         labels, count, seed = [*content["estimators"]], int(content["runs"]), int(content["seed"])
         failures = tuple(Failure(**each) for each in content["failures"])
         scenario, digest = content["scenario"], content["digest"]
     except (ValueError, TypeError, KeyError):
-        raise UserError(f"{path}: not what `slamgauge study` writes; give the command again") from None
+        raise UserError(f"{path}: not what `slamgauge study` writes; run it again") from None
     step, runs = read_store(folder / STORE, digest, labels, count)
     return StoredStudy(content, Summary(scenario, count, seed, digest, failures, summarise(runs)), runs, step)

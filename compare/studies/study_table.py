@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from typing import Any, Literal
 from slamgauge.compare.scoring.catalogue import CATALOGUE, columns
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.text_table import cell, interval_cell
-from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.names import shown
 from slamgauge.compare.storage.result_files import SUMMARY
 from slamgauge.errors import UserError
@@ -121,14 +120,12 @@ def read_study_table(
         UserError: summary.json is not one, or there is no such column or estimator.
     """
     path = folder / SUMMARY
-    with explained(path, "read"):
-        text = path.read_bytes()
+    content = read_json(path, "study")
     try:
-        content = json.loads(text)
         there = {name: {*entry} for name, entry in content["estimators"].items()}
         known = [key for key in HELP if any(isinstance(each.get(key), dict) for each in content["estimators"].values())]
         known = [key for key in known if all("low" in (e.get(key) or {"low"}) for e in content["estimators"].values())]
-    except (ValueError, TypeError, KeyError, AttributeError):
+    except (TypeError, KeyError, AttributeError):
         raise UserError(f"{path}: not what `slamgauge study` writes; run it again") from None
     chosen = keys or [key for _, key, _ in columns("study") if key in known][:KEY_COLUMNS]
     _require(chosen, known, "column")
