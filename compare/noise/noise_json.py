@@ -8,11 +8,14 @@ from typing import Any
 from slamgauge.compare.noise.diagnosis import Nis
 from slamgauge.compare.noise.finding import Noise, Supported
 from slamgauge.compare.noise.told import UNITS
+from slamgauge.compare.noise.words import lines
+from slamgauge.compare.storage.origin import origin
 
 
 def noise_json(noise: Noise) -> dict[str, Any]:
     """The content of noise.json; an end of an interval that the log does not have is null."""
     return {
+        **origin(None),
         "parameters": {
             name: {"sigma": found.value, **_ends(found), "assumed": noise.assumed[name], "unit": UNITS[name]}
             for name, found in noise.parameters.items()
@@ -50,6 +53,7 @@ def noise_json(noise: Noise) -> dict[str, Any]:
         "sights_counted_as_one": noise.sights_counted_as_one,
         "first_sights_left_out": noise.first_sights_left_out,
         "left_without_id": noise.left_without_id,
+        "notes": lines(noise),
     }
 
 

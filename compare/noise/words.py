@@ -29,8 +29,7 @@ def noise_table(noise: Noise) -> Page:
         cells = (_figure(assumed), _figure(found.value), _interval(found), verdict(found, assumed))
         rows.append((name, UNITS[name], *cells))
     for name, found in noise.systematic.items():
-        said = "none to be seen" if found.low <= 0.0 <= found.high else "there is one"
-        rows.append((name, UNITS[name], "0", f"{found.value:+.3g}", _interval(found), said))
+        rows.append((name, UNITS[name], "0", f"{found.value:+.3g}", _interval(found), systematic_verdict(found)))
     return Page((Grid(rows, len(HEADINGS), sentences=HEADINGS.index("verdict")), *lines(noise)))
 
 
@@ -64,6 +63,11 @@ def verdict(found: Supported, assumed: float) -> str:
         return "there is some, and none is assumed"
     factor = assumed / found.value
     return f"assumed {factor:.2f} times too large" if factor > 1 else f"assumed {1 / factor:.2f} times too small"
+
+
+def systematic_verdict(found: Supported) -> str:
+    """Whether a systematic error is one: its interval is without 0."""
+    return "none to be seen" if found.low <= 0.0 <= found.high else "there is one"
 
 
 def _outliers(noise: Noise) -> Iterator[str]:

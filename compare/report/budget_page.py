@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
 from slamgauge.compare.report.plain_page import figure_cell, from_to, plain_page
-from slamgauge.compare.scoring.optimum_notes import MARK, at_places
-from slamgauge.compare.scoring.ray_figures import RayFigures, describe
+from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import BUDGET, REPORT
 from slamgauge.compare.studies.budget import RUNGS
@@ -35,7 +33,7 @@ def budget_page(folder: Path) -> dict[str, str]:
     total = content["rungs"][-1]["mse_m2"]
     rows: list[list[Cell]] = []
     for rung in content["rungs"]:
-        added, mark = rung["increment_m2"], MARK if rung["optimum_check_share"] else ""
+        added, mark = rung["increment_m2"], MARK if rung["in_doubt"] else ""
         rows.append(
             [
                 Cell(rung["name"]),
@@ -46,15 +44,11 @@ def budget_page(folder: Path) -> dict[str, str]:
                 figure_cell(added["mean"] / total if total else None, "{:.0%}"),
             ]
         )
-    rays = content.get("rays")
     text = plain_page(
         kind="an error budget",
         title=f"Where the error of {content['filter']} comes from: {content['scenario']}",
         lead=[("", content["verdict"])],
-        notes=[
-            *at_places(CAUSAL, {rung["name"]: rung["optimum_check_share"] for rung in content["rungs"]}),
-            *([] if rays is None else [f"Per run {describe(RayFigures(**rays))}."]),
-        ],
+        notes=content["notes"],
         tables=[Table("budget", "Rung by rung", HEADS, rows)],
         pictures=pictures(folder, PICTURES),
         origin=origin(folder / BUDGET, content, [("Filter", content["filter"]), ("Runs", str(content["runs"]))]),

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from slamgauge.compare.noise.finding import Supported
-from slamgauge.compare.noise.words import verdict
+from slamgauge.compare.noise.words import systematic_verdict, verdict
 from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
 from slamgauge.compare.report.plain_page import figure_cell, from_to, plain_page
 from slamgauge.compare.storage.files import read_json
@@ -45,7 +45,7 @@ def noise_page(folder: Path) -> dict[str, str]:
         kind="the noise of a recording",
         title="Which noise the measurements support",
         lead=lead,
-        notes=notes(content),
+        notes=content["notes"],
         tables=[
             Table("noise", "Noise of the measurements", HEADS, sigmas),
             Table("systematic", "Systematic errors", HEADS[:2] + HEADS[3:], _systematic(content["systematic"])),
@@ -58,8 +58,7 @@ def noise_page(folder: Path) -> dict[str, str]:
 
 
 def _parameter(name: str, found: dict[str, Any]) -> list[Cell]:
-    high = math.inf if found["high"] is None else found["high"]
-    said = verdict(Supported(found["sigma"], found["low"] or 0.0, high), found["assumed"])
+    said = verdict(_supported(found["sigma"], found, 0.0), found["assumed"])
     return [
         *(Cell(name), Cell(found["unit"])),
         *(figure_cell(found["assumed"], "{:.4g}"), figure_cell(found["sigma"], "{:.4g}")),
@@ -67,13 +66,17 @@ def _parameter(name: str, found: dict[str, Any]) -> list[Cell]:
     ]
 
 
+def _supported(value: float, found: dict[str, Any], lowest: float) -> Supported:
+    """What was found; an end that the log does not have is as far away as it can be."""
+    low, high = found["low"], found["high"]
+    return Supported(value, lowest if low is None else low, math.inf if high is None else high)
+
+
 def _systematic(found: dict[str, Any]) -> list[list[Cell]]:
     rows: list[list[Cell]] = []
     for name, each in found.items():
-        low, high = each["low"], each["high"]
-        is_none = (low is None or low <= 0) and (high is None or high >= 0)
-        interval = Cell(from_to(low, high, "{:.3g}"), low)
-        said = Cell("none to be seen" if is_none else "there is one")
+        interval = Cell(from_to(each["low"], each["high"], "{:.3g}"), each["low"])
+        said = Cell(systematic_verdict(_supported(each["value"], each, -math.inf)))
         rows.append([Cell(name), Cell(each["unit"]), figure_cell(each["value"], "{:+.3g}"), interval, said])
     return rows
 
@@ -85,19 +88,3 @@ def _nis(channel: str, found: dict[str, Any]) -> list[Cell]:
         Cell(from_to(found["low"], found["high"], "{:.3f}"), found["low"]),
         Cell(str(found["rows"]), found["rows"]),
     ]
-
-
-def notes(content: dict[str, Any]) -> list[str]:
-    """Outliers, and what the noise found is worth."""
-    said = [
-        f"outliers: {each['rate']:.2%} of {channel}; the sigma in the table is of the others"
-        for channel, each in content["outliers"].items()
-    ]
-    said.append(f"log-likelihood: {content['log_likelihood_gain']:+.1f} nats over the noise assumed")
-    held = content["held_out"]
-    if held is not None:
-        gain, count = held["log_likelihood_gain"], held["observations"]
-        said.append(
-            f"held out: the first half's noise gains {gain:+.1f} nats on the {count} observations of the second"
-        )
-    return said

@@ -45,11 +45,11 @@ def figure_cell(value: float | None, form: str, mark: str = "") -> Cell:
     return Cell(cell(value, form) + mark, value)
 
 
-def interval_of(found: dict[str, Any] | None, form: str) -> Cell:
+def interval_of(found: dict[str, Any] | None, form: str, mark: str = "") -> Cell:
     """A mean with its interval, as JSON has it."""
     if found is None:
         return Cell("-")
-    return Cell(interval_cell(Interval(found["mean"], found["low"], found["high"]), form), found["mean"])
+    return Cell(interval_cell(Interval(**found), form) + mark, found["mean"])
 
 
 def from_to(low: float | None, high: float | None, form: str) -> str:

@@ -78,7 +78,10 @@ def pages_of(folder: Path) -> dict[str, str]:
     found = [folder / name for name in PAGES if (folder / name).is_file()]
     if found:
         latest = max(found, key=lambda path: path.stat().st_mtime_ns)
-        return PAGES[latest.name](folder)
+        try:
+            return PAGES[latest.name](folder)
+        except (LookupError, TypeError, AttributeError):  # what it tells is not what this version writes
+            raise UserError(f"{latest}: of another version, or changed by hand; give its command again") from None
     raise UserError(
         f"{folder}: holds no results; give a folder that slamgauge has written ({', '.join(PAGES)}), or q1 to q4"
     )

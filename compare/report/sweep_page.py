@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
+from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
 from slamgauge.compare.report.glossary import figure_heads
 from slamgauge.compare.report.plain_page import interval_of, plain_page
-from slamgauge.compare.scoring.catalogue import columns
+from slamgauge.compare.scoring.catalogue import RELATIVE, columns
+from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import REPORT, SWEEP
 
@@ -25,29 +26,18 @@ def sweep_page(folder: Path) -> dict[str, str]:
     content = read_json(folder / SWEEP, "sweep")
     found, rows = columns("sweep"), list[list[Cell]]()
     for point in content["points"]:
+        marks = dict.fromkeys(RELATIVE, MARK * (CAUSAL in point["in_doubt"]))
         for name, entry in point["summary"]["estimators"].items():
-            figures = [interval_of(entry[key], form) for _, key, form in found]
+            figures = [interval_of(entry[key], form, marks.get(key, "")) for _, key, form in found]
             rows.append([Cell(str(point["value"])), Cell(name), *figures])
     heads = [Head(content["key"], words=True), Head("estimator", words=True), *figure_heads("sweep")]
     text = plain_page(
         kind="a sweep",
         title=f"{content['scenario']} over {content['key']}, {content['runs']} runs at each value",
-        lead=faults(content),
+        lead=[*content["faults"].items()],
+        notes=content["notes"],
         tables=[Table("sweep", "Means over runs, with the half width of their 95 % intervals", heads, rows)],
         pictures=pictures(folder, PICTURES),
         origin=origin(folder / SWEEP, content, [("Runs at each value", str(content["runs"]))]),
     )
     return {REPORT: text}
-
-
-def faults(content: dict[str, Any]) -> list[tuple[str, str]]:
-    """What is wrong with each estimator, and at which values."""
-    places: dict[str, dict[str, list[str]]] = {}
-    for point in content["points"]:
-        for name, entry in point["summary"]["estimators"].items():
-            for fault in entry["faults"]:
-                places.setdefault(name, {}).setdefault(fault, []).append(str(point["value"]))
-    return [
-        (name, "; ".join(f"{fault} at {content['key']} = {', '.join(values)}" for fault, values in found.items()))
-        for name, found in places.items()
-    ]

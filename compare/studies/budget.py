@@ -81,12 +81,14 @@ class ErrorBudget:
 
     def to_json(self) -> dict[str, Any]:
         """The content of budget.json; `rays` for bearings alone."""
+        doubtful = self.doubtful()
         rungs = [
             {
                 "name": rung.name,
                 "mse_m2": rung.mse_m2,
                 "increment_m2": rung.increment_m2._asdict(),
                 "optimum_check_share": rung.optimum_check_share,
+                "in_doubt": rung.name in doubtful,
             }
             for rung in self.rungs
         ]
@@ -99,6 +101,7 @@ class ErrorBudget:
             "costliest": self.costliest,
             "chi_square_per_dof": None if self.fit is None else self.fit._asdict(),
             "verdict": verdict(self),
+            "notes": notes(self),
         }
         return content if self.rays is None else {**content, "rays": self.rays._asdict()}
 
@@ -225,8 +228,12 @@ def budget_table(budget: ErrorBudget) -> Page:
         if doubtful:
             adds = marked(adds, MARK, is_marked=rung.name in doubtful)
         rows.append((rung.name, f"{rung.mse_m2:.5f}", adds, interval, RUNGS[rung.name]))
-    rays = [] if budget.rays is None else [f"Per run {describe(budget.rays)}."]
-    return Page((Grid(rows, words=(0, 4)), "", verdict(budget), *rays, *doubts(budget)))
+    return Page((Grid(rows, words=(0, 4)), "", verdict(budget), *notes(budget)))
+
+
+def notes(budget: ErrorBudget) -> list[str]:
+    """What became of the rays, and what is in doubt."""
+    return [*([] if budget.rays is None else [f"Per run {describe(budget.rays)}."]), *doubts(budget)]
 
 
 def doubts(budget: ErrorBudget) -> list[str]:

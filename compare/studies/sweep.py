@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from slamgauge.compare.estimators.asked import Asked, Chosen, ask
-from slamgauge.compare.estimators.registry import CAUSAL
+from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scenarios.simulation import informed
@@ -28,6 +28,7 @@ from slamgauge.compare.studies.summary import (
     failure_lines,
     figure_cells,
     is_doubtful,
+    is_marked_against,
     misfit_optima,
     share_in_doubt,
     summarise,
@@ -52,14 +53,23 @@ class Sweep:
 
     def to_json(self) -> dict[str, Any]:
         """The content of sweep.json."""
-        points = zip(self.values, self.summaries, strict=True)
+        points = [
+            {
+                "value": value,
+                "in_doubt": [name for name in (CAUSAL, HINDSIGHT) if is_marked_against(summary, name)],
+                "summary": summary.to_json(),
+            }
+            for value, summary in zip(self.values, self.summaries, strict=True)
+        ]
         return {
             **origin(self.summaries[0].scenario_text),
             "scenario": self.scenario,
             "key": self.key,
             "runs": self.runs,
             "seed": self.seed,
-            "points": [{"value": value, "summary": summary.to_json()} for value, summary in points],
+            "points": points,
+            "faults": faults(self),
+            "notes": notes(self),
         }
 
 
@@ -175,13 +185,18 @@ def sweep_table(sweep: Sweep) -> Page:
         for value, summary in zip(sweep.values, sweep.summaries, strict=True)
         for line in failure_lines(summary)
     ]
-    notes = [*doubts(sweep), *why_empty(sweep.summaries, "sweep")]
-    return Page((Grid(rows, words=2), *notes, *fault_lines(sweep), *failed))
+    said = [f"{name}: {text}" for name, text in faults(sweep).items()]
+    return Page((Grid(rows, words=2), *notes(sweep), *said, *failed))
 
 
-def fault_lines(sweep: Sweep) -> list[str]:
+def notes(sweep: Sweep) -> list[str]:
+    """What there is to say of the optima, and why columns are empty."""
+    return [*doubts(sweep), *why_empty(sweep.summaries, "sweep")]
+
+
+def faults(sweep: Sweep) -> dict[str, str]:
     """What is wrong with each estimator, and at which values."""
-    lines: list[str] = []
+    lines: dict[str, str] = {}
     for name in dict.fromkeys(name for summary in sweep.summaries for name in summary.estimators):
         entries = [summary.estimators[name] for summary in sweep.summaries]
         places: dict[str, list[str]] = {}
@@ -193,7 +208,7 @@ def fault_lines(sweep: Sweep) -> list[str]:
             for fault, values in places.items()
         ]
         if any(entry.runs for entry in entries):
-            lines.append(f"{name}: {'; '.join(said) or f'nothing wrong is shown by {sweep.runs} runs'}")
+            lines[name] = "; ".join(said) or f"nothing wrong is shown by {sweep.runs} runs"
     return lines
 
 

@@ -192,6 +192,12 @@ def test_links_of_the_class_lead_to_the_submissions(reader: Reader, tmp_path: Pa
     assert "the wrap of the heading" in law
 
 
+def test_results_of_another_version_are_refused_in_one_line(tmp_path: Path):
+    (tmp_path / "budget.json").write_text("{}")
+    with pytest.raises(UserError, match="of another version"):
+        publish_report(tmp_path)
+
+
 def test_the_latest_of_several_results_is_explained(tmp_path: Path):
     claims(tmp_path)
     budget(tmp_path)

@@ -123,10 +123,11 @@ def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest
         "costliest",
         "verdict",
         "chi_square_per_dof",
+        "notes",
     }
     assert content["verdict"] in printed.splitlines()
     assert "no estimator avoids" in content["verdict"]
-    assert set(content["rungs"][0]) == {"name", "mse_m2", "increment_m2", "optimum_check_share"}
+    assert set(content["rungs"][0]) == {"name", "mse_m2", "increment_m2", "optimum_check_share", "in_doubt"}
     assert (tmp_path / "budget" / "budget.png").stat().st_size > 0
 
 
