@@ -30,6 +30,7 @@ ROOMS = {
         "noise",
         "grading",
         "bench",
+        "schemas",
         "figures",
         "report",
         "cli",

@@ -22,6 +22,7 @@ from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell
+from slamgauge.compare.storage.origin import origin
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compiled import direct
 from slamgauge.ekf import SlamFilter
@@ -84,7 +85,7 @@ def run_bench(sizes: Sequence[int], chosen: Chosen, seed: int = 0) -> dict[str, 
                 if other in results and other != name and "median_s" in figures:
                     figures[f"ratio_to_{other}"] = figures["median_s"] / results[other][size]["median_s"]
     exponents = {name: growth_exponent(by_size) for name, by_size in results.items()}
-    return {"workload": WORKLOAD, "estimators": results, "growth_exponent": exponents}
+    return {**origin(None), "workload": WORKLOAD, "estimators": results, "growth_exponent": exponents}
 
 
 def _figures(name: str, recording: Recording, estimate: Estimate, run_s: float) -> dict[str, float]:

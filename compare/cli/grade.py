@@ -90,7 +90,7 @@ class Grade:
             if not any(each.is_graded for each in grades.grades):
                 first = grades.grades[0]
                 raise UserError(f"{self.folder}: nothing could be graded; {first.submission}: {first.reasons[0]}")
-            printed = print_result([each.to_json() for each in grades.grades] if self.json else grade_table(grades))
+            printed = print_result(grades.to_json() if self.json else grade_table(grades))
             if staged is not None:
                 write_grades(staged, grades)
         told = write_pages(out, grades)

@@ -30,6 +30,7 @@ from slamgauge.compare.cli.options import EmptyPathError
 from slamgauge.compare.cli.parsing import Command, parse
 from slamgauge.compare.cli.report import Report
 from slamgauge.compare.cli.scenarios import Scenarios
+from slamgauge.compare.cli.schema import Schema
 from slamgauge.compare.cli.streams import drop_output, prepare_streams, put
 from slamgauge.compare.cli.terminal import Output, printed_as
 from slamgauge.compare.cli.twin import MakeTwin
@@ -60,6 +61,7 @@ COMMANDS: dict[str, type[Command]] = {
     "bench": Bench,
     "doctor": Doctor,
     "completion": Completion,
+    "schema": Schema,
 }
 
 

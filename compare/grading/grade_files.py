@@ -15,6 +15,7 @@ from slamgauge.compare.scoring.text_table import interval_cell
 from slamgauge.compare.storage.decorations import Drawing, decorate
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.names import shown
+from slamgauge.compare.storage.origin import origin
 from slamgauge.compare.storage.result_files import GRADES, GRADES_XML, PAGES
 
 
@@ -24,7 +25,7 @@ def write_grades(folder: Path, grades: Grades) -> None:
     Raises:
         UserError: a file cannot be written.
     """
-    rows = [each.to_json() for each in grades.grades]
+    rows = [{key: value for key, value in row.items() if key != "scenario_text"} for row in grades.to_json()]
     with explained(folder, "written"):
         with (folder / GRADES).open("w", encoding="utf-8", newline="") as file:
             table = csv.DictWriter(file, rows[0])
@@ -95,6 +96,10 @@ def _junit(grades: Grades) -> ElementTree.Element:
     errors = sum(not each.is_graded for each in grades.grades)
     counts = {"tests": str(len(grades.grades)), "failures": str(failures), "errors": str(errors)}
     suite = ElementTree.Element("testsuite", {"name": f"slamgauge grade {grades.scenario}", **counts})
+    properties = ElementTree.SubElement(suite, "properties")
+    for name, value in origin(grades.scenario_text).items():
+        if value is not None:
+            ElementTree.SubElement(properties, "property", name=name, value=value)
     for each in grades.grades:
         seconds = sum(score.seconds_total or 0.0 for score in each.trial.scores)
         case = ElementTree.SubElement(

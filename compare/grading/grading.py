@@ -13,6 +13,8 @@ from slamgauge.compare.grading.grades import Grade, grade
 from slamgauge.compare.grading.submissions import Submission
 from slamgauge.compare.grading.trial import Trial, Yardstick, examine, yardstick
 from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scenarios.scenario_text import scenario_text
+from slamgauge.compare.storage.origin import origin
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.run import run_seed
@@ -35,6 +37,7 @@ class Grades:
         reference: label of the reference.
         reference_grade: the reference held against itself: its own figures.
         grades: of the submissions.
+        scenario_text: the scenario as a TOML file.
     """
 
     folder: Path
@@ -44,6 +47,12 @@ class Grades:
     reference: str
     reference_grade: Grade
     grades: tuple[Grade, ...]
+    scenario_text: str | None = None
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """A row for each submission, and where it comes from."""
+        where = {"scenario": self.scenario, **origin(self.scenario_text)}
+        return [each.to_json() | where for each in self.grades]
 
 
 def grade_folder(
@@ -96,6 +105,7 @@ def grade_folder(
         reference=reference.label,
         reference_grade=grade(reference.label, Trial(scores=scores), scores),
         grades=tuple(grade(each.name, trials[place], scores) for place, each in enumerate(submissions)),
+        scenario_text=scenario_text(scenario),
     )
 
 

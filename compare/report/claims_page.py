@@ -39,7 +39,7 @@ def claims_page(folder: Path) -> dict[str, str]:
         lead=[(f"{counts[verdict]} of {len(found)}", verdict) for verdict in ("holds", "does not hold", "undecided")],
         notes=doubts(found),
         tables=[claims_table(found)],
-        origin=origin(folder / CLAIMS, {}),
+        origin=origin(folder / CLAIMS, found[0]),
     )
     return {REPORT: text}
 

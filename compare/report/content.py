@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 from slamgauge import __version__
 from slamgauge.compare.figures.plot_style import LineStyle, styles
 from slamgauge.compare.report.page import data_source
-from slamgauge.compare.storage.origin import origin as made_now
 
 LONGEST_DASH = 12.0  # line widths
 
@@ -76,15 +75,10 @@ def pictures(folder: Path, known: Mapping[str, tuple[str, str]]) -> list[Picture
 
 
 def origin(path: Path, content: Mapping[str, Any], more: Iterable[tuple[str, str]] = ()) -> list[tuple[str, str, bool]]:
-    """Where results come from, as `path`, whose JSON is `content`, tells: term, text, whether it is code.
-
-    Some files have no room for their command: it is known then while that runs, and not to `slamgauge report` later.
-    """
-    now = made_now(None)["command"] or ""
-    command = content.get("command") or (None if now.startswith("slamgauge report ") else now or None)
+    """Where results come from, as `path`, whose JSON is `content`, tells: term, text, whether it is code."""
     written = datetime.fromtimestamp(path.stat().st_mtime, UTC)
     rows = [
-        ("Command", command, True),
+        ("Command", content.get("command") or None, True),
         ("Scenario", content.get("scenario"), False),
         ("Seed", content.get("seed"), False),
         *((term, text, False) for term, text in more),

@@ -34,7 +34,7 @@ def grade_pages(folder: Path) -> dict[str, str]:
     with explained(folder / GRADES, "read"), (folder / GRADES).open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     graded, passed = (sum(row[key] == "true" for row in rows) for key in ("graded", "passed"))
-    where = origin(folder / GRADES, {})
+    where = origin(folder / GRADES, rows[0])
     pages = {
         REPORT: plain_page(
             kind="grades",

@@ -57,6 +57,7 @@ def run_page(folder: Path) -> dict[str, str]:
             lead=lead(metrics),
             notes=[*optimum_notes(comparison), *metrics.get("notes", ()), *failures(metrics)],
             table=score_table(metrics, doubtful_kinds(comparison)),
+            drift=drift_table(metrics),
             closures=closure_table(metrics),
             looks=shown,
             legend=legend(results),
@@ -121,6 +122,24 @@ def score_table(metrics: dict[str, Any], doubtful: set[str]) -> Table:
         rows.append(row)
     heads = [Head("estimator", words=True), Head("kind", words=True), *figure_heads("run")]
     return Table("scores", "Figures of the whole run; a click on a head sorts", heads, rows)
+
+
+def drift_table(metrics: dict[str, Any]) -> Table:
+    """Errors of the motion over pieces of the path, by their length."""
+    rows = [
+        [Cell(name), Cell(f"{each['distance_m']:g}", each["distance_m"])]
+        + [
+            Cell(cell(each[key], form), each[key])
+            for key, form in (("translation_m", "{:.3f}"), ("heading_rad", "{:.4f}"))
+        ]
+        + [Cell(str(each["pieces"]), each["pieces"])]
+        for name, entry in metrics["estimators"].items()
+        for each in entry.get("rpe_by_distance") or ()
+    ]
+    heads = [Head("estimator", words=True), *map(Head, ("over [m]", "error [m]", "of the turn [rad]", "pieces"))]
+    return Table(
+        "drift", "Relative pose errors: root mean squares over all pieces of the true path of a length", heads, rows
+    )
 
 
 def closure_table(metrics: dict[str, Any]) -> Table:

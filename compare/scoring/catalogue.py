@@ -28,6 +28,7 @@ from slamgauge.compare.scoring.over_runs import (
 )
 from slamgauge.compare.scoring.quantity import Column, Quantity, Table
 from slamgauge.compare.scoring.ray_figures import RayFigures
+from slamgauge.compare.scoring.relative_error import relative_errors
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
@@ -70,6 +71,12 @@ CATALOGUE = (
     ),
     Quantity(key="final_heading_error_rad", unit="rad", help="absolute heading error of the last pose", scored=True),
     Quantity(key="rpe_m", unit="m", help="RMS translation error of single steps, in the body frame", scored=True),
+    Quantity(
+        key="rpe_by_distance",
+        help="the same over pieces of the path, by their length (`relative_error.RelativeError`)",
+        scored=True,
+        measure=relative_errors,
+    ),
     Quantity(
         key="nees_pose",
         help="mean over time of the pose NEES; a consistent estimate reads about 3",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from slamgauge.compare.scoring.over_runs import OverRuns
 from slamgauge.estimate import Estimate
@@ -12,7 +12,7 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
 Table = Literal["run", "study", "sweep"]
-Measure = Callable[[Truth, Recording, Estimate], float | None]
+Measure = Callable[[Truth, Recording, Estimate], Any]  # a figure, or what JSON has for several; None: unknown
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -79,7 +79,7 @@ class Score:
     sigmas: Float
     nis_total: float
     nis_dof_total: int
-    others: dict[str, float | None] = field(default_factory=dict)
+    others: dict[str, Any] = field(default_factory=dict)
 
     def figure(self, key: str) -> Any:
         """A figure of the catalogue by its key."""

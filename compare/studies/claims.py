@@ -21,6 +21,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
+from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.defined import mean, number
 from slamgauge.compare.scoring.optimum_notes import MARK, at_places
@@ -30,6 +31,7 @@ from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell, marked
 from slamgauge.compare.storage.files import write_json
 from slamgauge.compare.storage.manifest import require_folder, require_free
+from slamgauge.compare.storage.origin import origin
 from slamgauge.compare.storage.result_files import CLAIMS as CLAIMS_FILE
 from slamgauge.compare.storage.result_files import CLAIMS_FILES, STORE_FILES
 from slamgauge.compare.storage.staged_folder import staged_folder
@@ -105,6 +107,7 @@ class Judgement:
             "optimum": self.optimum,
             "optimum_check_share": self.optimum_check_share,
             "runs": evidence.runs,
+            **origin(scenario_text(_sampled(claim.figure.setting))),
         }
 
 
@@ -138,7 +141,7 @@ def judge_claims(runs: int, seed: int, out: Path, executor: Executor) -> Claims:
 
     optima: dict[str, Runs] = {}
     for name in SETTINGS:
-        scenario = load_scenario(name, ["start=sampled"])
+        scenario = _sampled(name)
         studies[name, FILTER] = study(scenario, FILTER, out / "studies" / name)
         told = informed(scenario)
         same = told.model_dump_json()
@@ -147,6 +150,11 @@ def judge_claims(runs: int, seed: int, out: Path, executor: Executor) -> Claims:
         studies[name, OPTIMUM] = optima[same]
     tests = sum(len(claim.others) for claim in CLAIMS)
     return Claims([judge(claim, studies, tests) for claim in CLAIMS], failures)
+
+
+def _sampled(setting: str) -> Scenario:
+    """The scenario of a setting."""
+    return load_scenario(setting, ["start=sampled"])
 
 
 def write_claims(out: Path, claims: Claims) -> None:

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from held_by_schemas import held
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
@@ -97,7 +98,7 @@ def without_times(metrics: dict[str, Any]) -> dict[str, Any]:
 
 
 def metrics_of(folder: Path) -> dict[str, Any]:
-    return json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+    return held("metrics", json.loads((folder / "metrics.json").read_text(encoding="utf-8")))
 
 
 @pytest.fixture(scope="module", autouse=True)

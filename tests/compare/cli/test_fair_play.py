@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from held_by_schemas import held
 
 from slamgauge import load_scenario, simulate
 from slamgauge.compare.checks import law as law_module
@@ -75,7 +76,7 @@ def test_study(folder: Path):
     for strict, expected in (((), set[str]()), (("--strict",), {"shifted"})):  # and what is stored is not taken for it
         command = ["study", "q1-short-dense", "--set", "trajectory.duration=4", *words, *strict]
         assert main(command) == (1 if expected else 0)
-        content = json.loads((folder / "study/summary.json").read_text())
+        content = held("summary", json.loads((folder / "study/summary.json").read_text()))
         assert {each["estimator"] for each in content["failures"]} == expected
         assert content["estimators"]["right"]["runs"] == 2
 

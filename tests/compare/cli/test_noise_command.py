@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from held_by_schemas import held
 
 from slamgauge import load_recording, load_scenario, save, simulate
 from slamgauge.compare.cli.main import main
@@ -26,7 +27,7 @@ def test_it_prints_writes_and_tells_again(log: Path, tmp_path: Path, capsys: pyt
     printed = capsys.readouterr().out
     assert printed.startswith("noise    unit")
     assert "times too large" in printed
-    content = json.loads((out / "noise.json").read_text())
+    content = held("noise", json.loads((out / "noise.json").read_text()))
     assert {"parameters", "outlier_rate", "systematic", "nis_by_channel", "log_likelihood_gain"} < content.keys()
     sigma = content["parameters"]["range"]
     assert sigma["low"] < sigma["sigma"] < sigma["high"] < sigma["assumed"] == pytest.approx(0.2)

@@ -11,6 +11,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from held_by_schemas import held
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.grading.grades import grade
@@ -123,7 +124,8 @@ def test_junit_tells_failures_from_errors(graded: Path):
         "failures": "1",
         "errors": "3",
     }
-    kinds = {case.attrib["name"]: [each.tag for each in case] for case in suite}
+    kinds = {case.attrib["name"]: [each.tag for each in case] for case in suite.iter("testcase")}
+    assert {each.attrib["name"] for each in suite.iter("property")} == {"version", "command", "scenario_text"}
     assert (kinds["student_ekf"], kinds["student_ekf_wrong_jacobian"], kinds["broken"]) == ([], ["failure"], ["error"])
 
 
@@ -151,7 +153,7 @@ def test_all_graded_is_status_0_and_json_has_the_rows(
     shutil.copy(EXAMPLES / "student_ekf_no_cross_covariance.py", tmp_path / "class/bert.py")
     words = ["--scenario", str(scenario), "--runs", "2", "--reference", f"right={EXAMPLES}/student_ekf.py:ekf_slam"]
     assert main(["grade", str(tmp_path / "class"), *words, "--jobs", "1", "--json", "--out", str(tmp_path / "o")]) == 0
-    content = json.loads(capsys.readouterr().out)
+    content = held("grades", json.loads(capsys.readouterr().out))
     assert [(each["submission"], each["passed"]) for each in content] == [("anna", True), ("bert", False)]
     assert content[0]["ate_ratio"] == 1.0  # the reference is the same filter
 

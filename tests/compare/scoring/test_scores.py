@@ -26,6 +26,7 @@ METRICS_JSON = {
     "final_position_error_m",
     "final_heading_error_rad",
     "rpe_m",
+    "rpe_by_distance",
     "nees_pose",
     "nis_per_dof",
     "landmark_rmse_m",

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from held_by_schemas import held
 from matplotlib.figure import Figure
 
 from slamgauge.compare.cli.main import main
@@ -112,7 +113,7 @@ def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest
     words = ["budget", "q1-long-dense", "--set", "trajectory.duration=3", "--runs", "2", "--jobs", "1"]
     assert main([*words, "--out", str(tmp_path / "budget")]) == 0
     printed = capsys.readouterr().out
-    content = json.loads((tmp_path / "budget" / "budget.json").read_text())
+    content = held("budget", json.loads((tmp_path / "budget" / "budget.json").read_text()))
     origin = {"version", "command", "scenario_text"}
     assert set(content) == {
         *origin,

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from held_by_schemas import held
 from scipy.stats import ttest_1samp
 
 from slamgauge.arrays import Float
@@ -152,14 +153,16 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     table = capsys.readouterr().out
     assert table.splitlines()[0].split()[:3] == ["section", "the", "practical"]
     assert table.splitlines()[-1].startswith("2 claims: ")
-    content = json.loads((tmp_path / "claims/claims.json").read_text())
+    content = held("claims", json.loads((tmp_path / "claims/claims.json").read_text()))
     keys = {"id", "section", "claim", "hypothesis", "effect", "low", "high", "p_value", "verdict", "optimum"}
     assert all(keys <= set(entry) for entry in content)
     assert content[0]["verdict"] == "holds"  # sigma grows: hardly any spread
 
     monkeypatch.setattr("slamgauge.compare.studies.run.simulate", None)  # nothing is simulated again
     assert main([*arguments, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == content
+    again = json.loads(capsys.readouterr().out)
+    assert again == [{**entry, "command": again[0]["command"]} for entry in content]
+    assert again[0]["command"] == f"{content[0]['command']} --json"
     assert main(["claims", "--runs", "1", "--out", str(tmp_path / "other")]) == 2
     assert "give at least 2" in capsys.readouterr().err
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from held_by_schemas import held
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
@@ -183,7 +184,7 @@ def test_the_command_compares_and_goes_on(tmp_path: Path, capsys: pytest.Capture
     printed = capsys.readouterr().out
     assert "precision 90 %: reached with 3 runs" in printed
     assert "\nagainst ekf  runs" in printed
-    content = json.loads((tmp_path / "out/summary.json").read_text())
+    content = held("summary", json.loads((tmp_path / "out/summary.json").read_text()))
     assert content["against"]["ekf"]["riekf"]["ate_m"]["runs"] == content["runs"] == 3
     assert np.isfinite(content["against"]["ekf"]["riekf"]["ate_m"]["p_value"])
     assert main([*words, "--sweep", "association.gate=1,9", "--against", "ekf"]) == 2

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from held_by_schemas import held
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
@@ -155,7 +156,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert lines[0].split()[:2] == ["assumed.scale", "estimator"]
     assert [line.split()[:2] for line in lines[1:5]] == [[v, e] for v in ("0.1", "10") for e in ("ekf", "isam2")]
     assert [line.partition(":")[0] for line in lines[5:]] == ["ekf", "isam2"]  # and no empty column
-    content = json.loads((tmp_path / "sweep.json").read_text())
+    content = held("sweep", json.loads((tmp_path / "sweep.json").read_text()))
     assert [point["value"] for point in content["points"]] == ["0.1", "10"]
     faults = [point["summary"]["estimators"]["ekf"]["faults"] for point in content["points"]]
     assert faults == [["innovations larger than it expects"], ["innovations smaller than it expects"]]

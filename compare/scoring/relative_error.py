@@ -1,0 +1,67 @@
+"""Relative pose errors over distances: how far a path drifts on its way, wherever that begins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.compare.scoring.defined import rms
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import between, wrap
+from slamgauge.truth import Truth
+
+ROUND = (1.0, 2.0, 5.0)  # times powers of ten [m]
+LONGEST = 0.5  # of the true path: half of its poses begin a piece, at least
+
+
+class RelativeError(NamedTuple):
+    """Root mean squares over the pieces of the true path of a length.
+
+    Attributes:
+        distance_m: along the true path.
+        translation_m: error of the motion from the first pose of a piece to its last, in the frame of the first.
+        heading_rad: of its turn.
+        pieces: how many there are; they overlap.
+    """
+
+    distance_m: float
+    translation_m: float | None
+    heading_rad: float | None
+    pieces: int
+
+
+def relative_errors(truth: Truth, _recording: Recording, estimate: Estimate) -> list[dict[str, float | None]] | None:
+    """A `RelativeError` for each of the distances 1, 2, 5, 10, ... m up to half of the path; None without true poses.
+
+    A piece begins at every pose with truth and ends at the first that is so far on (Geiger et al. 2012, KITTI).
+    """
+    if truth.poses is None:
+        return None
+    known = np.isfinite(truth.poses).all(axis=1) & np.isfinite(estimate.poses).all(axis=1)
+    reference, poses = truth.poses[known], estimate.poses[known]
+    way = np.concatenate([[0.0], np.hypot(*np.diff(reference[:, :2], axis=0).T).cumsum()])[: len(reference)]
+    found: list[dict[str, float | None]] = []
+    for distance in _distances(float(way[-1]) if len(way) else 0.0):
+        begin, end = _pieces(way, distance)
+        errors = between(poses[begin], poses[end]) - between(reference[begin], reference[end])
+        translation, heading = rms(np.hypot(*errors[:, :2].T)), rms(wrap(errors[:, 2]))
+        found.append(RelativeError(distance, translation, heading, len(begin))._asdict())
+    return found
+
+
+def _pieces(way: Float, distance: float) -> tuple[Int, Int]:
+    """First and last pose (n,) of every piece of a length [m], where `way` (N,) [m] is how far each pose is along."""
+    end = np.searchsorted(way, way + distance * (1 - 1e-9))
+    begin = np.flatnonzero(end < len(way))
+    return begin, end[begin]
+
+
+def _distances(way: float) -> Iterator[float]:
+    power = 1.0
+    while power <= LONGEST * way:
+        yield from (power * each for each in ROUND if power * each <= LONGEST * way)
+        power *= 10.0

@@ -1,0 +1,131 @@
+"""What is printed and written as JSON is as its schema says, and nothing else stands in it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+from held_by_schemas import complaints, held
+
+from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
+from slamgauge.compare.bench.bench import run_bench
+from slamgauge.compare.checks.examination import check_estimator, verdicts_json
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.cli.schema import Kind
+from slamgauge.compare.grading.grades import grade
+from slamgauge.compare.grading.grading import Grades
+from slamgauge.compare.grading.trial import Trial
+from slamgauge.compare.noise.noise_json import noise_json
+from slamgauge.compare.schemas.kinds import SCHEMAS
+from slamgauge.compare.scoring.comparison import Comparison, metrics
+from slamgauge.compare.studies.budget import RUNGS, summarise_budget
+from slamgauge.compare.studies.claim_list import CLAIMS
+from slamgauge.compare.studies.claims import Evidence, Judgement
+from slamgauge.compare.studies.resolution import Until
+from slamgauge.compare.studies.study import run_study
+from slamgauge.compare.studies.sweep import Sweep
+from slamgauge.ekf import ekf
+
+FILES = Path(__file__).parents[3] / "docs/schemas"
+SHORT = ["trajectory.duration=3", "start=sampled"]
+
+
+def of(content: object) -> Any:
+    """As a reader of the JSON has it."""
+    return json.loads(json.dumps(content, allow_nan=False))
+
+
+@pytest.mark.parametrize("kind", SCHEMAS)
+def test_the_command_prints_what_lies_in_the_docs(kind: str, capsys: pytest.CaptureFixture[str]):
+    assert main(["schema", kind]) == 0
+    assert (FILES / f"{kind}.json").read_text() == capsys.readouterr().out
+
+
+def test_every_kind_is_offered_and_every_file_is_one():
+    assert [*get_args(Kind)] == [*SCHEMAS]
+    assert {path.stem for path in FILES.glob("*.json")} == {*SCHEMAS}
+
+
+@pytest.fixture(scope="module")
+def comparison() -> Comparison:
+    truth, recording = simulate(load_scenario("q1-short-dense", [*SHORT, "trajectory.duration=12"]), 0)
+    return compare_estimators(truth, recording, load_estimators(["dead-reckoning", "ekf", "isam2", "batch"]))
+
+
+def test_a_run(comparison: Comparison):
+    found = of(metrics(comparison, "q1", 0, "x = 1"))
+    held("metrics", found)
+    assert found["estimators"]["ekf"]["rpe_by_distance"]
+    assert found["estimators"]["ekf"]["verdict"] is None
+    stored = metrics(compare_estimators(None, comparison.recording, load_estimators(["ekf"])), None, None)
+    assert held("metrics", of(stored))["truth"] is False
+
+
+def test_a_run_of_bearings_alone():
+    scenario = load_scenario("q4-ring", SHORT)
+    found = of(metrics(compare_estimators(*simulate(scenario, 0), load_estimators(["riekf"])), "q4-ring", 0))
+    assert held("metrics", found)["estimators"]["riekf"]["rays"]["members"] > 0
+
+
+def test_studies_and_sweeps(tmp_path: Path):
+    scenario = load_scenario("q1-short-dense", SHORT)
+    with ThreadPoolExecutor(1) as executor:
+        arguments = (scenario, 3, 0, ["ekf", "isam2", "batch"], tmp_path, executor)
+        summary = run_study(*arguments, against=["ekf"], until=Until(0.9, 4))
+    found = held("summary", of(summary.to_json()))
+    assert found["against"]["ekf"]["isam2"]
+    assert found["precision"]["ratios"]
+    held("sweep", of(Sweep("q1", "a.b", 3, 0, ("1", "2"), (summary, summary)).to_json()))
+
+
+def budget() -> Any:
+    errors = np.random.default_rng(0).uniform(1.0, 2.0, (3, len(RUNGS)))
+    return summarise_budget("q1", "ekf", errors, np.full(errors.shape, np.nan), np.ones(3)).to_json()
+
+
+def claims() -> Any:
+    none, some = Evidence(None, None, None, 1.0, 0.0, 0), Evidence(1.5, 1.2, 1.9, 0.001, 4.0, 50)
+    return [Judgement(CLAIMS[0], each, None, None).to_json() for each in (none, some)]
+
+
+def grades() -> Any:
+    failed = grade("one", Trial(reason="no file"), [])
+    return Grades(Path("class"), "q1", 2, 0, "ekf", failed, (failed,), "x = 1").to_json()
+
+
+def noise() -> Any:
+    recording = simulate(load_scenario("q1-short-dense", [*SHORT, "trajectory.duration=5"]), 0)[1]
+    return noise_json(find_noise(recording, systematic=True))
+
+
+def bench() -> Any:
+    return run_bench([5], ["ekf", "isam2"])
+
+
+def check() -> Any:
+    return verdicts_json(check_estimator("ekf", ekf))
+
+
+@pytest.mark.parametrize("make", [budget, claims, grades, noise, bench, check], ids=lambda make: make.__name__)
+def test_other_results(make: Callable[[], Any]):
+    held(make.__name__, of(make()))
+
+
+@pytest.mark.parametrize("kind", ["scenarios", "doctor"])
+def test_what_other_commands_print(kind: str, capsys: pytest.CaptureFixture[str]):
+    assert main([kind, "--json"]) == 0
+    held(kind, json.loads(capsys.readouterr().out))
+
+
+def test_what_a_schema_does_not_name_is_noticed(comparison: Comparison):
+    found = of(metrics(comparison, "q1", 0))
+    entry = found["estimators"].pop("ekf")
+    for wrong in ({**entry, "luck": 1.0}, {**entry, "ate_m": "0.3"}, {k: v for k, v in entry.items() if k != "ate_m"}):
+        said = complaints("metrics", {**found, "estimators": {"ekf": wrong}})
+        assert len(said) == 1
+        assert "luck" in said[0] or "ate_m" in said[0] or "0.3" in said[0]
