@@ -1,9 +1,10 @@
 """The optimum that the measurements allow, causal and in hindsight; which module is what tells README.md."""
 
+from slamgauge.graph_baseline.bound import causal_bound, hindsight_bound
 from slamgauge.graph_baseline.causal import isam2
 from slamgauge.graph_baseline.hindsight import batch
 from slamgauge.graph_baseline.linearisation import cost
 from slamgauge.graph_baseline.robust import robust_batch
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 
-__all__ = ["UndeterminedError", "batch", "cost", "isam2", "robust_batch"]
+__all__ = ["UndeterminedError", "batch", "causal_bound", "cost", "hindsight_bound", "isam2", "robust_batch"]

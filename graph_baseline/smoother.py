@@ -116,13 +116,13 @@ def damped_step(model: LinearModel, landmarks: int, damping: Damping) -> tuple[F
 def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Elimination:
     compile_graphs_once()
     model = chain.model
-    G, X = _compressed_scans(model, landmarks, damping)
+    G, X = compressed_scans(model, landmarks, damping)
     joint = _landmarks_alone(model, landmarks)
     joint[np.diag_indices(2 * landmarks)] += damping.landmark
     own = np.diag(joint)[:-1].copy()
     _subtract_scans(joint, X, model)
-    P, updated, carry, gain, whitener = _filter_covariances(model, G)
-    A = _filter_maps(model, X, carry, gain)
+    P, updated, carry, gain, whitener = filter_covariances(model, G)
+    A = filter_maps(model, X, carry, gain)
     observed = whitener @ G
     for steps in _chunks(len(A)):
         innovation = whitener[steps] @ (G[steps] @ A[steps] + X[steps])
@@ -210,7 +210,7 @@ def own_blocks_of_inverse(factor: Float) -> Float:
     return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
 
 
-def _compressed_scans(model: LinearModel, landmarks: int, damping: Damping) -> tuple[Float, Float]:
+def compressed_scans(model: LinearModel, landmarks: int, damping: Damping) -> tuple[Float, Float]:
     """Three equations a scan, G dx + X (dm, 1) = unit noise: G (N+1, 3, 3), X (N+1, 3, 2L+1).
 
     They are the first of its equations, turned so that the others leave the pose out; damping makes three of them.
@@ -254,7 +254,7 @@ def _subtract_scans(joint: Float, X: Float, model: LinearModel) -> None:
         joint[np.ix_(columns, columns)] -= _gram(X[steps][:, :, columns])
 
 
-def _filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Float, Float, Float]:
+def filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Float, Float, Float]:
     """Kalman filter of a pose given the landmarks.
 
     Returns:
@@ -266,7 +266,7 @@ def _filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Flo
     return P, updated, carry, gain, whitener
 
 
-def _filter_maps(model: LinearModel, X: Float, carry: Float, gain: Float) -> Float:
+def filter_maps(model: LinearModel, X: Float, carry: Float, gain: Float) -> Float:
     """Predicted poses as affine maps A (N+1, 3, 2L+1) of (dm, 1)."""
     A = np.empty_like(X)
     A[0] = 0.0

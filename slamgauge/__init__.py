@@ -48,7 +48,15 @@ if TYPE_CHECKING:
     from slamgauge.ekf.estimators import *
     from slamgauge.errors import UserError
     from slamgauge.estimate import Estimate, Estimator, Kind, MapHistory, RayLog
-    from slamgauge.graph_baseline import UndeterminedError, batch, cost, isam2, robust_batch
+    from slamgauge.graph_baseline import (
+        UndeterminedError,
+        batch,
+        causal_bound,
+        cost,
+        hindsight_bound,
+        isam2,
+        robust_batch,
+    )
     from slamgauge.recording import OBSERVATION_DIM, Observations, Recording, Sensor
     from slamgauge.se2 import between, chain, compose, rotation, wrap
     from slamgauge.triangulation import Triangulation, triangulate
@@ -95,6 +103,7 @@ if TYPE_CHECKING:
         "assert_error_bounds",
         "batch",
         "between",
+        "causal_bound",
         "chain",
         "check_estimator",
         "compare_estimators",
@@ -104,6 +113,7 @@ if TYPE_CHECKING:
         "error_budget",
         "evaluate",
         "find_noise",
+        "hindsight_bound",
         "informed",
         "isam2",
         "judge_claims",
@@ -144,7 +154,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
         "AssociatingFilter Association BearingFilter CompressedFilter Delayed InverseDepth MapManagement Rays "
         "OnlineFilter Robustness SlamFilter"
     ),
-    "graph_baseline": "UndeterminedError batch cost isam2 robust_batch",
+    "graph_baseline": "UndeterminedError batch causal_bound cost hindsight_bound isam2 robust_batch",
     "compare.checks.examination": "Verdict check_estimator",
     "compare.scoring.comparison": "Comparison compare_estimators",
     "compare.studies.budget": "ErrorBudget error_budget",

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from slamgauge.compare.estimators.own import Address, address, require_label
-from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS, entry_of
+from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HINDSIGHT_BOUND, REGISTRY, YARDSTICKS, entry_of
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 
@@ -51,6 +51,16 @@ class Asked:
         return self.name in YARDSTICKS.values()
 
     @property
+    def is_bound(self) -> bool:
+        """Whether it is a bound, which needs the truth."""
+        return self.name in BOUNDS
+
+    @property
+    def is_told(self) -> bool:
+        """Whether it is told true noise and associations: what others are measured by."""
+        return self.is_yardstick or self.is_bound
+
+    @property
     def key(self) -> str:
         """What stores call its results: people's own by label and digest, so that edited code is another estimator."""
         if self.where is not None and self.where.sources is not None:
@@ -65,9 +75,10 @@ Chosen = Sequence[str | Asked] | Mapping[str, str | Estimator]  # names and addr
 
 
 def ask(chosen: Chosen) -> list[Asked]:
-    """Estimators by name, `isam2@ekf` among them, by address `[LABEL=]FILE.py:callable`, or callables by label.
+    """Estimators by name, by address `[LABEL=]FILE.py:callable`, or callables by label.
 
-    What has been asked for stays as it was then: a file that is edited meanwhile does not change it.
+    `isam2@ekf` is a name like any; `bound` stands for both bounds, causal and hindsight. What has been asked
+    for stays as it was then: a file that is edited meanwhile does not change it.
 
     Raises:
         UserError: an unknown name, an address of a wrong form, or two of one label.
@@ -75,10 +86,12 @@ def ask(chosen: Chosen) -> list[Asked]:
     if isinstance(chosen, Mapping):
         asked = [_asked(label, what) for label, what in chosen.items()]
     else:
+        both = BOUNDS if HINDSIGHT_BOUND not in chosen else [BOUND]
+        chosen = [name for each in chosen for name in (both if each == BOUND else [each])]
         asked = [each if isinstance(each, Asked) else _asked("", each) for each in chosen]
     labels = [each.label for each in asked]
     for each in asked:
-        is_ours = not each.name and each.label in REGISTRY
+        is_ours = not each.name and each.label in REGISTRY | BOUNDS
         if is_ours or labels.count(each.label) > 1:
             text = each.label if each.where is None else each.where.text
             why = "is one of ours" if is_ours else "stands there twice"

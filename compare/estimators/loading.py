@@ -94,6 +94,10 @@ def load(
 
     The form in which they bring it is said on standard error, if it is to be `announced`.
     """
+    if asked.is_bound:
+        raise UserError(
+            f"{asked.name}: is no estimate of a recording; `slamgauge study` holds errors of many runs to it"
+        )
     if asked.name:
         return _ours(entry_of(asked.name), _settings(association, initialisation, robust), frames)
     own = Entry(name=asked.label, kind=None, is_own=True, is_benched=False)

@@ -8,13 +8,18 @@ from __future__ import annotations
 import importlib
 import sys
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 from slamgauge.errors import UserError
 from slamgauge.near_names import did_you_mean
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from slamgauge.arrays import Float
     from slamgauge.estimate import Estimator, Kind
+    from slamgauge.recording import Recording
+    from slamgauge.truth import Truth
 
 DEAD_RECKONING = "dead-reckoning"  # what figures show faintly, and pictures of a map leave out
 UNDER = "@"  # isam2@ekf: isam2 under the associations that ekf makes
@@ -41,6 +46,7 @@ class Entry:
         is_graph: whether it can be told associations, as in `isam2@ekf`.
         is_yardstick: whether it is the optimum that estimates of its kind are compared with. It is told true
             noise and associations, as nobody else.
+        is_bound: whether it is no estimator but what none can beat: a function of truth and recording.
         title: its name as an optimum in figures.
         is_own: whether it is people's own: what it prints and raises is theirs.
         is_benched: whether `slamgauge bench` measures it unless it is told otherwise.
@@ -54,6 +60,7 @@ class Entry:
     is_filter: bool = False
     is_graph: bool = False
     is_yardstick: bool = False
+    is_bound: bool = False
     title: str = ""
     is_own: bool = False
     is_benched: bool = True
@@ -63,6 +70,10 @@ class Entry:
         """Its function, imported now."""
         module, _, attribute = self.home.partition(":")
         return getattr(importlib.import_module(module), attribute)
+
+    def bounds(self, truth: Truth, recording: Recording) -> Float:
+        """Of a bound: covariances (N+1, 3, 3) that no error's is below."""
+        return cast("Callable[[Truth, Recording], Float]", self.load())(truth, recording)
 
     def is_home_of(self, estimator: object) -> bool:
         """Whether `estimator` is its function; nothing is imported to find out."""
@@ -136,13 +147,32 @@ _ENTRIES = (
     ),
 )
 REGISTRY = {entry.name: entry for entry in _ENTRIES}
+BOUND, HINDSIGHT_BOUND = "bound", "hindsight-bound"
+BOUNDS = {  # of studies: these need the truth, and many runs
+    BOUND: Entry(
+        name=BOUND,
+        home="slamgauge.graph_baseline:causal_bound",
+        note="of studies: what no estimator can beat, causal and in hindsight",
+        is_bound=True,
+        look=Look("#000000", (0, (1, 1))),
+    ),
+    HINDSIGHT_BOUND: Entry(
+        name=HINDSIGHT_BOUND,
+        home="slamgauge.graph_baseline:hindsight_bound",
+        kind="smoothed",
+        is_bound=True,
+        look=Look("#777777", (0, (1, 1))),
+    ),
+}
+BOUND_OF = {str(entry.kind): entry.name for entry in BOUNDS.values()}  # by the kind that they bound
 FILTERS = tuple(entry.name for entry in _ENTRIES if entry.is_filter)
 GRAPHS = tuple(entry.name for entry in _ENTRIES if entry.is_graph)
 YARDSTICKS = {str(entry.kind): entry.name for entry in _ENTRIES if entry.is_yardstick}  # by the kind they judge
 CAUSAL, HINDSIGHT = YARDSTICKS["filtered"], YARDSTICKS["smoothed"]
 BENCHED = ",".join(entry.name for entry in _ENTRIES if entry.is_benched)
+_HELPED = (*_ENTRIES, BOUNDS[BOUND])
 HELP = (
-    f"Comma-separated: {', '.join(f'{each.name} ({each.note})' if each.note else each.name for each in _ENTRIES)}; "
+    f"Comma-separated: {', '.join(f'{each.name} ({each.note})' if each.note else each.name for each in _HELPED)}; "
     f"{CAUSAL}{UNDER}{FILTERS[0]} is {CAUSAL} under the associations that {FILTERS[0]} makes."
 )
 
@@ -154,8 +184,8 @@ def entry_of(name: str) -> Entry:
         UserError: an unknown name.
     """
     graph, under, filter_name = name.partition(UNDER)
-    if not under and name in REGISTRY:
-        return REGISTRY[name]
+    if not under and name in REGISTRY | BOUNDS:
+        return (REGISTRY | BOUNDS)[name]
     if graph in GRAPHS and filter_name in FILTERS:
         return replace(REGISTRY[graph], name=name, note="", is_yardstick=False, title="", look=None)
     if under and graph in REGISTRY:

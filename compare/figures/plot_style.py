@@ -12,8 +12,8 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation
 
+from slamgauge.compare.estimators.registry import BOUNDS, REGISTRY
 from slamgauge.compare.estimators.registry import DEAD_RECKONING as DEAD_RECKONING
-from slamgauge.compare.estimators.registry import REGISTRY
 
 LineStyle = str | tuple[int, tuple[float, ...]]
 
@@ -65,7 +65,7 @@ class Style(NamedTuple):
 
 
 # of the estimators in the box; those that have none there, and people's own, take the guests'
-KNOWN = {name: Style(*entry.look) for name, entry in REGISTRY.items() if entry.look is not None}
+KNOWN = {name: Style(*entry.look) for name, entry in (REGISTRY | BOUNDS).items() if entry.look is not None}
 GUESTS = (
     Style("#332288", (0, (4, 2))),
     Style("#999933", (0, (6, 1, 2, 1))),

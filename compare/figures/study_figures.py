@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
+from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, WRAPPED, save_png_and_svg, styles
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
-from slamgauge.compare.scoring.over_runs import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
+from slamgauge.compare.scoring.over_runs import BAND_LEVEL, PerStep, nees_per_step, nis_per_step, rmse_per_step
 from slamgauge.compare.scoring.runs import Runs, paired
 from slamgauge.compare.storage.decorations import Drawing
 from slamgauge.compare.storage.names import math_text
@@ -25,7 +25,7 @@ COMPONENTS = (("x [m]", "x", 1.0), ("y [m]", "y", 1.0), ("heading [°]", "headin
 
 
 def study_drawings(summary: Summary, runs: Mapping[str, Runs], step: float) -> dict[str, Drawing]:
-    """What draws nees, nis, errors and ratios (.png and .svg), each by itself; `step` is the time step [s]."""
+    """What draws nees, nis, rmse, errors and ratios (.png and .svg), each by itself; `step` is the time step [s]."""
     ran = {name: each for name, each in runs.items() if len(each.run)}
     title = f"{summary.scenario}, {summary.runs} runs"
     doubts = (misfits(misfit_optima(summary)), doubt_in_runs(CAUSAL, share_in_doubt(summary)))
@@ -33,6 +33,7 @@ def study_drawings(summary: Summary, runs: Mapping[str, Runs], step: float) -> d
     return {
         "nees": lambda out: _save(out / "nees", lambda: _nees(ran, step), title),
         "nis": lambda out: _save(out / "nis", lambda: _nis(ran, step), title),
+        "rmse": lambda out: _save(out / "rmse", lambda: _rmse(ran, step), title),
         "errors": lambda out: _save(out / "errors", lambda: _errors(ran, step), title),
         "ratios": lambda out: _save(out / "ratios", lambda: _ratios(ran, doubtful), title, *doubts),
     }
@@ -83,8 +84,24 @@ def _against_band(
     return figure
 
 
+def _rmse(runs: Mapping[str, Runs], step: float) -> Figure | None:
+    """RMS position error over runs against time; the bounds are what it cannot be below."""
+    if not runs:
+        return None
+    figure = Figure(figsize=(6.0, 3.2), layout="constrained")
+    axes = figure.subplots()
+    for name, style in styles(runs).items():
+        value = rmse_per_step(runs[name])
+        time = step * np.arange(len(value))
+        axes.plot(time, value, color=style.color, linestyle=style.dashes, linewidth=0.9, label=name)
+    axes.set(xlabel="time [s]", ylabel="RMS position error over runs [m]", ylim=(0.0, None))
+    figure.legend(loc="outside lower center", ncols=8, **LEGEND)
+    return figure
+
+
 def _errors(runs: Mapping[str, Runs], step: float) -> Figure | None:
     """Errors of single runs, and three times the sigma that the estimator claims, mean over runs."""
+    runs = {name: each for name, each in runs.items() if name not in BOUNDS}
     if not runs:
         return None
     figure = Figure(figsize=(7.2, 1.0 + 1.4 * len(runs)), layout="constrained")

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from slamgauge.compare.estimators.registry import CAUSAL, REGISTRY, is_yardstick
+from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, REGISTRY, is_yardstick
 from slamgauge.compare.figures.plot_style import (
     LEGEND,
     MARK_COLOR,
@@ -44,7 +44,7 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
             for name, style in names.items():
                 intervals = [summary.estimators[name].figure(key) for summary in sweep.summaries]
                 title = REGISTRY[name].title if is_yardstick(name) else name
-                _draw(axes, sweep.values, intervals, title, style, line=is_yardstick(name))
+                _draw(axes, sweep.values, intervals, title, style, line=is_yardstick(name) or name in BOUNDS)
             axes.set_ylabel(label)
             _arrange(axes, sweep.values)
             if key == "nees_pose_per_dof":

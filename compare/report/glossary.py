@@ -25,11 +25,11 @@ TERMS = {
 }
 
 
-def figure_heads(table: Table) -> list[Head]:
-    """The columns of figures in a table, from the left."""
-    return [Head(title, HELP[key]) for title, key, _ in columns(table)]
+def figure_heads(table: Table, *, bounded: bool = False) -> list[Head]:
+    """The columns of figures in a table, from the left; with those of bounds if it is `bounded`."""
+    return [Head(title, HELP[key]) for title, key, _ in columns(table, bounded=bounded)]
 
 
-def glossary(table: Table) -> list[tuple[str, str]]:
+def glossary(table: Table, *, bounded: bool = False) -> list[tuple[str, str]]:
     """Terms and meanings: those of every column of a table, and of the words around it."""
-    return [*TERMS.get(table, ()), *((head.title, head.help) for head in figure_heads(table))]
+    return [*TERMS.get(table, ()), *((head.title, head.help) for head in figure_heads(table, bounded=bounded))]

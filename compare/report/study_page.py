@@ -23,6 +23,7 @@ from slamgauge.compare.studies.stored_study import StoredStudy, load_study
 from slamgauge.compare.studies.summary import (
     failure_lines,
     figure_cells,
+    is_bounded,
     is_doubtful,
     optimum_lines,
     too_good_lines,
@@ -33,6 +34,7 @@ MOST_MOMENTS = 1500  # of a curve
 PICTURES = {
     "nees.png": ("Mean pose NEES over runs against time, with its chi-square band", "Mean pose NEES over runs."),
     "nis.png": ("NIS over its degrees of freedom against time, with its band", "NIS of all runs together."),
+    "rmse.png": ("RMS position error over runs against time, and the bounds", "RMS position error over runs."),
     "errors.png": (
         "Errors of single runs within the mean 3-sigma bounds",
         "Errors of single runs, mean 3-sigma bounds.",
@@ -70,7 +72,7 @@ def study_page(folder: Path) -> dict[str, str]:
         level=f"{BAND_LEVEL:.1%}",
         looks=shown,
         pictures=pictures(folder, PICTURES),
-        glossary=glossary("study"),
+        glossary=glossary("study", bounded=is_bounded(summary.estimators)),
         origin=origin(folder / SUMMARY, study.content, [("Runs", str(summary.runs))]),
         data={"study": study_data(study, shown)},
     )
@@ -79,7 +81,8 @@ def study_page(folder: Path) -> dict[str, str]:
 
 def summary_score_table(study: StoredStudy) -> Table:
     """Means with their 95 % intervals, as the terminal has them."""
-    summary, found = study.summary, columns("study")
+    summary, bounded = study.summary, is_bounded(study.summary.estimators)
+    found = columns("study", bounded=bounded)
     rows: list[list[Cell]] = []
     for name, entry in summary.estimators.items():
         texts = figure_cells(summary, entry, found, room_for_marks=is_doubtful(summary))
@@ -90,7 +93,7 @@ def summary_score_table(study: StoredStudy) -> Table:
     band = Head(
         f"in {BAND_LEVEL:.1%} band", "share of steps whose mean pose NEES over runs lies in its chi-square band"
     )
-    heads = [Head("estimator", words=True), Head("runs"), *figure_heads("study"), band]
+    heads = [Head("estimator", words=True), Head("runs"), *figure_heads("study", bounded=bounded), band]
     return Table("summary", "Means over runs with their 95 % intervals; a click on a head sorts", heads, rows)
 
 

@@ -24,13 +24,14 @@ PICTURES = {
 def sweep_page(folder: Path) -> dict[str, str]:
     """The page of what `study --sweep` has written into a folder."""
     content = read_json(folder / SWEEP, "sweep")
-    found, rows = columns("sweep"), list[list[Cell]]()
+    bounded = any("bound" in point["summary"] for point in content["points"])
+    found, rows = columns("sweep", bounded=bounded), list[list[Cell]]()
     for point in content["points"]:
         marks = dict.fromkeys(RELATIVE, MARK * (CAUSAL in point["in_doubt"]))
         for name, entry in point["summary"]["estimators"].items():
             figures = [interval_of(entry[key], form, marks.get(key, "")) for _, key, form in found]
             rows.append([Cell(str(point["value"])), Cell(name), *figures])
-    heads = [Head(content["key"], words=True), Head("estimator", words=True), *figure_heads("sweep")]
+    heads = [Head(content["key"], words=True), Head("estimator", words=True), *figure_heads("sweep", bounded=bounded)]
     text = plain_page(
         kind="a sweep",
         title=f"{content['scenario']} over {content['key']}, {content['runs']} runs at each value",

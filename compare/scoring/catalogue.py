@@ -19,6 +19,7 @@ from slamgauge.compare.scoring.over_runs import (
     mean_of,
     mean_rays,
     mean_root_of,
+    over_bound,
     over_yardstick,
     plain_mean_of,
     position_sigma,
@@ -51,6 +52,7 @@ CATALOGUE = (
         unit="m",
         help="mean over steps of the RMS position error over runs (the literature's)",
         over_runs=mean_root_of("error_x", "error_y"),
+        column=Column(title="RMSE [m]", study=2, sweep=2, of_bounds=True, needs=TRUTH),
     ),
     Quantity(
         key="heading_rmse_rad",
@@ -58,7 +60,7 @@ CATALOGUE = (
         help="RMS heading error; of a study, mean over steps of the RMS over runs",
         scored=True,
         over_runs=mean_root_of("error_heading"),
-        column=Column(title="heading [rad]", form="{:.4f}", run=6, study=7, needs=TRUTH),
+        column=Column(title="heading [rad]", form="{:.4f}", run=6, study=9, needs=TRUTH),
     ),
     Quantity(
         key="final_position_error_m",
@@ -67,7 +69,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("final_position_error_m"),
-        column=Column(title="end [m]", run=7, study=8, needs=TRUTH),
+        column=Column(title="end [m]", run=7, study=10, needs=TRUTH),
     ),
     Quantity(key="final_heading_error_rad", unit="rad", help="absolute heading error of the last pose", scored=True),
     Quantity(key="rpe_m", unit="m", help="RMS translation error of single steps, in the body frame", scored=True),
@@ -87,7 +89,7 @@ CATALOGUE = (
         key="nees_pose_per_dof",
         help="mean over runs and steps from the 11th on of the pose NEES over 3",
         over_runs=late_mean_of("nees_pose", 3),
-        column=Column(title="NEES/3", form="{:.2f}", study=3, sweep=3, needs=(*TRUTH, "covariances")),
+        column=Column(title="NEES/3", form="{:.2f}", study=5, sweep=5, needs=(*TRUTH, "covariances")),
     ),
     Quantity(
         key="nees_position_per_dof", help="likewise of the position, over 2", over_runs=late_mean_of("nees_position", 2)
@@ -111,7 +113,7 @@ CATALOGUE = (
         scored=True,
         measure=credibility.coverage_95,
         over_runs=late_coverage(0.95),
-        column=Column(title="in 95% ellipse", form="{:.1%}", run=4, study=4, needs=(*TRUTH, "covariances")),
+        column=Column(title="in 95% ellipse", form="{:.1%}", run=4, study=6, needs=(*TRUTH, "covariances")),
     ),
     Quantity(
         key="coverage_99",
@@ -133,7 +135,7 @@ CATALOGUE = (
         help="NIS over its degrees of freedom; a filter that knows its noise reads about 1",
         scored=True,
         over_runs=total_nis,
-        column=Column(title="NIS/dof", run=5, study=6, needs=("nis",)),
+        column=Column(title="NIS/dof", run=5, study=8, needs=("nis",)),
     ),
     Quantity(key="nis_total", help="sum of the NIS of all steps", stored=True),
     Quantity(key="nis_dof_total", help="its degrees of freedom", stored=True),
@@ -152,7 +154,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("landmark_nees_per_dof"),
-        column=Column(title="map NEES/2", form="{:.2f}", study=10, needs=("truth", "true landmarks", "map")),
+        column=Column(title="map NEES/2", form="{:.2f}", study=12, needs=("truth", "true landmarks", "map")),
     ),
     Quantity(
         key="landmark_sigma_near_m",
@@ -170,7 +172,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("landmarks_mapped"),
-        column=Column(title="mapped", form="{:d}", mean_form="{:.1f}", run=10, study=12, sweep=5),
+        column=Column(title="mapped", form="{:d}", mean_form="{:.1f}", run=10, study=14, sweep=7),
     ),
     Quantity(
         key="landmarks_true",
@@ -204,8 +206,8 @@ CATALOGUE = (
             form="{:d}",
             mean_form="{:.1f}",
             run=8,
-            study=11,
-            sweep=6,
+            study=13,
+            sweep=8,
             needs=("truth", "true associations", "associations"),
         ),
     ),
@@ -234,20 +236,26 @@ CATALOGUE = (
         key="ratio_to_causal",
         help="ATE over that of the causal optimum",
         over_runs=over_yardstick(CAUSAL),
-        column=Column(title="x causal", study=2, sweep=2, relative=True, needs=(*TRUTH, "causal optimum")),
+        column=Column(title="x causal", study=3, sweep=3, relative=True, needs=(*TRUTH, "causal optimum")),
+    ),
+    Quantity(
+        key="ratio_to_bound",
+        help="`position_rmse_m` over that of the Cramer-Rao bound of the same kind, over the same runs",
+        over_runs=over_bound,
+        column=Column(title="x bound", study=4, sweep=4, of_bounds=True, needs=(*TRUTH, "bound")),
     ),
     Quantity(
         key="ratio_to_hindsight",
         help="ATE over that of the hindsight optimum",
         over_runs=over_yardstick(HINDSIGHT),
-        column=Column(title="x hindsight", study=5, needs=(*TRUTH, "hindsight optimum")),
+        column=Column(title="x hindsight", study=7, needs=(*TRUTH, "hindsight optimum")),
     ),
     Quantity(
         key="position_sigma_m",
         unit="m",
         help="RMS position sigma that the estimator reports",
         over_runs=position_sigma,
-        column=Column(title="sigma [m]", sweep=4),
+        column=Column(title="sigma [m]", sweep=6),
     ),
     Quantity(
         key="sigma_ratio_to_optimum",
@@ -280,7 +288,7 @@ CATALOGUE = (
         column=Column(
             title="nats to causal",
             form="{:.2f}",
-            study=9,
+            study=11,
             relative=True,
             needs=(*TRUTH, "covariances", "causal optimum"),
         ),
@@ -355,22 +363,24 @@ RELATIVE = frozenset(each.key for each in CATALOGUE if each.column is not None a
 SUMMED_UP = {each.key: each.over_runs for each in CATALOGUE if each.over_runs is not None}
 
 
-def columns(table: Table) -> list[tuple[str, str, str]]:
-    """Title, key and form of the columns of a table, from the left."""
+def columns(table: Table, *, bounded: bool = False) -> list[tuple[str, str, str]]:
+    """Title, key and form of the columns of a table, from the left; with those of bounds if it is `bounded`."""
     found: list[tuple[int, tuple[str, str, str]]] = []
     for each in CATALOGUE:
         column = each.column
         place = None if column is None else getattr(column, table)
-        if column is not None and place is not None:
+        if column is not None and place is not None and (bounded or not column.of_bounds):
             form = column.form if table == "run" else column.mean_form or column.form
             found.append((place, (column.title, each.key, form)))
     return [head for _, head in sorted(found)]
 
 
-def empty_columns(table: Table, is_empty: Callable[[str], bool]) -> list[tuple[str, tuple[str, ...]]]:
+def empty_columns(
+    table: Table, is_empty: Callable[[str], bool], *, bounded: bool = False
+) -> list[tuple[str, tuple[str, ...]]]:
     """Title and needs of the columns of a table whose figures, by their key, are not there."""
     needs = {each.key: each.column.needs for each in CATALOGUE if each.column is not None}
-    return [(title, needs[key]) for title, key, _ in columns(table) if is_empty(key)]
+    return [(title, needs[key]) for title, key, _ in columns(table, bounded=bounded) if is_empty(key)]
 
 
 def measured(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, Any]:

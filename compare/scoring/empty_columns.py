@@ -17,6 +17,7 @@ REASONS = {
     "optimum": "no optimum of their kind is there (isam2 for filtered estimates, batch for smoothed ones)",
     "causal optimum": "isam2 is not among the estimators that ran",
     "hindsight optimum": "batch is not among the estimators that ran",
+    "bound": "no bound could be told",
     "time": "no estimator was run, or tells its time",
 }
 

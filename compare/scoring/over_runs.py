@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.estimators.registry import YARDSTICKS
+from slamgauge.compare.estimators.registry import BOUND_OF, YARDSTICKS
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.credibility import is_inside
 from slamgauge.compare.scoring.defined import mean
@@ -42,6 +42,11 @@ def nis_per_step(runs: Runs) -> PerStep:
     """NIS over its degrees of freedom: 1 when the innovations are as large as the filter expects."""
     dof = np.nansum(runs.series["nis_dof"], axis=0).astype(np.int64)
     return _per_step(np.nansum(runs.series["nis"], axis=0), dof, dof)
+
+
+def rmse_per_step(runs: Runs) -> Float:
+    """RMS position error [m] over runs at every step (N+1,)."""
+    return np.sqrt((runs.series["error_x"] ** 2 + runs.series["error_y"] ** 2).mean(axis=0))
 
 
 def _per_step(total: Float, dof: Int, unit: Int) -> PerStep:
@@ -112,6 +117,24 @@ def over_yardstick(name: str | None = None) -> OverRuns:
         return ratio_interval(runs.figures["ate_m"][ours], optimum.figures["ate_m"][theirs])
 
     return sum_up
+
+
+def over_bound(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
+    """The mean over steps of the RMS position error over runs, over that of the bound of the same kind."""
+    bound = others.get(BOUND_OF.get(runs.kind, ""))
+    if bound is None:
+        return None
+    ours, theirs = paired(runs, bound)
+    squares = [
+        each.series["error_x"][at] ** 2 + each.series["error_y"][at] ** 2
+        for each, at in ((runs, ours), (bound, theirs))
+    ]
+
+    def ratio(sums: Float, count: int) -> Float:
+        above, below = np.split(sums, 2, axis=-1)
+        return _mean_root(above, count) / _mean_root(below, count)
+
+    return jackknife_interval(ratio, np.concatenate(squares, axis=1))
 
 
 def excess_over(key: str, name: str) -> OverRuns:

@@ -29,6 +29,7 @@ class Column:
         needs: what must be there for a figure in it, the farthest-fetched last (`empty_columns.REASONS`).
         relative: whether the figure is one against the causal optimum, of filtered estimates at least, and is marked
             where that optimum is in doubt.
+        of_bounds: whether it stands only in tables with a bound.
     """
 
     title: str
@@ -39,6 +40,7 @@ class Column:
     sweep: int | None = None
     needs: tuple[str, ...] = ()
     relative: bool = False
+    of_bounds: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

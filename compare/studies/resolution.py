@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.compare.estimators.asked import Asked
-from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
+from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
 from slamgauge.compare.scoring.intervals import LEVEL, Interval, ratio_interval
 from slamgauge.compare.scoring.over_runs import late_means
 from slamgauge.compare.scoring.paired import Paired, compare_paired
@@ -104,7 +104,7 @@ def pairs_to_resolve(asked: Sequence[Asked], against: Sequence[str]) -> list[Pai
         UserError: there are none.
     """
     over = against or [each.label for each in asked if each.name in (CAUSAL, HINDSIGHT)]
-    pairs = [(each.label, other) for other in over for each in asked if each.label != other]
+    pairs = [(each.label, other) for other in over for each in asked if each.label != other and not each.is_bound]
     if not pairs:
         raise UserError("precision: there is no ratio to be known; add isam2 to --estimators, or name one by --against")
     return pairs
@@ -128,7 +128,7 @@ def compare_against(
     """Paired comparisons of ATE and NEES/3 with each of `names`; valid at all looks at once where there are several."""
     found: dict[str, dict[str, dict[str, Paired]]] = {}
     for name in names:
-        others = {label: runs for label, runs in loaded.items() if label != name}
+        others = {label: runs for label, runs in loaded.items() if label != name and label not in BOUNDS}
         found[name] = {label: _compared(runs, loaded[name], looks, look) for label, runs in others.items()}
     return found
 

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from time import perf_counter
 
 import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.asked import Asked, Chosen, ask
 from slamgauge.compare.estimators.loading import load, without
+from slamgauge.compare.estimators.registry import entry_of
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scenarios.schema import Assumed
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.catalogue import STORED, measured
 from slamgauge.compare.scoring.consistency import squared_mahalanobis
 from slamgauge.compare.scoring.defined import number, rms
 from slamgauge.compare.scoring.landmark_identity import landmark_errors, true_landmarks
 from slamgauge.compare.scoring.ray_figures import RayFigures
+from slamgauge.compare.scoring.runs import SERIES
 from slamgauge.compare.scoring.scores import filter_figures, map_figures, pose_covs_of
 from slamgauge.compare.scoring.trajectory_error import pose_errors, stored_distances
 from slamgauge.compare.storage.names import shown
@@ -51,15 +55,18 @@ def run_once(scenario: Scenario, seed: int, estimators: Chosen) -> list[Outcome]
     asked = ask(estimators)
     try:
         truth, recording = simulate(scenario, seed)
-        told = simulate(informed(scenario), seed)[1] if any(each.is_yardstick for each in asked) else recording
+        is_misled = scenario.assumed != Assumed() or scenario.association.method != "known"
+        told = simulate(informed(scenario), seed)[1] if is_misled and any(each.is_told for each in asked) else recording
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
         failed = _failed("", error)
         return [replace(failed, estimator=each.key, error=f"simulation: {failed.error}") for each in asked]
-    return [_outcome(scenario, each, truth, told if each.is_yardstick else recording) for each in asked]
+    return [_outcome(scenario, each, truth, told if each.is_told else recording) for each in asked]
 
 
 def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recording) -> Outcome:
     try:
+        if asked.is_bound:
+            return _bounded(asked, truth, recording)
         estimator = load(
             asked, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
         )
@@ -80,6 +87,20 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
         return Outcome(asked.key, estimate.kind, figures, series.astype(np.float32).tobytes())
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
         return _failed(asked.key, error)
+
+
+def _bounded(asked: Asked, truth: Truth, recording: Recording) -> Outcome:
+    """What an estimator makes of the run whose errors are as large as the bound's standard deviations."""
+    entry = entry_of(asked.name)
+    begun = perf_counter()
+    covs = entry.bounds(truth, recording)
+    figures = dict.fromkeys(STORED) | {
+        "observations": len(recording.observation),
+        "seconds_total": perf_counter() - begun,
+    }
+    sigmas = np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0)).T
+    series = np.concatenate([sigmas, sigmas, np.full((len(SERIES) - 6, len(covs)), np.nan)])
+    return Outcome(asked.key, str(entry.kind), figures, series.astype(np.float32).tobytes())
 
 
 def _failed(name: str, error: Exception) -> Outcome:

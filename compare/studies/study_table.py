@@ -59,7 +59,7 @@ class StudyTable:
         return Interval(**found) if found is not None else None
 
     def _cells(self, estimator: str) -> list[str]:
-        forms = {key: form for _, key, form in columns("study")}
+        forms = {key: form for _, key, form in columns("study", bounded=True)}
         found = [(self._interval(estimator, key), forms.get(key, "{:.4g}")) for key in self.keys]
         if self.intervals:
             return [interval_cell(each, form) for each, form in found]
@@ -139,7 +139,7 @@ def latex_text(text: str) -> str:
 
 
 def _title(key: str) -> str:
-    return next((title for title, name, _ in columns("study") if name == key), key)
+    return next((title for title, name, _ in columns("study", bounded=True) if name == key), key)
 
 
 def _require(names: Sequence[str], known: Sequence[str] | Mapping[str, object], what: str) -> None:

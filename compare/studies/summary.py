@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT, REGISTRY, UNDER
+from slamgauge.compare.estimators.registry import BOUND_OF, BOUNDS, CAUSAL, HINDSIGHT, REGISTRY, UNDER
 from slamgauge.compare.scoring.catalogue import RELATIVE, SUMMED_UP, columns, empty_columns
 from slamgauge.compare.scoring.empty_columns import empty_lines
 from slamgauge.compare.scoring.intervals import Interval
@@ -47,6 +47,7 @@ class EstimatorSummary:
     nees_heading: Interval | None
     ratio_to_optimum: Interval | None
     ratio_to_causal: Interval | None
+    ratio_to_bound: Interval | None
     ratio_to_hindsight: Interval | None
     position_sigma_m: Interval | None
     wrong_associations: Interval | None
@@ -146,7 +147,24 @@ class Summary:
                 for name, others in self.against.items()
             },
             "precision": None if self.precision is None else self.precision.to_json(),
+            **bound_entry(self.estimators),
         }
+
+
+def bound_entry(estimators: Mapping[str, EstimatorSummary]) -> dict[str, Any]:
+    """Of summary.json: the bounds' `position_rmse_m`, if they were asked for."""
+    if not is_bounded(estimators):
+        return {}
+    bounds = {kind: estimators[name].position_rmse_m if name in estimators else None for kind, name in BOUND_OF.items()}
+    known = {kind: None if each is None else each.mean for kind, each in bounds.items()}
+    return {
+        "bound": {"causal_position_rmse_m": known["filtered"], "hindsight_position_rmse_m": known["smoothed"]},
+    }
+
+
+def is_bounded(estimators: Collection[str]) -> bool:
+    """Whether a bound is among the estimators of a study."""
+    return not BOUNDS.keys().isdisjoint(estimators)
 
 
 def _has_ends(value: object) -> bool:
@@ -166,7 +184,7 @@ def _summarise(runs: Runs, others: Mapping[str, Runs]) -> EstimatorSummary:
 
 def summary_table(summary: Summary) -> Page:
     """Means with their 95 % intervals, the share of steps inside the band, sigma ratios, notes, failures."""
-    found = columns("study")
+    found = columns("study", bounded=is_bounded(summary.estimators))
     is_marked = is_doubtful(summary)
     head = ["estimator", "runs", *(title for title, _, _ in found), f"in {BAND_LEVEL:.1%} band", "sigma / optimum"]
     rows = [head]
@@ -246,7 +264,7 @@ def too_good_lines(summary: Summary) -> list[str]:
     """A line for each of people's own filters that is better than the causal optimum beyond chance, if that is one."""
     if is_marked_against(summary, CAUSAL):
         return []
-    ours = {*REGISTRY, *(name for name in summary.estimators if UNDER in name)}
+    ours = {*REGISTRY, *BOUNDS, *(name for name in summary.estimators if UNDER in name)}
     own = {name: each for name, each in summary.estimators.items() if name not in ours and each.kind == "filtered"}
     known = summary.estimators[CAUSAL].runs if CAUSAL in summary.estimators else 0
     found = {name: beats_the_optimum(each.ratio_to_causal, min(each.runs, known)) for name, each in own.items()}
@@ -256,6 +274,7 @@ def too_good_lines(summary: Summary) -> list[str]:
 def why_empty(summaries: Sequence[Summary], table: Table) -> list[str]:
     """Which columns of a table of these summaries are empty, and why."""
     entries = [entry for summary in summaries for entry in summary.estimators.values()]
+    bounded = any(is_bounded(summary.estimators) for summary in summaries)
     known = {
         "truth": True,
         "true poses": True,
@@ -267,8 +286,9 @@ def why_empty(summaries: Sequence[Summary], table: Table) -> list[str]:
         "nis": any(each.nis_per_dof is not None for each in entries),
         "causal optimum": any(_has_run(each, CAUSAL) for each in summaries),
         "hindsight optimum": any(_has_run(each, HINDSIGHT) for each in summaries),
+        "bound": any(_has_run(each, name) for each in summaries for name in BOUNDS),
     }
-    empty = empty_columns(table, lambda key: all(each.figure(key) is None for each in entries))
+    empty = empty_columns(table, lambda key: all(each.figure(key) is None for each in entries), bounded=bounded)
     return empty_lines(empty, [what for what, is_there in known.items() if is_there])
 
 

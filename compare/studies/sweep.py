@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from slamgauge.compare.estimators.asked import Asked, Chosen, ask
-from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
+from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scenarios.simulation import informed
@@ -27,6 +27,7 @@ from slamgauge.compare.studies.summary import (
     Summary,
     failure_lines,
     figure_cells,
+    is_bounded,
     is_doubtful,
     is_marked_against,
     misfit_optima,
@@ -124,8 +125,8 @@ def run_sweep(
     scenarios = [load_scenario(name_or_path, [*overrides, f"{key}={value}"]) for value in values]
     _require_different(sweep, values, scenarios)
     asked = ask(estimators)
-    optima = [each for each in asked if each.is_yardstick]
-    others = [each for each in asked if not each.is_yardstick]
+    optima = [each for each in asked if each.is_told]
+    others = [each for each in asked if not each.is_told]
     if not others:
         raise UserError("estimators: a sweep needs one beside the optima; add a filter, for example ekf")
     folders = [f"{key}={value}" for value in values]
@@ -174,7 +175,7 @@ def _require_free(out: Path, studies: Sequence[str], optima: Sequence[str]) -> N
 
 def sweep_table(sweep: Sweep) -> Page:
     """A line for each value and estimator: means, with the half width of the 95 % interval; below, what is wrong."""
-    found = columns("sweep")
+    found = columns("sweep", bounded=is_bounded(sweep.summaries[0].estimators))
     rows = [[sweep.key, "estimator", *(title for title, _, _ in found)]]
     any_doubt = any(map(is_doubtful, sweep.summaries))
     for value, summary in zip(sweep.values, sweep.summaries, strict=True):
@@ -198,6 +199,8 @@ def faults(sweep: Sweep) -> dict[str, str]:
     """What is wrong with each estimator, and at which values."""
     lines: dict[str, str] = {}
     for name in dict.fromkeys(name for summary in sweep.summaries for name in summary.estimators):
+        if name in BOUNDS:
+            continue
         entries = [summary.estimators[name] for summary in sweep.summaries]
         places: dict[str, list[str]] = {}
         for value, entry in zip(sweep.values, entries, strict=True):

@@ -47,6 +47,11 @@ SMALLEST = {
         "(ekf) reference ",
         "2 graded, 6 named with their reasons",
     ),
+    "bound": (  # 3 s
+        "--scenarios stationary --runs 2 --jobs 1",
+        "scenario bound expected hindsight expected riekf isam2 batch",
+        "stationary 0.",
+    ),
     "close_landmarks": ("--runs 2 --distances 1.0 --jobs 1", "distance [m] ekf: ATE NEES/3 lost", "1.0 "),  # 3 s
     "causal_optimum": ("--landmarks 20 --steps 60 --prefixes 5 --log 2000", "estimator landmarks", "isam2 20 60 "),
     "faults": (  # 10 s

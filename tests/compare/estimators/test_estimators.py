@@ -132,7 +132,8 @@ def test_a_graph_under_a_filters_associations_is_no_optimum():
 
 def test_the_box_is_listed_with_all_its_names():
     assert all(name in HELP for name in REGISTRY)
-    assert "isam2 (causal optimum), batch (hindsight), robust-batch; isam2@ekf is" in HELP
+    assert "isam2 (causal optimum), batch (hindsight), robust-batch, bound (of studies: what" in HELP
+    assert "; isam2@ekf is isam2 under" in HELP
 
 
 def test_people_may_not_take_a_name_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -1,0 +1,107 @@
+"""The Cramer-Rao bound: how small the error of any estimator can be, from the truth and the noise, without an optimum.
+
+The information of a run is the sum of J' R^-1 J over its prior, its motions and its observations, J taken at the true
+path and map. Blocks of its inverse bound the covariance of every estimator's error: of the last pose given the
+measurements up to it (causal), of every pose given all of them (hindsight). Landmarks have no prior. Motions are those
+of the simulation, whose noise is added to the increment in the frame of the step's start; where they cannot slip,
+their information is infinite, and the covariance form of the same inverse is exact (`smoother`).
+
+A run's bound is conditional on its path, on what was seen from it, and on the noise being Gaussian and stated rightly.
+Its mean over the paths is not below the inverse of the mean information, the posterior bound of Tichavsky, Muravchik &
+Nehorai (IEEE TSP 46(5), 1998), for the inverse is convex; both are one where all runs take the same path.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import get_lapack_funcs
+
+from slamgauge.arrays import Float
+from slamgauge.errors import UserError
+from slamgauge.graph_baseline.demand import require_room
+from slamgauge.graph_baseline.factors import MAX_LANDMARK_SIGMA, are_seen_again
+from slamgauge.graph_baseline.linearisation import LinearModel, linearise
+from slamgauge.graph_baseline.smoother import NOT_DAMPED, compressed_scans, filter_covariances, filter_maps, solve
+from slamgauge.graph_baseline.warm_up import compile_graphs_once
+from slamgauge.recording import Recording
+from slamgauge.se2 import rotation
+from slamgauge.truth import Truth
+
+factorise, solve_triangular = get_lapack_funcs(("potrf", "trtrs"), dtype=np.float64)  # a third of their wrappers' time
+
+
+def causal_bound(truth: Truth, recording: Recording) -> Float:
+    """Bounds (N+1, 3, 3) of each pose's error covariance given the measurements up to it, world frame, additive.
+
+    Args:
+        truth: poses without gaps, landmarks and associations; clutter and outliers are left out.
+        recording: made of it, with its true noise.
+
+    Raises:
+        UserError: the truth does not tell all that.
+    """
+    model, landmarks = model_at_truth(truth, recording)
+    return causal_covariances(model, landmarks)
+
+
+def hindsight_bound(truth: Truth, recording: Recording) -> Float:
+    """The same (N+1, 3, 3) given all measurements."""
+    model, landmarks = model_at_truth(truth, recording)
+    return solve(model, landmarks).pose_covs
+
+
+def model_at_truth(truth: Truth, recording: Recording) -> tuple[LinearModel, int]:
+    """The linear model whose matrices are those at the truth, and its number of landmarks, numbered by first sight."""
+    if truth.poses is None or truth.landmarks is None or truth.association is None or np.isnan(truth.poses).any():
+        raise UserError("truth: the bound needs all true poses, landmarks and associations; simulate a scenario")
+    assert truth.landmark_ids is not None
+    assert truth.misleading is not None
+    require_room(recording, "bound")
+    named = np.where(truth.misleading, -1, truth.association)
+    is_named = recording.landmark is not None and np.array_equal(named, recording.landmark)
+    seen = recording if is_named else recording.associated(named)
+    if seen.sensor == "bearing":
+        seen = seen.only(are_seen_again(seen))  # a single bearing says nothing but of its landmark
+    assert seen.landmark is not None
+    ids, first, slot = np.unique(seen.landmark, return_index=True, return_inverse=True)
+    by_sight = np.argsort(first)
+    order = np.argsort(truth.landmark_ids)
+    landmarks = truth.landmarks[order[np.searchsorted(truth.landmark_ids, ids[by_sight], sorter=order)]]
+    turn = np.tile(np.eye(3), (recording.steps, 1, 1))
+    turn[:, :2, :2] = rotation(truth.poses[:-1, 2])
+    model = linearise(seen, np.argsort(by_sight)[slot], truth.poses, landmarks)
+    at_truth = model._replace(start_cov=recording.prior_cov, W=turn @ recording.odometry_cov @ turn.swapaxes(1, 2))
+    return at_truth, len(ids)
+
+
+def causal_covariances(model: LinearModel, landmarks: int) -> Float:
+    """Covariances (N+1, 3, 3) of each pose given the scans up to it, of landmarks numbered by first sight."""
+    compile_graphs_once()
+    G, X = compressed_scans(model, landmarks, NOT_DAMPED)
+    P, updated, carry, gain, whitener = filter_covariances(model, G)
+    A = filter_maps(model, X, carry, gain)
+    innovation = whitener @ (G @ A + X)
+    A -= P @ (whitener @ G).swapaxes(1, 2) @ innovation  # with the pose's own scan
+    own = model.Hm.swapaxes(1, 2) @ model.Hm
+    first = np.searchsorted(model.step, np.arange(len(G) + 1)).tolist()
+    information = np.eye(2 * landmarks) / MAX_LANDMARK_SIGMA**2  # bearings leave a new landmark undetermined
+    blocks = information.reshape(landmarks, 2, landmarks, 2)
+    covs, width, factor = updated.copy(), 0, information[:0, :0]
+    for k in range(len(G)):
+        slots = model.slot[first[k] : first[k + 1]]
+        if len(slots):
+            width = max(width, 2 * (int(slots.max()) + 1))
+            known = information[:width, :width]
+            for slot, block in zip(slots.tolist(), own[first[k] : first[k + 1]], strict=True):
+                blocks[slot, :, slot] += block
+            known += _gram(innovation[k, :, :width]) - _gram(X[k, :, :width])
+            factor, failed = factorise(known, lower=1, clean=0)
+            if failed:
+                raise np.linalg.LinAlgError("the information of the landmarks is not positive definite")
+        if width:
+            covs[k] += _gram(solve_triangular(factor, A[k, :, :width].T, lower=1)[0])
+    return covs
+
+
+def _gram(rows: Float) -> Float:
+    return rows.T @ rows

@@ -1,0 +1,181 @@
+"""The Cramer-Rao bound against dense information matrices, Kalman filters, and what estimators really do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from jacobians import differentiate
+from random_recordings import random_recording
+from scipy.stats import chi2
+from textbook import textbook_ekf
+
+from slamgauge.arrays import Float
+from slamgauge.ekf import ekf
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimator
+from slamgauge.graph_baseline import batch, causal_bound, hindsight_bound, isam2
+from slamgauge.graph_baseline.factors import MAX_LANDMARK_SIGMA
+from slamgauge.recording import Recording, Sensor
+from slamgauge.se2 import between, rotation, wrap
+from slamgauge.truth import Truth
+
+SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position", "bearing"])
+SLIP = pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])
+
+
+def drawn(
+    seed: int, sensor: Sensor, *, slip: bool = True, noise: float = 1.0, steps: int = 12
+) -> tuple[Truth, Recording]:
+    kind = "range-bearing" if sensor == "bearing" else sensor
+    truth, recording = random_recording(seed, sensor=kind, slip=slip, noise=noise, steps=steps, landmarks=4)
+    assert truth.landmark_ids is not None
+    assert truth.association is not None
+    numbers = np.arange(4)  # which arrays can be indexed with
+    truth = replace(truth, landmark_ids=numbers, association=np.searchsorted(truth.landmark_ids, truth.association))
+    recording = replace(recording, landmark=truth.association)
+    if sensor == "bearing":
+        values, covs = recording.observation[:, 1:], recording.observation_cov[:, 1:, 1:]
+        recording = replace(recording, sensor="bearing", observation=values, observation_cov=covs)
+    return truth, recording
+
+
+def predicted(sensor: str, pose: Float, landmark: Float) -> Float:
+    x, y = rotation(pose[2]).T @ (landmark - pose[:2])
+    return {
+        "position": np.array([x, y]),
+        "range-bearing": np.array([np.hypot(x, y), np.arctan2(y, x)]),
+        "bearing": np.array([np.arctan2(y, x)]),
+    }[sensor]
+
+
+def dense_information(truth: Truth, recording: Recording, last: int) -> Float:
+    """Of all poses and landmarks, by the measurements up to step `last`, from central differences at the truth."""
+    assert truth.poses is not None
+    assert truth.landmarks is not None
+    assert truth.association is not None
+    poses, landmarks = truth.poses, truth.landmarks
+    size = 3 * len(poses)
+    total = np.zeros((size + landmarks.size, size + landmarks.size))
+    total[:3, :3] = np.linalg.inv(recording.prior_cov)
+    total[range(size, len(total)), range(size, len(total))] = MAX_LANDMARK_SIGMA**-2
+    for k in range(last):
+        H = differentiate(lambda both: between(both[:3], both[3:]), poses[k : k + 2].ravel())
+        rows = slice(3 * k, 3 * k + 6)
+        total[rows, rows] += H.T @ np.linalg.inv(recording.odometry_cov[k]) @ H
+    for k, name, cov in zip(recording.observation_step, truth.association, recording.observation_cov, strict=True):
+        if k <= last:
+            at = np.concatenate([poses[k], landmarks[name]])
+            H = differentiate(lambda both: predicted(recording.sensor, both[:3], both[3:]), at)
+            columns = [*range(3 * k, 3 * k + 3), size + 2 * name, size + 2 * name + 1]
+            total[np.ix_(columns, columns)] += H.T @ np.linalg.inv(cov) @ H
+    return total
+
+
+@SENSORS
+def test_bounds_are_blocks_of_the_inverse_information_at_the_truth(sensor: Sensor) -> None:
+    truth, recording = drawn(1, sensor)
+    steps = recording.steps
+    hindsight = np.linalg.inv(dense_information(truth, recording, steps))
+    blocks = np.array([hindsight[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] for k in range(steps + 1)])
+    np.testing.assert_allclose(hindsight_bound(truth, recording), blocks, rtol=1e-6, atol=1e-6 * blocks.max())
+    causal = causal_bound(truth, recording)
+    for k in range(steps + 1):
+        information = dense_information(truth, recording, k)
+        known = np.flatnonzero(np.diag(information) > 0)
+        block = np.linalg.inv(information[np.ix_(known, known)])[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+        np.testing.assert_allclose(causal[k], block, rtol=1e-6, atol=1e-6 * block.max())
+
+
+def undisturbed(truth: Truth, recording: Recording) -> Recording:
+    """The measurements without noise, so that a filter's estimate, and its Jacobians, stay at the truth."""
+    assert truth.poses is not None
+    assert truth.landmarks is not None
+    assert truth.association is not None
+    sights = zip(recording.observation_step, truth.association, strict=True)
+    return replace(
+        recording,
+        prior_mean=truth.poses[0],
+        odometry=between(truth.poses[:-1], truth.poses[1:]),
+        observation=np.array(
+            [predicted(recording.sensor, truth.poses[k], truth.landmarks[name]) for k, name in sights]
+        ),
+    )
+
+
+@SLIP
+@pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+def test_the_causal_bound_is_the_covariance_of_a_filter_at_the_truth(sensor: Sensor, slip: bool) -> None:
+    truth, recording = drawn(2, sensor, slip=slip, steps=40)
+    ideal = textbook_ekf(undisturbed(truth, recording))
+    assert ideal.pose_covs is not None
+    bound = causal_bound(truth, recording)
+    np.testing.assert_allclose(bound, ideal.pose_covs, rtol=0, atol=1e-9 * np.abs(ideal.pose_covs).max())
+    np.testing.assert_allclose(hindsight_bound(truth, recording)[-1], bound[-1], rtol=0, atol=1e-9 * bound[-1].max())
+
+
+def test_where_all_is_linear_the_bounds_are_the_optimas_own_covariances() -> None:
+    """A heading that is known exactly leaves positions alone: a Kalman filter is the optimum.
+
+    Slip is the same in all directions: the graph has it in the frame of a step's end, the simulation in its start's.
+    """
+    truth, recording = random_recording(3, sensor="position", prior_sigmas=(0.1, 0.2, 0.0))
+    assert truth.poses is not None
+    covs = np.tile(np.diag([0.03, 0.03, 0.0]) ** 2, (recording.steps, 1, 1))
+    turned = np.column_stack([recording.odometry[:, :2], between(truth.poses[:-1], truth.poses[1:])[:, 2]])
+    start = np.append(recording.prior_mean[:2], truth.poses[0, 2])
+    recording = replace(recording, prior_mean=start, odometry=turned, odometry_cov=covs)
+    causal, hindsight = causal_bound(truth, recording), hindsight_bound(truth, recording)
+    kalman, smoothed = ekf(recording).pose_covs, batch(recording).pose_covs
+    assert kalman is not None
+    assert smoothed is not None
+    np.testing.assert_allclose(causal, kalman, rtol=0, atol=1e-9 * kalman.max())
+    np.testing.assert_allclose(hindsight[-1], smoothed[-1], rtol=0, atol=1e-9 * smoothed.max())
+
+
+@pytest.mark.parametrize("estimator", [isam2, batch])
+def test_the_optima_touch_the_bound_as_noise_shrinks(estimator: Estimator) -> None:
+    """Last errors of 60 runs under the bound's covariance: chi-square of 180 degrees, a false alarm in 1000 seeds."""
+    total = 0.0
+    for seed in range(60):
+        truth, recording = drawn(seed, "range-bearing", noise=0.1)
+        assert truth.poses is not None
+        error = estimator(recording).poses[-1] - truth.poses[-1]
+        error[2] = wrap(error[2])
+        total += float(error @ np.linalg.solve(causal_bound(truth, recording)[-1], error))
+    assert chi2.ppf(0.0005, 180) < total < chi2.ppf(0.9995, 180)
+
+
+def test_what_is_told_to_be_clutter_or_outlier_is_left_out() -> None:
+    truth, recording = drawn(4, "range-bearing")
+    assert truth.association is not None
+    lost = np.zeros(len(truth.association), dtype=bool)
+    lost[::5] = True
+    misled = replace(truth, association=np.where(np.arange(len(lost)) % 10 == 0, -1, truth.association), outlier=lost)
+    rest = replace(truth, association=truth.association[~lost])
+    np.testing.assert_allclose(causal_bound(misled, recording), causal_bound(rest, recording.only(~lost)), rtol=1e-12)
+
+
+def test_landmark_ids_need_no_order() -> None:
+    truth, recording = drawn(5, "range-bearing")
+    assert truth.association is not None
+    assert truth.landmarks is not None
+    names = np.array([30, 7, 99, 2])
+    renamed = replace(truth, landmark_ids=names, association=names[truth.association])
+    np.testing.assert_allclose(causal_bound(renamed, recording), causal_bound(truth, recording), rtol=1e-9)
+
+
+def test_a_truth_without_landmarks_bounds_nothing() -> None:
+    truth, recording = drawn(6, "range-bearing")
+    with pytest.raises(UserError, match="truth: the bound needs all true poses, landmarks and associations"):
+        causal_bound(replace(truth, landmark_ids=None, landmarks=None), recording)
+
+
+def test_without_observations_the_bounds_are_those_of_odometry() -> None:
+    truth, recording = drawn(7, "range-bearing")
+    nothing = np.zeros(len(recording.observation), dtype=bool)
+    truth, recording = replace(truth, association=np.zeros(0, dtype=np.int64)), recording.only(nothing)
+    causal = causal_bound(truth, recording)
+    np.testing.assert_allclose(hindsight_bound(truth, recording), causal, rtol=1e-12)
+    assert (np.diff(np.trace(causal[:, :2, :2], axis1=1, axis2=2)) > 0).all()
