@@ -88,6 +88,10 @@ def summary() -> Schema:
         "most_runs": count(),
         "ratios": several(ratio, "of ATEs; their intervals hold at all looks at once"),
     }
+    bound = {
+        "causal_position_rmse_m": known(number("mean over steps of the root of its mean square over runs [m]")),
+        "hindsight_position_rmse_m": known(number("the same given all measurements [m]")),
+    }
     return record(
         {
             **ORIGIN,
@@ -99,7 +103,8 @@ def summary() -> Schema:
             "estimators": by_name(_entry(), "by name"),
             "against": by_name(by_name(by_name(paired)), "by whom against, by whom, by figure"),
             "precision": known(record(precision, "of a study that went on until its ratios were known")),
-        }
+        },
+        optional={"bound": record(bound, "what no estimator can beat (docs/bound.md), if it was asked for")},
     )
 
 

@@ -75,10 +75,11 @@ def test_a_run_of_bearings_alone():
 def test_studies_and_sweeps(tmp_path: Path):
     scenario = load_scenario("q1-short-dense", SHORT)
     with ThreadPoolExecutor(1) as executor:
-        arguments = (scenario, 3, 0, ["ekf", "isam2", "batch"], tmp_path, executor)
+        arguments = (scenario, 3, 0, ["ekf", "isam2", "batch", "bound"], tmp_path, executor)
         summary = run_study(*arguments, against=["ekf"], until=Until(0.9, 4))
     found = held("summary", of(summary.to_json()))
     assert found["against"]["ekf"]["isam2"]
+    assert found["bound"]["causal_position_rmse_m"] > 0
     assert found["precision"]["ratios"]
     held("sweep", of(Sweep("q1", "a.b", 3, 0, ("1", "2"), (summary, summary)).to_json()))
 
