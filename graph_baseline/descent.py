@@ -6,6 +6,7 @@ fulfils them to first order; the path is then led back to them, and keeps what t
 
 from __future__ import annotations
 
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -13,16 +14,17 @@ from numpy.linalg import LinAlgError
 
 from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.factors import require_known_landmarks
-from slamgauge.graph_baseline.free_noise import FreeNoise, turned
+from slamgauge.graph_baseline.free_noise import FreeNoise
 from slamgauge.graph_baseline.linearisation import LinearModel, linearise, whitened_residuals
 from slamgauge.graph_baseline.mixing import Mixing
+from slamgauge.graph_baseline.moving import displaced, driven
 from slamgauge.graph_baseline.smoother import NOT_DAMPED, Damping, Solution, damped_step, solve_at
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 
-MAX_STEPS, MOST_STEPS = 200, 1000
-NEAR, NEAREST = 1e-6, 1e-9  # relative decrease of the cost after which Newton steps alone go on
+MAX_STEPS = 200
+NEAR = 1e-6  # relative decrease of the cost after which Newton steps alone go on
 TOO_NEAR = 1e-4  # m
 NEGLIGIBLE = 1e-6  # of a standard deviation
 RESOLVED = 1e-3  # of a standard deviation: a step of rounding that is taken for the last
@@ -67,9 +69,7 @@ class Merit:
         return cost if np.isfinite(cost) else np.inf
 
 
-def approach(
-    recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float, *, patient: bool = False
-) -> Approach:
+def approach(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> Approach:
     """Where damped steps lead from a start: near a minimum, or wherever they come to a halt.
 
     Args:
@@ -77,55 +77,39 @@ def approach(
         landmark_ids: (L,) all of its landmarks, increasing.
         poses: (N+1, 3).
         landmarks: (L, 2).
-        patient: for a valley that steps go through slowly.
     """
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     merit = Merit(recording, slot)
     poses = merit.noise.followed(poses)
     cost, factor = merit(poses, landmarks), 0.0
-    for _ in range(MOST_STEPS if patient else MAX_STEPS):
+    for _ in range(MAX_STEPS):
         model = linearise(recording, slot, poses, landmarks)
         scale = _mean_information(model, len(landmarks))
         while True:
-            tried = _tried(model, merit.noise, poses, landmarks, scale, factor)
-            found = np.inf if tried is None else merit(*tried)
+            found, tried = _tried(model, merit, poses, landmarks, scale, factor)
             if found <= cost or factor > 1.0 / UNDAMPED:
                 break
             factor = max(STRONGER * factor, GENTLE)
-        if tried is None or found > cost:
+        if found > cost:
             break
         decrease, cost, (poses, landmarks) = cost - found, found, tried
         factor = WEAKER * factor if factor > UNDAMPED else 0.0
-        if decrease <= (NEAREST if patient else NEAR) * (1.0 + cost):
+        if decrease <= NEAR * (1.0 + cost):
             break
     return Approach(poses, landmarks, cost, merit)
 
 
 def _tried(
-    model: LinearModel, noise: FreeNoise, poses: Float, landmarks: Float, scale: Damping, factor: float
-) -> tuple[Float, Float] | None:
-    """Where a step damped by `factor` leads; None if there is no such step."""
+    model: LinearModel, merit: Merit, poses: Float, landmarks: Float, scale: Damping, factor: float
+) -> tuple[float, tuple[Float, Float]]:
+    """Cost, path and map after a step damped by `factor`, the cheaper of its two ways; infinite without a step."""
     damping = Damping(factor * scale.pose, factor * scale.landmark, factor * scale.motion)
     try:
-        dx, dm = damped_step(model, len(landmarks), damping)
+        step = damped_step(model, len(landmarks), damping)
+        ways = [move(model, merit.noise, poses, landmarks, *step) for move in (displaced, driven)]
     except LinAlgError:
-        return None
-    return moved(model, noise, poses, landmarks, dx, dm)
-
-
-def moved(
-    model: LinearModel, noise: FreeNoise, poses: Float, landmarks: Float, dx: Float, dm: Float
-) -> tuple[Float, Float]:
-    """Path and map after a step (N+1, 3), (L, 2): each point by V(turn) step, V(t) = (R(t) - I) / (t J).
-
-    A turn of everything about any point then keeps all distances, which an additive step would stretch. A landmark
-    turns as do, in the mean, the poses that see it.
-    """
-    turn = dx[:, 2]
-    seen = np.maximum(np.bincount(model.slot, minlength=len(dm)), 1)
-    turn_of_landmark = np.bincount(model.slot, turn[model.step], minlength=len(dm)) / seen
-    path = np.column_stack([poses[:, :2] + turned(turn, dx[:, :2]), wrap(poses[:, 2] + turn)])
-    return noise.followed(path), landmarks + turned(turn_of_landmark, dm)
+        return np.inf, (poses, landmarks)
+    return min(((merit(*way), way) for way in ways), key=itemgetter(0))
 
 
 def _mean_information(model: LinearModel, landmarks: int) -> Damping:
@@ -158,7 +142,7 @@ def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
             step = damped_step(model, len(landmarks), NOT_DAMPED)
         except LinAlgError:
             break
-        ahead = moved(model, merit.noise, poses, landmarks, *step)
+        ahead = displaced(model, merit.noise, poses, landmarks, *step)
         apart = _apart(ahead, (poses, landmarks))
         size = mixing.size(apart)
         if size < smallest:

@@ -32,24 +32,28 @@ class FreeNoise:
 
     def cost(self, poses: Float) -> float:
         """Half the sum of squares of the residuals of poses (N+1, 3), constrained directions left out."""
-        return 0.5 * float(np.square(self._coordinates(poses) / self._root).sum())
+        return 0.5 * float(np.square(self._coordinates(self.residuals(poses)) / self._root).sum())
 
     def followed(self, poses: Float) -> Float:
         """The poses (N+1, 3) whose residuals are those of `poses` without what the constraints exclude."""
-        if self._free.all():
-            return poses
+        return poses if self._free.all() else self.path(self.residuals(poses))
+
+    def path(self, residuals: Float) -> Float:
+        """The poses (N+1, 3) that have these residuals (N+1, 3) without what the constraints exclude."""
         recording = self._recording
-        residual = np.einsum("nij,nj->ni", self._axes, self._coordinates(poses)) * self._scale
-        increments = exp_se2(residual)
+        increments = exp_se2(np.einsum("nij,nj->ni", self._axes, self._coordinates(residuals)) * self._scale)
         return chain(compose(recording.prior_mean, increments[0]), compose(recording.odometry, increments[1:]))
 
-    def _coordinates(self, poses: Float) -> Float:
-        """(N+1, 3) of the scaled residuals along the axes of their noise, zero in constrained directions."""
+    def residuals(self, poses: Float) -> Float:
+        """(N+1, 3) of the start and the motions of poses (N+1, 3)."""
         recording = self._recording
         start = between(recording.prior_mean, poses[0])[None]
         motion = between(recording.odometry, between(poses[:-1], poses[1:]))
-        scaled = log_se2(np.concatenate([start, motion])) / self._scale
-        return np.einsum("nij,ni->nj", self._axes, scaled) * self._free
+        return log_se2(np.concatenate([start, motion]))
+
+    def _coordinates(self, residuals: Float) -> Float:
+        """(N+1, 3) of the scaled residuals along the axes of their noise, zero in constrained directions."""
+        return np.einsum("nij,ni->nj", self._axes, residuals / self._scale) * self._free
 
 
 def exp_se2(tangent: Float) -> Float:

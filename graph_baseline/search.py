@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 
 import gtsam
@@ -100,7 +100,7 @@ def lowest_minimum(recording: Recording, starts: Iterable[Start]) -> Minimum:
             mistakes.append(error)
     near.sort(key=lambda approached: approached.cost)
     unsettled: list[UndeterminedError] = []
-    for each in _and_nearer(recording, landmark_ids, near):
+    for each in near:
         try:
             return settle(recording, landmark_ids, each)
         except UndeterminedError as error:
@@ -109,13 +109,6 @@ def lowest_minimum(recording: Recording, starts: Iterable[Start]) -> Minimum:
     if near:
         error.path = near[0].poses
     raise error
-
-
-def _and_nearer(recording: Recording, landmark_ids: Int, near: list[Approach]) -> Iterator[Approach]:
-    """All of these, and then where the first leads with patience."""
-    yield from near
-    if near and recording.sensor != "bearing":  # bearings may be too few for any minimum
-        yield approach(recording, landmark_ids, near[0].poses, near[0].landmarks, patient=True)
 
 
 def is_low(recording: Recording, cost: float) -> bool:
