@@ -42,9 +42,9 @@ def extended(recording: Recording, kind: str) -> Path:
     poses, sigmas = [], []
     for k, scan in enumerate(recording.scans()):
         if k > 0:
-            run.predict(_long(recording.odometry[k - 1]), _long(recording.odometry_cov[k - 1]))
+            run.predict(as_long(recording.odometry[k - 1]), as_long(recording.odometry_cov[k - 1]))
         assert scan.landmark is not None
-        run.take_in(scan.landmark, _long(scan.value), _long(scan.cov))
+        run.take_in(scan.landmark, as_long(scan.value), as_long(scan.cov))
         poses.append(run.x[:3].astype(np.float64))
         sigmas.append(np.sqrt(np.maximum(run.pose_variances(), 0)).astype(np.float64))
     return Path(np.array(poses), np.array(sigmas))
@@ -55,8 +55,8 @@ class _Filter:
 
     def __init__(self, recording: Recording, kind: str) -> None:
         self.kind, self.sensor = kind, recording.sensor
-        self.x = _long([0.0, 0.0, recording.prior_mean[2]])
-        self.P = _long(recording.prior_cov)  # relative to the start both errors are the same
+        self.x = as_long([0.0, 0.0, recording.prior_mean[2]])
+        self.P = as_long(recording.prior_cov)  # relative to the start both errors are the same
         self.first = self.x.copy()
         self.slots: dict[int, int] = {}
 
@@ -71,10 +71,10 @@ class _Filter:
 
     def predict(self, increment: Long, Q: Long) -> None:
         size, begin = len(self.x), self.x[:3].copy()
-        self.x[:2] = self.x[:2] + _rotation(begin[2]) @ increment[:2]
-        self.x[2] = _wrap(begin[2] + increment[2])
+        self.x[:2] = self.x[:2] + long_rotation(begin[2]) @ increment[:2]
+        self.x[2] = long_wrap(begin[2] + increment[2])
         G = np.zeros((size, 3), dtype=np.longdouble)
-        G[:2, :2], G[2, 2] = _rotation(begin[2]), 1
+        G[:2, :2], G[2, 2] = long_rotation(begin[2]), 1
         if self.kind == "riekf":
             for i in (0, *range(3, size, 2)):
                 G[i : i + 2, 2] = -SKEW @ self.x[i : i + 2]
@@ -112,7 +112,7 @@ class _Filter:
         self.P = self.P - W.T @ W
         dx = W.T @ y
         self.x = _turned(dx, self.x) if self.kind == "riekf" else self.x + dx
-        self.x[2] = _wrap(self.x[2])
+        self.x[2] = long_wrap(self.x[2])
 
     def _correct_iterated(self, columns: list[int], values: Long, R: Long) -> None:
         """Damped Gauss-Newton on d'P^-1 d + v'R^-1 v with d = P y, so that P may be singular."""
@@ -145,7 +145,7 @@ class _Filter:
         H = self._jacobian(columns, at)
         W, _ = _whitened(P, H, R, np.zeros(len(R), dtype=np.longdouble))
         self.x, self.P = at, P - W.T @ W
-        self.x[2] = _wrap(self.x[2])
+        self.x[2] = long_wrap(self.x[2])
 
     def _polished(self, columns: list[int], values: Long, noise: Long, at: Long, y: Long) -> Long:
         """Where y = H'R^-1 v holds at x^ + P y: Newton's steps, as long as they become shorter.
@@ -159,7 +159,7 @@ class _Filter:
             bent = self._curvature(columns, at, weights)
             normal = H.T @ np.column_stack([_backward(noise, _forward(noise, each)) for each in H.T])
             slope = np.eye(len(y), dtype=np.longdouble) + (normal - bent) @ P
-            moved = P @ (step := _solved(slope, H.T @ weights - y))
+            moved = P @ (step := solved(slope, H.T @ weights - y))
             if not np.abs(moved).max() < length / 2:
                 return at
             y = y + step
@@ -178,14 +178,14 @@ class _Filter:
     def _innovation(self, x: Long, columns: list[int], values: Long) -> Long:
         v = np.zeros(2 * len(columns), dtype=np.longdouble)
         for a, c in enumerate(columns):
-            delta = _rotation(x[2]).T @ (x[c : c + 2] - x[:2])
+            delta = long_rotation(x[2]).T @ (x[c : c + 2] - x[:2])
             if self.sensor == "position":
                 v[2 * a : 2 * a + 2] = values[a] - delta
                 continue
             distance = np.hypot(delta[0], delta[1])
             v[2 * a] = values[a, 0] - distance
             if distance >= MIN_BEARING_DISTANCE:
-                v[2 * a + 1] = _wrap(values[a, 1] - np.arctan2(delta[1], delta[0]))
+                v[2 * a + 1] = long_wrap(values[a, 1] - np.arctan2(delta[1], delta[0]))
         return v
 
     def _jacobian(self, columns: list[int], at: Long | None = None) -> Long:
@@ -193,7 +193,7 @@ class _Filter:
         H = np.zeros((2 * len(columns), len(self.x)), dtype=np.longdouble)
         for a, c in enumerate(columns):
             offset = point[c : c + 2] - point[:2]
-            to_body = _rotation(point[2]).T
+            to_body = long_rotation(point[2]).T
             B = self._by_delta(to_body @ offset) @ to_body
             rows = slice(2 * a, 2 * a + 2)
             H[rows, :2], H[rows, c : c + 2] = -B, B
@@ -232,7 +232,7 @@ class _Filter:
             c, s = np.cos(z[1]), np.sin(z[1])
             delta = np.array([z[0] * c, z[0] * s])
             Jz = np.array([[c, -z[0] * s], [s, z[0] * c]])
-        turn = _rotation(self.x[2])
+        turn = long_rotation(self.x[2])
         landmark = self.x[:2] + turn @ delta
         by_state = np.zeros((2, len(self.x)), dtype=np.longdouble)
         by_state[:, :2] = np.eye(2)
@@ -255,7 +255,7 @@ def _turned(xi: Long, x: Long) -> Long:
         V = (np.sin(t) * np.eye(2) + 2 * half**2 * SKEW) / t
     out = x.copy()
     for i in (0, *range(3, len(x), 2)):
-        out[i : i + 2] = _rotation(t) @ x[i : i + 2] + V @ xi[i : i + 2]
+        out[i : i + 2] = long_rotation(t) @ x[i : i + 2] + V @ xi[i : i + 2]
     out[2] = x[2] + t
     return out
 
@@ -293,7 +293,7 @@ def _backward(L: Long, b: Long) -> Long:
     return out
 
 
-def _solved(A: Long, b: Long) -> Long:
+def solved(A: Long, b: Long) -> Long:
     """A^-1 b by elimination with pivots; NaN where A is singular."""
     A, b = A.copy(), b.copy()
     for i in range(len(b)):
@@ -307,14 +307,14 @@ def _solved(A: Long, b: Long) -> Long:
     return b
 
 
-def _rotation(heading: Any) -> Long:
+def long_rotation(heading: Any) -> Long:
     c, s = np.cos(heading), np.sin(heading)
     return np.array([[c, -s], [s, c]])
 
 
-def _wrap(angle: Any) -> Any:
+def long_wrap(angle: Any) -> Any:
     return angle - TWO_PI * np.ceil((angle - TWO_PI / 2) / TWO_PI)
 
 
-def _long(values: object) -> Long:
+def as_long(values: object) -> Long:
     return np.array(values, dtype=np.longdouble)

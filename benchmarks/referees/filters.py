@@ -10,14 +10,14 @@ Both twins start at the origin, which changes nothing but their rounding.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from textbook import textbook_ekf, textbook_fej_ekf, textbook_iekf, textbook_oc_ekf, textbook_riekf
 
-from referees.extended import DIGITS_GAINED, Path, extended
+from referees.extended import DIGITS_GAINED, Long, Path, as_long, extended, long_rotation, long_wrap, solved
 from referees.verdicts import FILTER_BAR, Outcome, attempt
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter, ekf, fej_ekf, iekf, oc_ekf, riekf
@@ -25,9 +25,10 @@ from slamgauge.ekf.maps.rules import Correction
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
-from slamgauge.se2 import rotation, wrap
+from slamgauge.se2 import wrap
 
 SPACINGS = 16
+ROUNDINGS = 8  # of a covariance, to see what they change
 ANOTHER_MINIMUM = 1e-3  # sigma; what differs by less has come to the same one, and not near enough
 
 Filter = Callable[[Recording], Estimate]
@@ -141,10 +142,13 @@ def difference(ours: Path, referee: Path, recording: Recording) -> float:
 
 
 def judge_minimum(recording: Recording, correction: Correction = "iterated") -> Outcome:
-    """How far, in sigmas, another pass of iekf would lead after each of its updates: the gradient of its own cost."""
+    """How far, in sigmas, another pass of iekf would lead after each of its updates: the gradient of its own cost.
+
+    Undecided where a spacing of doubles more or less in the covariance before the update changes that by the bar.
+    """
     name = "iekf minimum"
     slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov, correction)
-    worst, at = 0.0, 0
+    worst, lost, at = 0.0, False, 0
     try:
         for k, scan in enumerate(recording.scans()):
             if k > 0:
@@ -153,36 +157,53 @@ def judge_minimum(recording: Recording, correction: Correction = "iterated") -> 
             mapped = np.isin(scan.landmark, slam.landmark_ids)
             old, new = (Observations(scan.landmark[r], scan.value[r], scan.cov[r]) for r in (mapped, ~mapped))
             if mapped.any():
-                left = _next_pass(slam, old, recording.sensor)
-                worst, at = max((worst, at), (left, k))
+                worst, lost, at = max((worst, lost, at), (*_next_pass(slam, old, recording.sensor), k))
             if not mapped.all():
                 slam.update(new)
     except UserError as error:
         return Outcome(name, "failed", math.inf, str(error))
-    except np.linalg.LinAlgError:
-        return Outcome(name, "undecided", math.inf, "its innovations have no covariance that can be inverted")
-    return Outcome(name, "worse" if worst > FILTER_BAR else "agrees", worst, f"step {at}")
+    verdict = "agrees" if worst <= FILTER_BAR else "undecided" if lost else "worse"
+    return Outcome(name, verdict, worst, f"step {at}")
 
 
-def _next_pass(slam: SlamFilter, scan: Observations, sensor: str) -> float:
-    """Update with a scan of mapped landmarks; the largest component of the pass that would follow, in sigmas."""
-    before, P = _state(slam), slam.cov
+def _next_pass(slam: SlamFilter, scan: Observations, sensor: str) -> tuple[float, bool]:
+    """Update with a scan of mapped landmarks; the largest component of the pass that would follow, in sigmas.
+
+    In extended precision, and whether rounding of the covariance before the update changes it by the bar.
+    """
+    before, P = as_long(_state(slam)), as_long(slam.cov)
     slam.update(scan)
-    after = _state(slam)
+    after = as_long(_state(slam))
     assert scan.landmark is not None
     order = slam.landmark_ids.tolist()
     slots = np.array([order.index(name) for name in scan.landmark.tolist()])
-    v, H = _linearised(sensor, after, slots, scan.value)
+    v, H = _linearised(sensor, after, slots, as_long(scan.value))
     moved = after - before
-    moved[2] = wrap(moved[2])
-    R = np.zeros((len(v), len(v)))
+    moved[2] = long_wrap(moved[2])
+    R = as_long(np.zeros((len(v), len(v))))
     for a, block in enumerate(scan.cov):
         R[2 * a : 2 * a + 2, 2 * a : 2 * a + 2] = block
-    gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
-    step = gain @ (v + H @ moved) - moved
+
+    def step(P: Long) -> Long:
+        return P @ H.T @ solved(H @ P @ H.T + R, v + H @ moved) - moved
+
     sigma = np.sqrt(np.maximum(np.diag(slam.cov), 0.0))
-    floor = SPACINGS / FILTER_BAR * np.spacing(np.abs(after).max())
-    return float((np.abs(step) / np.maximum(sigma, floor)).max())
+    sigma = np.maximum(sigma, SPACINGS / FILTER_BAR * np.spacing(np.abs(_state(slam)).max()))
+
+    def size(step: Long) -> float:
+        return float((np.abs(step.astype(np.float64)) / sigma).max())
+
+    left = size(step(P))
+    lost = left > FILTER_BAR and any(size(step(rounded) - step(P)) > FILTER_BAR for rounded in _roundings(P))
+    return left, lost
+
+
+def _roundings(P: Long) -> Iterator[Long]:
+    """Symmetric matrices (n, n) whose entries are a spacing of doubles from those of P, up or down."""
+    rng, spacing = np.random.default_rng(len(P)), np.spacing(np.abs(P.astype(np.float64)))
+    for _ in range(ROUNDINGS):
+        rounding = spacing * rng.choice([-1.0, 1.0], P.shape)
+        yield P + np.triu(rounding) + np.triu(rounding, 1).T
 
 
 def _state(slam: SlamFilter) -> Float:
@@ -190,22 +211,22 @@ def _state(slam: SlamFilter) -> Float:
     return np.concatenate([slam.pose, slam.landmarks.ravel()])
 
 
-def _linearised(sensor: str, x: Float, slots: Int, values: Float) -> tuple[Float, Float]:
+def _linearised(sensor: str, x: Long, slots: Int, values: Long) -> tuple[Long, Long]:
     """Innovations (2m,) and their Jacobian (2m, n) at x."""
-    v, H = np.zeros(2 * len(slots)), np.zeros((2 * len(slots), len(x)))
-    to_body = rotation(x[2]).T
+    v, H = as_long(np.zeros(2 * len(slots))), as_long(np.zeros((2 * len(slots), len(x))))
+    to_body = long_rotation(x[2]).T
     for a, slot in enumerate(slots.tolist()):
         columns, rows = slice(3 + 2 * slot, 5 + 2 * slot), slice(2 * a, 2 * a + 2)
         offset = x[columns] - x[:2]
-        delta, A = to_body @ offset, np.eye(2)
+        delta, A = to_body @ offset, as_long(np.eye(2))
         predicted = delta
         if sensor == "range-bearing":
-            distance = float(np.hypot(*delta))
+            distance = np.hypot(*delta)
             predicted = np.array([distance, np.arctan2(delta[1], delta[0])])
             A = np.array([delta / distance, np.array([-delta[1], delta[0]]) / distance**2])
         B = A @ to_body
         H[rows, :2], H[rows, columns], H[rows, 2] = -B, B, B @ np.array([offset[1], -offset[0]])
         v[rows] = values[a] - predicted
         if sensor == "range-bearing":
-            v[2 * a + 1] = wrap(v[2 * a + 1])
+            v[2 * a + 1] = long_wrap(v[2 * a + 1])
     return v, H

@@ -69,6 +69,8 @@ def iterate(sensor: int, belief: Belief, count: int, work: Workspace, passes: in
     combine_rows(work.W, work.innovation, dx, 2 * count, size)
     for j in range(size):
         state[j] += dx[j]
+    if passes > 1:  # dx leads there, but for digits that its sums lose
+        state[entries] = there
     state[2] = wrap(state[2])
     subtract_gram(belief.cov, work.W, 2 * count, size)
     mirror_robot_block(belief.cov)
