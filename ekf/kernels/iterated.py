@@ -47,9 +47,9 @@ def iterate(sensor: int, belief: Belief, count: int, work: Workspace, passes: in
     nis = whiten(belief, 0, count, work)
     if not math.isfinite(nis):
         return nis, informative
+    entries, local = involved_entries(slots)
+    there = state[entries]
     if passes > 1:
-        entries, local = involved_entries(slots)
-        there = state[entries]
         seen = Seen(sensor, local, values, covs, np.zeros(count, dtype=np.bool_))
         if not find_minimum(there, block(belief.cov, entries), seen, passes):
             return NO_MINIMUM, informative
