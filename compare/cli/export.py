@@ -14,6 +14,7 @@ from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
     from slamgauge.arrays import Float
+    from slamgauge.compare.figures.sheet import Format
     from slamgauge.estimate import Estimate
     from slamgauge.recording import Recording
     from slamgauge.truth import Truth
@@ -26,7 +27,7 @@ TABLES = ("latex", "markdown")
 
 @dataclass
 class Export:
-    """Write a recording, a run, an estimate or a study's table in a form that other programs read.
+    """Write a recording, a run, an estimate, a study's table or figures in a form that other programs read.
 
     csv: a recording's three files in a folder, or an estimate's path and map (docs/your_filter.md). g2o: a recording as
     a graph. mat: all that there is, for Octave and MATLAB. tum-cov: an estimate's poses and covariances.
@@ -34,19 +35,23 @@ class Export:
     Of the folder of a study: its table, means with 95 % intervals. csv: with full precision. latex: with booktabs and
     a caption. markdown. Printed on standard output without --out.
 
+    Of the folder of a run, a study, a sweep or an error budget: its figures, drawn anew for a paper. pdf, png, svg.
+
     For example:
       slamgauge export first-run --format mat
       slamgauge export results/study --format latex --estimators ekf,riekf --columns ate_m,nees_pose_per_dof
+      slamgauge export first-run --format pdf --width column --estimators ekf,isam2 --band ekf
     """
 
     path: tyro.conf.Positional[Path]
     """A recording.npz, the folder of a run, an estimate of one (FOLDER/estimates/NAME.npz), or a study's folder."""
 
-    format: Literal["csv", "g2o", "mat", "tum-cov", "latex", "markdown"]
+    format: Literal["csv", "g2o", "mat", "tum-cov", "latex", "markdown", "pdf", "png", "svg"]
     """What to write. Of the folder of a run csv and g2o take the recording."""
 
     out: Folder = OUT
-    """The file to write, with the ending of its format if none is given; of a recording as csv the folder."""
+    """The file to write, with the ending of its format if none is given; of a recording as csv, and of figures, the
+    folder."""
 
     recording: Path | None = None
     """The recording of an estimate, for the time stamps of tum-cov; by default the one of its run."""
@@ -58,21 +63,46 @@ class Export:
     """Of a study: comma-separated keys of summary.json that have an interval; its key columns if not given."""
 
     estimators: str = ""
-    """Of a study: comma-separated, all if not given."""
+    """Of a study, and of figures: comma-separated, all if not given."""
 
     means_only: bool = False
     """Of a study: without intervals."""
+
+    width: Literal["column", "page"] = "page"
+    """Of figures: 3.4 in, a column of a paper in two columns, or 7.0 in, its page."""
+
+    band: str | None = None
+    """Of the figure of a run: the estimator whose 3-sigma bounds are filled; the first that has any if not given."""
 
     def __call__(self) -> None:
         """Load and write."""
         from slamgauge.compare.storage.result_files import SUMMARY
 
-        if (self.path / SUMMARY).exists():
+        if self.format in ("pdf", "png", "svg"):
+            self._write_figures(self.format)
+        elif (self.path / SUMMARY).exists():
             self._write_study_table()
         elif self.format in TABLES or self.columns or self.estimators or self.means_only:
             raise UserError(f"{self.path}: no study is there, it has no summary.json; give the --out of a study")
         else:
             self._write_records()
+
+    def _write_figures(self, form: Format) -> None:
+        """Draw the figures of a folder of results."""
+        from slamgauge.compare.figures.from_results import drawings_of
+        from slamgauge.compare.figures.sheet import Sheet, printed_on
+        from slamgauge.compare.storage.staged_folder import staged_folder
+
+        drawings = drawings_of(self.path, split_names(self.estimators), self.band)
+        out = named_after(OUT, self.path) if self.out == OUT else self.out
+        files = [f"{name}.{form}" for name in drawings]
+        with (
+            staged_folder(out, files, last=files[0], remedy="move it away or give another --out") as folder,
+            printed_on(Sheet(self.width, (form,))),
+        ):
+            for draw in drawings.values():
+                draw(folder)
+        print(f"written to {out}: {', '.join(files)}", file=sys.stderr)
 
     def _write_study_table(self) -> None:
         """Print the table of a study, or write it."""

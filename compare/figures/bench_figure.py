@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from slamgauge.compare.bench.bench import step_time
-from slamgauge.compare.figures.plot_style import LEGEND, plain_numbers, styles
+from slamgauge.compare.figures.plot_style import LEGEND, logarithmic, styles
 
 
 def save_bench_figure(path: Path, result: dict[str, Any]) -> None:
@@ -29,7 +29,7 @@ def save_bench_figure(path: Path, result: dict[str, Any]) -> None:
         sizes = sorted({int(size) for by_size in result["estimators"].values() for size in by_size})
         axes.set_xticks(sizes, [str(size) for size in sizes])
         axes.minorticks_off()
-        plain_numbers(axes.yaxis)
+        logarithmic(axes, "y")
         axes.grid(visible=True, which="major", linewidth=0.3)
         figure.legend(loc="outside right center", **LEGEND)
         figure.savefig(path, dpi=200)

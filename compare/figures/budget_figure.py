@@ -7,7 +7,8 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from slamgauge.compare.figures.plot_style import PRINT, TRUTH_COLOR, WRAPPED, save_png_and_svg
+from slamgauge.compare.figures.plot_style import PRINT, TRUTH_COLOR, WRAPPED
+from slamgauge.compare.figures.sheet import save_printed, sheet
 from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.storage.names import math_text
 from slamgauge.compare.studies.budget import ErrorBudget, doubts, verdict
@@ -19,8 +20,10 @@ LABELS = ("hindsight\noptimum", "+ causal\nonly", "+ assumed\nnoise", "+ own ass
 def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
     """Write budget.png and budget.svg into `out`."""
     with mpl.rc_context(PRINT):
-        figure = Figure(figsize=(6.0, 3.4), layout="constrained")
+        page = sheet()
+        figure = Figure(figsize=(min(6.0, page.inches), 3.4), layout="constrained")
         axes = figure.subplots()
+        size = 5.5 if page.is_narrow else 7.5
         before, doubtful = 0.0, budget.doubtful()
         for place, rung in enumerate(budget.rungs):
             added, low, high = rung.increment_m2
@@ -30,17 +33,19 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
                 axes.plot([place, place], [before + low, before + high], color=TRUTH_COLOR, linewidth=1)
             top = max(before, before + added, before + (high or 0.0))
             mark = MARK if rung.name in doubtful else ""
-            axes.annotate(f"{added:+.4f}{mark}", (place, top), (0, 3), textcoords="offset points", ha="center")
+            axes.annotate(
+                f"{added:+.4f}{mark}", (place, top), (0, 3), textcoords="offset points", ha="center", fontsize=size
+            )
             axes.plot([place - 0.3, place + 1.3], [rung.mse_m2] * 2, color=TRUTH_COLOR, linewidth=0.5, linestyle=":")
             before = rung.mse_m2
         last = len(budget.rungs)
         axes.bar(last, before, width=0.6, color=TRUTH_COLOR)
-        axes.annotate(f"{before:.4f}", (last, before), (0, 3), textcoords="offset points", ha="center")
-        axes.set_xticks(range(last + 1), [*LABELS, f"= {budget.filter}"])
+        axes.annotate(f"{before:.4f}", (last, before), (0, 3), textcoords="offset points", ha="center", fontsize=size)
+        axes.set_xticks(range(last + 1), [*LABELS, f"= {budget.filter}"], rotation=90 if page.is_narrow else 0)
         axes.set(ylabel="mean squared position error [m²]")
         axes.margins(y=0.12)
         axes.set_ylim(bottom=0)
         lines = [verdict(budget).replace("; ", ";\n", 1), *doubts(budget)]
         title = "\n".join(line.replace(": ", ":\n", 1) for line in lines)
         axes.set_title(math_text(title), loc="left", **WRAPPED)
-        save_png_and_svg(figure, out / "budget")
+        save_printed(figure, out / "budget")

@@ -12,6 +12,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
 from slamgauge.compare.figures.closure_marks import marked_closures
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, MARK_COLOR, TRUTH_COLOR, styles
+from slamgauge.compare.figures.robust_limits import leaving, robust_limits
 from slamgauge.compare.figures.world_axes import label_time
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt
 from slamgauge.compare.scoring.optimum_notes import MARK
@@ -21,7 +22,6 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
 PANELS = ("x [m]", "y [m]", "heading [°]")
-ASTRAY = 5.0  # an estimate with errors or bounds so many times the median's leaves the panels
 LONG_TITLE = 45  # characters: the width of a panel of figure.png
 UNITS = np.array([1.0, 1.0, 180.0 / np.pi])
 
@@ -67,27 +67,14 @@ def plot_errors(
                 panel.fill_between(times, -bound, bound, color=color, alpha=0.15, linewidth=0, zorder=1)
             panel.plot(times, bound, times, -bound, color=color, linewidth=0.5, alpha=0.8, zorder=2)
     closures, mark = marked_closures(truth, recording)
-    limits, astray = _limits(extents)
-    remarks = [f"{', '.join(astray)} leave{'s' * (len(astray) == 1)} the panels"] * bool(astray)
-    remarks += ["dead reckoning left out"] * left_out
+    limits, astray = robust_limits(extents) if extents else (np.zeros(3), [])
+    remarks = [*leaving(astray, "panels"), *["dead reckoning left out"] * left_out]
     panels[0].set_title(_title(reference.title, f"({'; '.join(remarks)})" if remarks else ""))
     for panel, label, limit in zip(panels, PANELS, limits, strict=True):
         _finish(panel, label, times, times[closures], limit)
     label = [label_time(panel) for panel in panels][-1]
     ticks = "loop closures" if mark == "loop closure" else mark
     panels[-1].set_xlabel(f"{label}; ticks: {ticks}" if len(closures) else label)
-
-
-def _limits(extents: Mapping[str, Float]) -> tuple[Float, list[str]]:
-    """Heights (3,) of panels that hold extents (3,) of errors and bounds by estimate, and who leaves them."""
-    if not extents:
-        return np.zeros(3), []
-    rows = np.array([*extents.values()])
-    typical = np.sort(rows, axis=0)[(len(rows) - 1) // 2]
-    stays = rows <= ASTRAY * typical
-    return np.where(stays, rows, 0.0).max(axis=0), [
-        name for name, kept in zip(extents, stays, strict=True) if not kept.all()
-    ]
 
 
 def _title(what: str, remark: str) -> str:

@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import ndtri
 
-from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, plain_numbers, save_png_and_svg
+from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, logarithmic
+from slamgauge.compare.figures.sheet import INCHES, save_printed
 from slamgauge.compare.noise.diagnosis import Diagnosis
 from slamgauge.compare.noise.finding import Noise
 from slamgauge.compare.noise.words import verdict
@@ -35,7 +36,7 @@ class Series(NamedTuple):
 def save_noise_figure(out: Path, noise: Noise) -> None:
     """Write noise.png and noise.svg into `out`."""
     with mpl.rc_context(PRINT):
-        figure = Figure(figsize=(7.2, 5.4), layout="constrained")
+        figure = Figure(figsize=(INCHES["page"], 5.4), layout="constrained")
         (sigmas, nis), (quantiles, whiteness) = figure.subplots(2, 2)
         _draw_sigmas(sigmas, noise)
         _draw_nis(nis, noise)
@@ -43,7 +44,7 @@ def save_noise_figure(out: Path, noise: Noise) -> None:
         _draw_whiteness(whiteness, noise)
         handles, labels = quantiles.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), **LEGEND)
-        save_png_and_svg(figure, out / "noise")
+        save_printed(figure, out / "noise")
 
 
 def _series(noise: Noise) -> Iterator[Series]:
@@ -69,9 +70,9 @@ def _draw_sigmas(axes: Axes, noise: Noise) -> None:
     axes.set_yticks(range(len(noise.parameters)), [*noise.parameters])
     axes.set_ylim(len(noise.parameters) - 0.5, -0.7)
     axes.set(xscale="log", xlabel="sigma found / assumed, 95 % interval", title="noise")
-    plain_numbers(axes.xaxis)
     low, high = axes.get_xlim()
     axes.set_xlim(min(max(low, 1 / SHOWN), 0.5), max(min(high, SHOWN), 2.0))
+    logarithmic(axes, "x")
     axes.grid(visible=True, axis="x", which="major", linewidth=0.3)
 
 
@@ -84,8 +85,8 @@ def _draw_nis(axes: Axes, noise: Noise) -> None:
     lows, highs = zip(*bands, strict=True)
     axes.fill_between(range(len(bands)), lows, highs, step="mid", color=MARK_COLOR, alpha=0.25, linewidth=0)
     axes.axhline(1.0, color=TRUTH_COLOR, linewidth=0.5)
-    axes.set(xlabel="landmarks in the order of ids", ylabel="NIS a row (grey: 95 %)", yscale="log", title="by landmark")
-    plain_numbers(axes.yaxis)
+    axes.set(xlabel="landmarks in the order of ids", ylabel="NIS a row (grey: 95 %)", title="by landmark")
+    logarithmic(axes, "y")
     axes.set_xticks([])
 
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import re
+import math
 from collections.abc import Iterable
-from io import StringIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
-from matplotlib.axis import Axis
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatterSciNotation
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.ticker import Locator, LogLocator, MaxNLocator, NullLocator
 
+import slamgauge
 from slamgauge.compare.estimators.registry import BOUNDS, REGISTRY
 from slamgauge.compare.estimators.registry import DEAD_RECKONING as DEAD_RECKONING
 
@@ -19,42 +19,38 @@ LineStyle = str | tuple[int, tuple[float, ...]]
 
 TRUTH_COLOR = "#000000"
 MARK_COLOR = "#777777"  # loop closures and other marks that are no data
+NARROW, WIDE = 0.6, 2.5  # decades of a logarithmic axis: below and above its ticks are not at 1, 2, 5
 
 
+STYLE = Path(slamgauge.__file__).with_name("paper.mplstyle")  # which people use by its name, slamgauge.paper
 PRINT: dict[Any, Any] = {
-    "font.size": 7.5,
-    "axes.titlesize": 7.5,
-    "axes.labelsize": 7.5,
-    "xtick.labelsize": 6.5,
-    "ytick.labelsize": 6.5,
-    "legend.fontsize": 6.5,
-    "axes.linewidth": 0.6,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "text.parse_math": False,  # names of others may hold dollars; numbers on axes are plain (`plain_numbers`)
+    **mpl.rc_params_from_file(STYLE, use_default_template=False),
+    "figure.constrained_layout.use": False,  # who needs it asks for it
+    "text.parse_math": False,  # names of others may hold dollars; numbers on axes are plain (`logarithmic`)
     "svg.hashsalt": "slamgauge",  # the same run gives the same file
-    "svg.fonttype": "none",  # text stays text: it can be searched, and edited
-    "path.simplify_threshold": 0.5,  # pixels, points in SVG: less cannot be seen
 }
 WRAPPED: dict[str, Any] = {"wrap": True, "parse_math": True}  # what is wrapped is read for formulas: `math_text`
 LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 2.6, "handletextpad": 0.6, "columnspacing": 1.2}
 
 
-_PATH = re.compile(r' d="[^"]*"')
-_DIGITS = re.compile(r"(\.\d\d)\d+")
+def logarithmic(axes: Axes, which: Literal["x", "y"]) -> None:
+    """Make an axis, with its data and limits, logarithmic, with few ticks and plain numbers (powers are formulas)."""
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    axes.set(**{f"{which}scale": "log"})
+    low, high = sorted(axis.get_view_interval())
+    axis.set_major_locator(_few_ticks(low, high))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_locator(NullLocator())
 
 
-class _PlainLogarithm(LogFormatterSciNotation):
-    """Which ticks get a number is matplotlib's choice; the number is a plain one."""
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        return f"{x:g}" if super().__call__(x, pos) else ""
-
-
-def plain_numbers(axis: Axis) -> None:
-    """Numbers of a logarithmic axis without powers of ten, which are formulas."""
-    axis.set_major_formatter(_PlainLogarithm())
-    axis.set_minor_formatter(_PlainLogarithm())
+def _few_ticks(low: float, high: float) -> Locator:
+    """Round numbers between two positive ones, not more than some eight."""
+    decades = math.log10(high / low)
+    if decades < NARROW:
+        return MaxNLocator(4)
+    if decades < WIDE:
+        return LogLocator(subs=(1.0, 2.0, 5.0), numticks=12)
+    return LogLocator(numticks=7)
 
 
 class Style(NamedTuple):
@@ -87,16 +83,3 @@ def styles(names: Iterable[str]) -> dict[str, Style]:
             chosen[name] = GUESTS[guests % len(GUESTS)]
             guests += 1
     return chosen
-
-
-def save_png_and_svg(figure: Figure, path: Path) -> None:
-    """Write `path`.png (200 dpi) and `path`.svg; the same figure gives the same files."""
-    figure.savefig(path.with_suffix(".png"), dpi=200)
-    svg = StringIO()
-    figure.savefig(svg, format="svg", metadata={"Date": None})
-    path.with_suffix(".svg").write_text(_thinned(svg.getvalue()), encoding="utf-8")
-
-
-def _thinned(svg: str) -> str:
-    """The coordinates of its paths in hundredths of a point."""
-    return _PATH.sub(lambda path: _DIGITS.sub(r"\1", path.group()), svg)

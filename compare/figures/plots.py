@@ -24,14 +24,16 @@ from slamgauge.compare.figures.plot_style import (
     MARK_COLOR,
     PRINT,
     TRUTH_COLOR,
+    WRAPPED,
     Style,
-    save_png_and_svg,
     styles,
 )
+from slamgauge.compare.figures.sheet import save_printed, sheet
 from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.compare.scoring.landmark_identity import true_landmarks
 from slamgauge.compare.scoring.optimum_figures import is_misfit
 from slamgauge.compare.scoring.optimum_notes import distance_from_hindsight, misfits
+from slamgauge.compare.storage.names import math_text
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
@@ -39,7 +41,7 @@ from slamgauge.truth import Truth
 
 __all__ = ["plot_errors", "plot_run", "save_figure"]
 
-PAGE = (7.2, 4.6)  # [in]
+HEIGHTS = {"page": 4.6, "column": 7.2}  # [in] of figure.png
 DIAMOND: dict[str, Any] = {"markersize": 3, "color": "w", "markeredgecolor": TRUTH_COLOR, "markeredgewidth": 0.6}
 OUTLINE: dict[str, Any] = {"markersize": 6, "color": "none", "markeredgecolor": MARK_COLOR, "markeredgewidth": 0.5}
 LONG_LABEL = 20  # characters; import paths of guests, mostly
@@ -124,22 +126,35 @@ def _frame(ax: Axes, paths: Mapping[str, Float], others: list[Float]) -> None:
 
 
 def save_figure(
-    folder: Path, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate], title: str
+    folder: Path,
+    truth: Truth | None,
+    recording: Recording,
+    estimates: Mapping[str, Estimate],
+    title: str,
+    band: str | None = None,
 ) -> None:
-    """Write figure.png (200 dpi) and figure.svg into `folder`: the map beside the errors, 7.2 x 4.6 in.
+    """Write figure.png (200 dpi) and figure.svg into `folder`: the map beside the errors, in a column above them.
 
-    An optimum that its check puts in doubt, or its residuals, is named under the title.
+    The bounds of the estimate `band` are filled. An optimum that its check puts in doubt, or its residuals, is named
+    under the title.
     """
     with mpl.rc_context(PRINT):
-        figure = Figure(figsize=PAGE, layout="constrained")
-        left, right = cast("Iterable[SubFigure]", figure.subfigures(1, 2, width_ratios=(1.25, 1)))
+        page = sheet()
+        figure = Figure(figsize=(page.inches, HEIGHTS[page.width]), layout="constrained")
+        if page.is_narrow:
+            parts = figure.subfigures(2, 1, height_ratios=(1, 1.1))
+        else:
+            parts = figure.subfigures(1, 2, width_ratios=(1.25, 1))
+        left, right = cast("Iterable[SubFigure]", parts)
         left_axes = left.subplots()
         _draw_run(left_axes, truth, recording, estimates)
-        plot_errors(right.subplots(3, sharex=True), truth, recording, estimates)
+        plot_errors(right.subplots(3, sharex=True), truth, recording, estimates, band)
         handles, labels = left_axes.get_legend_handles_labels()
-        columns = 6 if max(map(len, labels)) <= LONG_LABEL else 4
+        columns = page.legend_columns(len(labels))
+        if max(map(len, labels)) > LONG_LABEL:
+            columns = -(-2 * columns // 3)
         figure.legend(handles, labels, loc="outside lower center", ncols=columns, **LEGEND)
         doubts = [misfits([name for name in YARDSTICKS.values() if name in estimates and is_misfit(estimates[name])])]
         doubts += [distance_from_hindsight(name, estimate.optimum_check) for name, estimate in estimates.items()]
-        figure.suptitle("\n".join([title, *filter(None, doubts)]))
-        save_png_and_svg(figure, folder / "figure")
+        figure.suptitle(math_text("\n".join([title, *filter(None, doubts)])), **WRAPPED)
+        save_printed(figure, folder / "figure")

@@ -24,18 +24,19 @@ from slamgauge.compare.figures.map_layers import (
     key,
 )
 from slamgauge.compare.figures.map_limits import map_limits
-from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, Style, save_png_and_svg, styles
+from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, Style, styles
 from slamgauge.compare.figures.ray_frames import RayFrame, ray_frames
+from slamgauge.compare.figures.sheet import save_printed, sheet
 from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.estimate import Estimate
 from slamgauge.facts import counted
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
-COLUMNS, ROWS = 3, 2
-WIDTH = 7.2  # [in]
+FRAMES = 6
+COLUMNS = {"page": 3, "column": 2}
 HEADINGS = 0.30  # [in], above and below the panels of a row
-FOOT = 0.75  # [in], the legend and the title of the figure
+FOOT = {"page": 0.75, "column": 1.3}  # [in], the legend and the title of the figure
 ROBOT = 0.035  # of the map's extent
 LABEL_ROOM = 0.12  # of the panel's height: nearer to its top than that a label stands below
 SURVIVOR: dict[str, Any] = {
@@ -51,16 +52,17 @@ SURVIVOR: dict[str, Any] = {
 def save_ray_strip(
     folder: Path, truth: Truth | None, recording: Recording, name: str, estimate: Estimate, title: str
 ) -> None:
-    """Write rays.png (200 dpi) and rays.svg into `folder`: frames of an estimate that `has_rays`, 7.2 in wide."""
-    frames = ray_frames(estimate, COLUMNS * ROWS)
+    """Write rays.png (200 dpi) and rays.svg into `folder`: frames of an estimate that `has_rays`."""
+    frames = ray_frames(estimate, FRAMES)
+    page, columns = sheet(), COLUMNS[sheet().width]
     truth = Truth() if truth is None else truth
     low, high = _limits(truth, estimate, frames)
-    rows = -(-len(frames) // COLUMNS)
-    height = WIDTH / COLUMNS * float(np.clip((high - low)[1] / (high - low)[0], 0.4, 1.4))
+    rows = -(-len(frames) // columns)
+    height = page.inches / columns * float(np.clip((high - low)[1] / (high - low)[0], 0.4, 1.4))
     style = styles([name])[name]
     with mpl.rc_context(PRINT):
-        figure = Figure(figsize=(WIDTH, rows * (height + HEADINGS) + FOOT), layout="constrained")
-        panels: list[Axes] = list(figure.subplots(rows, COLUMNS, sharex=True, sharey=True, squeeze=False).flat)
+        figure = Figure(figsize=(page.inches, rows * (height + HEADINGS) + FOOT[page.width]), layout="constrained")
+        panels: list[Axes] = list(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).flat)
         for panel in panels[len(frames) :]:
             panel.set_axis_off()
         since = -1
@@ -68,16 +70,18 @@ def save_ray_strip(
             panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
             _draw_robots(panel, truth, estimate, style, ROBOT * float((high - low).max()), frame.step)
             _draw_map(panel, truth, estimate, style, since, frame)
-            panel.set_title(_title(frame, recording.stamps))
+            panel.set_title(_title(frame, recording.stamps), fontsize=5 if page.is_narrow else None)
             since = frame.step
-        for panel in panels[: len(frames)][-COLUMNS:]:
+        for panel in panels[: len(frames)][-columns:]:
             label_plane(panel, y=False)
             panel.tick_params(labelbottom=True)  # though panels below it stay empty
-        for panel in panels[::COLUMNS]:
+        for panel in panels[::columns]:
             label_plane(panel, x=False)
-        figure.legend(handles=_keys(truth, name, style), loc="outside lower center", ncols=4, **LEGEND)
+        figure.legend(
+            handles=_keys(truth, name, style), loc="outside lower center", ncols=1 if page.is_narrow else 4, **LEGEND
+        )
         figure.suptitle(title)
-        save_png_and_svg(figure, folder / "rays")
+        save_printed(figure, folder / "rays")
 
 
 def _limits(truth: Truth, estimate: Estimate, frames: list[RayFrame]) -> tuple[Float, Float]:

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
-from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, WRAPPED, save_png_and_svg, styles
+from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, WRAPPED, logarithmic, styles
+from slamgauge.compare.figures.robust_limits import ASTRAY, ASTRAY_ON_LOGARITHMS, leaving, robust_limits
+from slamgauge.compare.figures.sheet import save_printed, sheet
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
 from slamgauge.compare.scoring.over_runs import BAND_LEVEL, PerStep, nees_per_step, nis_per_step, rmse_per_step
 from slamgauge.compare.scoring.runs import Runs, paired
@@ -20,6 +21,7 @@ from slamgauge.compare.storage.decorations import Drawing
 from slamgauge.compare.storage.names import math_text
 from slamgauge.compare.studies.summary import Summary, is_marked_against, misfit_optima, share_in_doubt
 
+USUAL = 0.99  # of the errors lie in their panel: a run that is lost leaves it
 RUNS_DRAWN = 50  # error curves; more are one grey mass
 COMPONENTS = (("x [m]", "x", 1.0), ("y [m]", "y", 1.0), ("heading [°]", "heading", 180.0 / np.pi))
 
@@ -45,15 +47,12 @@ def _save(path: Path, draw: Callable[[], Figure | None], *title: str | None) -> 
         figure = draw()
         if figure is not None:
             figure.suptitle(math_text("\n".join(filter(None, title))), **WRAPPED)
-            save_png_and_svg(figure, path)
+            save_printed(figure, path)
 
 
 def _nees(runs: Mapping[str, Runs], step: float) -> Figure | None:
     """Mean pose NEES over runs against time, with its chi-square band."""
-    figure = _against_band(runs, nees_per_step, step, "mean pose NEES (3 when consistent)")
-    if figure is not None:
-        _logarithmic(figure.axes[0])
-    return figure
+    return _against_band(runs, nees_per_step, step, "mean pose NEES (3 when consistent)")
 
 
 def _nis(runs: Mapping[str, Runs], step: float) -> Figure | None:
@@ -64,12 +63,12 @@ def _nis(runs: Mapping[str, Runs], step: float) -> Figure | None:
 def _against_band(
     runs: Mapping[str, Runs], statistic: Callable[[Runs], PerStep], step: float, label: str
 ) -> Figure | None:
-    """A curve for each estimator that has the statistic, and the widest of their bands."""
+    """A curve for each estimator that has the statistic, and the widest of their bands; who is astray leaves them."""
     curves = {name: statistic(each) for name, each in runs.items()}
     curves = {name: curve for name, curve in curves.items() if not np.isnan(curve.value).all()}
     if not curves:
         return None
-    figure = Figure(figsize=(6.0, 3.2), layout="constrained")
+    figure = Figure(figsize=(min(6.0, sheet().inches), 3.2), layout="constrained")
     axes = figure.subplots()
     time = step * np.arange(len(next(iter(curves.values())).value))
     low = np.fmin.reduce([curve.low for curve in curves.values()])
@@ -79,8 +78,15 @@ def _against_band(
         if name in curves:
             value = curves[name].value
             axes.plot(time, value, color=style.color, linestyle=style.dashes, linewidth=0.9, label=name)
-    axes.set(xlabel="time [s]", ylabel=label)
-    figure.legend(loc="outside lower center", ncols=8, **LEGEND)
+    spreads = statistic is nees_per_step
+    astray = ASTRAY_ON_LOGARITHMS if spreads else ASTRAY
+    heights, gone = robust_limits({name: np.array([np.nanmax(each.value)]) for name, each in curves.items()}, astray)
+    axes.set(xlabel="time [s]", ylabel=label, title="; ".join(leaving(gone)), yscale="log" if spreads else "linear")
+    if gone:
+        axes.set_ylim(top=1.3 * max(heights[0], np.nanmax(high)))
+    if spreads:
+        logarithmic(axes, "y")
+    figure.legend(loc="outside lower center", ncols=sheet().legend_columns(len(curves) + 1), **LEGEND)
     return figure
 
 
@@ -88,14 +94,18 @@ def _rmse(runs: Mapping[str, Runs], step: float) -> Figure | None:
     """RMS position error over runs against time; the bounds are what it cannot be below."""
     if not runs:
         return None
-    figure = Figure(figsize=(6.0, 3.2), layout="constrained")
+    figure = Figure(figsize=(min(6.0, sheet().inches), 3.2), layout="constrained")
     axes = figure.subplots()
+    curves = {name: rmse_per_step(each) for name, each in runs.items()}
     for name, style in styles(runs).items():
-        value = rmse_per_step(runs[name])
-        time = step * np.arange(len(value))
-        axes.plot(time, value, color=style.color, linestyle=style.dashes, linewidth=0.9, label=name)
-    axes.set(xlabel="time [s]", ylabel="RMS position error over runs [m]", ylim=(0.0, None))
-    figure.legend(loc="outside lower center", ncols=8, **LEGEND)
+        time = step * np.arange(len(curves[name]))
+        axes.plot(time, curves[name], color=style.color, linestyle=style.dashes, linewidth=0.9, label=name)
+    heights, gone = robust_limits({name: np.array([np.nanmax(each)]) for name, each in curves.items()})
+    top = 1.1 * heights[0] if gone else None
+    axes.set(
+        xlabel="time [s]", ylabel="RMS position error over runs [m]", ylim=(0.0, top), title="; ".join(leaving(gone))
+    )
+    figure.legend(loc="outside lower center", ncols=sheet().legend_columns(len(curves)), **LEGEND)
     return figure
 
 
@@ -104,12 +114,13 @@ def _errors(runs: Mapping[str, Runs], step: float) -> Figure | None:
     runs = {name: each for name, each in runs.items() if name not in BOUNDS}
     if not runs:
         return None
-    figure = Figure(figsize=(7.2, 1.0 + 1.4 * len(runs)), layout="constrained")
+    figure = Figure(figsize=(sheet().inches, 1.0 + 1.4 * len(runs)), layout="constrained")
     grid = figure.subplots(len(runs), 3, sharex=True, sharey="col", squeeze=False)
     for axes, (title, _, _) in zip(grid[0], COMPONENTS, strict=True):
         axes.set_title(title)
     for axes in grid[-1]:
         axes.set_xlabel("time [s]")
+    extents: dict[str, Float] = {}
     for row, (name, style) in zip(grid, styles(runs).items(), strict=True):
         for axes, (_, key, unit) in zip(row, COMPONENTS, strict=True):
             errors, sigmas = runs[name].series[f"error_{key}"], runs[name].series[f"sigma_{key}"]
@@ -118,9 +129,23 @@ def _errors(runs: Mapping[str, Runs], step: float) -> Figure | None:
             bound = 3 * unit * sigmas.mean(axis=0)
             for side in (-bound, bound):
                 axes.plot(time, side, color=style.color, linestyle=style.dashes, linewidth=1.2)
+            axes.locator_params(nbins=3 if sheet().is_narrow else 5)
         row[0].set_ylabel(name)
+        extents[name] = np.array([_extent(runs[name], key, unit) for _, key, unit in COMPONENTS])
+    heights, gone = robust_limits(extents)
+    for axes, height in zip(grid[0], heights, strict=True):
+        axes.set_ylim(-1.1 * height or -1.0, 1.1 * height or 1.0)
+    for line in leaving(gone, "panels"):
+        grid[0][1].set_title(f"{line}\n{COMPONENTS[1][0]}")
     figure.supylabel("error of each run (grey), mean 3σ bound (dashed)", fontsize=7.5)
     return figure
+
+
+def _extent(runs: Runs, key: str, unit: float) -> float:
+    """How high a panel must be for the bounds, and for nearly all of the errors."""
+    errors, sigmas = runs.series[f"error_{key}"], runs.series[f"sigma_{key}"]
+    usual = np.nanquantile(np.abs(errors), USUAL) if np.isfinite(errors).any() else 0.0
+    return unit * float(np.nanmax([usual, 3 * np.nanmax(sigmas.mean(axis=0), initial=0.0)]))
 
 
 def _ratios(runs: Mapping[str, Runs], doubtful: Collection[str]) -> Figure | None:
@@ -128,7 +153,7 @@ def _ratios(runs: Mapping[str, Runs], doubtful: Collection[str]) -> Figure | Non
     known = ((CAUSAL, "causal"), (HINDSIGHT, "hindsight"))
     references = [(name, f"{text}{MARK * (name in doubtful)}") for name, text in known if name in runs]
     boxes = [
-        (f"{name}\n/ {text}", _run_ratios(runs[name], runs[reference]), styles(runs)[name].color)
+        (f"{name} / {text}", _run_ratios(runs[name], runs[reference]), styles(runs)[name].color)
         for reference, text in references
         for name in runs
         if name != reference
@@ -136,24 +161,26 @@ def _ratios(runs: Mapping[str, Runs], doubtful: Collection[str]) -> Figure | Non
     boxes = [box for box in boxes if len(box[1])]
     if not boxes:
         return None
-    figure = Figure(figsize=(1.0 + 0.8 * len(boxes), 3.2), layout="constrained")
+    boxes.reverse()  # the first at the top
+    figure = Figure(figsize=(min(6.0, sheet().inches), 0.9 + 0.28 * len(boxes)), layout="constrained")
     axes = figure.subplots()
     drawn = axes.boxplot(
-        [ratios for _, ratios, _ in boxes], tick_labels=[label for label, _, _ in boxes], flierprops={"markersize": 2}
+        [ratios for _, ratios, _ in boxes],
+        tick_labels=[label for label, _, _ in boxes],
+        orientation="horizontal",
+        flierprops={"markersize": 2},
     )
     for median, (_, _, color) in zip(drawn["medians"], boxes, strict=True):
         median.set(color=color, linewidth=1.5)
-    axes.axhline(1.0, color=MARK_COLOR, linewidth=0.6)
-    axes.set_ylabel("ATE / optimum's ATE, run by run")
-    _logarithmic(axes)
+    axes.axvline(1.0, color=MARK_COLOR, linewidth=0.6)
+    heights, gone = robust_limits(
+        {label: ratios.max(keepdims=True) for label, ratios, _ in boxes}, ASTRAY_ON_LOGARITHMS
+    )
+    axes.set(xlabel="ATE / optimum's ATE, run by run", title="; ".join(leaving(gone)), xscale="log")
+    if gone:
+        axes.set_xlim(right=1.3 * heights[0])
+    logarithmic(axes, "x")
     return figure
-
-
-def _logarithmic(axes: Axes) -> None:
-    """A logarithmic y axis with plain numbers."""
-    axes.set_yscale("log")
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter("{x:.2g}")
 
 
 def _run_ratios(runs: Runs, optimum: Runs) -> Float:

@@ -8,7 +8,6 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
 
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, REGISTRY, is_yardstick
 from slamgauge.compare.figures.plot_style import (
@@ -18,9 +17,10 @@ from slamgauge.compare.figures.plot_style import (
     TRUTH_COLOR,
     WRAPPED,
     Style,
-    save_png_and_svg,
+    logarithmic,
     styles,
 )
+from slamgauge.compare.figures.sheet import save_printed, sheet
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import at_places, distance_in_runs
 from slamgauge.compare.storage.names import math_text
@@ -38,9 +38,11 @@ WIDE = 4.0  # values that span more than this factor get a logarithmic axis
 def save_sweep_figure(out: Path, sweep: Sweep) -> None:
     """Write sweep.png and sweep.svg into `out`."""
     with mpl.rc_context(PRINT):
-        figure = Figure(figsize=(7.2, 5.0), layout="constrained")
+        page = sheet()
+        rows, columns, height = (4, 1, 8.0) if page.is_narrow else (2, 2, 5.0)
+        figure = Figure(figsize=(page.inches, height), layout="constrained")
         names = styles(sweep.summaries[0].estimators)
-        for axes, (key, label) in zip(figure.subplots(2, 2, sharex=True).flat, PANELS, strict=True):
+        for axes, (key, label) in zip(figure.subplots(rows, columns, sharex=True).flat, PANELS, strict=True):
             for name, style in names.items():
                 intervals = [summary.estimators[name].figure(key) for summary in sweep.summaries]
                 title = REGISTRY[name].title if is_yardstick(name) else name
@@ -49,14 +51,14 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
             _arrange(axes, sweep.values)
             if key == "nees_pose_per_dof":
                 axes.axhline(1.0, color=MARK_COLOR, linewidth=0.6)
-        for axes in figure.axes[2:]:
+        for axes in figure.axes[-columns:]:
             axes.set_xlabel(sweep.key)
         handles, labels = figure.axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=6, **LEGEND)
+        figure.legend(handles, labels, loc="outside lower center", ncols=page.legend_columns(len(labels)), **LEGEND)
         title = f"{sweep.scenario}, {sweep.runs} runs at each value (bars: 95 % intervals)"
         lines = [title, *at_places(CAUSAL, shares_in_doubt(sweep), distance_in_runs)]
         figure.suptitle(math_text("\n".join(lines)), **WRAPPED)
-        save_png_and_svg(figure, out / "sweep")
+        save_printed(figure, out / "sweep")
 
 
 def _draw(
@@ -105,6 +107,4 @@ def _arrange(axes: Axes, values: tuple[str, ...]) -> None:
     if means.size and means.min() > 0 and means.max() > WIDE * means.min():
         axes.set_yscale("log", nonpositive="clip")
         axes.set_ylim(means.min() / 2, None)
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_locator(NullLocator())
+        logarithmic(axes, "y")

@@ -31,8 +31,10 @@ from slamgauge.compare.scoring.ray_figures import RayFigures, describe, mean_fig
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import marked
 from slamgauge.compare.scoring.trajectory_error import pose_errors, squared_distances
+from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.origin import origin
 from slamgauge.compare.storage.progress import tracked
+from slamgauge.compare.storage.result_files import BUDGET
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.compare.studies.study import IN_FLIGHT
 from slamgauge.errors import UserError
@@ -115,6 +117,30 @@ class ErrorBudget:
             for start, rung in zip(starts, self.rungs, strict=True)
             if rung.optimum_check_share or (start is not None and start.optimum_check_share)
         }
+
+
+def read_budget(folder: Path) -> ErrorBudget:
+    """The budget that `slamgauge budget` has written into a folder.
+
+    Raises:
+        UserError: there is none, or it is not what that writes.
+    """
+    path = folder / BUDGET
+    content = read_json(path, "budget")
+    try:
+        rungs = tuple(
+            Rung(each["name"], each["mse_m2"], Interval(**each["increment_m2"]), each["optimum_check_share"])
+            for each in content["rungs"]
+        )
+        fit, rays = content["chi_square_per_dof"], content.get("rays")
+        return ErrorBudget(
+            *(content["scenario"], content["filter"], content["runs"], rungs, content["costliest"]),
+            fit=None if fit is None else Interval(**fit),
+            rays=None if rays is None else RayFigures(**rays),
+            scenario_text=content["scenario_text"],
+        )
+    except (KeyError, TypeError):
+        raise UserError(f"{path}: not what `slamgauge budget` writes; run it again") from None
 
 
 class RungErrors(NamedTuple):

@@ -84,6 +84,25 @@ class EstimatorSummary:
         return entry
 
 
+def read_entry(entry: Mapping[str, Any]) -> EstimatorSummary:
+    """An estimator's summary from its entry in summary.json; `TypeError` or `KeyError` where it is none."""
+    values: dict[str, Any] = {key: Interval(**value) if _is_interval(value) else value for key, value in entry.items()}
+    band, ratios, rays = (entry.get(key) for key in ("nees_share_inside_band", "sigma_ratio_to_optimum_final", "rays"))
+    values |= {
+        "nees_share_inside_band": None if band is None else band["share"],
+        "sigma_ratio_to_optimum_final": None if ratios is None else tuple(ratios),
+        "rays": None if rays is None else RayFigures(**rays),
+        "seconds_total": entry["seconds_total"]["mean"],
+        "faults": tuple(entry["faults"]),
+    }
+    others = {key: values.pop(key) for key in [*values] if key not in FIELDS}
+    return EstimatorSummary(**values, others=others)
+
+
+def _is_interval(value: object) -> bool:
+    return isinstance(value, dict) and set(value) == {*Interval._fields}
+
+
 FIELDS = tuple(each.name for each in fields(EstimatorSummary) if each.name != "others")
 
 

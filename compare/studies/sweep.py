@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,10 @@ from slamgauge.compare.scoring.catalogue import columns
 from slamgauge.compare.scoring.optimum_notes import at_places, misfits, placed
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_page import Grid, Page
+from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.manifest import require_folder, require_free
 from slamgauge.compare.storage.origin import origin
-from slamgauge.compare.storage.result_files import STORE_FILES, STUDY_FILES, SWEEP_FILES
+from slamgauge.compare.storage.result_files import STORE_FILES, STUDY_FILES, SWEEP, SWEEP_FILES
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import (
@@ -31,6 +32,7 @@ from slamgauge.compare.studies.summary import (
     is_doubtful,
     is_marked_against,
     misfit_optima,
+    read_entry,
     share_in_doubt,
     summarise,
     why_empty,
@@ -52,6 +54,13 @@ class Sweep:
     values: tuple[str, ...]
     summaries: tuple[Summary, ...]
 
+    def of(self, names: Sequence[str]) -> Sweep:
+        """The same of some of the estimators."""
+        summaries = [
+            replace(each, estimators={name: each.estimators[name] for name in names}) for each in self.summaries
+        ]
+        return replace(self, summaries=tuple(summaries))
+
     def to_json(self) -> dict[str, Any]:
         """The content of sweep.json."""
         points = [
@@ -72,6 +81,27 @@ class Sweep:
             "faults": faults(self),
             "notes": notes(self),
         }
+
+
+def read_sweep(folder: Path) -> Sweep:
+    """The sweep that `slamgauge study --sweep` has written into a folder; its failures stay in the file.
+
+    Raises:
+        UserError: there is none, or it is not what that writes.
+    """
+    path = folder / SWEEP
+    content = read_json(path, "study --sweep")
+    try:
+        summaries = tuple(_read_summary(point["summary"]) for point in content["points"])
+        values = tuple(str(point["value"]) for point in content["points"])
+        return Sweep(content["scenario"], content["key"], content["runs"], content["seed"], values, summaries)
+    except (KeyError, TypeError):
+        raise UserError(f"{path}: not what `slamgauge study --sweep` writes; run it again") from None
+
+
+def _read_summary(content: dict[str, Any]) -> Summary:
+    entries = {name: read_entry(entry) for name, entry in content["estimators"].items()}
+    return Summary(content["scenario"], content["runs"], content["seed"], content["digest"], (), entries)
 
 
 def split_sweep(text: str) -> tuple[str, tuple[str, ...]]:

@@ -236,9 +236,9 @@ def test_the_figure_is_written_twice_alike(tmp_path: Path) -> None:
         contents.append(((folder / "figure.png").read_bytes(), (folder / "figure.svg").read_bytes()))
     assert contents[0] == contents[1]
     png, svg = contents[0]
-    assert (int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")) == (1440, 920)  # 7.2 x 4.6 in
+    assert (int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")) == (1400, 920)  # 7.0 x 4.6 in
     root = ElementTree.fromstring(svg)
-    assert root.attrib["width"] == "518.4pt"
+    assert root.attrib["width"] == "504pt"
     assert b"<dc:date>" not in svg
     assert b"<image" not in svg  # nothing is rasterised
 
@@ -282,7 +282,7 @@ def test_titles_of_a_figure_without_truth_are_whole(
     def keep(figure: Figure, _: Path) -> None:
         written.append(figure)
 
-    monkeypatch.setattr(plots, "save_png_and_svg", keep)
+    monkeypatch.setattr(plots, "save_printed", keep)
     estimates = {"dead-reckoning": drifting(recording), "riekf": estimate(truth, [0, 0, 0])}
     save_figure(tmp_path, None, recording, estimates | {optimum: estimate(truth, [0.1, 0, 0])}, "a run")
     (figure,) = written

@@ -166,8 +166,8 @@ def test_the_strip_is_written_twice_alike(tmp_path: Path, fates: tuple[Fate, ...
         contents.append(((folder / "rays.png").read_bytes(), (folder / "rays.svg").read_bytes()))
     assert contents[0] == contents[1]
     png, svg = contents[0]
-    assert int.from_bytes(png[16:20], "big") == 1440  # 7.2 in
-    assert ElementTree.fromstring(svg).attrib["width"] == "518.4pt"
+    assert int.from_bytes(png[16:20], "big") == 1400  # 7.0 in
+    assert ElementTree.fromstring(svg).attrib["width"] == "504pt"
     assert b"<image" not in svg
 
 
@@ -177,7 +177,7 @@ def panels_of(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, estimate: Estimat
     def keep(figure: Figure, _: Path) -> None:
         drawn.append(figure)
 
-    monkeypatch.setattr("slamgauge.compare.figures.ray_strip.save_png_and_svg", keep)
+    monkeypatch.setattr("slamgauge.compare.figures.ray_strip.save_printed", keep)
     truth, recording = half_loop()
     save_ray_strip(tmp_path, None if blind else truth, recording, "ekf", estimate, "a title")
     return drawn[0].axes

@@ -32,5 +32,5 @@ def saved(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
         figures[path.name] = figure
 
     for module in ("budget_figure", "study_figures", "sweep_figure"):
-        monkeypatch.setattr(f"slamgauge.compare.figures.{module}.save_png_and_svg", keep)
+        monkeypatch.setattr(f"slamgauge.compare.figures.{module}.save_printed", keep)
     return figures

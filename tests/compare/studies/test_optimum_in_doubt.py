@@ -85,8 +85,8 @@ def test_figures_say_it_too(
             draw(tmp_path)
         saved[name] = saved["ratios"]
         summaries.append(summary)
-    labels = [[tick.get_text() for tick in saved[name].axes[0].get_xticklabels()] for name in ("sure", "doubtful")]
-    assert labels == [["ekf\n/ causal"], ["ekf\n/ causal?"]]
+    labels = [[tick.get_text() for tick in saved[name].axes[0].get_yticklabels()] for name in ("sure", "doubtful")]
+    assert labels == [["ekf / causal"], ["ekf / causal?"]]
     assert [saved[name].get_suptitle().partition("\n")[2] for name in ("sure", "doubtful", "nees")] == ["", NOTE, ""]
     for values, said in (((0, 0), ""), ((0, 1), "a.b=2: "), ((1, 1), "a.b=1, a.b=2: ")):
         save_sweep_figure(tmp_path, Sweep("x", "a.b", 2, 0, ("1", "2"), tuple(summaries[value] for value in values)))

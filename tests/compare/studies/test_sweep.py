@@ -162,5 +162,5 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert faults == [["innovations larger than it expects"], ["innovations smaller than it expects"]]
     sigma = [point["summary"]["estimators"]["ekf"]["position_sigma_m"]["mean"] for point in content["points"]]
     assert sigma[1] > sigma[0]
-    assert imread(tmp_path / "sweep.png").shape == (1000, 1440, 4)
+    assert imread(tmp_path / "sweep.png").shape == (1000, 1400, 4)
     assert (tmp_path / "assumed.scale=0.1/summary.json").exists()

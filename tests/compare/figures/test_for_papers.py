@@ -1,0 +1,196 @@
+"""Figures for papers: drawn anew from results, as wide as a column or a page, with nothing cropped, and their style."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+
+from slamgauge import compare_estimators, load_estimators, load_scenario, simulate
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.figures.from_results import drawings_of
+from slamgauge.compare.figures.publishing import write_comparison, write_study, write_sweep
+from slamgauge.compare.figures.robust_limits import robust_limits
+from slamgauge.compare.figures.sheet import INCHES, Sheet, Width, printed_on
+from slamgauge.compare.figures.study_figures import study_drawings
+from slamgauge.compare.scoring.comparison import metrics
+from slamgauge.compare.studies.budget import RUNGS, summarise_budget
+from slamgauge.compare.studies.stored_study import load_study
+from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.sweep import Sweep, read_sweep
+from slamgauge.errors import UserError
+
+SHORT = ["start=sampled", "trajectory.duration=5"]
+DRAWN = {"run": {"figure", "drift", "rays"}, "study": {"nees", "nis", "rmse", "errors", "ratios"}}
+
+
+def undecorated(*_: object) -> bool:
+    return True
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of bearings alone, a study, a sweep and a budget, in a folder each; nothing of them is drawn."""
+    from slamgauge.compare.figures import publishing
+    from slamgauge.compare.storage.files import write_json
+
+    out = tmp_path_factory.mktemp("results")
+    for name in ("run", "study", "sweep", "budget"):
+        (out / name).mkdir()
+    scenario = load_scenario("q4-ring", SHORT)
+    comparison = compare_estimators(
+        *simulate(scenario, 0), load_estimators(["dead-reckoning", "ekf", "isam2"], frames=240)
+    )
+    write_comparison(out / "run", comparison, metrics(comparison, "q4-ring", 0))
+    short, chosen = load_scenario("q1-short-dense", SHORT), ["ekf", "isam2", "batch"]
+    with ThreadPoolExecutor(1) as executor, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(publishing, "decorate", undecorated)
+        summary = run_study(short, 3, 0, chosen, out / "study", executor)
+        assert write_study(out / "study", summary, load_runs(short, 3, 0, chosen, out / "study"), 0.1)
+        assert write_sweep(out / "sweep", Sweep("q1", "assumed.scale", 3, 0, ("1", "2"), (summary, summary)))
+    errors = np.random.default_rng(0).uniform(1.0, 2.0, (3, len(RUNGS)))
+    budget = summarise_budget("q1-short-dense", "ekf", errors, np.full(errors.shape, np.nan), np.ones(3))
+    write_json(out / "budget" / "budget.json", budget.to_json())
+    return out
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
+    """The figures that are saved, by name; they are not written."""
+    found: dict[str, Figure] = {}
+
+    def keep(figure: Figure, path: Path) -> None:
+        found[path.name] = figure
+
+    for module in ("plots", "drift_figure", "ray_strip", "study_figures", "sweep_figure", "budget_figure"):
+        monkeypatch.setattr(f"slamgauge.compare.figures.{module}.save_printed", keep)
+    return found
+
+
+@pytest.mark.parametrize("width", INCHES)
+def test_nothing_is_cropped(results: Path, drawn: dict[str, Figure], width: Width):
+    with printed_on(Sheet(width)):
+        for folder in results.iterdir():
+            for draw in drawings_of(folder).values():
+                draw(results)
+    assert set(drawn) == {*DRAWN["run"], *DRAWN["study"], "sweep", "budget"}
+    for name, figure in drawn.items():
+        figure.dpi = 72
+        figure.draw_without_rendering()
+        box, (inches, height) = figure.get_tightbbox(), figure.get_size_inches()
+        assert inches <= INCHES[width]
+        beyond = np.round([-box.x0, box.x1 - inches, -box.y0, box.y1 - height], 3)
+        assert (name, (beyond < 0.02).all()) == (name, True), beyond
+
+
+def labels(figure: Figure) -> set[str]:
+    return {label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]}
+
+
+def test_the_command_draws_the_estimators_and_the_band_that_are_chosen(
+    results: Path, tmp_path: Path, drawn: dict[str, Figure], capsys: pytest.CaptureFixture[str]
+):
+    words = ("export", str(results / "run"), "--format", "svg", "--out", str(tmp_path / "out"))
+    assert main([*words, "--estimators", "ekf,isam2", "--band", "isam2"]) == 0
+    assert set(drawn) == DRAWN["run"]
+    panel = drawn["figure"].axes[1]
+    faces = [np.atleast_2d(np.asarray(each.get_facecolor(), dtype=float)) for each in panel.collections]
+    bands = [face for face in faces if len(face) and np.allclose(face[0, :3], to_rgba("#CC9900")[:3])]
+    assert len(bands) == 1
+    drawings_of(results / "sweep", ["ekf"])["sweep"](tmp_path)
+    assert labels(drawn["sweep"]) == {"ekf"}
+    drawings_of(results / "study", ["ekf"])["nees"](tmp_path)
+    assert labels(drawn["nees"]) == {"ekf", "99.9% band"}
+    capsys.readouterr()
+    for wrong, said in (("run --band oc-ekf", "not among"), ("study --band ekf", "only the figure of a run has one")):
+        folder, *options = wrong.split()
+        assert main(["export", str(results / folder), "--format", "pdf", *options]) == 2
+        assert said in capsys.readouterr().err
+
+
+def test_files_have_the_form_that_is_asked_for_and_no_date(results: Path, tmp_path: Path):
+    for form, begins in (("pdf", b"%PDF"), ("png", b"\x89PNG"), ("svg", b"<?xml")):
+        words = ("export", str(results / "budget"), "--format", form, "--width", "column")
+        for folder in ("one", "other"):
+            assert main([*words, "--out", str(tmp_path / form / folder)]) == 0
+        written = [(tmp_path / form / folder / f"budget.{form}").read_bytes() for folder in ("one", "other")]
+        assert written[0].startswith(begins)
+        assert written[0] == written[1]
+    assert b"/MediaBox [ 0 0 244.8 " in (tmp_path / "pdf/one/budget.pdf").read_bytes()  # 3.4 in, in points
+
+
+def test_what_is_drawn_is_what_was_measured(results: Path):
+    sweep, study = read_sweep(results / "sweep"), load_study(results / "study")
+    for summary in sweep.summaries:
+        assert summary.estimators == study.summary.estimators
+    (results / "study/sweep.json").write_text("{}")
+    with pytest.raises(UserError, match="not what `slamgauge study --sweep` writes"):
+        read_sweep(results / "study")
+    (results / "study/sweep.json").unlink()
+    with pytest.raises(UserError, match="holds no run, study, sweep or budget"):
+        drawings_of(results)
+
+
+def test_one_who_goes_astray_leaves_the_panel_and_is_named():
+    extents: Mapping[str, np.ndarray] = {
+        "a": np.array([1.0, 2.0]),
+        "b": np.array([2.0, 1.0]),
+        "c": np.array([1e6, 2.0]),
+    }
+    heights, gone = robust_limits(extents)
+    assert heights.tolist() == [2.0, 2.0]
+    assert gone == ["c"]
+
+
+def test_a_filter_that_diverges_does_not_squash_the_figures_of_a_study(
+    results: Path, tmp_path: Path, drawn: dict[str, Figure]
+):
+    study = load_study(results / "study")
+    runs = study.runs["ekf"]
+    wild = {key: 1e4 * rows if key.startswith(("error", "nees", "nis")) else rows for key, rows in runs.series.items()}
+    lost = replace(runs, series=wild, figures={**runs.figures, "ate_m": 1e4 * runs.figures["ate_m"]})
+    for name, others in (("sane", study.runs), ("wild", {**study.runs, "ekf": lost})):
+        for draw in study_drawings(study.summary, others, study.step).values():
+            draw(tmp_path)
+        drawn |= {f"{name} {key}": figure for key, figure in drawn.items() if " " not in key}
+    for key in ("nees", "rmse", "errors"):
+        sane, wild_ = (drawn[f"{name} {key}"].axes[0].get_ylim()[1] for name in ("sane", "wild"))
+        assert wild_ < 4 * sane
+        assert any("ekf leaves the panel" in axes.get_title() for axes in drawn[f"wild {key}"].axes)
+    assert drawn["wild ratios"].axes[0].get_xlim()[1] < 200
+    assert "ekf / hindsight, ekf / causal leave the panel" in drawn["wild ratios"].axes[0].get_title()
+
+
+def test_logarithmic_axes_have_few_labels_and_plain_ones(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
+    for folder in ("run", "study", "sweep"):
+        for draw in drawings_of(results / folder).values():
+            draw(tmp_path)
+    axes = [
+        each for figure in drawn.values() for each in figure.axes if "log" in (each.get_xscale(), each.get_yscale())
+    ]
+    assert len(axes) >= 4
+    for each in axes:
+        for axis, scale in ((each.xaxis, each.get_xscale()), (each.yaxis, each.get_yscale())):
+            if scale == "log":
+                low, high = sorted(axis.get_view_interval())
+                ticks = [tick for tick in axis.get_majorticklocs() if low <= tick <= high]
+                assert 1 <= len(ticks) <= 9
+                assert not [text for text in axis.get_ticklabels(minor=True) if text.get_text()]
+                assert not any("$" in axis.get_major_formatter()(tick) for tick in ticks)
+
+
+def test_people_can_use_our_style():
+    with plt.style.context("slamgauge.paper"):
+        assert mpl.rcParams["figure.figsize"] == [INCHES["column"], 2.4]
+        assert mpl.rcParams["pdf.fonttype"] == 42
+        assert mpl.rcParams["svg.fonttype"] == "none"
+        colours = [to_rgba(each["color"]) for each in mpl.rcParams["axes.prop_cycle"]]
+        assert len({*colours}) == len(colours) == 8
