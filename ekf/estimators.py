@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from slamgauge.arrays import Int, distinct, freeze
 from slamgauge.ekf.association import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.compressed import CompressedFilter
@@ -117,6 +118,7 @@ def dead_reckoning(recording: Recording) -> Estimate:
         blind.predict(recording.odometry[step - 1], recording.odometry_cov[step - 1])
         seconds[step] = perf_counter() - start
         poses[step], pose_covs[step] = blind.pose, blind.pose_cov
+    freeze(poses, pose_covs, seconds)
     return Estimate(kind="filtered", poses=poses, pose_covs=pose_covs, seconds=seconds)
 
 
@@ -150,32 +152,41 @@ def _run(
     steps = recording.steps
     poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
     nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1)
-    members, given = np.zeros(steps + 1, dtype=np.int64), [np.zeros(0, dtype=np.int64)]
+    members, given, seen = np.zeros(steps + 1, np.int64), np.empty(len(recording.observation), np.int64), 0
     history = History(steps, frames)
     for step, result in enumerate(drive(slam, recording)):
         nis[step], nis_dof[step], seconds[step] = result
         poses[step], pose_covs[step] = slam.pose, slam.pose_cov
         members[step] = slam.member_count
-        given.append(slam.associated)
+        associated = slam.associated
+        given[seen : seen + len(associated)] = associated
+        seen += len(associated)
         history.keep(step, slam)
     if nis.sum() > LOST * max(1, int(nis_dof.sum())):
         tell_once(
             f"{estimator} has lost itself: its NIS is {LOST:g} times what noise explains; raise the sensor's noise"
         )
+    pose_covs = without_rounding("pose_covs", pose_covs)
+    freeze(poses, pose_covs, nis, nis_dof, seconds)
     return Estimate(
         kind="filtered",
         poses=poses,
-        pose_covs=without_rounding("pose_covs", pose_covs),
+        pose_covs=pose_covs,
         landmark_ids=slam.landmark_ids,
         landmarks=slam.landmarks,
         landmark_covs=without_rounding("landmark_covs", slam.landmark_covs),
-        association=slam.standing(np.concatenate(given)),
+        association=_shared(slam.standing(given), recording.landmark),
         nis=nis,
         nis_dof=nis_dof,
         seconds=seconds,
         rays=slam.ray_log(members),
         history=history.kept(),
     )
+
+
+def _shared(association: Int, ids: Int | None) -> Int:
+    """The recording's own ids (M,) where the association is the same, so that there is one array of both."""
+    return ids if ids is not None and np.array_equal(association, ids) else association
 
 
 def online_filter(
@@ -191,7 +202,7 @@ def online_filter(
         return BearingFilter(*start, initialisation, association if recording.landmark is None else None, robust)
     if recording.landmark is None:
         return AssociatingFilter(recording.sensor, *start, association, robust)
-    landmarks = len(np.unique(recording.landmark))
+    landmarks = len(distinct(recording.landmark))
     size = 3 + 2 * landmarks
     require_memory(ROOM * 8.0 * size * size, f"the covariance of {landmarks} landmarks", "give fewer landmarks")
     radius = area_that_pays(recording) if correction is CORRECTIONS["ekf"] else None

@@ -12,6 +12,7 @@ from slamgauge.errors import UserError
 from slamgauge.facts import counted, data_frame, fact_table
 from slamgauge.recording import Recording
 from slamgauge.validation import (
+    are_among,
     as_array,
     as_covariances,
     as_distinct_ids,
@@ -165,7 +166,7 @@ class Estimate:
             store(self, landmark_covs=as_covariances("landmark_covs", self.landmark_covs, (len(ids), 2, 2)))
         if self.association is not None:
             association = as_ints("association", self.association, (None,))
-            known = np.isin(association, ids) | (association == -1)
+            known = are_among(association, ids) | (association == -1)
             require_rows(
                 "association", known, association, "give an id of landmark_ids, or -1 for a rejected observation"
             )

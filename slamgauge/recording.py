@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, chunks, distinct
 from slamgauge.errors import UserError
 from slamgauge.facts import counted, data_frame, fact_table
 from slamgauge.validation import as_covariances, as_floats, as_ints, equal, for_all, require_rows, store
@@ -78,7 +78,7 @@ class Recording:
         observation_step = as_ints("observation_step", self.observation_step, (count,))
         in_range = (observation_step >= 0) & (observation_step <= steps)
         require_rows("observation_step", in_range, observation_step, f"a step must lie in 0..{steps}")
-        ordered = np.diff(observation_step, prepend=0) >= 0
+        ordered = np.append(True, observation_step[1:] >= observation_step[:-1])[:count]
         require_rows(
             "observation_step", ordered, observation_step, "steps must not decrease; sort the observations by step"
         )
@@ -114,7 +114,7 @@ class Recording:
 
     def _facts(self) -> dict[str, object]:
         count = counted(len(self.observation), "observation")
-        whose = "without ids" if self.landmark is None else f"of {counted(len(np.unique(self.landmark)), 'landmark')}"
+        whose = "without ids" if self.landmark is None else f"of {counted(len(distinct(self.landmark)), 'landmark')}"
         return {
             "sensor": self.sensor,
             "steps": counted(self.steps, "step"),
@@ -165,7 +165,8 @@ class Recording:
 
     def scans(self) -> Iterator[Observations]:
         """The observations of step 0, 1, ..., N in turn (views, not copies)."""
-        bounds = np.searchsorted(self.observation_step, np.arange(self.steps + 2)).tolist()
-        for first, last in pairwise(bounds):
-            ids = None if self.landmark is None else self.landmark[first:last]
-            yield Observations(ids, self.observation[first:last], self.observation_cov[first:last])
+        for steps in chunks(self.steps + 1):
+            bounds = np.searchsorted(self.observation_step, np.arange(steps.start, steps.stop + 1)).tolist()
+            for first, last in pairwise(bounds):
+                ids = None if self.landmark is None else self.landmark[first:last]
+                yield Observations(ids, self.observation[first:last], self.observation_cov[first:last])

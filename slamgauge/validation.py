@@ -6,18 +6,20 @@ A value that does not fit raises ``UserError`` with the field, the row, the valu
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass
+from typing import TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, chunks, is_frozen
 from slamgauge.correlations import scale_of
 from slamgauge.errors import UserError
 from slamgauge.se2 import wrap
 
-CHUNK = 65_536  # covariances that are looked at together: what that takes of memory does not grow with a recording
 LARGEST = 1e50  # no quantity of a robot is larger; products of some such numbers are still finite
 REAL = "fiu"  # kinds of numpy types that are real numbers
+WHOLE = 2**53  # from here on a double does not hold every whole number
+Number = TypeVar("Number", np.float64, np.int64)
 
 
 def store(instance: object, **fields: object) -> None:
@@ -42,11 +44,22 @@ def _same(one: object, other: object) -> bool:
 
 
 def as_array(name: str, value: object, shape: tuple[int | None, ...]) -> Float:
-    """A float64 copy of `value` with the given shape (None: any length)."""
-    array = as_numbers(name, value, f"give shape {_spell(shape)}")
+    """`value` as a float64 array with the given shape (None: any length); a copy, unless nobody can write into it."""
+    array = value if _is_kept(value, np.float64) else as_numbers(name, value, f"give shape {_spell(shape)}")
+    _require_shape(name, array, shape)
+    return array
+
+
+def _is_kept(value: object, dtype: type[Number]) -> TypeGuard[NDArray[Number]]:
+    """Whether records may share an array: it has their type and layout, and nobody can change it."""
+    if not isinstance(value, np.ndarray) or value.dtype != dtype:
+        return False
+    return value.flags.c_contiguous and value.flags.aligned and is_frozen(value)
+
+
+def _require_shape(name: str, array: NDArray[np.generic], shape: tuple[int | None, ...]) -> None:
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
         raise UserError(f"{name}: shape {array.shape} does not fit; give shape {_spell(shape)}")
-    return array
 
 
 def as_numbers(name: str, value: object, remedy: str) -> Float:
@@ -74,15 +87,20 @@ def as_floats(name: str, value: object, shape: tuple[int | None, ...]) -> Float:
 
 
 def as_ints(name: str, value: object, shape: tuple[int | None, ...]) -> Int:
-    """An int64 copy of whole numbers."""
+    """Whole numbers as an int64 array; a copy, unless nobody can write into it."""
+    rule = "every entry must be a whole number below 2**53"
+    if isinstance(value, np.ndarray) and value.dtype == np.int64:  # no detour by floats: there may be millions
+        whole = value if _is_kept(value, np.int64) else np.array(value, order="C")
+        _require_shape(name, whole, shape)
+        require_rows(name, (whole > -WHOLE) & (whole < WHOLE), whole, rule)
+        return whole
     array = as_floats(name, value, shape)
-    whole = (array == np.floor(array)) & (np.abs(array) < 2.0**53)
-    require_rows(name, whole, array, "every entry must be a whole number below 2**53")
+    require_rows(name, (array == np.floor(array)) & (np.abs(array) < WHOLE), array, rule)
     return array.astype(np.int64)
 
 
 def as_distinct_ids(name: str, value: object) -> Int:
-    """An int64 copy (n,) of ids that are >= 0 and distinct."""
+    """Ids (n,) that are >= 0 and distinct, as int64."""
     ids = as_ints(name, value, (None,))
     first = np.zeros(len(ids), dtype=bool)
     first[np.unique(ids, return_index=True)[1]] = True
@@ -91,13 +109,31 @@ def as_distinct_ids(name: str, value: object) -> Int:
 
 
 def as_covariances(name: str, value: object, shape: tuple[int | None, ...], *, definite: bool = False) -> Float:
-    """Symmetric positive semi-definite (or definite) matrices, exactly symmetric on return."""
+    """Symmetric positive semi-definite (or definite) matrices, exactly symmetric on return.
+
+    One that stands for all rows is kept once, and the others are views of it.
+    """
+    if isinstance(value, np.ndarray) and value.ndim == 3 and value.dtype.kind in REAL and is_one_for_all(value):
+        _require_shape(name, value, shape)
+        one = as_covariances(name, value[:1].copy(), (1, *shape[1:]), definite=definite)
+        one.setflags(write=False)
+        return np.broadcast_to(one, value.shape)
     array = as_floats(name, value, shape)
     stack = array.reshape(-1, *array.shape[-2:])
-    for first in range(0, len(stack), CHUNK):
-        rows = slice(first, first + CHUNK)
-        stack[rows] = _symmetric(name, stack[rows], first, definite=definite)
-    return array
+    for rows in chunks(len(stack)):
+        symmetric = _symmetric(name, stack[rows], rows.start, definite=definite)
+        if not stack.flags.writeable and not np.array_equal(symmetric, stack[rows]):
+            stack = stack.copy()
+        if stack.flags.writeable:
+            stack[rows] = symmetric
+    return stack.reshape(array.shape)
+
+
+def is_one_for_all(stack: NDArray[np.generic]) -> bool:
+    """Whether all rows (n, ...), two or more, are equal."""
+    if len(stack) < 2 or stack.strides[0] == 0:
+        return len(stack) > 1
+    return all(bool((stack[rows] == stack[0]).all()) for rows in chunks(len(stack)))
 
 
 def _symmetric(name: str, stack: Float, first: int, *, definite: bool) -> Float:
@@ -122,6 +158,14 @@ def _symmetric(name: str, stack: Float, first: int, *, definite: bool) -> Float:
     return stack
 
 
+def are_among(values: Int, ids: Int) -> NDArray[np.bool_]:
+    """Which of the values (n,) are among the ids."""
+    found = np.zeros(len(values), dtype=np.bool_)
+    for rows in chunks(len(values)):
+        found[rows] = np.isin(values[rows], ids)
+    return found
+
+
 def for_all(matrix: object, count: int) -> object:
     """One matrix (d, d) as that of all rows (count, d, d); anything else as it is."""
     try:
@@ -138,8 +182,13 @@ def require_type(name: str, value: object, kind: type) -> None:
 
 
 def wrap_headings(poses: Float) -> Float:
-    """The same poses (n, 3), their headings wrapped in place."""
-    poses[:, 2] = wrap(poses[:, 2])
+    """Poses (n, 3) with their headings wrapped: in place, unless nobody can write there."""
+    headings = wrap(poses[:, 2])
+    if not poses.flags.writeable:
+        if np.array_equal(headings, poses[:, 2], equal_nan=True):
+            return poses
+        poses = poses.copy()
+    poses[:, 2] = headings
     return poses
 
 

@@ -29,6 +29,7 @@ from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
     from slamgauge.compare.estimators.asked import Asked
+    from slamgauge.compare.scenarios.scenario import Scenario
     from slamgauge.compare.scenarios.schema import Association
     from slamgauge.ekf.settings.initialisation import Initialisation
     from slamgauge.ekf.settings.robustness import Robustness
@@ -78,20 +79,24 @@ class Run:
 
     def __call__(self) -> int:
         """Simulate, grade and write; the exit status."""
-        from slamgauge.compare.estimators.asked import ask
         from slamgauge.compare.scenarios.scenario import load_scenario
-        from slamgauge.compare.scenarios.scenario_text import scenario_text
-        from slamgauge.compare.scenarios.simulation import informed, simulate
-        from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.names import file_name
-        from slamgauge.compare.storage.result_files import comparison_files
 
         scenario = load_scenario(self.scenario, flattened(self.set))
         out = self.out or Path("results") / f"{file_name(scenario.name)}-seed-{self.seed}"
+        status = self._grade(scenario, out)  # what it needs of memory is free again before the page is written
+        return status if write_page(out, METRICS, wanted=not self.no_report, opened=self.open) else 1
+
+    def _grade(self, scenario: Scenario, out: Path) -> int:
+        from slamgauge.compare.estimators.asked import ask
+        from slamgauge.compare.scenarios.scenario_text import scenario_text
+        from slamgauge.compare.scenarios.simulation import simulate_informed
+        from slamgauge.compare.storage.manifest import require_free
+        from slamgauge.compare.storage.result_files import comparison_files
+
         asked = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
         require_free(out, comparison_files(each.label for each in asked))
-        truth, recording = simulate(scenario, self.seed)
-        told = simulate(informed(scenario), self.seed)[1]
+        truth, recording, told = simulate_informed(scenario, self.seed)
         title = f"{scenario.name}, seed {self.seed}"
         grading = Grading(
             asked,
@@ -105,8 +110,7 @@ class Run:
             self.seed,
             scenario_text(scenario),
         )
-        status = grading.grade(truth, recording, told)
-        return status if write_page(out, METRICS, wanted=not self.no_report, opened=self.open) else 1
+        return grading.grade(truth, recording, told)
 
 
 @dataclass
@@ -165,6 +169,10 @@ class Evaluate:
 
     def __call__(self) -> int:
         """Load, grade and, if asked to, write; the exit status."""
+        status = self._grade()  # what it needs of memory is free again before the page is written
+        return status if write_page(self.out, METRICS, wanted=not self.no_report, opened=self.open) else 1
+
+    def _grade(self) -> int:
         from slamgauge.compare.estimators.asked import ask
         from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
         from slamgauge.compare.storage.files import load_recording, load_truth
@@ -188,8 +196,7 @@ class Evaluate:
         named = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
         asked = ask([*named, *ask(stored)])
         grading = Grading(asked, self.out, self.json, title, *settings)
-        status = grading.grade(truth, recording)
-        return status if write_page(self.out, METRICS, wanted=not self.no_report, opened=self.open) else 1
+        return grading.grade(truth, recording)
 
     def _stored(self) -> dict[str, Path]:
         """Paths of estimates by label."""

@@ -13,6 +13,7 @@ from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
 from slamgauge.compare.figures.closure_marks import marked_closures
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, MARK_COLOR, TRUTH_COLOR, styles
 from slamgauge.compare.figures.robust_limits import leaving, robust_limits
+from slamgauge.compare.figures.thinning import extreme_rows
 from slamgauge.compare.figures.world_axes import label_time
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt
 from slamgauge.compare.scoring.optimum_notes import MARK
@@ -62,10 +63,13 @@ def plot_errors(
         bounds = _three_sigma(estimate)
         extents[name] = np.nan_to_num(np.fmax(np.abs(errors), bounds)).max(axis=0)
         for panel, error, bound in zip(panels, errors.T, bounds.T, strict=True):
-            panel.plot(times, error, color=color, linestyle=dashes, linewidth=0.8, label=name, zorder=3)
+            rows = extreme_rows(error)
+            panel.plot(times[rows], error[rows], color=color, linestyle=dashes, linewidth=0.8, label=name, zorder=3)
+            rows = extreme_rows(bound)
+            at, bound = times[rows], bound[rows]
             if name == filled:
-                panel.fill_between(times, -bound, bound, color=color, alpha=0.15, linewidth=0, zorder=1)
-            panel.plot(times, bound, times, -bound, color=color, linewidth=0.5, alpha=0.8, zorder=2)
+                panel.fill_between(at, -bound, bound, color=color, alpha=0.15, linewidth=0, zorder=1)
+            panel.plot(at, bound, at, -bound, color=color, linewidth=0.5, alpha=0.8, zorder=2)
     closures, mark = marked_closures(truth, recording)
     limits, astray = robust_limits(extents) if extents else (np.zeros(3), [])
     remarks = [*leaving(astray, "panels"), *["dead reckoning left out"] * left_out]

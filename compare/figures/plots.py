@@ -29,6 +29,7 @@ from slamgauge.compare.figures.plot_style import (
     styles,
 )
 from slamgauge.compare.figures.sheet import save_printed, sheet
+from slamgauge.compare.figures.thinning import even_rows
 from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.compare.scoring.landmark_identity import true_landmarks
 from slamgauge.compare.scoring.optimum_figures import is_misfit
@@ -65,14 +66,19 @@ def _draw_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Ma
     paths |= {name: estimate.poses for name, estimate in estimates.items()}
     chosen = styles(paths)
     if truth.poses is not None:
-        ax.plot(*truth.poses[:, :2].T, color=TRUTH_COLOR, linewidth=1.0, label="truth", zorder=2)
+        ax.plot(*_drawn(truth.poses), color=TRUTH_COLOR, linewidth=1.0, label="truth", zorder=2)
     for name, poses in paths.items():
         color, dashes = chosen[name]
-        ax.plot(*poses[:, :2].T, color=color, linestyle=dashes, linewidth=1.0, label=name, zorder=2.5)
+        ax.plot(*_drawn(poses), color=color, linestyle=dashes, linewidth=1.0, label=name, zorder=2.5)
     _draw_maps(ax, truth, recording, estimates, chosen)
     _draw_marks(ax, truth, recording, paths)
     mapped = [true_landmarks(truth, recording, estimate)[1] for estimate in estimates.values()]
     _frame(ax, paths, [each for each in (truth.poses, truth.landmarks) if each is not None] or mapped)
+
+
+def _drawn(poses: Float) -> Float:
+    """Positions (2, n) [m] that the line of a path goes through."""
+    return poses[even_rows(len(poses)), :2].T
 
 
 def _draw_maps(

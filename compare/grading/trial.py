@@ -20,7 +20,7 @@ from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.estimators.strict import require_causal
 from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.scenarios.simulation import informed, simulate
+from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.errors import UserError, failure_text
 from slamgauge.estimate import Estimate
@@ -72,14 +72,13 @@ def yardstick(scenario: Scenario, seed: int, reference: Asked) -> Yardstick:
     Raises:
         UserError: the reference gives no estimate.
     """
-    truth, recording = simulate(scenario, seed)
+    truth, recording, told = simulate_informed(scenario, seed)
     estimator = load(
         reference, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
     )
     estimate, seconds = run_estimator(reference.label, estimator, recording)
     try:
         (best,) = ask([CAUSAL])
-        told = simulate(informed(scenario), seed)[1]
         optimum = run_estimator(CAUSAL, without(load(best), told, truth.misleading), told)[0]
     except UserError:  # not every recording determines one
         optimum = None

@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int, Marks
+from slamgauge.arrays import CHUNK, Float, Int, Marks, chunks
 from slamgauge.compare.scenarios.sensor import Sensor
 from slamgauge.correlations import square_roots
 from slamgauge.se2 import rotation, wrap
@@ -56,39 +56,60 @@ class _Sights:
         """Random numbers (M, width), for each sight its own."""
         if self.of_a_file:
             return getattr(np.random.default_rng(stream), kind)((len(self.step), width))
-        drawn = np.empty((self.steps, self.landmarks, width))
-        for landmark, child in enumerate(stream.spawn(self.landmarks)):
-            drawn[:, landmark] = getattr(np.random.default_rng(child), kind)((self.steps, width))
-        return drawn[self.step, self.landmark]
+        drawn = np.empty((len(self.step), width))
+        small = self.landmark.astype(np.min_scalar_type(self.landmarks))  # which numpy sorts fast
+        ends = np.cumsum(np.bincount(small, minlength=self.landmarks))
+        of_each = np.split(np.argsort(small, kind="stable"), ends)[:-1]
+        for child, sights in zip(stream.spawn(self.landmarks), of_each, strict=True):
+            if len(sights):
+                every = getattr(np.random.default_rng(child), kind)((self.steps, width))
+                drawn[sights] = every[self.step[sights]]
+        return drawn
 
 
 def observe(poses: Float, landmarks: Float, sensor: Sensor, streams: Streams) -> Observed:
     """What is reported of the landmarks (L, 2) from the poses (N+1, 3)."""
     sights = _sights(poses, landmarks, sensor)
-    body = _in_body(poses[sights.step], landmarks[sights.landmark])
-    value = _measured(body, _noise(sensor, sights, streams.noise), sensor)
-    outlier, seen = np.zeros(len(value), dtype=np.bool_), np.ones(len(value), dtype=np.bool_)
+    value = _noise(sensor, sights, streams.noise)
+    count = len(value)
+    for rows in chunks(count):
+        value[rows] = _measured(_seen_from(poses, landmarks, sights, rows), value[rows], sensor)
+    outlier = np.zeros(count, dtype=np.bool_)
     if sensor.outlier_rate > 0.0:
         outlier = sights.draw(streams.outlier, "random", 1)[:, 0] < sensor.outlier_rate
-        value = np.where(outlier[:, None], _wrong(body, sights, sensor, streams.wrong_value), value)
+        value[outlier] = _wrong(_seen_from(poses, landmarks, sights, outlier), sights, outlier, sensor, streams)
+    found = Observed(sights.step, sights.landmark, value, _covs(sensor, count), outlier)
     if sensor.detection_probability < 1.0:
         seen = sights.draw(streams.detection, "random", 1)[:, 0] < sensor.detection_probability
-    cov = _covs(sensor, len(value))
-    found = Observed(sights.step[seen], sights.landmark[seen], value[seen], cov[seen], outlier[seen])
+        covs = _covs(sensor, int(seen.sum())) if sensor.covs is None else sensor.covs[seen]
+        found = Observed(sights.step[seen], sights.landmark[seen], value[seen], covs, outlier[seen])
     return _with_clutter(found, len(poses), sensor, streams) if sensor.clutter_rate > 0.0 else found
 
 
 def _sights(poses: Float, landmarks: Float, sensor: Sensor) -> _Sights:
+    steps, count = len(poses), len(landmarks)
     if sensor.sights is not None:
-        return _Sights(*sensor.sights, len(poses), len(landmarks), of_a_file=True)
-    body = _in_body(poses[:, None], landmarks)
-    distance = np.linalg.norm(body, axis=2)
+        return _Sights(*sensor.sights, steps, count, of_a_file=True)
+    in_view = np.zeros((steps, count), dtype=np.bool_)
+    together = max(CHUNK // max(count, 1), 1)
+    for first in range(sensor.first_step, steps, together):
+        in_view[first : first + together] = _in_view(_in_body(poses[first : first + together, None], landmarks), sensor)
+    step, landmark = np.divmod(np.flatnonzero(in_view), max(count, 1))
+    return _Sights(step, landmark, steps, count, of_a_file=False)
+
+
+def _in_view(body: Float, sensor: Sensor) -> Marks:
+    """Which points (..., 2) of the body frame the sensor reaches (...)."""
+    distance = np.linalg.norm(body, axis=-1)
     in_view = (sensor.min_range <= distance) & (distance <= sensor.max_range)
     if sensor.field_of_view_deg < 360.0:
-        in_view &= np.abs(np.arctan2(body[:, :, 1], body[:, :, 0])) <= np.deg2rad(sensor.field_of_view_deg / 2.0)
-    in_view[: sensor.first_step] = False
-    step, landmark = np.nonzero(in_view)
-    return _Sights(step, landmark, len(poses), len(landmarks), of_a_file=False)
+        in_view &= np.abs(np.arctan2(body[..., 1], body[..., 0])) <= np.deg2rad(sensor.field_of_view_deg / 2.0)
+    return in_view
+
+
+def _seen_from(poses: Float, landmarks: Float, sights: _Sights, rows: slice | Marks) -> Float:
+    """Where landmarks are (m, 2) in the body frame, of some of the sights."""
+    return _in_body(poses[sights.step[rows]], landmarks[sights.landmark[rows]])
 
 
 def _in_body(poses: Float, points: Float) -> Float:
@@ -101,7 +122,9 @@ def _noise(sensor: Sensor, sights: _Sights, stream: np.random.SeedSequence) -> F
     if sensor.covs is not None:
         unit = sights.draw(stream, "standard_normal", sensor.covs.shape[1])
         return np.einsum("mij,mj->mi", square_roots(sensor.covs), unit)
-    return sensor.sigmas * sights.draw(stream, "standard_normal", len(sensor.sigmas))
+    noise = sights.draw(stream, "standard_normal", len(sensor.sigmas))
+    noise *= sensor.sigmas
+    return noise
 
 
 def _covs(sensor: Sensor, count: int) -> Float:
@@ -123,11 +146,11 @@ def _measured(body: Float, noise: Float, sensor: Sensor) -> Float:
     return np.column_stack([np.abs(ranges), wrap(bearings)])
 
 
-def _wrong(body: Float, sights: _Sights, sensor: Sensor, stream: np.random.SeedSequence) -> Float:
-    """The values (M, d) that outliers have."""
+def _wrong(body: Float, sights: _Sights, outlier: Marks, sensor: Sensor, streams: Streams) -> Float:
+    """The values (m, d) that outliers have, of points (m, 2)."""
     if sensor.outlier == "wide":
-        return _measured(body, WIDE * _noise(sensor, sights, stream), sensor)
-    return _anywhere(sights.draw(stream, "random", 2), sensor)
+        return _measured(body, WIDE * _noise(sensor, sights, streams.wrong_value)[outlier], sensor)
+    return _anywhere(sights.draw(streams.wrong_value, "random", 2)[outlier], sensor)
 
 
 def _anywhere(draws: Float, sensor: Sensor) -> Float:
@@ -144,13 +167,15 @@ def _with_clutter(found: Observed, steps: int, sensor: Sensor, streams: Streams)
     count[: sensor.first_step] = 0
     step = np.repeat(np.arange(steps), count)
     value = _anywhere(np.random.default_rng(streams.clutter_value).random((len(step), 2)), sensor)
-    # of sightings with covariances of their own clutter has the mean
-    cov = np.broadcast_to(_covs(sensor, 1).mean(axis=0), (len(step), *2 * value.shape[1:]))
     order = np.argsort(np.concatenate([found.step, step]), kind="stable")
+    cov = _covs(sensor, len(order))
+    if sensor.covs is not None:  # of sightings with covariances of their own clutter has the mean
+        mean = np.broadcast_to(sensor.covs.mean(axis=0), (len(step), *2 * value.shape[1:]))
+        cov = np.concatenate([found.cov, mean])[order]
     return Observed(
         step=np.concatenate([found.step, step])[order],
         landmark=np.concatenate([found.landmark, np.full(len(step), NOBODY)])[order],
         value=np.concatenate([found.value, value])[order],
-        cov=np.concatenate([found.cov, cov])[order],
+        cov=cov,
         outlier=np.concatenate([found.outlier, np.zeros(len(step), dtype=np.bool_)])[order],
     )

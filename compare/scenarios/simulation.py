@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, freeze
 from slamgauge.compare.scenarios.motion import covs
-from slamgauge.compare.scenarios.observing import Streams, observe
+from slamgauge.compare.scenarios.observing import Observed, Streams, observe
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario
 from slamgauge.compare.scenarios.schema import Association, Assumed, Delayed, Fis, InverseDepth, Update
 from slamgauge.correlations import square_roots
@@ -33,10 +34,49 @@ def simulate(scenario: Scenario | str | Path, seed: int) -> tuple[Truth, Recordi
         UserError: If the seed is negative.
     """
     scenario = as_scenario(scenario)
+    measured = _measure(scenario, seed)
+    return measured.truth, measured.told(scenario)
+
+
+def simulate_informed(scenario: Scenario, seed: int) -> tuple[Truth, Recording, Recording]:
+    """The same, and the recording of the `informed` scenario, which the optima see; what is the same is there once."""
+    measured = _measure(scenario, seed)
+    return measured.truth, measured.told(scenario), measured.told(informed(scenario))
+
+
+class _Measured(NamedTuple):
+    """A run before anybody is told of it: the truth, and what was measured (see `Recording`) with its own noise."""
+
+    truth: Truth
+    stamps: Float
+    odometry: Float
+    odometry_cov: Float  # (N, 3, 3)
+    seen: Observed
+
+    def told(self, scenario: Scenario) -> Recording:
+        """What estimators see of it, who assume what the scenario says."""
+        assumed, association = scenario.assumed, self.truth.association
+        assert association is not None and self.truth.landmarks is not None
+        known = scenario.association.method == "known"
+        return Recording(
+            stamps=self.stamps,
+            prior_mean=np.array(scenario.prior.mean),
+            prior_cov=scenario.prior.cov,
+            odometry=self.odometry,
+            odometry_cov=_scaled(self.odometry_cov, assumed.scale * assumed.motion_scale),
+            sensor=scenario.sensor.kind,
+            observation_step=self.seen.step,
+            observation=self.seen.value,
+            observation_cov=_scaled(self.seen.cov, assumed.scale * assumed.sensor_scale),
+            landmark=_ids(association, len(self.truth.landmarks)) if known else None,
+        )
+
+
+def _measure(scenario: Scenario, seed: int) -> _Measured:
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     start_stream, motion_stream, noise, slip, *others = np.random.SeedSequence(seed).spawn(9)
-    trajectory, motion, assumed = scenario.trajectory, scenario.motion, scenario.assumed
+    trajectory, motion = scenario.trajectory, scenario.motion
 
     command = trajectory.increments(scenario.prior.mean)
     poses = chain(_start(scenario, start_stream), command)
@@ -44,28 +84,23 @@ def simulate(scenario: Scenario | str | Path, seed: int) -> tuple[Truth, Recordi
     seen = observe(poses, landmarks, scenario.sensor, Streams(noise, *others))
     draws = np.random.default_rng(slip).random((2, len(command)))
     motion_noise, odometry_cov = _motion_noise(scenario, np.random.default_rng(motion_stream))
-
-    sensor = scenario.sensor
+    odometry, stamps = motion.misread(command, *draws) + motion_noise, trajectory.stamps(scenario.prior.mean)
+    freeze(poses, odometry, seen.step, seen.landmark, seen.value)  # records share them
     truth = Truth(
         poses=poses,
         landmark_ids=np.arange(len(landmarks)),
         landmarks=landmarks,
         association=seen.landmark,
-        outlier=seen.outlier if sensor.outlier_rate > 0.0 else None,
+        outlier=seen.outlier if scenario.sensor.outlier_rate > 0.0 else None,
     )
-    recording = Recording(
-        stamps=trajectory.stamps(scenario.prior.mean),
-        prior_mean=np.array(scenario.prior.mean),
-        prior_cov=scenario.prior.cov,
-        odometry=motion.misread(command, *draws) + motion_noise,
-        odometry_cov=np.broadcast_to(assumed.scale * assumed.motion_scale * odometry_cov, (len(command), 3, 3)),
-        sensor=sensor.kind,
-        observation_step=seen.step,
-        observation=seen.value,
-        observation_cov=assumed.scale * assumed.sensor_scale * seen.cov,
-        landmark=_ids(seen.landmark, len(landmarks)) if scenario.association.method == "known" else None,
-    )
-    return truth, recording
+    return _Measured(truth, stamps, odometry, np.broadcast_to(odometry_cov, (len(command), 3, 3)), seen)
+
+
+def _scaled(covs: Float, factor: float) -> Float:
+    """Covariances (n, d, d) times a factor; one that stands for all is multiplied once."""
+    if len(covs) and covs.strides[0] == 0:
+        return np.broadcast_to(factor * covs[0], covs.shape)
+    return factor * covs
 
 
 def _motion_noise(scenario: Scenario, generator: np.random.Generator) -> tuple[Float, Float]:
@@ -81,7 +116,8 @@ def _motion_noise(scenario: Scenario, generator: np.random.Generator) -> tuple[F
 
 def _ids(landmark: Int, landmarks: int) -> Int:
     """Ids (M,) that the recording gives: clutter has those that no landmark has, each its own."""
-    return np.where(landmark == NOBODY, landmarks - 1 + np.cumsum(landmark == NOBODY), landmark)
+    clutter = landmark == NOBODY
+    return np.where(clutter, landmarks - 1 + np.cumsum(clutter), landmark) if clutter.any() else landmark
 
 
 def informed(scenario: Scenario) -> Scenario:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from slamgauge.arrays import chunks
 from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS
 from slamgauge.compare.estimators.side_by_side import run_side_by_side
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns, empty_columns
@@ -135,7 +136,8 @@ def digest(recording: Recording) -> str:
     for each in fields(recording):
         value = getattr(recording, each.name)
         total.update(each.name.encode())
-        total.update(value.tobytes() if isinstance(value, np.ndarray) else str(value).encode())
+        for part in [value] if not np.ndim(value) else (value[rows] for rows in chunks(len(value))):
+            total.update(part.tobytes() if isinstance(part, np.ndarray) else str(part).encode())
     return total.hexdigest()
 
 

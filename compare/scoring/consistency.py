@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, chunks
 from slamgauge.errors import UserError
 
 SINGULAR = 1e-9  # smallest eigenvalue of a correlation matrix that is more than rounding (as in `slamgauge.validation`)
@@ -17,6 +17,13 @@ def squared_mahalanobis(errors: Float, covs: Float) -> Float:
     NaN where the covariance is singular (a fixed start, P0 = 0) or either is NaN. Variances may have
     different units: the correlation matrix is judged and solved, not the covariance.
     """
+    distances = np.empty(len(errors))
+    for rows in chunks(len(errors)):
+        distances[rows] = _distances(errors[rows], covs[rows])
+    return distances
+
+
+def _distances(errors: Float, covs: Float) -> Float:
     sigmas = np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0))
     defined = np.isfinite(errors).all(axis=1) & np.isfinite(covs).all(axis=(1, 2)) & (sigmas > 0).all(axis=1)
     correlations = covs[defined] / (sigmas[defined, :, None] * sigmas[defined, None, :])

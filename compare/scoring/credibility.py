@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, chunks
 from slamgauge.compare.scoring.consistency import squared_mahalanobis
 from slamgauge.compare.scoring.defined import mean
 from slamgauge.compare.scoring.trajectory_error import pose_errors
@@ -29,6 +29,13 @@ def log_scores(errors: Float, covs: Float) -> Float:
     NaN where the covariance is singular. A proper score (Good 1952): in the mean no sigmas have a smaller one than the
     right ones. The units of the errors, metres and radians here, are in it, so that only differences say something.
     """
+    scores = np.empty(len(errors))
+    for rows in chunks(len(errors)):
+        scores[rows] = _log_scores(errors[rows], covs[rows])
+    return scores
+
+
+def _log_scores(errors: Float, covs: Float) -> Float:
     nees = squared_mahalanobis(errors, covs)
     scores = np.full(len(errors), np.nan)
     regular = ~np.isnan(nees)

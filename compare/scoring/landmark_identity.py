@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, chunks, distinct
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY, Truth
@@ -65,7 +66,7 @@ def association_figures(truth: Truth, recording: Recording, estimate: Estimate) 
     given, true = estimate.association, truth.association
     if true is None:
         return AssociationFigures(observations_rejected=None if given is None else int(np.sum(given == NOBODY)))
-    observed = np.unique(true[true != NOBODY])
+    observed = _landmarks_of(true)
     owners = true_landmarks(truth, recording, estimate)[0]
     known = given is not None or recording.landmark is not None
     figures = AssociationFigures(
@@ -93,11 +94,9 @@ def wrong_sights(truth: Truth, recording: Recording, estimate: Estimate) -> NDAr
     if given is None or true is None:
         return None
     stands_for = _stands_for(true, recording, estimate)[2]
-    order = np.argsort(estimate.landmark_ids)
-    accepted = given != NOBODY
     wrong = np.zeros(len(given), dtype=np.bool_)
-    track = order[np.searchsorted(estimate.landmark_ids, given[accepted], sorter=order)]
-    wrong[accepted] = stands_for[track] != true[accepted]
+    for accepted, row in _accepted(estimate):
+        wrong[accepted] = stands_for[row] != true[accepted]
     return wrong
 
 
@@ -106,7 +105,7 @@ def _stands_for(true: Int, recording: Recording, estimate: Estimate) -> tuple[In
     names, sights = _sights(true, estimate)
     ids = np.asarray(estimate.landmark_ids)
     if recording.landmark is not None:
-        return names, sights, np.where(np.isin(ids, true[true != NOBODY]), ids, NOBODY)
+        return names, sights, np.where(np.isin(ids, _landmarks_of(true)), ids, NOBODY)
     return names, sights, names[sights.argmax(axis=1)] if len(names) else np.full(len(ids), NOBODY)
 
 
@@ -115,15 +114,27 @@ def _sights(true: Int, estimate: Estimate) -> tuple[Int, Int]:
 
     Clutter is among them, as that of NOBODY.
     """
+    names = distinct(true)
+    sights = np.zeros((len(estimate.landmark_ids), len(names)), dtype=np.int64)
+    for accepted, row in _accepted(estimate):
+        np.add.at(sights, (row, np.searchsorted(names, true[accepted])), 1)
+    return names, sights
+
+
+def _accepted(estimate: Estimate) -> Iterator[tuple[Int, Int]]:
+    """Observations (m,) that were given to a track, and its row (m,) in the map; some thousands at a time."""
     ids, given = estimate.landmark_ids, estimate.association
     assert given is not None
-    names, column = np.unique(true, return_inverse=True)
-    accepted = given != NOBODY
     order = np.argsort(ids)
-    row = order[np.searchsorted(ids, given[accepted], sorter=order)]
-    sights = np.zeros((len(ids), len(names)), dtype=np.int64)
-    np.add.at(sights, (row, column[accepted]), 1)
-    return names, sights
+    for rows in chunks(len(given)):
+        accepted = rows.start + np.flatnonzero(given[rows] != NOBODY)
+        yield accepted, order[np.searchsorted(ids, given[accepted], sorter=order)]
+
+
+def _landmarks_of(true: Int) -> Int:
+    """Distinct ids of the landmarks that were observed, clutter left out."""
+    names = distinct(true)
+    return names[names != NOBODY]
 
 
 def landmark_errors(ids: Int, landmarks: Float, known_ids: Int | None, known: Float | None) -> Float:

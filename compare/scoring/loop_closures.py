@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, chunks, distinct
 from slamgauge.compare.scoring.defined import number
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY, Truth
@@ -39,13 +39,19 @@ def closure_steps(truth: Truth | None, recording: Recording) -> Int | None:
         ids = None if truth is None else truth.association
     if ids is None:
         return None
-    of_landmarks = np.flatnonzero(ids != NOBODY)
-    ids, seen_at = ids[of_landmarks], recording.observation_step[of_landmarks]
-    order = np.argsort(ids, kind="stable")  # one landmark after the other, each in order of time
-    ids, steps = ids[order], seen_at[order]
-    absence = np.diff(recording.stamps[steps])
-    again = (np.diff(ids) == 0) & (absence >= ABSENCE - ROUNDING)
-    return np.unique(steps[1:][again])
+    names, found = distinct(ids), [np.zeros(0, dtype=np.int64)]
+    last = np.full(len(names), np.inf)  # when each landmark was seen last
+    for rows in chunks(len(ids)):
+        of_landmarks = np.flatnonzero(ids[rows] != NOBODY)
+        slot, step = np.searchsorted(names, ids[rows][of_landmarks]), recording.observation_step[rows][of_landmarks]
+        order = np.argsort(slot, kind="stable")  # one landmark after the other, each in order of time
+        slot, step, stamp = slot[order], step[order], recording.stamps[step[order]]
+        begins = np.diff(slot, prepend=-1) != 0
+        before = np.where(begins, last[slot], np.roll(stamp, 1))
+        found.append(step[stamp - before >= ABSENCE - ROUNDING])
+        ends = np.diff(slot, append=-1) != 0
+        last[slot[ends]] = stamp[ends]
+    return np.unique(np.concatenate(found))
 
 
 def describe_closures(steps: Int, errors: Float, sigmas: Float) -> tuple[LoopClosure, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, chunks
 from slamgauge.se2 import between, rotation, wrap
 
 
@@ -33,8 +33,12 @@ def stored_distances(errors_x: Float, errors_y: Float) -> Float:
 
 def step_errors(reference: Float, poses: Float) -> Float:
     """Translations (n-1,) [m] by which consecutive body-frame steps differ (evo's RPE at a delta of one)."""
-    steps = between(poses[:-1], poses[1:]) - between(reference[:-1], reference[1:])
-    return np.linalg.norm(steps[:, :2], axis=1)
+    errors = np.empty(len(poses) - 1)
+    for rows in chunks(len(errors)):
+        ends = slice(rows.start + 1, rows.stop + 1)
+        steps = between(poses[rows], poses[ends]) - between(reference[rows], reference[ends])
+        errors[rows] = np.linalg.norm(steps[:, :2], axis=1)
+    return errors
 
 
 def align(positions: Float, reference: Float) -> Float:

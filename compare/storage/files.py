@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, chunks
 from slamgauge.compare.storage.npz_file import read_npz
 from slamgauge.compare.storage.triangles import upper_triangles
 from slamgauge.errors import UserError
@@ -95,14 +95,19 @@ def write_tum(path: str | Path, stamps: Float, poses: Float, covs: Float | None 
     Raises:
         UserError: If the file cannot be written.
     """
+    with explained(path, "written"), Path(path).open("w", encoding="ascii") as file:
+        for rows in chunks(len(poses)):
+            table = _tum_rows(stamps[rows], poses[rows], None if covs is None else covs[rows])
+            file.writelines(f"{' '.join(map(repr, row))}\n" for row in table.tolist())
+
+
+def _tum_rows(stamps: Float, poses: Float, covs: Float | None) -> Float:
     x, y, heading = poses.T
     zero = np.zeros_like(x)
     rows = np.column_stack([stamps, x, y, zero, zero, zero, np.sin(heading / 2), np.cos(heading / 2)])
     if covs is not None:
         rows = np.column_stack([rows, upper_triangles(covs)])
-    rows = rows[~np.isnan(poses).any(axis=1)]
-    with explained(path, "written"):
-        Path(path).write_text("".join(f"{' '.join(map(repr, row))}\n" for row in rows.tolist()), encoding="ascii")
+    return rows[~np.isnan(poses).any(axis=1)]
 
 
 def write_json(path: Path, content: object) -> None:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from slamgauge.arrays import CHUNK
 from slamgauge.errors import UserError
 from slamgauge.memory import require_memory
 
@@ -30,7 +31,7 @@ METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
 LONGEST_HEADER = 10_000  # bytes of what stands before the numbers
 LAST_RECORD = 22  # bytes
 MANY = 0xFFFF  # members, or more: then another record counts them
-COPIES = 5.0  # of the arrays, alive at once while a record of them is checked
+COPIES = 3.0  # of the arrays, alive at once while a record of them is checked
 
 _BROKEN = (  # what a damaged or foreign file raises
     ValueError,
@@ -54,6 +55,16 @@ class _Header(NamedTuple):
     shape: tuple[int, ...]
     is_fortran: bool
 
+    @property
+    def size(self) -> int:
+        """Bytes of the numbers."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+    @property
+    def may_be_one(self) -> bool:
+        """Whether it may be a matrix that stands for all rows, which needs no room for all of them."""
+        return len(self.shape) == 3 and self.shape[0] > 1 and not self.is_fortran
+
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:
     """The arrays of an npz file by name, read-only.
@@ -69,10 +80,16 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
             if len({member.filename for member in members}) < len(members):
                 raise _OddError("a name stands in it twice")
             headers = [_header(archive, member) for member in members]
-            size = sum(member.file_size for member in members)
-            require_memory(COPIES * size, f"{path}: reading it", "close other programs, or give a part of it")
-            pairs = zip(members, headers, strict=True)
-            return {member.filename.removesuffix(".npy"): _array(archive, member, head) for member, head in pairs}
+            arrays, size = {}, sum(head.size for head in headers if not head.may_be_one)
+            for member, head in zip(members, headers, strict=True):
+                _require_room(path, size)
+                array = _one_for_all(archive, member, head) if head.may_be_one else None
+                if array is None:
+                    size += head.size if head.may_be_one else 0
+                    _require_room(path, size)
+                    array = _array(archive, member, head)
+                arrays[member.filename.removesuffix(".npy")] = array
+            return arrays
     except (UserError, OSError) as error:
         if not isinstance(error, OSError) or error.errno != errno.EINVAL:  # that is a place which no file has
             raise
@@ -117,6 +134,24 @@ def _header(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> _Header:
     if min(shape, default=0) < 0 or begin.tell() + math.prod(shape) * dtype.itemsize != member.file_size:
         raise _OddError(f"{name[:40]!r} has not the size that it says")
     return _Header(begin.tell(), dtype, shape, is_fortran)
+
+
+def _require_room(path: Path, size: int) -> None:
+    """Refuse arrays of so many bytes if memory does not hold what is made of them."""
+    require_memory(COPIES * size, f"{path}: reading it", "close other programs, or give a part of it")
+
+
+def _one_for_all(archive: zipfile.ZipFile, member: zipfile.ZipInfo, header: _Header) -> NDArray[Any] | None:
+    """The array as views of its first matrix if all are equal to that; None if one is not."""
+    row = header.size // header.shape[0]
+    with archive.open(member) as stream:
+        stream.read(header.start)
+        first = stream.read(row)
+        together = first * max(CHUNK // max(row, 1), 1)
+        while content := stream.read(len(together)):
+            if content != together[: len(content)]:
+                return None
+    return np.broadcast_to(np.frombuffer(first, header.dtype).reshape(header.shape[1:]), header.shape)
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, header: _Header) -> NDArray[Any]:

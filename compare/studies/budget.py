@@ -23,7 +23,7 @@ from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario, sampled
 from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scenarios.schema import Assumed
-from slamgauge.compare.scenarios.simulation import informed, simulate
+from slamgauge.compare.scenarios.simulation import simulate_informed
 from slamgauge.compare.scoring.intervals import Interval, bootstrap_interval, mean_interval
 from slamgauge.compare.scoring.optimum_figures import chi_square_per_dof, is_misfit_in_runs, share_of_doubt
 from slamgauge.compare.scoring.optimum_notes import MARK, at_places, misfits
@@ -207,8 +207,7 @@ def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Floa
 def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked) -> RungErrors:
     """What the rungs make of one run; those that coincide are run once."""
     (asked,) = ask([chosen])
-    truth, recording = simulate(scenario, seed)
-    told = simulate(informed(scenario), seed)[1]
+    truth, recording, told = simulate_informed(scenario, seed)
     assert truth.association is not None and truth.misleading is not None
     trusted = np.where(truth.misleading, NOBODY, truth.association)
     believed, told = recording.associated(trusted), told.associated(trusted)

@@ -13,8 +13,7 @@ from slamgauge.compare.estimators.loading import load, without
 from slamgauge.compare.estimators.registry import entry_of
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.scenarios.schema import Assumed
-from slamgauge.compare.scenarios.simulation import informed, simulate
+from slamgauge.compare.scenarios.simulation import simulate_informed
 from slamgauge.compare.scoring.catalogue import STORED, measured
 from slamgauge.compare.scoring.consistency import squared_mahalanobis
 from slamgauge.compare.scoring.defined import number, rms
@@ -54,9 +53,7 @@ def run_once(scenario: Scenario, seed: int, estimators: Chosen) -> list[Outcome]
     """
     asked = ask(estimators)
     try:
-        truth, recording = simulate(scenario, seed)
-        is_misled = scenario.assumed != Assumed() or scenario.association.method != "known"
-        told = simulate(informed(scenario), seed)[1] if is_misled and any(each.is_told for each in asked) else recording
+        truth, recording, told = simulate_informed(scenario, seed)
     except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
         failed = _failed("", error)
         return [replace(failed, estimator=each.key, error=f"simulation: {failed.error}") for each in asked]

@@ -33,6 +33,7 @@ from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.errors import UserError
 from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations
+from slamgauge.validation import are_among
 
 NOBODY = -2  # owner of a slot that no bearing is compared with
 
@@ -124,7 +125,7 @@ class BearingFilter:
 
     def standing(self, ids: Int) -> Int:
         """What has become of ids given earlier: -1 where the landmark has been deleted, or is not confirmed yet."""
-        return np.where(np.isin(ids, self.landmark_ids), ids, NONE)
+        return np.where(are_among(ids, self.landmark_ids), ids, NONE)
 
     def ray_log(self, members: Int) -> RayLog | None:
         """What became of the rays, with the number of members (N+1,) after each step; None without rays."""

@@ -12,7 +12,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, chunks
 from slamgauge.correlations import scale_of, without_negative_eigenvalues
 from slamgauge.ekf.kernels.precision import EXHAUSTED, LARGEST, NO_MINIMUM
 from slamgauge.ekf.settings.association import Association
@@ -214,21 +214,27 @@ def without_rounding(name: str, covs: Float) -> Float:
     Raises:
         UserError: they are more than rounding can be: precision is exhausted.
     """
+    mended = covs
+    for rows in chunks(len(covs)):
+        singular = rows.start + _singular(name, covs[rows], rows.start)
+        if len(singular):
+            mended = covs.copy() if mended is covs else mended
+            mended[singular] = without_negative_eigenvalues(covs[singular])
+    return mended
+
+
+def _singular(name: str, covs: Float, first: int) -> Int:
+    """Which of the covariances (n, d, d), the first of them row `first` of all, have a negative eigenvalue."""
     variances = np.diagonal(covs, axis1=1, axis2=2)
     with np.errstate(invalid="ignore", over="ignore"):
         correlations = covs / scale_of(covs)
     sound = np.isfinite(correlations).all(axis=(1, 2))
-    require_rows(name, sound, covs, f"not finite: {DIVERGED}")
+    require_rows(name, sound, covs, f"not finite: {DIVERGED}", first)
     smallest = np.linalg.eigvalsh(correlations)[:, 0]
     largest = variances.max(axis=1, initial=0.0)
     rounding = (smallest >= -ROUNDING) & (variances >= -ROUNDING * largest[:, None]).all(axis=1)
-    require_rows(name, rounding, covs, TOO_FAR_APART)
-    rows = np.flatnonzero(smallest < -JUDGED)
-    if not len(rows):
-        return covs
-    mended = covs.copy()
-    mended[rows] = without_negative_eigenvalues(covs[rows])
-    return mended
+    require_rows(name, rounding, covs, TOO_FAR_APART, first)
+    return np.flatnonzero(smallest < -JUDGED)
 
 
 def require_sound(sensor: str, values: ArrayLike, covs: ArrayLike) -> None:

@@ -72,9 +72,9 @@ class Tracks:
         """What has become of ids given earlier: the survivor's id, GONE if deleted or not confirmed."""
         fate = np.append(self._fate, GONE)  # fate[GONE] is GONE
         fate[self.ids[~self.confirmed]] = GONE
-        while ((further := fate[ids]) != ids).any():
-            ids = further
-        return ids
+        while ((further := fate[fate]) != fate).any():
+            fate = further
+        return fate[ids]
 
     def _merge(self, associated: Int, management: MapManagement) -> None:
         """Merge what the landmarks of the scan duplicate; the older id survives."""

@@ -1,0 +1,28 @@
+"""Which points of a very long run a picture needs: more than these nobody can tell apart, and each takes memory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+
+MOST_POSES = 100_000  # of a path: steps of a decimetre become steps of a metre in a run of a million
+MOST_VALUES = 20_000  # of a curve, whose panel has some hundred columns of dots
+
+
+def even_rows(count: int) -> Int:
+    """All of 0..`count`-1, or as many as a path needs, evenly spread, both ends among them."""
+    return np.unique(np.linspace(0, count - 1, min(count, MOST_POSES)).round().astype(np.int64))
+
+
+def extreme_rows(values: Float) -> Int:
+    """All rows of a curve (n,), or those that show its peaks: the smallest and the largest of every stretch."""
+    count = len(values)
+    if count <= MOST_VALUES:
+        return np.arange(count)
+    long = -(-count // (MOST_VALUES // 2))
+    stretches = np.append(values, np.full(-count % long, values[-1])).reshape(-1, long)
+    gaps = np.isnan(stretches)  # a stretch of gaps alone is a gap
+    ends = [np.where(gaps, np.inf, stretches).argmin(axis=1), np.where(gaps, -np.inf, stretches).argmax(axis=1)]
+    rows = np.concatenate([np.arange(len(stretches)) * long + each for each in ends])
+    return np.unique(np.append(rows.clip(max=count - 1), [0, count - 1]))

@@ -1,0 +1,125 @@
+"""What records keep of the arrays that they are given, and how much memory a long run takes."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from slamgauge import Estimate, Recording, arrays, evaluate, load_scenario, simulate
+from slamgauge.compare.scenarios.simulation import informed, simulate_informed
+from slamgauge.ekf.estimators import ekf
+from slamgauge.validation import as_covariances, as_floats, as_ints
+
+STEPS = 4000
+OVERRIDES = [f"trajectory.duration={STEPS / 10}"]
+
+
+@pytest.mark.parametrize("take", [as_floats, as_ints])
+def test_an_array_that_nobody_can_write_into_is_kept_and_any_other_copied(take: Callable[..., Any]) -> None:
+    given = np.arange(5, dtype=np.int64 if take is as_ints else np.float64)
+    view = given[1:]
+    view.setflags(write=False)
+    for open_to_writing in (given, view):
+        assert not np.shares_memory(take("value", open_to_writing, (None,)), given)
+    given.setflags(write=False)
+    for closed in (given, given[1:]):
+        assert np.shares_memory(take("value", closed, (None,)), given)
+    assert take("value", given[::2], (None,)).flags.c_contiguous
+
+
+def test_a_covariance_that_stands_for_all_rows_is_there_once() -> None:
+    one = np.diag([1.0, 2.0])
+    for given in (np.tile(one, (9, 1, 1)), np.broadcast_to(one, (9, 2, 2))):
+        kept = as_covariances("cov", given, (9, 2, 2))
+        assert kept.strides[0] == 0
+        assert not kept.flags.writeable
+        np.testing.assert_array_equal(kept, given)
+    one[0, 0] = 7.0
+    assert kept[3, 0, 0] == 1.0
+    several = np.tile(one, (9, 1, 1))
+    several[8, 0, 0] = 3.0
+    assert as_covariances("cov", several, (9, 2, 2)).strides[0] > 0
+
+
+def test_headings_are_wrapped_in_a_copy_of_what_is_read_only() -> None:
+    poses = np.array([[0.0, 0.0, 4.0], [0.0, 0.0, 1.0]])
+    poses.setflags(write=False)
+    estimate = Estimate(kind="filtered", poses=poses)
+    np.testing.assert_allclose(estimate.poses[:, 2], [4.0 - 2 * np.pi, 1.0], rtol=1e-15)
+    assert poses[0, 2] == 4.0
+    assert np.shares_memory(replace(estimate, poses=estimate.poses).poses, estimate.poses)
+
+
+def test_what_is_informed_shares_what_is_the_same() -> None:
+    for name in ("q2-gate-1", "q3-scale-2"):
+        scenario = load_scenario(name, ["trajectory.duration=3", "sensor.clutter_rate=0.5"])
+        truth, recording, told = simulate_informed(scenario, 3)
+        assert (truth, recording) == simulate(scenario, 3)
+        assert told == simulate(informed(scenario), 3)[1]
+        assert told != recording
+        assert np.shares_memory(recording.observation, told.observation)
+
+
+def test_memory_of_a_long_run_is_what_is_kept_of_its_steps_and_observations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`docs/performance.md` has the bytes: 32 and 32 of a recording, 24 of the truth, 120 of a filter's estimate."""
+    monkeypatch.setattr(arrays, "CHUNK", 500)
+    scenario = load_scenario("q1-long-dense", OVERRIDES)
+    ekf(simulate(load_scenario("q1-long-dense", ["trajectory.duration=3"]), 0)[1])  # what is loaded once is none of it
+    (truth, recording), kept, peak = _traced(lambda: simulate(scenario, 0))
+    observations = len(recording.observation)
+    assert kept == pytest.approx(STEPS * (32 + 24) + observations * 32, rel=0.05)
+    assert peak < kept + observations * 24 + 3e6  # three arrays of the sights, and what a stretch of them takes
+    estimate, kept, peak = _traced(lambda: ekf(recording))
+    assert kept == pytest.approx(STEPS * 120, rel=0.1)
+    assert estimate.association is recording.landmark
+    assert peak < kept + observations * 16 + 1e6
+    score, kept, peak = _traced(lambda: evaluate(truth, recording, estimate))
+    assert score.loop_closure is not None
+    assert kept < STEPS * 33 + len(score.loop_closure) * 300  # NEES and sigmas of every step
+    assert peak < kept + STEPS * 160 + 1e6
+
+
+def test_nothing_depends_on_how_many_rows_are_worked_on_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    clutter = ["sensor.clutter_rate=0.3", "trajectory.duration=80"]
+    for overrides in (clutter, [*clutter, "association.method=nearest-neighbour"]):
+        truth, recording = simulate(load_scenario("q1-long-dense", overrides), 1)
+        whole = ekf(recording)
+        scores = evaluate(truth, recording, whole).to_json()
+        with monkeypatch.context() as patched:
+            patched.setattr(arrays, "CHUNK", 7)
+            again = (truth, recording) == simulate(load_scenario("q1-long-dense", overrides), 1)
+            part = ekf(recording)
+            parts = evaluate(truth, recording, part).to_json()
+        assert again
+        assert scores["loop_closure"]
+        assert replace(part, seconds=None) == replace(whole, seconds=None)
+        assert _without_times(parts) == _without_times(scores)
+
+
+def _without_times(scores: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in scores.items() if not key.startswith("seconds")}
+
+
+def _traced(work: Callable[[], Any]) -> tuple[Any, int, int]:
+    """What the work returns, the bytes that this keeps, and those that it took at most."""
+    tracemalloc.start()
+    try:
+        result = work()
+        kept, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    return result, kept, peak
+
+
+def test_a_recording_of_scans_is_read_in_stretches(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording: Recording = simulate(load_scenario("q1-long-dense", ["trajectory.duration=5"]), 0)[1]
+    whole = [scan.value for scan in recording.scans()]
+    monkeypatch.setattr(arrays, "CHUNK", 7)
+    parts = [scan.value for scan in recording.scans()]
+    assert len(parts) == recording.steps + 1
+    assert all(map(np.array_equal, parts, whole))
