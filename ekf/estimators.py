@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Int, distinct, freeze
+from slamgauge.arrays import distinct, freeze
 from slamgauge.ekf.association import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.compressed import CompressedFilter
@@ -175,18 +175,13 @@ def _run(
         landmark_ids=slam.landmark_ids,
         landmarks=slam.landmarks,
         landmark_covs=without_rounding("landmark_covs", slam.landmark_covs),
-        association=_shared(slam.standing(given), recording.landmark),
+        association=recording.own_ids(slam.standing(given)),
         nis=nis,
         nis_dof=nis_dof,
         seconds=seconds,
         rays=slam.ray_log(members),
         history=history.kept(),
     )
-
-
-def _shared(association: Int, ids: Int | None) -> Int:
-    """The recording's own ids (M,) where the association is the same, so that there is one array of both."""
-    return ids if ids is not None and np.array_equal(association, ids) else association
 
 
 def online_filter(

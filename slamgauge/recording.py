@@ -163,6 +163,11 @@ class Recording:
         kept = np.asarray(association) >= 0
         return replace(self, landmark=np.where(kept, association, 0)).only(kept)
 
+    def own_ids(self, association: Int) -> Int:
+        """The association (M,), as the recording's own array of ids where it is the same: then there is one of both."""
+        ids = self.landmark
+        return ids if ids is not None and np.array_equal(association, ids) else association
+
     def scans(self) -> Iterator[Observations]:
         """The observations of step 0, 1, ..., N in turn (views, not copies)."""
         for steps in chunks(self.steps + 1):

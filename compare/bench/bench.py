@@ -14,7 +14,8 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.bench.plain_numpy import plain_numpy_ekf
-from slamgauge.compare.estimators.asked import Chosen
+from slamgauge.compare.estimators.asked import Asked, Chosen, ask
+from slamgauge.compare.estimators.demand import require_time, seconds_of
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.estimators.running import run_estimator
@@ -29,6 +30,7 @@ from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.maps.rules import CORRECTIONS, RULES, Rule
 from slamgauge.estimate import Estimate
+from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
 
 WORKLOAD = (
@@ -37,6 +39,8 @@ WORKLOAD = (
     "above: radius 20 m, landmarks uniform within 9.8 m of the circle; none nearer to it than 0.5 m"
 )
 YARDSTICK = "plain-numpy"
+PLAIN = "ekf"  # which that takes as long as, nearly
+COPIES = 3.0  # of its covariance that it needs
 SHARE_STEPS = 500  # of the second round, over which the time outside kernels is measured
 
 
@@ -60,6 +64,20 @@ def _positions(landmarks: int, radius: float, rng: np.random.Generator) -> Float
     drawn = rng.uniform(-reach, reach, (10 * landmarks, 2))
     distance = np.abs(np.hypot(*drawn.T) - radius)
     return np.array([0.0, radius]) + drawn[(distance >= 0.5) & (distance <= furthest)][:landmarks]
+
+
+def require_time_for_bench(sizes: Sequence[int], asked: Sequence[Asked], *, agreed: bool) -> None:
+    """Refuse maps that memory does not hold, or that would take days; see `require_time`.
+
+    Raises:
+        UserError: they do.
+    """
+    for size in sizes:
+        what = f"landmarks: the covariance of {size}"
+        require_memory(COPIES * 8.0 * (3.0 + 2.0 * size) ** 2, what, "give a smaller map")
+    circle = 4.0 * np.pi * 20.0 / 0.1  # the larger one's steps
+    seconds = sum(seconds_of(int(circle), size, [*asked, *ask([PLAIN])]) for size in sizes)
+    require_time(seconds, f"landmarks: maps of {', '.join(map(str, sizes))}", "give smaller ones", agreed=agreed)
 
 
 def run_bench(sizes: Sequence[int], chosen: Chosen, seed: int = 0) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from slamgauge.compare.cli.options import (
     Estimators,
     Folder,
+    Yes,
     print_result,
     results_folder,
     split_names,
@@ -29,6 +30,8 @@ class Bench:
 
     estimators: Estimators = BENCHED
 
+    yes: Yes = False
+
     out: Folder | None = None
     """Folder for bench.json and bench.png."""
 
@@ -39,15 +42,18 @@ class Bench:
 
     def __call__(self) -> int:
         """Measure, print and, if asked to, write; the exit status."""
-        from slamgauge.compare.bench.bench import bench_table, run_bench
+        from slamgauge.compare.bench.bench import bench_table, require_time_for_bench, run_bench
+        from slamgauge.compare.estimators.asked import ask
         from slamgauge.compare.storage.files import write_json
         from slamgauge.compare.storage.result_files import BENCH, BENCH_FILES
 
         words = [word.strip() for word in self.landmarks.split(",")]
         if not all(word.isdecimal() and int(word) > 0 for word in words):
             raise UserError(f"landmarks {self.landmarks!r}: give map sizes > 0, for example 20,100")
+        sizes = [int(word) for word in words]
+        require_time_for_bench(sizes, ask(split_names(self.estimators)), agreed=self.yes)
         with results_folder(self.out, BENCH_FILES, last=BENCH) as folder:
-            result = run_bench([int(word) for word in words], split_names(self.estimators))
+            result = run_bench(sizes, split_names(self.estimators))
             done = print_result(result if self.json else bench_table(result))
             if folder is not None:
                 write_json(folder / BENCH, result)

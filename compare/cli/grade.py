@@ -11,6 +11,7 @@ import tyro
 from slamgauge.compare.cli.options import (
     ALL_CORES,
     Folder,
+    Yes,
     carried_by,
     print_result,
     require_timeout,
@@ -53,6 +54,8 @@ class Grade:
     timeout: float = 60.0
     """Seconds that a submission may take for a run."""
 
+    yes: Yes = False
+
     jobs: int = ALL_CORES
     """How many submissions are run at the same time."""
 
@@ -71,6 +74,8 @@ class Grade:
     def __call__(self) -> int:
         """Run, judge, print and write; the exit status."""
         from slamgauge.compare.estimators.asked import ask
+        from slamgauge.compare.estimators.demand import require_time_for_runs
+        from slamgauge.compare.estimators.registry import CAUSAL
         from slamgauge.compare.grading.grade_files import write_grades, write_pages
         from slamgauge.compare.grading.grade_table import grade_table
         from slamgauge.compare.grading.grading import grade_folder
@@ -81,6 +86,8 @@ class Grade:
         out = self.out or Path("results") / f"grades-{file_name(self.folder.resolve().name)}"
         scenario, (reference,) = sampled_scenario(self.scenario, []), ask([self.reference])
         submissions, timeout = submissions_in(self.folder), require_timeout(self.timeout)
+        work = [(scenario, [*ask([CAUSAL]), *[reference] * (1 + len(submissions))])]
+        require_time_for_runs(self.runs, work, self.jobs, agreed=self.yes)
         writes = grade_files(each.name for each in submissions)
         with results_folder(out, writes, GRADES, [f"{PAGES}/*.md", f"{PAGES}/*.html"]) as staged:
             with carried_by(self.jobs) as executor:

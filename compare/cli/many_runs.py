@@ -17,6 +17,7 @@ from slamgauge.compare.cli.options import (
     Overrides,
     Strict,
     Timeout,
+    Yes,
     carried_by,
     flattened,
     kept_apart,
@@ -90,6 +91,8 @@ class Study:
     """Address of a Dask scheduler, tcp://host:port or tls://host:port, whose workers carry the runs instead. Whoever
     reaches it can have code run there and here."""
 
+    yes: Yes = False
+
     no_report: NoReport = False
 
     open: Open = False
@@ -120,6 +123,7 @@ class Study:
 
     def _study(self) -> bool:
         """Carry out a study; whether nothing has failed."""
+        from slamgauge.compare.estimators.demand import require_time_for_runs
         from slamgauge.compare.figures.publishing import write_study
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import STUDY_FILES
@@ -128,6 +132,8 @@ class Study:
         from slamgauge.compare.studies.summary import summary_table
 
         scenario, asked = sampled_scenario(self.scenario, self.set), self._asked()
+        most = self.runs if self.precision is None else max(self.runs, self.max_runs)
+        require_time_for_runs(most, [(scenario, asked)], self.jobs, agreed=self.yes)
         require_free(self.out, STUDY_FILES)
         with carried_by(self.jobs, self.scheduler) as executor:
             until = None if self.precision is None else Until(self.precision, self.max_runs)
@@ -139,12 +145,15 @@ class Study:
 
     def _sweep(self, sweep: str) -> bool:
         """Carry out a study at each value; whether nothing has failed."""
+        from slamgauge.compare.estimators.demand import require_time_for_runs
         from slamgauge.compare.figures.publishing import write_study, write_sweep
-        from slamgauge.compare.studies.sweep import run_sweep, sweep_table
+        from slamgauge.compare.studies.sweep import run_sweep, scenarios_of, sweep_table
 
         if self.against or self.precision is not None:
             raise UserError("sweep: takes no --against and no --precision; leave them out, or study a single value")
         overrides, asked = ["start=sampled", *flattened(self.set)], self._asked()
+        work = [(scenario, asked) for scenario in scenarios_of(self.scenario, overrides, sweep)]
+        require_time_for_runs(self.runs, work, self.jobs, agreed=self.yes)
         drawn: list[bool] = []
 
         def finished(folder: Path, summary: Summary, runs: dict[str, Runs], step: float) -> None:
@@ -187,6 +196,8 @@ class Budget:
     jobs: int = ALL_CORES
     """Worker processes, one BLAS thread each."""
 
+    yes: Yes = False
+
     no_report: NoReport = False
 
     open: Open = False
@@ -201,10 +212,12 @@ class Budget:
 
     def __call__(self) -> int:
         """Run, print and write; the exit status."""
+        from slamgauge.compare.estimators.demand import require_time_for_runs
         from slamgauge.compare.storage.files import write_json
-        from slamgauge.compare.studies.budget import budget_table, error_budget
+        from slamgauge.compare.studies.budget import budget_table, error_budget, rungs_of
 
         scenario = sampled_scenario(self.scenario, self.set)
+        require_time_for_runs(self.runs, [(scenario, rungs_of(self.filter))], self.jobs, agreed=self.yes)
         staged = results_folder(self.out, BUDGET_FILES, last=BUDGET)
         with staged as folder, carried_by(self.jobs) as executor:
             budget = error_budget(scenario, self.filter, self.runs, self.seed, executor)
@@ -239,6 +252,8 @@ class Claims:
     jobs: int = ALL_CORES
     """Worker processes, one BLAS thread each."""
 
+    yes: Yes = False
+
     no_report: NoReport = False
 
     open: Open = False
@@ -250,8 +265,10 @@ class Claims:
 
     def __call__(self) -> int:
         """Run what is missing, judge, print and write; the exit status."""
-        from slamgauge.compare.studies.claims import claims_table, judge_claims, write_claims
+        from slamgauge.compare.estimators.demand import require_time_for_runs
+        from slamgauge.compare.studies.claims import claims_table, judge_claims, studies_of_claims, write_claims
 
+        require_time_for_runs(self.runs, studies_of_claims(), self.jobs, agreed=self.yes)
         try:
             with carried_by(self.jobs) as executor:
                 claims = judge_claims(self.runs, self.seed, self.out, executor)

@@ -16,6 +16,7 @@ from slamgauge.compare.cli.options import (
     Overrides,
     Strict,
     Timeout,
+    Yes,
     flattened,
     kept_apart,
     print_result,
@@ -62,6 +63,8 @@ class Run:
 
     timeout: Timeout = None
 
+    yes: Yes = False
+
     set: Overrides = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
 
@@ -89,6 +92,7 @@ class Run:
 
     def _grade(self, scenario: Scenario, out: Path) -> int:
         from slamgauge.compare.estimators.asked import ask
+        from slamgauge.compare.estimators.demand import require_time_for_recording
         from slamgauge.compare.scenarios.scenario_text import scenario_text
         from slamgauge.compare.scenarios.simulation import simulate_informed
         from slamgauge.compare.storage.manifest import require_free
@@ -97,6 +101,7 @@ class Run:
         asked = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
         require_free(out, comparison_files(each.label for each in asked))
         truth, recording, told = simulate_informed(scenario, self.seed)
+        require_time_for_recording(told, asked, agreed=self.yes)
         title = f"{scenario.name}, seed {self.seed}"
         grading = Grading(
             asked,
@@ -140,6 +145,8 @@ class Evaluate:
 
     timeout: Timeout = None
 
+    yes: Yes = False
+
     association: Literal["nearest-neighbour", "jcbb"] = "nearest-neighbour"
     """How filters associate a recording without ids; jcbb is joint, and manages its map."""
 
@@ -174,8 +181,9 @@ class Evaluate:
 
     def _grade(self) -> int:
         from slamgauge.compare.estimators.asked import ask
+        from slamgauge.compare.estimators.demand import require_time_for_recording
         from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
-        from slamgauge.compare.storage.files import load_recording, load_truth
+        from slamgauge.compare.storage.files import load_recording, load_truth, with_own_ids
         from slamgauge.compare.storage.names import shown
         from slamgauge.ekf.settings.association import Association as FilterAssociation
         from slamgauge.ekf.settings.robustness import Robustness
@@ -184,7 +192,7 @@ class Evaluate:
         recording = load_recording(self.recording)
         beside = self.recording.with_name("truth.npz")
         path = self.truth or (beside if beside.exists() else None)
-        truth = None if path is None else load_truth(path)
+        truth = None if path is None else with_own_ids(load_truth(path), recording)
         title = shown(f"{self.recording.parent.resolve().name}/{self.recording.name}")
         require(FilterAssociation, "gate", self.gate)
         settings = (
@@ -194,6 +202,7 @@ class Evaluate:
         )
         stored = {label: _as_it_lies(path, recording) for label, path in self._stored().items()}
         named = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
+        require_time_for_recording(recording, named, agreed=self.yes)
         asked = ask([*named, *ask(stored)])
         grading = Grading(asked, self.out, self.json, title, *settings)
         return grading.grade(truth, recording)

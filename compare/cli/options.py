@@ -43,6 +43,7 @@ Timeout = Annotated[
     float | None,
     tyro.conf.arg(help="Seconds that your own code may take for a run, in a process of its own; 600 with --strict."),
 ]
+Yes = Annotated[bool, tyro.conf.arg(help="Begin even what will take days.")]
 PATIENCE = 600.0  # s
 ALL_CORES = os.cpu_count() or 1
 

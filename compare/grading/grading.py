@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from slamgauge.compare.estimators.asked import Asked
+from slamgauge.compare.estimators.demand import require_room_for_runs
 from slamgauge.compare.grading.grades import Grade, grade
 from slamgauge.compare.grading.submissions import Submission
 from slamgauge.compare.grading.trial import Trial, Yardstick, examine, yardstick
@@ -84,6 +85,7 @@ def grade_folder(
         raise UserError(f"runs: {runs} has no interval, and nothing could be judged by it; give at least 2")
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
+    require_room_for_runs(runs, scenario, 1)
     seeds = [run_seed(seed, run) for run in range(runs)]
     arguments = [(scenario, each, reference) for each in seeds]
     measured = dict(_carried(executor, yardstick, arguments, "run"))

@@ -15,9 +15,12 @@ import numpy as np
 from slamgauge.arrays import CHUNK, Float, Int, Marks, chunks
 from slamgauge.compare.scenarios.sensor import Sensor
 from slamgauge.correlations import square_roots
+from slamgauge.memory import require_memory
 from slamgauge.se2 import rotation, wrap
 from slamgauge.truth import NOBODY
 
+POSE, SIGHT = 300, 64  # bytes of a pose and of a sight while a run is simulated
+SHORTER = "shorten trajectory.duration"
 WIDE = 10.0  # noise of a `wide` outlier over that of other observations
 
 
@@ -90,10 +93,13 @@ def _sights(poses: Float, landmarks: Float, sensor: Sensor) -> _Sights:
     steps, count = len(poses), len(landmarks)
     if sensor.sights is not None:
         return _Sights(*sensor.sights, steps, count, of_a_file=True)
+    require_memory(1.0 * steps * (count + POSE), f"a run of {steps - 1} steps among {count} landmarks", SHORTER)
     in_view = np.zeros((steps, count), dtype=np.bool_)
     together = max(CHUNK // max(count, 1), 1)
     for first in range(sensor.first_step, steps, together):
         in_view[first : first + together] = _in_view(_in_body(poses[first : first + together, None], landmarks), sensor)
+    seen = int(np.count_nonzero(in_view))
+    require_memory(1.0 * seen * SIGHT, f"a run of {seen} observations", f"{SHORTER}, or lower sensor.max_range")
     step, landmark = np.divmod(np.flatnonzero(in_view), max(count, 1))
     return _Sights(step, landmark, steps, count, of_a_file=False)
 

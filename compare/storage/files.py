@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Generator
 from contextlib import contextmanager
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass, replace
 from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -21,6 +21,7 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
 Record = TypeVar("Record", Recording, Truth, Estimate)
+Answer = TypeVar("Answer", Truth, Estimate)
 
 LONGEST_WORD = 40  # characters
 RECORDS_WITHIN: set[type[object]] = {RayLog, MapHistory}  # records that are fields of an `Estimate`
@@ -79,6 +80,13 @@ def load_recording_or_estimate(path: str | Path) -> Recording | Estimate:
     """Whichever of the two an npz file holds; `UserError` with path and remedy if it holds neither."""
     values = _read(path)
     return _made(path, Estimate if "kind" in values else Recording, values)
+
+
+def with_own_ids(record: Answer, recording: Recording) -> Answer:
+    """The same truth or estimate, whose association is the recording's own array of ids where they are the same."""
+    if record.association is None:
+        return record
+    return replace(record, association=recording.own_ids(record.association))
 
 
 def write_tum(path: str | Path, stamps: Float, poses: Float, covs: Float | None = None) -> None:

@@ -39,6 +39,7 @@ from slamgauge.compare.studies.run import run_seed
 from slamgauge.compare.studies.study import IN_FLIGHT
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
+from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY, Truth
 
@@ -49,6 +50,7 @@ RUNGS = {
     "own associations": "for taking landmarks for others",
     "linearisation": "for being a filter: its own linearisation",
 }
+BYTES = 1000  # of what is known of a run
 
 
 @dataclass(frozen=True)
@@ -175,6 +177,7 @@ def error_budget(
         raise UserError(f"runs: {runs} is no budget; give at least 1")
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
+    require_memory(1.0 * BYTES * runs, f"runs: a budget of {runs}", "give fewer")
     results: list[RungErrors] = []
     pending: deque[Future[RungErrors]] = deque()
     try:
@@ -202,6 +205,11 @@ def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Floa
     )
     costliest = max(rungs[1:], key=lambda rung: rung.increment_m2.mean).name
     return ErrorBudget(scenario, filter_name, len(table), rungs, costliest, mean_interval(fits))
+
+
+def rungs_of(chosen: str | Asked) -> list[Asked]:
+    """The estimators of a run: the optima of the rungs, and the filter."""
+    return [*ask([HINDSIGHT]), *3 * ask([CAUSAL]), *ask([chosen])]
 
 
 def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked) -> RungErrors:

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.compare.estimators.asked import Asked, ask
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scenarios.simulation import informed
@@ -155,6 +156,11 @@ def judge_claims(runs: int, seed: int, out: Path, executor: Executor) -> Claims:
 def _sampled(setting: str) -> Scenario:
     """The scenario of a setting."""
     return load_scenario(setting, ["start=sampled"])
+
+
+def studies_of_claims() -> list[tuple[Scenario, list[Asked]]]:
+    """What every run of the claims is made of."""
+    return [(_sampled(name), ask([FILTER, OPTIMUM])) for name in SETTINGS]
 
 
 def write_claims(out: Path, claims: Claims) -> None:

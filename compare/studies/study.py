@@ -11,6 +11,7 @@ from itertools import islice
 from pathlib import Path
 
 from slamgauge.compare.estimators.asked import Asked, Chosen, ask, labels_among
+from slamgauge.compare.estimators.demand import require_room_for_runs
 from slamgauge.compare.scenarios.scenario import Scenario, sampled
 from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scoring.runs import Runs
@@ -85,6 +86,7 @@ def run_study(
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     against = labels_among(against, [each.label for each in asked], "is not among --estimators")
+    require_room_for_runs(runs if until is None else max(runs, until.most), scenario, len(asked))
     looks, pairs = looks_of(runs, until), pairs_to_resolve(asked, against) if until is not None else []
     require_free(out, STORE_FILES)
     begin_file(out, STORE)

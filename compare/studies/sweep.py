@@ -152,8 +152,7 @@ def run_sweep(
         UserError: as `load_scenario` and `run_study`; before any run if a file that is not ours would be replaced.
     """
     key, values = split_sweep(sweep)
-    scenarios = [load_scenario(name_or_path, [*overrides, f"{key}={value}"]) for value in values]
-    _require_different(sweep, values, scenarios)
+    scenarios = scenarios_of(name_or_path, overrides, sweep)
     asked = ask(estimators)
     optima = [each for each in asked if each.is_told]
     others = [each for each in asked if not each.is_told]
@@ -172,6 +171,21 @@ def run_sweep(
     return Sweep(scenarios[0].name, key, runs, seed, values, tuple(summaries))
 
 
+def scenarios_of(name_or_path: str, overrides: Sequence[str], sweep: str) -> list[Scenario]:
+    """The scenario at every value of `key=v1,v2,...`.
+
+    Raises:
+        UserError: as `load_scenario`, or two values make the same scenario, such as 1 and 1.0.
+    """
+    key, values = split_sweep(sweep)
+    scenarios = [load_scenario(name_or_path, [*overrides, f"{key}={value}"]) for value in values]
+    for value, scenario in zip(values, scenarios, strict=True):
+        first = values[scenarios.index(scenario)]
+        if first != value:
+            raise UserError(f"sweep {sweep!r}: {first} and {value} are the same value; name each once")
+    return scenarios
+
+
 def _run_parts(
     scenario: Scenario, parts: Iterable[Part], runs: int, seed: int, executor: Executor
 ) -> tuple[Summary, dict[str, Runs]]:
@@ -183,14 +197,6 @@ def _run_parts(
             loaded |= load_runs(told, runs, seed, asked, where)
     content = (scenario.name, runs, seed, digest(scenario, seed), failures, summarise(loaded))
     return Summary(*content, scenario_text=scenario_text(scenario)), loaded
-
-
-def _require_different(sweep: str, values: Sequence[str], scenarios: Sequence[Scenario]) -> None:
-    """Refuse values that make the same scenario, such as 1 and 1.0."""
-    for value, scenario in zip(values, scenarios, strict=True):
-        first = values[scenarios.index(scenario)]
-        if first != value:
-            raise UserError(f"sweep {sweep!r}: {first} and {value} are the same value; name each once")
 
 
 def _require_free(out: Path, studies: Sequence[str], optima: Sequence[str]) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,8 @@ import pytest
 
 from slamgauge import Estimate, Recording, arrays, evaluate, load_scenario, simulate
 from slamgauge.compare.scenarios.simulation import informed, simulate_informed
+from slamgauge.compare.storage.files import save
+from slamgauge.compare.storage.results_folder import load_results
 from slamgauge.ekf.estimators import ekf
 from slamgauge.validation import as_covariances, as_floats, as_ints
 
@@ -99,6 +103,25 @@ def test_nothing_depends_on_how_many_rows_are_worked_on_together(monkeypatch: py
         assert scores["loop_closure"]
         assert replace(part, seconds=None) == replace(whole, seconds=None)
         assert _without_times(parts) == _without_times(scores)
+
+
+def test_results_that_are_read_back_share_the_ids(tmp_path: Path) -> None:
+    truth, recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=3"]), 0)
+    estimate, ids = ekf(recording), recording.landmark
+    assert ids is not None
+    estimates = {"ekf": estimate, "other": replace(estimate, association=np.where(np.arange(len(ids)) == 3, -1, ids))}
+    save(tmp_path / "recording.npz", recording)
+    save(tmp_path / "truth.npz", truth)
+    (tmp_path / "estimates").mkdir()
+    for name, each in estimates.items():
+        save(tmp_path / f"estimates/{name}.npz", each)
+    metrics = {"estimators": dict.fromkeys(estimates), "scenario": None, "seed": None}
+    (tmp_path / "metrics.json").write_text(json.dumps(metrics))
+    results = load_results(tmp_path)
+    assert (results.truth, results.recording, results.estimates) == (truth, recording, estimates)
+    assert results.truth is not None
+    assert results.truth.association is results.recording.landmark
+    assert results.estimates["ekf"].association is results.recording.landmark
 
 
 def _without_times(scores: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,70 @@
+"""What a request will take, from its numbers alone, before any work begins: memory is refused, days are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from slamgauge.arrays import distinct
+from slamgauge.compare.estimators.asked import Asked
+from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.errors import UserError
+from slamgauge.memory import require_memory
+from slamgauge.recording import Recording
+
+DAY = 86_400.0  # s
+FILTER, OPTIMUM = 3e-5, 1e-3  # s a step with few landmarks, all else than the update of the map included
+PAIR = 2.5e-8  # s a step for every pair of landmarks: that of a filter with 1000 (docs/performance.md)
+SERIES_BYTES = 88  # of a run and estimator, a step: 11 figures
+
+
+def require_room_for_runs(runs: int, scenario: Scenario, estimators: int) -> None:
+    """Refuse runs whose series, all in memory when they are summed up, do not fit.
+
+    Raises:
+        UserError: they do not.
+    """
+    poses = steps_of(scenario) + 1
+    what = f"runs: to sum up {runs} of {poses - 1} steps and {estimators} estimators"
+    needed = float(SERIES_BYTES) * runs * poses * (estimators + 1)  # what a store gives is there twice
+    require_memory(needed, what, "give fewer runs, or a shorter trajectory.duration")
+
+
+def steps_of(scenario: Scenario) -> int:
+    """Steps of a run."""
+    return len(scenario.trajectory.stamps(scenario.prior.mean)) - 1
+
+
+def require_time_for_runs(
+    runs: int, work: Sequence[tuple[Scenario, Sequence[Asked]]], jobs: int, *, agreed: bool
+) -> None:
+    """Refuse runs, each of all the scenarios with their estimators, that would take days; see `require_time`."""
+    each = sum(seconds_of(steps_of(scenario), len(scenario.landmarks.all()), asked) for scenario, asked in work)
+    require_time(runs * each / max(jobs, 1), f"runs: {runs} by {jobs} processes", "give fewer", agreed=agreed)
+
+
+def seconds_of(steps: int, landmarks: int, asked: Sequence[Asked]) -> float:
+    """How long estimators take for a recording, to the order of magnitude [s]."""
+    return steps * sum((OPTIMUM if each.is_yardstick else FILTER) + PAIR * landmarks**2 for each in asked)
+
+
+def require_time_for_recording(recording: Recording, asked: Sequence[Asked], *, agreed: bool) -> None:
+    """Refuse estimators that would take days for a recording; see `require_time`."""
+    landmarks = 0 if recording.landmark is None else len(distinct(recording.landmark))
+    what = f"estimators: {len(asked)} of {recording.steps} steps and {landmarks} landmarks"
+    require_time(seconds_of(recording.steps, landmarks, asked), what, "give fewer, or a shorter run", agreed=agreed)
+
+
+def require_time(seconds: float, what: str, remedy: str, *, agreed: bool) -> None:
+    """Refuse what takes longer than a day, unless that has been agreed to.
+
+    Args:
+        seconds: that it will take.
+        what: takes them; it begins with the key to change.
+        remedy: what to do instead.
+        agreed: whether it shall begin all the same.
+
+    Raises:
+        UserError: it would take longer.
+    """
+    if seconds > DAY and not agreed:
+        raise UserError(f"{what} take some {seconds / DAY:.3g} days; {remedy}, or begin all the same with --yes")

@@ -1,0 +1,93 @@
+"""What would take days is asked for, what memory does not hold is refused: at once, by a line that names the key."""
+
+from __future__ import annotations
+
+import re
+import time
+from pathlib import Path
+
+import pytest
+
+from slamgauge import load_scenario, save, simulate
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.estimators import demand
+from slamgauge.compare.estimators.asked import ask
+
+MANY = "100000000"
+DAYS = r"^slamgauge: {key}: [^\n]+ take some [\d.e+]+ days; [^\n]+ --yes\n$"
+
+
+@pytest.mark.parametrize(
+    ("words", "key"),
+    [
+        (("study", "q1-short-dense", "--runs", MANY), "runs"),
+        (("study", "q1-short-dense", "--precision", "0.01", "--max-runs", MANY), "runs"),
+        (("study", "q1-short-dense", "--runs", MANY, "--sweep", "association.gate=1,9"), "runs"),
+        (("budget", "q1-short-dense", "--runs", MANY), "runs"),
+        (("claims", "--runs", MANY), "runs"),
+        (("grade", "examples", "--scenario", "q1-short-dense", "--runs", MANY), "runs"),
+        (("bench", "--landmarks", "12000,10000"), "landmarks"),
+    ],
+)
+def test_days_are_asked_for_before_anything_is_made(
+    words: tuple[str, ...],
+    key: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 1e300)
+    begun = time.process_time()
+    assert main([*words, "--out", str(tmp_path / "out")]) == 2
+    assert time.process_time() - begun < 10.0
+    assert not (tmp_path / "out").exists()
+    assert _matches(DAYS.format(key=key), capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("study", "q1-short-dense", "--runs", MANY, "--yes"), "runs: to sum up 100000000 of"),
+        (("study", "q1-short-dense", "--runs", MANY, "--yes", "--sweep", "association.gate=1,9"), "runs: to sum up"),
+        (("claims", "--runs", MANY, "--yes"), "runs: to sum up 100000000 of"),
+        (("grade", "examples", "--scenario", "q1-short-dense", "--runs", MANY, "--yes"), "runs: to sum up"),
+        (("budget", "q1-short-dense", "--runs", "100000000000", "--yes"), "runs: a budget of 100000000000"),
+        (("bench", "--landmarks", MANY, "--yes"), "landmarks: the covariance of 100000000 needs"),
+    ],
+)
+def test_what_memory_does_not_hold_is_refused_even_if_it_is_asked_for(
+    words: tuple[str, ...], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"slamgauge: {said}")
+    assert error.count("\n") == 1
+    assert " GB are free; " in error
+
+
+def test_a_run_and_a_recording_that_take_days(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save(tmp_path / "r.npz", simulate("q1-short-dense", 0)[1])
+    monkeypatch.setattr(demand, "DAY", 1e-3)
+    for words in (["run", "q1-short-dense", "--out", str(tmp_path / "out")], ["evaluate", str(tmp_path / "r.npz")]):
+        assert main([*words, "--estimators", "ekf"]) == 2
+        assert _matches(DAYS.format(key="estimators"), capsys.readouterr().err)
+    assert main(["evaluate", str(tmp_path / "r.npz"), "--estimators", "dead-reckoning", "--yes"]) == 0
+
+
+def test_a_run_that_memory_does_not_hold_is_refused_by_its_steps_or_its_sights(monkeypatch: pytest.MonkeyPatch) -> None:
+    for free, said in ((1e4, "a run of 628 steps among"), (4e5, r"a run of \d{4} observations")):
+        monkeypatch.setattr("slamgauge.memory.free_memory", lambda free=free: free)
+        with pytest.raises(ValueError, match=rf"^{said} [^\n]*needs 0.0 GB of memory.*; shorten trajectory.duration"):
+            simulate("q1-short-dense", 0)
+
+
+def test_what_is_usual_is_never_asked_for() -> None:
+    scenario = load_scenario("q1-long-dense")
+    demand.require_time_for_runs(1000, [(scenario, ask(["ekf", "riekf", "isam2"]))], 1, agreed=False)
+    demand.require_room_for_runs(1000, scenario, 3)
+
+
+def _matches(pattern: str, text: str) -> bool:
+    return re.fullmatch(pattern, text) is not None
