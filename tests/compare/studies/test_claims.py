@@ -158,7 +158,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     assert all(keys <= set(entry) for entry in content)
     assert content[0]["verdict"] == "holds"  # sigma grows: hardly any spread
 
-    monkeypatch.setattr("slamgauge.compare.studies.run.simulate", None)  # nothing is simulated again
+    monkeypatch.setattr("slamgauge.compare.studies.run.simulate_informed", None)  # nothing is simulated again
     assert main([*arguments, "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
     assert again == [{**entry, "command": again[0]["command"]} for entry in content]

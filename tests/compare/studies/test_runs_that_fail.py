@@ -75,7 +75,7 @@ def test_a_simulation_without_memory_is_named_for_every_estimator_and_tried_agai
     scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patched:
-        patched.setattr(study_run, "simulate", Mock(side_effect=MemoryError("too large")))
+        patched.setattr(study_run, "simulate_informed", Mock(side_effect=MemoryError("too large")))
         summary = run_study(scenario, 1, 0, ("ekf", "riekf"), tmp_path, thread)
     assert [failure.error for failure in summary.failures] == [f"simulation: MemoryError: too large ({AGAIN})"] * 2
     assert not run_study(scenario, 1, 0, ("ekf", "riekf"), tmp_path, thread).failures
@@ -85,7 +85,7 @@ def test_a_simulation_that_fails_is_recorded_for_every_estimator(
     scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patched:
-        patched.setattr(study_run, "simulate", Mock(side_effect=UserError("seed: too large")))
+        patched.setattr(study_run, "simulate_informed", Mock(side_effect=UserError("seed: too large")))
         summary = run_study(scenario, 1, 0, ("ekf", "riekf"), tmp_path, thread)
     assert [failure.error for failure in summary.failures] == ["simulation: seed: too large"] * 2
     assert run_study(scenario, 1, 0, ("ekf", "riekf"), tmp_path, thread).failures == summary.failures
