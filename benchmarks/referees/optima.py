@@ -39,7 +39,7 @@ def judge_optima(drawn: Drawn) -> list[Outcome]:
         placed = _well_placed(drawn) if isinstance(batched, str) else batched.landmark_ids
         recording = placed_only(recording, placed)
     model = Model(recording)
-    minimum = lowest(model, starts(model, drawn, batched))
+    minimum = lowest(model, starts(model, drawn.truth.poses, batched))
     outcomes.append(_judge_batch(model, minimum, batched))
     outcomes.append(_judge_isam2(drawn, model, minimum))
     return outcomes
@@ -48,9 +48,9 @@ def judge_optima(drawn: Drawn) -> list[Outcome]:
 # --- the referee's minimum -------------------------------------------------------------------------
 
 
-def starts(model: Model, drawn: Drawn, batched: Estimate | str) -> Iterator[Float]:
+def starts(model: Model, truth: Float | None, batched: Estimate | str) -> Iterator[Float]:
     """Unknowns to begin at: dead reckoning, the truth and near it, the right-invariant filter, and batch's result."""
-    yield from own_starts(model, drawn.truth.poses)
+    yield from own_starts(model, truth)
     if not isinstance(batched, str) and np.array_equal(np.sort(batched.landmark_ids), model.ids):
         yield of_estimate(model, batched)
 
@@ -127,7 +127,7 @@ def _judge_map(drawn: Drawn, batched: Estimate) -> Outcome:
     if not len(left):
         return Outcome("batch mapped", "agrees")
     with_each = (Model(placed_only(drawn.recording, np.union1d(batched.landmark_ids, [name]))) for name in left)
-    solved = sum(lowest(model, starts(model, drawn, batched)) is not None for model in with_each)
+    solved = sum(lowest(model, starts(model, drawn.truth.poses, batched)) is not None for model in with_each)
     note = f"{len(left)} landmarks are not mapped though the true path places them; the referee can map {solved}"
     return Outcome("batch mapped", "worse" if solved else "undecided", solved, note)
 
@@ -225,7 +225,8 @@ def _judge_step(
     minimum = known or lowest(part, [carried(part, warm)], PREFIX_ITERATIONS)
     apart = math.inf if minimum is None else _newest_apart(part, minimum, estimate)
     if apart > STEP_BAR and known is None and (minimum is None or step >= steps.look_again):
-        more = lowest(part, own_starts(part, drawn.truth.poses), PREFIX_ITERATIONS)
+        batched = attempt(batch, part.recording)
+        more = lowest(part, starts(part, drawn.truth.poses, batched), PREFIX_ITERATIONS)
         confirmed = minimum is not None and (more is None or more.cost > minimum.cost * (1.0 - COST_BAR))
         steps.look_again = step + 1 + step // 4 if confirmed else step + 1
         minimum = min((each for each in (minimum, more) if each), key=lambda each: each.cost, default=None)
