@@ -1,0 +1,147 @@
+"""Every command that a page shows is run, in the order of the page: small, in this process, and without rendering.
+
+`docs/make_figures.py` knows the blocks of a page and what remarks say of them. Here shipped scenarios last three
+seconds, studies have two runs, sweeps a value, in a thread instead of processes, and pictures are empty.
+Of commands with the same options one is run, and those whose results a later one takes. Benchmarks are left out:
+`tests/benchmarks` runs each at its smallest size; and what a remark says is done by hand.
+"""
+
+from __future__ import annotations
+
+import re
+import runpy
+import shlex
+import subprocess
+import sys
+from collections.abc import Generator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from matplotlib.figure import Figure
+
+from slamgauge.compare.cli.main import COMMANDS, main
+from slamgauge.compare.scenarios import scenario
+from slamgauge.compare.studies import executors
+
+ROOT = Path(__file__).parents[1]
+MADE = runpy.run_path(str(ROOT / "docs/make_figures.py"))
+PAGES = {path.name: path for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
+LASTS = 3.0  # s, every scenario
+SAVE = Figure.savefig
+SMALLER = (
+    *MADE["SMALL"],
+    (re.compile(r"slamgauge bench.*?(?= --out|$)"), "slamgauge bench --landmarks 5 --estimators ekf"),
+    (re.compile(r"(slamgauge animate \S+).*"), r"\1 --seconds 0.2"),
+    (re.compile(r"student_ekf\*\.py"), "student_ekf.py"),
+)
+FORMS: set[tuple[str, ...]] = set()  # of commands that were run: their names and options
+
+
+def blocks(page: Path) -> list[tuple[str, str, str]]:
+    """Remark, its name, and text of every block of commands or file of a page."""
+    found = [piece.groupdict("") for piece in MADE["PIECE"].finditer(page.read_text(encoding="utf-8"))]
+    return [
+        (each["mark"], each["name"], each["block"])
+        for each in found
+        if each["language"] == "sh" or each["mark"] == "as"
+    ]
+
+
+@contextmanager
+def in_a_thread(_: int) -> Generator[ThreadPoolExecutor]:
+    with ThreadPoolExecutor(1) as executor:
+        yield executor
+
+
+def unrendered(figure: Figure, target: Any, **how: Any) -> None:
+    if how.get("format") == "rgba":  # a frame of an animation
+        SAVE(figure, target, **how)
+    elif isinstance(target, Path):
+        target.write_bytes(b"")
+    else:
+        target.write("<svg/>")
+
+
+@pytest.fixture
+def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder for the commands of a page, with what a reader has, and everything small."""
+    (tmp_path / "scenarios").mkdir()
+    for name, file in scenario._shipped().items():  # pyright: ignore[reportPrivateUsage]
+        text = re.sub(
+            r"\bduration = ([\d.]+)", lambda found: f"duration = {min(float(found[1]), LASTS)}", file.read_text()
+        )
+        (tmp_path / "scenarios" / f"{name}.toml").write_text(text)
+    shipped = {path.stem: path for path in (tmp_path / "scenarios").iterdir()}
+    monkeypatch.setattr(scenario, "_shipped", lambda: shipped)
+    monkeypatch.setattr(executors, "local_processes", in_a_thread)
+    monkeypatch.setattr(Figure, "savefig", unrendered)
+    work = tmp_path / "page"
+    work.mkdir()
+    for folder in ("examples", "benchmarks"):
+        (work / folder).symlink_to(ROOT / folder)
+    (work / "my_filter.py").symlink_to(ROOT / "examples/own_estimator.py")
+    monkeypatch.chdir(work)
+    monkeypatch.setenv("HOME", str(tmp_path))  # where completion goes
+    return work
+
+
+def form_of(words: list[str]) -> tuple[str, ...]:
+    """The name of a command, the scenario of a run, and the options."""
+    return (*words[1 : 3 if words[1] == "run" else 2], *sorted(word for word in words if word.startswith("--")))
+
+
+def is_needed(words: list[str], page: str) -> bool:
+    """Whether a command has a form that none had before, or results that another command of its page names."""
+    out = words[words.index("--out") + 1] if "--out" in words else ""
+    return form_of(words) not in FORMS or (out != "" and len(re.findall(rf"(?<![\w/-]){out}\b", page)) > 1)
+
+
+def carry_out(line: str, expected: set[int], page: str) -> None:
+    """Run a line of a block."""
+    words = shlex.split(line, comments=True)
+    if words[0] == "slamgauge":
+        if is_needed(words, page):
+            FORMS.add(form_of(words))
+            assert main(words[1:]) in expected, line
+    elif words[0] == "python" and not words[1].startswith("benchmarks/"):
+        subprocess.run([sys.executable, *words[1:]], check=True, capture_output=True)
+    elif words[0] != "python":
+        subprocess.run(["bash", "-euc", line], check=True, capture_output=True)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_command_of_a_page(page: str, small: Path):
+    found = [
+        each for each in blocks(PAGES[page]) if each[0] not in ("by hand", "needs") and MADE["CHECK"] not in each[2]
+    ]
+    shown = "\n".join(block for mark, _, block in found if mark != "as")
+    for mark, name, block in found:
+        if mark == "as":
+            (small / name).write_text(block, encoding="utf-8")
+            continue
+        for line in lines_of(block):
+            carry_out(line, {0, 1} if mark == "fails" else {0}, shown)
+
+
+def lines_of(block: str) -> list[str]:
+    """The commands of a block, small; of a loop those of its first round."""
+    text = MADE["INSTALLED"].sub("", block).replace("\\\n", " ")
+    loop = re.search(r"^for (\w+) in (\S+)[^\n]*; do\n(.*?)^done$", text, re.MULTILINE | re.DOTALL)
+    if loop:
+        text = text.replace(loop[0], loop[3].replace(f"${loop[1]}", loop[2]))
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    for sizes, smaller in SMALLER:
+        lines = [sizes.sub(smaller, line) for line in lines]
+    return lines
+
+
+def test_pages_show_every_command():
+    """But those that ask what there is."""
+    lines = [
+        line for page in PAGES.values() for mark, _, block in blocks(page) if mark != "as" for line in lines_of(block)
+    ]
+    shown = {line.split()[1] for line in lines if line.startswith("slamgauge ")}
+    assert {*COMMANDS} - shown <= {"doctor", "scenarios"}
