@@ -25,8 +25,14 @@ from slamgauge.ekf import riekf
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch, cost
 from slamgauge.graph_baseline.descent import approach, settle
-from slamgauge.graph_baseline.factors import LENT_SLIP, build_graph, landmarks_at_first_sight, make_values, read_values
-from slamgauge.graph_baseline.search import levenberg_marquardt
+from slamgauge.graph_baseline.factors import landmarks_at_first_sight
+from slamgauge.graph_baseline.gtsam_graph import (
+    LENT_SLIP,
+    build_graph,
+    levenberg_marquardt,
+    make_values,
+    read_values,
+)
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 

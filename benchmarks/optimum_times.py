@@ -25,7 +25,8 @@ from slamgauge import Recording, simulate
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.bench.bench import workload
 from slamgauge.graph_baseline.descent import Minimum, approach, settle
-from slamgauge.graph_baseline.factors import LENT_SLIP, build_graph, first_sights, make_values
+from slamgauge.graph_baseline.factors import first_sights
+from slamgauge.graph_baseline.gtsam_graph import LENT_SLIP, build_graph, make_values
 from slamgauge.graph_baseline.search import searched
 from slamgauge.graph_baseline.smoother import solve_at
 from slamgauge.se2 import chain

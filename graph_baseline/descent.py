@@ -13,7 +13,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.factors import require_known_landmarks
+from slamgauge.graph_baseline.factors import first_sights, require_known_landmarks, require_placeable
 from slamgauge.graph_baseline.free_noise import FreeNoise
 from slamgauge.graph_baseline.linearisation import LinearModel, linearise, whitened_residuals
 from slamgauge.graph_baseline.mixing import Mixing
@@ -26,7 +26,7 @@ from slamgauge.se2 import wrap
 MAX_STEPS = 200
 NEAR = 1e-6  # relative decrease of the cost after which Newton steps alone go on
 TOO_NEAR = 1e-4  # m
-NEGLIGIBLE = 1e-6  # of a standard deviation
+NEGLIGIBLE = 1e-8  # of a standard deviation
 RESOLVED = 1e-3  # of a standard deviation: a step of rounding that is taken for the last
 PATIENCE = 6  # Newton steps in a row that may be longer than one before
 HOPELESS = 1e6  # standard deviations: Newton steps diverge
@@ -69,7 +69,9 @@ class Merit:
         return cost if np.isfinite(cost) else np.inf
 
 
-def approach(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> Approach:
+def approach(
+    recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float, most: int = MAX_STEPS
+) -> Approach:
     """Where damped steps lead from a start: near a minimum, or wherever they come to a halt.
 
     Args:
@@ -77,12 +79,13 @@ def approach(recording: Recording, landmark_ids: Int, poses: Float, landmarks: F
         landmark_ids: (L,) all of its landmarks, increasing.
         poses: (N+1, 3).
         landmarks: (L, 2).
+        most: steps.
     """
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     merit = Merit(recording, slot)
     poses = merit.noise.followed(poses)
     cost, factor = merit(poses, landmarks), 0.0
-    for _ in range(MAX_STEPS):
+    for _ in range(most):
         model = linearise(recording, slot, poses, landmarks)
         scale = _mean_information(model, len(landmarks))
         while True:
@@ -97,6 +100,13 @@ def approach(recording: Recording, landmark_ids: Int, poses: Float, landmarks: F
         if decrease <= NEAR * (1.0 + cost):
             break
     return Approach(poses, landmarks, cost, merit)
+
+
+def descended(recording: Recording, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
+    """What GTSAM's Levenberg-Marquardt does (`gtsam_graph`), by damped steps of our own, zero variances obeyed."""
+    require_placeable(recording)
+    found = approach(recording, first_sights(recording)[0], poses, landmarks, iterations)
+    return found.poses, found.landmarks
 
 
 def _tried(

@@ -7,24 +7,15 @@ odometry always are. Those that it rejects are left out, and `batch` solves for 
 
 from __future__ import annotations
 
-import gtsam
 import numpy as np
 
 from slamgauge.arrays import Int
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.chain import keyed
-from slamgauge.graph_baseline.factors import (
-    LENT_SLIP,
-    are_placed,
-    build_graph,
-    first_sights,
-    make_values,
-    relative_to_start,
-    require_known_landmarks,
-)
+from slamgauge.graph_baseline.factors import are_placed, relative_to_start, require_known_landmarks
 from slamgauge.graph_baseline.hindsight import batch
 from slamgauge.graph_baseline.search import first_guess
-from slamgauge.graph_baseline.undetermined import explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 
@@ -40,24 +31,20 @@ def robust_batch(recording: Recording, association: Int | None = None) -> Estima
         association: (M,) ids in place of the recording's own; -1 leaves an observation out.
 
     Raises:
-        UserError: as `batch`.
+        UserError: as `batch`; or there is no GTSAM on this system.
     """
+    try:
+        from slamgauge.graph_baseline.gtsam_graph import agreeing
+    except ImportError as error:
+        why = str(error).splitlines()[0]
+        raise UserError(f"needs GTSAM, which cannot be had here ({why}); batch does without it") from None
     given = np.array(require_known_landmarks(recording) if association is None else association)
     path = chain(recording.prior_mean, recording.odometry)
     given[given >= 0] = np.where(are_placed(recording.associated(given), path), given[given >= 0], -1)
     seen = recording.associated(given)
     short, key = keyed(seen)
-    graph = build_graph(short, LENT_SLIP)
-    rows = short.observation_step + 1 + np.arange(len(short.observation))  # in the graph: after each step's motion
-    parameters = gtsam.GncLMParams()
-    parameters.setLossType(gtsam.GncLossType.TLS)
-    parameters.setKnownInliers(np.setdiff1d(np.arange(graph.size()), rows).tolist())
     poses, landmarks = first_guess(seen)
-    with explained():
-        optimizer = gtsam.GncLMOptimizer(graph, make_values(poses[key], first_sights(seen)[0], landmarks), parameters)
-        optimizer.setInlierCostThresholdsAtProbability(TRUSTED)
-        optimizer.optimize()
-    rejected = np.flatnonzero(given >= 0)[np.asarray(optimizer.getWeights())[rows] < 0.5]
+    rejected = np.flatnonzero(given >= 0)[~agreeing(short, poses[key], landmarks, TRUSTED)]
     trusted = given.copy()
     trusted[rejected] = -1
     return batch(recording, trusted)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 
-import gtsam
 import numpy as np
 from scipy.special import chdtr
 
@@ -13,19 +12,20 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.graph_baseline.chain import carried_on, keyed
 from slamgauge.graph_baseline.descent import Approach, Merit, Minimum, approach, settle
 from slamgauge.graph_baseline.factors import (
-    LENT_SLIP,
     are_placed,
     are_seen_again,
-    build_graph,
     first_sights,
     landmarks_at_first_sight,
-    make_values,
-    read_values,
     require_known_landmarks,
 )
-from slamgauge.graph_baseline.undetermined import UndeterminedError, explained
+from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
+
+try:
+    from slamgauge.graph_baseline.gtsam_graph import descended
+except ImportError:  # there is no GTSAM for this system
+    from slamgauge.graph_baseline.descent import descended
 
 PORTIONS = 8  # of the recording, in the grown start
 UNLIKELY = 5e-4  # probability that true noise makes a cost that is taken for too high
@@ -91,8 +91,7 @@ def lowest_minimum(recording: Recording, starts: Iterable[Start]) -> Minimum:
     mistakes: list[UndeterminedError] = []
     for start in starts:
         try:
-            with explained():
-                approached = approach(recording, landmark_ids, *start())
+            approached = approach(recording, landmark_ids, *start())
             if is_low(recording, approached.cost):
                 return settle(recording, landmark_ids, approached)
             near.append(approached)
@@ -133,28 +132,18 @@ def chi_square_of(recording: Recording, poses: Float, landmarks: Float) -> tuple
 
 
 def searched(recording: Recording, path: Float) -> tuple[Float, Float]:
-    """Where GTSAM's Levenberg-Marquardt leads from a path (N+1, 3), slip lent, on the poses that see something."""
+    """Where Levenberg-Marquardt leads from a path (N+1, 3) on the poses that see something: GTSAM's, or else ours."""
     short, key = keyed(recording)
-    values = make_values(path[key], first_sights(recording)[0], landmarks_at_first_sight(recording, path))
-    with explained():
-        poses, landmarks = read_values(levenberg_marquardt(build_graph(short, LENT_SLIP), values))
+    poses, landmarks = descended(short, path[key], landmarks_at_first_sight(recording, path))
     return carried_on(recording, key, poses), landmarks
 
 
 def first_guess(recording: Recording) -> tuple[Float, Float]:
-    """Poses (N+1, 3) and landmarks (L, 2): the lower of GTSAM's minima from dead reckoning and the grown start."""
+    """Poses (N+1, 3) and landmarks (L, 2): the lower of the minima from dead reckoning and the grown start."""
     landmark_ids = first_sights(recording)[0]
     merit = Merit(recording, np.searchsorted(landmark_ids, require_known_landmarks(recording)))
     found = searched(recording, chain(recording.prior_mean, recording.odometry))
     return found if is_low(recording, merit(*found)) else min(found, grown(recording), key=lambda each: merit(*each))
-
-
-def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int = 100) -> gtsam.Values:
-    """The minimum that GTSAM's Levenberg-Marquardt reaches from `values`, to be finished by exact steps (`descent`)."""
-    parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setRelativeErrorTol(1e-5)
-    parameters.setMaxIterations(iterations)
-    return gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
 
 
 def grown(recording: Recording) -> tuple[Float, Float]:
@@ -169,9 +158,7 @@ def grown(recording: Recording) -> tuple[Float, Float]:
         landmarks = landmarks_at_first_sight(part, path)
         for slot, name in enumerate(ids.tolist()):
             landmarks[slot] = known.get(name, landmarks[slot])
-        values = make_values(path, ids, landmarks)
-        with explained():
-            poses, landmarks = read_values(levenberg_marquardt(build_graph(part, LENT_SLIP), values, iterations=3))
+        poses, landmarks = descended(part, path, landmarks, iterations=3)
         known = dict(zip(ids.tolist(), landmarks, strict=True))
     found = landmarks_at_first_sight(short, poses)
     for slot, name in enumerate(first_sights(short)[0].tolist()):

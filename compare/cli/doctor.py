@@ -17,7 +17,7 @@ from slamgauge import __version__
 from slamgauge.compare.cli.options import print_result
 from slamgauge.compare.studies.executors import BLAS_VARIABLES
 
-LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "gtsam", "matplotlib", "pydantic", "tyro", "tqdm")
+LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "matplotlib", "pydantic", "tyro", "tqdm")
 EXTRAS = ("distributed",)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
 WARM_UPS = {  # module and function that make kernels ready
@@ -60,6 +60,7 @@ def examine() -> dict[str, str]:
     found = {"slamgauge": f"{__version__}, {Path(__file__).parents[2]}"}
     found |= {"Python": f"{platform.python_version()}, {sys.executable}", "system": system}
     found |= {name: _version(name, MISSING) for name in LIBRARIES}
+    found["gtsam"] = _version("gtsam", "not installed (robust-batch alone needs it)")
     found |= {name: _version(name, "not installed (an extra)") for name in EXTRAS}
     found["BLAS"] = _attempt(_blas)
     threads = [f"{name}={os.environ[name]}" for name in BLAS_VARIABLES if name in os.environ]

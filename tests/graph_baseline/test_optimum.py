@@ -26,7 +26,8 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf import dead_reckoning, ekf, riekf
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, batch, cost, hindsight, isam2
-from slamgauge.graph_baseline.factors import LENT_SLIP, build_graph, require_known_landmarks
+from slamgauge.graph_baseline.factors import require_known_landmarks
+from slamgauge.graph_baseline.gtsam_graph import LENT_SLIP, build_graph
 from slamgauge.graph_baseline.undetermined import explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose, rotation, wrap

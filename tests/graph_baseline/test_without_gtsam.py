@@ -1,0 +1,83 @@
+"""Where GTSAM cannot be had: the same optima, by own steps alone, and everything that does not need it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from random_recordings import recording_of
+
+from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.ekf import riekf
+from slamgauge.estimate import Estimate
+from slamgauge.graph_baseline import batch, descent, search
+from slamgauge.graph_baseline.hindsight import optimum_from
+from slamgauge.recording import Recording
+
+ROOT = Path(__file__).parents[2]
+SELECTED = ("tests/graph_baseline/test_given_associations.py", "tests/graph_baseline/test_bound.py")
+SHORT = "not robust and not given_ids and not shrinks"
+
+
+def both_ways(recording: Recording, path: np.ndarray | None, monkeypatch: pytest.MonkeyPatch) -> list[Estimate]:
+    """The optimum by GTSAM's search and by ours, from a path, or from what `batch` begins with."""
+    found: list[Estimate] = []
+    for descended in (search.descended, descent.descended):
+        with monkeypatch.context() as context:
+            context.setattr(search, "descended", descended)
+            found.append(batch(recording) if path is None else optimum_from(recording, path))
+    return found
+
+
+@pytest.mark.parametrize("sensor", ["range-bearing", "position", "bearing"])
+@pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])
+@pytest.mark.parametrize("of_filter", [False, True], ids=["dead-reckoning", "filter"])
+def test_own_steps_lead_to_the_same_minimum(
+    sensor: str, slip: bool, of_filter: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for seed in range(2):
+        recording = recording_of(sensor, seed, slip=slip)
+        theirs, ours = both_ways(recording, riekf(recording).poses if of_filter else None, monkeypatch)
+        for key in ("poses", "landmarks", "pose_covs", "landmark_covs"):
+            np.testing.assert_allclose(getattr(ours, key), getattr(theirs, key), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["q1-short-dense", "q1-long-sparse", "q4-three-landmarks"])
+def test_so_they_do_on_the_practical(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    theirs, ours = both_ways(simulate(load_scenario(name, ["start=sampled"]), 3)[1], None, monkeypatch)
+    np.testing.assert_allclose(ours.poses, theirs.poses, rtol=0, atol=1e-9)
+    assert ours.chi_square == pytest.approx(theirs.chi_square, rel=1e-9)
+
+
+def without_gtsam(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """A Python program, and all that it starts, for which there is no gtsam."""
+    (folder / "gtsam.py").write_text('raise ImportError("there is no gtsam")\n')
+    path = os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])])
+    return subprocess.run(
+        [sys.executable, *words], cwd=ROOT, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True
+    )
+
+
+def test_tests_of_what_does_not_need_it_pass(tmp_path: Path) -> None:
+    done = without_gtsam(tmp_path, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "-k", SHORT, *SELECTED)
+    assert done.returncode == 0, done.stdout
+    looked = without_gtsam(tmp_path, "-c", "import slamgauge.graph_baseline.search as s; print(s.descended.__module__)")
+    assert looked.stdout == "slamgauge.graph_baseline.descent\n"
+
+
+def test_all_but_one_estimator_runs_and_that_says_why(tmp_path: Path) -> None:
+    words = ("run", "q1-short-dense", "--set", "trajectory.duration=3", "--estimators", "ekf,isam2,batch,robust-batch")
+    done = without_gtsam(tmp_path, "-m", "slamgauge", *words, "--no-report", "--wide", "--out", str(tmp_path / "run"))
+    said = "estimator robust-batch: needs GTSAM, which cannot be had here (there is no gtsam); batch does"
+    assert said in done.stdout
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    rows = {line.split()[0]: line.split()[1] for line in done.stdout.splitlines() if line}
+    assert [rows[name] for name in ("ekf", "isam2", "batch", "robust-batch")] == [
+        *("filtered", "filtered", "smoothed", "failed")
+    ]
