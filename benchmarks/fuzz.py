@@ -3,10 +3,10 @@
     python benchmarks/fuzz.py [--cases 2000] [--seed 0] [--only 17] [--seconds 20] [--memory 2.5] [--worst 20]
 
 Each case damages one input: npz, MATLAB, CSV, TOML, g2o, MRCLAM, DLR, Freiburg and Victoria Park files, estimates,
-`--set`, or arguments of a command. A warning counts as a traceback, and so does a refusal of several lines, but for
-those of scenarios, which have a line for each mistake, and of the parser of arguments. A filter is run on recordings
-that were accepted. `silently altered` is what was accepted although its figures are not those that the file states, as
-far as that can be told (`fuzzing/targets.py`).
+stores of studies, `--set`, or arguments of a command. A warning counts as a traceback, and so does a refusal of
+several lines, but for those of scenarios, which have a line for each mistake, and of the parser of arguments. A filter
+is run on recordings that were accepted. `silently altered` is what was accepted although its figures are not those
+that the file states, as far as that can be told (`fuzzing/targets.py`).
 
 Cases run in a process of limited memory [GB], which is started again when it dies or takes too long [s]. `--only`
 carries one out and tells all of it. Exit status 1 if anything is a traceback, a hang, a crash or altered.

@@ -40,6 +40,21 @@ def changed_bytes(content: bytes, rng: np.random.Generator) -> bytes:
     return bytes(damaged)
 
 
+def changed_pages(content: bytes, rng: np.random.Generator) -> bytes:
+    """The same of whole pages, as a file system does it that loses power: zeros, another page, or the end lost."""
+    if rng.integers(2):
+        return changed_bytes(content, rng)
+    size = int(rng.choice([512, 4096]))
+    at, other = (size * int(rng.integers(-(-len(content) // size))) for _ in range(2))
+    match int(rng.integers(3)):
+        case 0:
+            return content[:at]
+        case 1:
+            return content[:at] + bytes(len(content[at : at + size])) + content[at + size :]
+        case _:
+            return content[:at] + content[other : other + size] + content[at + size :]
+
+
 def changed_text(content: bytes, rng: np.random.Generator) -> bytes:
     """A word, a line or a byte changed, up to three times."""
     for _ in range(rng.integers(1, 4)):

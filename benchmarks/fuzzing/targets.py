@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from scipy.io import loadmat, savemat
 
 from fuzzing.mutations import WORDS, Mutation, changed_bytes, changed_mat, changed_npz, changed_text
+from fuzzing.stores import damaged_stores
 from slamgauge import Estimate, Recording, Truth, load_scenario, simulate
 from slamgauge.compare.datasets.csv_log import read_csv_log
 from slamgauge.compare.datasets.dlr import read_dlr
@@ -120,7 +121,9 @@ def targets(folder: Path) -> tuple[Target, ...]:
     """All of them; `folder` is an empty one to make whole files in."""
     truth, recording = simulate(_short_scenario(folder), 0)
     estimate = ekf(recording)
-    return (*_npz_files(folder, truth, recording, estimate), *_mat_files(), *_texts(folder, recording, estimate))
+    stores = [Target(**each) for each in damaged_stores(_short_scenario(folder), folder)]
+    texts = _texts(folder, recording, estimate)
+    return (*_npz_files(folder, truth, recording, estimate), *_mat_files(), *texts, *stores)
 
 
 def _short_scenario(folder: Path) -> Any:
@@ -164,7 +167,7 @@ def _as_numpy_reads(folder: Path, record: object) -> str:
             same = value == str(given[name])
         else:
             there = given[name].astype(np.float64)
-            same = np.shape(value) == there.shape and _are_same(np.asarray(value, dtype=np.float64), there, name)
+            same = _are_same(np.asarray(value, dtype=np.float64), there, name)
         if not same:
             return f"{name} is not what the file holds"
     return ""
@@ -172,6 +175,10 @@ def _as_numpy_reads(folder: Path, record: object) -> str:
 
 def _are_same(value: NDArray[Any], there: NDArray[Any], name: str) -> bool:
     """Exactly; headings up to whole turns, covariances up to the rounding that makes them symmetric."""
+    if name.endswith("_cov") and there.ndim == 2:  # one stands for all rows
+        there = np.broadcast_to(there, value.shape)
+    if value.shape != there.shape:
+        return False
     if name.endswith(("cov", "covs")):
         return np.allclose(value, there / 2 + there.swapaxes(-1, -2) / 2, rtol=1e-15, atol=0.0)
     if name == "poses":

@@ -25,7 +25,7 @@ def carry_out_all(seed: int, cases: Iterable[int], seconds: float, memory: int) 
     left = [*cases]
     while left:
         ours, theirs = PROCESSES.Pipe()
-        process = PROCESSES.Process(target=_serve, args=(theirs, seed, left, memory), daemon=True)
+        process = PROCESSES.Process(target=_serve, args=(theirs, seed, left, memory))  # which has children
         process.start()
         theirs.close()
         try:

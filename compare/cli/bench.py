@@ -16,6 +16,8 @@ from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.estimators.registry import BENCHED
 from slamgauge.errors import UserError
 
+LONGEST = 12  # digits of a map size: Python reads thousands
+
 
 @dataclass
 class Bench:
@@ -48,8 +50,8 @@ class Bench:
         from slamgauge.compare.storage.result_files import BENCH, BENCH_FILES
 
         words = [word.strip() for word in self.landmarks.split(",")]
-        if not all(word.isdecimal() and int(word) > 0 for word in words):
-            raise UserError(f"landmarks {self.landmarks!r}: give map sizes > 0, for example 20,100")
+        if not all(word.isdecimal() and len(word) <= LONGEST and int(word) > 0 for word in words):
+            raise UserError(f"landmarks {self.landmarks!r:.60}: give map sizes > 0, for example 20,100")
         sizes = [int(word) for word in words]
         require_time_for_bench(sizes, ask(split_names(self.estimators)), agreed=self.yes)
         with results_folder(self.out, BENCH_FILES, last=BENCH) as folder:

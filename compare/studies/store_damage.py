@@ -114,7 +114,7 @@ def _damage(path: Path) -> str:
                 return "its tables are not there" if tables else ""
             if _lacks_checksums(connection):
                 return ""
-            found = next((row for row in _readable(connection) if row != with_checksum(row[:-1])), None)
+            found = next((row for row in readable_rows(connection) if row != with_checksum(row[:-1])), None)
         except sqlite3.DatabaseError as error:
             if getattr(error, "sqlite_errorcode", 0) & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
                 raise
@@ -132,10 +132,10 @@ def _about(path: Path, connection: sqlite3.Connection, damage: str) -> list[Row]
 
 
 def _whole_rows(connection: sqlite3.Connection) -> Generator[tuple[Any, ...]]:
-    return (row for row in _readable(connection) if row == with_checksum(row[:-1]))
+    return (row for row in readable_rows(connection) if row == with_checksum(row[:-1]))
 
 
-def _readable(connection: sqlite3.Connection) -> Generator[tuple[Any, ...]]:
+def readable_rows(connection: sqlite3.Connection) -> Generator[tuple[Any, ...]]:
     """All rows, with their checksums, without those on pages that cannot be read."""
     connection.text_factory = _decoded
     query = f"SELECT rowid, {COLUMNS}, checksum FROM outcome NOT INDEXED WHERE rowid > ? ORDER BY rowid"
@@ -143,12 +143,15 @@ def _readable(connection: sqlite3.Connection) -> Generator[tuple[Any, ...]]:
     while lost < MOST_LOST:
         try:
             for number, *row in connection.execute(query, (place,)):
+                if number <= place:  # a page in the place of another leads back to where we have been
+                    break
                 place, lost = number, 0
                 yield tuple(row)
+            else:
+                return
         except sqlite3.DatabaseError:
-            place, lost = place + 1, lost + 1
-        else:
-            return
+            pass
+        place, lost = place + 1, lost + 1
 
 
 def _decoded(text: bytes) -> str:

@@ -83,6 +83,11 @@ def test_a_run_that_memory_does_not_hold_is_refused_by_its_steps_or_its_sights(m
             simulate("q1-short-dense", 0)
 
 
+def test_a_map_size_of_thousands_of_digits_is_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "--landmarks", "1" * 5000]) == 2
+    assert _matches(r"slamgauge: landmarks '1+: give map sizes > 0, for example 20,100\n", capsys.readouterr().err)
+
+
 def test_what_is_usual_is_never_asked_for() -> None:
     scenario = load_scenario("q1-long-dense")
     demand.require_time_for_runs(1000, [(scenario, ask(["ekf", "riekf", "isam2"]))], 1, agreed=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -66,3 +67,10 @@ def test_a_poor_encoding_and_no_home(tmp_path: Path):
     assert "\\xb1" in done.stdout
     assert "Traceback" not in done.stderr
     assert {"summary.json", "nees.png"} < {path.name for path in (tmp_path / "out").iterdir()}
+
+
+@pytest.mark.parametrize("words", [("--help",), ("run", "--help"), ("--version",)])
+def test_help_that_finds_no_room_is_a_line(tmp_path: Path, words: tuple[str, ...]):
+    done = in_shell(tmp_path, ">/dev/full", *words)
+    assert done.returncode in (1, 71)
+    assert re.fullmatch(r"slamgauge: [^\n]*No space left on device[^\n]*\n", done.stderr)

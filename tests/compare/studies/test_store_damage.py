@@ -7,7 +7,8 @@ import re
 import sqlite3
 import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, suppress
+from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ import pytest
 
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.runs import Runs
+from slamgauge.compare.studies import store_damage
+from slamgauge.compare.studies.store_damage import INSERT, TABLES, readable_rows, with_checksum
 from slamgauge.compare.studies.store_file import sole_use
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.errors import UserError
@@ -183,3 +186,23 @@ def test_runs_are_not_listed_before_they_are_carried_out(scenario: Scenario, tmp
         run_study(scenario, 10**9, 0, NAMES, tmp_path, executor)
     assert executor.taken == 101
     assert time.monotonic() - begun < 10.0
+
+
+def test_pages_that_lead_back_to_themselves_come_to_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page in the place of another: SQLite then reads the rows behind it again and again."""
+    monkeypatch.setattr(store_damage, "MOST_LOST", 100)
+    path, size, runs = tmp_path / "study.sqlite", 4096, 12
+    with closing(sqlite3.connect(path)) as connection:
+        connection.executescript(TABLES)
+        rows = [with_checksum((run, "ekf", 0, "filtered", None, "{}", bytes(1500))) for run in range(runs)]
+        with connection:
+            connection.executemany(INSERT, rows)
+    good, again = path.read_bytes(), 0
+    for at, other in product(range(0, len(good), size), repeat=2):
+        path.write_bytes(good[:at] + good[other : other + size] + good[at + size :])
+        with closing(sqlite3.connect(path)) as connection, suppress(sqlite3.DatabaseError):
+            found = connection.execute("SELECT rowid FROM outcome NOT INDEXED ORDER BY rowid")
+            again += len([*islice(found, runs + 1)]) > runs
+        with closing(sqlite3.connect(path)) as connection, suppress(sqlite3.DatabaseError):
+            assert len([*islice(readable_rows(connection), runs + 1)]) <= runs
+    assert again > 0
