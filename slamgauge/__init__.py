@@ -53,6 +53,7 @@ if TYPE_CHECKING:
         batch,
         causal_bound,
         cost,
+        fixed_lag,
         hindsight_bound,
         isam2,
         robust_batch,
@@ -113,6 +114,7 @@ if TYPE_CHECKING:
         "error_budget",
         "evaluate",
         "find_noise",
+        "fixed_lag",
         "hindsight_bound",
         "informed",
         "isam2",
@@ -154,7 +156,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
         "AssociatingFilter Association BearingFilter CompressedFilter Delayed InverseDepth MapManagement Rays "
         "OnlineFilter Robustness SlamFilter"
     ),
-    "graph_baseline": "UndeterminedError batch causal_bound cost hindsight_bound isam2 robust_batch",
+    "graph_baseline": "UndeterminedError batch causal_bound cost fixed_lag hindsight_bound isam2 robust_batch",
     "compare.checks.examination": "Verdict check_estimator",
     "compare.scoring.comparison": "Comparison compare_estimators",
     "compare.studies.budget": "ErrorBudget error_budget",

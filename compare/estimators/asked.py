@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from slamgauge.compare.estimators.own import Address, address, require_label
-from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HINDSIGHT_BOUND, REGISTRY, YARDSTICKS, entry_of
+from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HINDSIGHT_BOUND, YARDSTICKS, entry_of, is_ours
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 
@@ -91,10 +91,10 @@ def ask(chosen: Chosen) -> list[Asked]:
         asked = [each if isinstance(each, Asked) else _asked("", each) for each in chosen]
     labels = [each.label for each in asked]
     for each in asked:
-        is_ours = not each.name and each.label in REGISTRY | BOUNDS
-        if is_ours or labels.count(each.label) > 1:
+        is_taken = not each.name and is_ours(each.label)
+        if is_taken or labels.count(each.label) > 1:
             text = each.label if each.where is None else each.where.text
-            why = "is one of ours" if is_ours else "stands there twice"
+            why = "is one of ours" if is_taken else "stands there twice"
             raise UserError(f"estimator {text!r}: {each.label} {why}; write another LABEL= in front")
     return asked
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from slamgauge.arrays import distinct
 from slamgauge.compare.estimators.asked import Asked
+from slamgauge.compare.estimators.registry import entry_of
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.errors import UserError
 from slamgauge.memory import require_memory
@@ -44,7 +45,8 @@ def require_time_for_runs(
 
 def seconds_of(steps: int, landmarks: int, asked: Sequence[Asked]) -> float:
     """How long estimators take for a recording, to the order of magnitude [s]."""
-    return steps * sum((OPTIMUM if each.is_yardstick else FILTER) + PAIR * landmarks**2 for each in asked)
+    graphs = sum(bool(each.name) and entry_of(each.name).is_graph for each in asked)
+    return steps * (graphs * OPTIMUM + (len(asked) - graphs) * FILTER + len(asked) * PAIR * landmarks**2)
 
 
 def require_time_for_recording(recording: Recording, asked: Sequence[Asked], *, agreed: bool) -> None:

@@ -148,6 +148,8 @@ def _ours(entry: Entry, settings: dict[str, object], frames: int) -> LoadedEstim
         return LoadedEstimator(entry, _under_associations(REGISTRY[graph].load(), slam))
     if entry.is_filter:
         estimate = partial(estimate, **settings, **({"frames": frames} if frames else {}))
+    if entry.lag is not None:
+        estimate = partial(estimate, lag=entry.lag)
     return LoadedEstimator(entry, estimate)
 
 

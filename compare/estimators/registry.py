@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from slamgauge.truth import Truth
 
 DEAD_RECKONING = "dead-reckoning"  # what figures show faintly, and pictures of a map leave out
+FIXED_LAG = "fixed-lag"  # fixed-lag-50: of 50 steps
 UNDER = "@"  # isam2@ekf: isam2 under the associations that ekf makes
 
 
@@ -47,6 +48,7 @@ class Entry:
         is_yardstick: whether it is the optimum that estimates of its kind are compared with. It is told true
             noise and associations, as nobody else.
         is_bound: whether it is no estimator but what none can beat: a function of truth and recording.
+        lag: steps of the window that its name asks for.
         title: its name as an optimum in figures.
         is_own: whether it is people's own: what it prints and raises is theirs.
         is_benched: whether `slamgauge bench` measures it unless it is told otherwise.
@@ -61,6 +63,7 @@ class Entry:
     is_graph: bool = False
     is_yardstick: bool = False
     is_bound: bool = False
+    lag: int | None = None
     title: str = ""
     is_own: bool = False
     is_benched: bool = True
@@ -118,6 +121,13 @@ _ENTRIES = (
         home="slamgauge.ekf:riekf",
         is_filter=True,
         look=Look("#0077BB", (0, (4, 1, 1, 1))),
+    ),
+    Entry(
+        name=FIXED_LAG,
+        home="slamgauge.graph_baseline:fixed_lag",
+        note=f"the last 20 steps smoothed; {FIXED_LAG}-5: the last 5",
+        is_graph=True,
+        is_benched=False,
     ),
     Entry(
         name="isam2",
@@ -178,7 +188,7 @@ HELP = (
 
 
 def entry_of(name: str) -> Entry:
-    """The entry of a name; a graph under a filter's associations, `isam2@ekf`, has one like any other.
+    """The entry of a name; `isam2@ekf`, a graph under a filter's associations, and `fixed-lag-5` have one like any.
 
     Raises:
         UserError: an unknown name.
@@ -186,6 +196,9 @@ def entry_of(name: str) -> Entry:
     graph, under, filter_name = name.partition(UNDER)
     if not under and name in REGISTRY | BOUNDS:
         return (REGISTRY | BOUNDS)[name]
+    stem, _, steps = name.rpartition("-")
+    if stem == FIXED_LAG and steps.isdecimal():
+        return replace(REGISTRY[FIXED_LAG], name=name, note="", lag=int(steps))
     if graph in GRAPHS and filter_name in FILTERS:
         return replace(REGISTRY[graph], name=name, note="", is_yardstick=False, title="", look=None)
     if under and graph in REGISTRY:
@@ -193,6 +206,15 @@ def entry_of(name: str) -> Entry:
     else:
         remedy = did_you_mean(graph, REGISTRY)
     raise UserError(f"estimator {name!r} is not known; {remedy}")
+
+
+def is_ours(name: str) -> bool:
+    """Whether a name has an entry."""
+    try:
+        entry_of(name)
+    except UserError:
+        return False
+    return True
 
 
 def is_yardstick(name: str) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-from slamgauge.compare.estimators.registry import BOUND_OF, BOUNDS, CAUSAL, HINDSIGHT, REGISTRY, UNDER
+from slamgauge.compare.estimators.registry import BOUND_OF, BOUNDS, CAUSAL, HINDSIGHT, REGISTRY, is_ours
 from slamgauge.compare.scoring.catalogue import RELATIVE, SUMMED_UP, columns, empty_columns
 from slamgauge.compare.scoring.empty_columns import empty_lines
 from slamgauge.compare.scoring.intervals import Interval
@@ -283,8 +283,7 @@ def too_good_lines(summary: Summary) -> list[str]:
     """A line for each of people's own filters that is better than the causal optimum beyond chance, if that is one."""
     if is_marked_against(summary, CAUSAL):
         return []
-    ours = {*REGISTRY, *BOUNDS, *(name for name in summary.estimators if UNDER in name)}
-    own = {name: each for name, each in summary.estimators.items() if name not in ours and each.kind == "filtered"}
+    own = {name: each for name, each in summary.estimators.items() if not is_ours(name) and each.kind == "filtered"}
     known = summary.estimators[CAUSAL].runs if CAUSAL in summary.estimators else 0
     found = {name: beats_the_optimum(each.ratio_to_causal, min(each.runs, known)) for name, each in own.items()}
     return [f"{name}: {text}" for name, text in found.items() if text]

@@ -62,6 +62,12 @@ SMALLEST = {
         "tracebacks, hangs, crashes and losses: 0",
     ),
     "kill_a_study": ("--runs 12 --kills 3", "killed with", "the same summary after 3 kills; 12 runs"),
+    "fixed_lag": (  # 4 s
+        "--scenario q4-three-landmarks --lags 2 --runs 1 --jobs 1",
+        "estimator RMSE [m] x bound NEES/3 mapped step [ms] failed",
+        "riekf ",
+        "fixed-lag-2 ",
+    ),
     "fuzz": (  # 15 s
         "--cases 400 --seed 0",
         "input tried refused in one line accepted traceback hang crash silently altered",

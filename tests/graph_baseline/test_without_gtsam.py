@@ -70,11 +70,19 @@ def test_tests_of_what_does_not_need_it_pass(tmp_path: Path) -> None:
     assert looked.stdout == "slamgauge.graph_baseline.descent\n"
 
 
-def test_all_but_one_estimator_runs_and_that_says_why(tmp_path: Path) -> None:
-    words = ("run", "q1-short-dense", "--set", "trajectory.duration=3", "--estimators", "ekf,isam2,batch,robust-batch")
+def test_all_but_two_estimators_run_and_those_say_why(tmp_path: Path) -> None:
+    words = (
+        "run",
+        "q1-short-dense",
+        "--set",
+        "trajectory.duration=3",
+        "--estimators",
+        "ekf,isam2,batch,robust-batch,fixed-lag",
+    )
     done = without_gtsam(tmp_path, "-m", "slamgauge", *words, "--no-report", "--wide", "--out", str(tmp_path / "run"))
     said = "estimator robust-batch: needs GTSAM, which cannot be had here (there is no gtsam); batch does"
     assert said in done.stdout
+    assert "estimator fixed-lag: needs GTSAM, which cannot be had here (there is no gtsam); isam2 does" in done.stdout
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     rows = {line.split()[0]: line.split()[1] for line in done.stdout.splitlines() if line}
