@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
 import tyro
 
@@ -11,18 +14,22 @@ from slamgauge.compare.cli.options import (
     Folder,
     split_names,
 )
+from slamgauge.errors import UserError
 
 
 @dataclass
 class Animate:
     """Show a run as a moving picture: animation.gif, and animation.mp4 where ffmpeg is installed.
 
+    Of a study its worst run: it is carried out again, with the study's estimators, in the folder worst-run of it.
+
     For example:
       slamgauge animate first-run --estimators ekf,riekf --seconds 20 --fps 25
+      slamgauge animate first-run --format strip
     """
 
     folder: tyro.conf.Positional[Folder]
-    """What `slamgauge run` or `slamgauge evaluate --out` has written; the animation goes there too."""
+    """What `slamgauge run`, `evaluate --out` or `study` has written; the animation goes there too."""
 
     estimators: str = ""
     """Comma-separated, as that command was given them: whose paths, robots and maps to show; if not given those of all
@@ -34,11 +41,41 @@ class Animate:
     fps: int = 10
     """Frames per second; a GIF grows with them."""
 
-    def __call__(self) -> None:
-        """Draw and write."""
-        from slamgauge.compare.figures.animation import animate
+    format: Literal["usual", "gif", "mp4", "webm", "strip"] = "usual"
+    """usual: gif, and mp4 where there is ffmpeg. strip: six moments side by side for print, animation.png and .svg."""
 
-        missing = animate(self.folder, split_names(self.estimators), self.seconds, self.fps)
-        print(f"written to {self.folder / 'animation.gif'}{'' if missing else ' and .mp4'}", file=sys.stderr)
+    def __call__(self) -> int:
+        """Draw and write; the exit status."""
+        from slamgauge.compare.figures.animation import animate, files_of
+        from slamgauge.compare.storage.result_files import METRICS, SUMMARY
+
+        status, folder = 0, self.folder
+        if (folder / SUMMARY).is_file() and not (folder / METRICS).is_file():
+            folder = self.folder / "worst-run"
+            status = self._worst_run()(folder)
+        missing = animate(folder, split_names(self.estimators), self.seconds, self.fps, self.format)
+        written = [name for name in files_of(self.format) if not (missing and name.endswith(".mp4"))]
+        print(f"written to {folder}: {', '.join(written)}", file=sys.stderr)
         if missing:
             print(f"animation.mp4 is left out: {missing}", file=sys.stderr)
+        return status
+
+    def _worst_run(self) -> Callable[[Path], int]:
+        """What carries out the run of a study in which the first estimator that is to be shown has its largest ATE."""
+        from slamgauge.compare.cli.one_run import Run
+        from slamgauge.compare.report.rerun import run_of_study
+        from slamgauge.compare.report.study_page import runs_to_look_at
+        from slamgauge.compare.studies.run import run_seed
+        from slamgauge.compare.studies.stored_study import load_study
+
+        study, named = load_study(self.folder), split_names(self.estimators)
+        name = named[0] if named and named[0] in study.runs else next(iter(study.runs))
+        worst = runs_to_look_at(study.runs[name])["worst"]
+        if worst is None:
+            raise UserError(f"{self.folder}: {name} has no run with a known error; name another of --estimators")
+        run = int(study.runs[name].run[worst])
+        print(f"run {run}, the worst of {name}:", file=sys.stderr)
+        again = run_of_study(study.content, run_seed(study.summary.seed, run))
+        return lambda out: Run(
+            again.scenario, again.seed, again.estimators, set=[tuple(again.settings)], out=out, no_report=True
+        )()

@@ -1,4 +1,4 @@
-"""A run as a moving picture: animation.gif, and animation.mp4 where ffmpeg is installed."""
+"""A run as a moving picture (GIF; MP4 and WebM where ffmpeg is installed), or as a strip of moments for print."""
 
 from __future__ import annotations
 
@@ -8,15 +8,18 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from subprocess import CalledProcessError
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from slamgauge.compare.estimators.asked import labels_among
 from slamgauge.compare.figures.animation_scene import DOTS, Scene
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT
+from slamgauge.compare.figures.sheet import save_printed, sheet
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.progress import tracked
 from slamgauge.compare.storage.result_files import METRICS
@@ -26,7 +29,14 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 
 LOG = logging.getLogger("matplotlib.animation")
-GIF, VIDEO = "animation.gif", "animation.mp4"
+GIF, STRIP = "animation.gif", ("animation.png", "animation.svg")
+VIDEOS: dict[str, dict[str, Any]] = {  # and how ffmpeg writes them, where that is not its own choice
+    "animation.mp4": {},
+    "animation.webm": {"codec": "libvpx-vp9", "extra_args": ["-pix_fmt", "yuv420p"]},  # players know no other colours
+}
+MOMENTS, COLUMNS = 6, {"page": 3, "column": 2}  # of a strip
+NO_FFMPEG = "there is no ffmpeg on the PATH"
+Form = Literal["usual", "gif", "mp4", "webm", "strip"]
 MOST_MAPS = 3  # more than these would hide each other
 MOST_FRAMES = 600  # all are in memory before a GIF is written
 FASTEST = 50  # frames per second that viewers of GIFs keep up with
@@ -35,8 +45,8 @@ FASTEST = 50  # frames per second that viewers of GIFs keep up with
 SCREEN: dict[Any, Any] = {**PRINT, "savefig.bbox": None}
 
 
-def animate(folder: Path, names: Sequence[str], seconds: float, fps: int) -> str | None:
-    """Write animation.gif and animation.mp4 into a folder of results, whole or not at all.
+def animate(folder: Path, names: Sequence[str], seconds: float, fps: int, form: Form = "usual") -> str | None:
+    """Write animation.gif and animation.mp4, or the form asked for, into a folder of results, whole or not at all.
 
     Args:
         folder: what `slamgauge run` or `evaluate --out` has written.
@@ -44,25 +54,59 @@ def animate(folder: Path, names: Sequence[str], seconds: float, fps: int) -> str
             maps (the first alone if there are more than three), and the smoothed ones' paths.
         seconds: how long it lasts.
         fps: frames per second; fewer where the run has fewer steps.
+        form: `usual`, or one of `gif`, `mp4`, `webm` and `strip`: moments side by side, as a picture.
 
     Returns:
-        Why there is no animation.mp4, None if there is one.
+        Why there is no animation.mp4, None if there is one, or another form was asked for.
 
     Raises:
-        UserError: there are no results, no such estimate, the length makes no sense, or an animation that is not
-            ours would be replaced.
+        UserError: there are no results, no such estimate, the length makes no sense, an animation that is not ours
+            would be replaced, or a video is asked for and ffmpeg does not write it.
     """
+    if form in ("mp4", "webm") and not FFMpegWriter.isAvailable():
+        raise UserError(f"format {form}: {NO_FFMPEG}; install it (Debian's package ffmpeg), or give --format gif")
     results = load_results(folder)
     shown, mapped = _chosen(results.estimates, names)
-    frames = min(_frames(seconds, fps), results.recording.steps + 1)
+    frames = min(MOMENTS if form == "strip" else _frames(seconds, fps), results.recording.steps + 1)
     steps = np.linspace(0, results.recording.steps, frames).round().astype(int).tolist()
     rate: Any = frames / seconds  # by the writers' types a whole number, which it need not be
-    staged = staged_folder(folder, (GIF, VIDEO), last=GIF, remedy="move it away", beside=METRICS)
+    files = files_of(form)
+    staged = staged_folder(folder, files, last=files[0], remedy="move it away", beside=METRICS)
     with staged as stage, mpl.rc_context(SCREEN):
         scene = Scene(results, shown, mapped)
         with explained(folder, "written"):
-            _render(scene, PillowWriter(rate), stage / GIF, steps)
-            return _render_video(scene, rate, stage / VIDEO, steps)
+            if form == "strip":
+                _save_strip(scene, stage, steps)
+            if GIF in files:
+                _render(scene, PillowWriter(rate), stage / GIF, steps)
+            missing = [_render_video(scene, rate, stage / name, steps) for name in files if name in VIDEOS]
+            if form in ("mp4", "webm") and missing[0] is not None:
+                raise UserError(f"format {form}: {missing[0]}; give --format gif")
+    return next(iter(missing), None)
+
+
+def files_of(form: Form) -> tuple[str, ...]:
+    """What is written, the file first that is always there."""
+    if form == "strip":
+        return STRIP
+    return (GIF, "animation.mp4") if form == "usual" else (f"animation.{form}",)
+
+
+def _save_strip(scene: Scene, stage: Path, steps: list[int]) -> None:
+    """The moments side by side, each as the animation has it."""
+    page, columns = sheet(), COLUMNS[sheet().width]
+    rows = -(-len(steps) // columns)
+    canvas, (across, high) = FigureCanvasAgg(scene.figure), scene.figure.get_size_inches()
+    width = page.inches / columns
+    strip = Figure(figsize=(page.inches, rows * width * high / across))
+    for place, step in enumerate(steps):
+        scene.show(step)
+        canvas.draw()
+        row, column = divmod(place, columns)
+        axes = strip.add_axes((column / columns, 1 - (row + 1) / rows, 1 / columns, 1 / rows))
+        axes.imshow(np.array(canvas.buffer_rgba()))
+        axes.set_axis_off()
+    save_printed(strip, stage / "animation")
 
 
 def _chosen(estimates: Mapping[str, Estimate], names: Sequence[str]) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
@@ -100,8 +144,8 @@ def _render(scene: Scene, writer: AbstractMovieWriter, path: Path, steps: list[i
 def _render_video(scene: Scene, rate: Any, path: Path, steps: list[int]) -> str | None:
     """Why there is no video, if there is none."""
     if not FFMpegWriter.isAvailable():
-        return "there is no ffmpeg on the PATH"
-    writer = FFMpegWriter(rate)
+        return NO_FFMPEG
+    writer = FFMpegWriter(rate, **VIDEOS[path.name])
     try:
         _render(scene, writer, path, steps)
     except (CalledProcessError, BrokenPipeError):  # ffmpeg lacks the codec, or the disk is full

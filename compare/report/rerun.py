@@ -4,13 +4,33 @@ from __future__ import annotations
 
 import shlex
 from itertools import takewhile
-from typing import Any
+from typing import Any, NamedTuple
+
+
+class Rerun(NamedTuple):
+    """What `slamgauge run` is to be given; `is_known` is False where the study's own settings are not."""
+
+    scenario: str
+    seed: int
+    settings: list[str]
+    estimators: str
+    is_known: bool
 
 
 def command_of_run(content: dict[str, Any], seed: int) -> str:
-    """`slamgauge run` with the run's own seed, from summary.json: the settings are those of the study's command.
+    """`slamgauge run` with the run's own seed; the line says so where settings may be missing."""
+    run = run_of_study(content, seed)
+    settings = ["--set", *run.settings]
+    line = shlex.join(
+        ["slamgauge", "run", run.scenario, "--seed", str(seed), *settings, "--estimators", run.estimators]
+    )
+    return line if run.is_known else f"{line}  # and the study's own --set, if it had any"
 
-    Where Python has carried the study out there is no command, and the line says that settings may be missing.
+
+def run_of_study(content: dict[str, Any], seed: int) -> Rerun:
+    """A run of a study by its seed, from summary.json: the settings are those of the study's command.
+
+    Where Python has carried the study out there is no command.
     """
     command = content.get("command")
     words = shlex.split(command or "")[2:]
@@ -18,9 +38,7 @@ def command_of_run(content: dict[str, Any], seed: int) -> str:
     chosen = ",".join(content["estimators"])
     if "--estimators" in words:  # people's own by their addresses
         chosen = words[words.index("--estimators") + 1]
-    settings = ["--set", "start=sampled", *_settings(words)]
-    line = shlex.join(["slamgauge", "run", scenario, "--seed", str(seed), *settings, "--estimators", chosen])
-    return line if command else f"{line}  # and the study's own --set, if it had any"
+    return Rerun(scenario, seed, ["start=sampled", *_settings(words)], chosen, bool(command))
 
 
 def _settings(words: list[str]) -> list[str]:

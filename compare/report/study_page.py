@@ -16,6 +16,7 @@ from slamgauge.compare.scoring.catalogue import columns
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.over_runs import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
 from slamgauge.compare.scoring.ray_figures import describe
+from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_table import cell, interval_cell
 from slamgauge.compare.storage.result_files import REPORT, SUMMARY
 from slamgauge.compare.studies.run import run_seed
@@ -105,18 +106,22 @@ def worst_table(study: StoredStudy) -> Table:
     """The worst and the median run of each estimator, and the command that makes it again, with its replay."""
     rows: list[list[Cell]] = []
     for name, runs in study.runs.items():
-        ates = runs.figures["ate_m"] if len(runs.run) else np.zeros(0)
-        order = np.argsort(ates)[: np.isfinite(ates).sum()]
-        places = (("worst", order[-1:]), ("median", order[len(order) // 2 : len(order) // 2 + 1]))
-        for which, place in places:
-            for at in place.tolist():
-                run, ate = int(runs.run[at]), float(ates[at])
+        for which, at in runs_to_look_at(runs).items():
+            if at is not None:
+                run, ate = int(runs.run[at]), float(runs.figures["ate_m"][at])
                 command = command_of_run(study.content, run_seed(study.summary.seed, run))
                 rows.append([Cell(name), Cell(which), Cell(str(run), run), Cell(f"{ate:.3f}", ate), Cell(command)])
     heads = ("which", "run", "ATE [m]", "the command that makes it, with its replay")
     words = (True, False, False, True)
     named = [Head(title, words=is_words) for title, is_words in zip(heads, words, strict=True)]
     return Table("worst", "Runs to look at", [Head("estimator", words=True), *named], rows)
+
+
+def runs_to_look_at(runs: Runs) -> dict[str, int | None]:
+    """Where the worst run and the median one are among them, by their ATE; None where no error is known."""
+    ates = runs.figures["ate_m"] if len(runs.run) else np.zeros(0)
+    order = np.argsort(ates)[: np.isfinite(ates).sum()].tolist()
+    return {"worst": order[-1] if order else None, "median": order[len(order) // 2] if order else None}
 
 
 def run_table(study: StoredStudy) -> Table:

@@ -25,7 +25,7 @@ MAPPING = "recording.toml"  # how a log's files were read
 METRICS = "metrics.json"
 RUN_PICTURES = pictures("figure", "rays")
 REPORT = "report.html"  # the page that explains what lies beside it
-OUTDATED = ("estimates/*.npz", "trajectories/*.tum", "animation.gif", "animation.mp4")  # of an earlier run
+OUTDATED = ("estimates/*.npz", "trajectories/*.tum", "animation.*")  # of an earlier run
 
 STORE = "study.sqlite"
 STORE_FILES = (STORE, *(f"{STORE}{ending}" for ending in SIDE_FILES))

@@ -7,6 +7,7 @@ import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from slamgauge.compare.figures.sightings import NEVER, first_seen, sight_lines
 from slamgauge.compare.storage.files import save
 from slamgauge.compare.storage.manifest import MANIFEST, write_manifest
 from slamgauge.compare.storage.results_folder import Results, load_results
+from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
@@ -255,15 +257,61 @@ def test_only_finished_files_appear(folder: Path, monkeypatch: pytest.MonkeyPatc
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.splitlines() == [
-        f"written to {folder}/animation.gif",
+        f"written to {folder}: animation.gif",
         "animation.mp4 is left out: there is no ffmpeg on the PATH",
     ]
+
+
+def test_a_strip_is_for_print(folder: Path):
+    """Six moments, three in a row, 7.0 in wide at 200 dpi."""
+    assert animate(folder, "--format", "strip") == 0
+    with Image.open(folder / "animation.png") as strip:
+        assert strip.width == 1400
+        thirds = np.asarray(strip.convert("L").resize((300, 200)), dtype=float).reshape(2, 100, 3, 100).swapaxes(1, 2)
+    moments = thirds.reshape(6, -1)
+    assert all(np.abs(one - other).mean() > 0.1 for one, other in pairwise(moments))
+    assert (folder / "animation.svg").exists()
+    assert not (folder / "animation.gif").exists()
+
+
+def test_a_video_that_is_asked_for_needs_ffmpeg(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setenv("PATH", "")
+    before = contents(folder)
+    assert animate(folder, "--format", "webm") == 2
+    assert "there is no ffmpeg on the PATH; install it" in capsys.readouterr().err
+    assert contents(folder) == before
+
+
+@needs_ffmpeg
+@pytest.mark.parametrize(("form", "begins"), [("webm", b"\x1aE\xdf\xa3"), ("mp4", b"\0\0\0 ftyp")])
+def test_videos_are_what_they_are_called(folder: Path, form: str, begins: bytes):
+    assert animate(folder, *SHORT, "--format", form) == 0
+    assert (folder / f"animation.{form}").read_bytes().startswith(begins)
+    assert not (folder / "animation.gif").exists()
+
+
+def test_the_worst_run_of_a_study_is_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setenv("PATH", "")
+    words = ("study", "q1-short-dense", "--set", "trajectory.duration=3", "--runs", "3", "--estimators", "ekf,isam2")
+    assert main([*words, "--jobs", "1", "--no-report", "--out", str(tmp_path)]) == 0
+    runs = load_study(tmp_path).runs["isam2"]
+    worst = int(np.argmax(runs.figures["ate_m"]))
+    capsys.readouterr()
+    assert animate(tmp_path, "--estimators", "isam2", *SHORT) == 0
+    assert f"run {worst}, the worst of isam2:" in capsys.readouterr().err
+    found = json.loads((tmp_path / "worst-run/metrics.json").read_text())
+    assert found["estimators"]["isam2"]["ate_m"] == pytest.approx(runs.figures["ate_m"][worst], rel=1e-9)
+    assert (tmp_path / "worst-run/animation.gif").exists()
 
 
 @needs_ffmpeg
 def test_a_video_is_written_where_there_is_ffmpeg(folder: Path, capsys: pytest.CaptureFixture[str]):
     assert animate(folder, *SHORT) == 0
-    assert capsys.readouterr().err == f"written to {folder}/animation.gif and .mp4\n"
+    assert capsys.readouterr().err == f"written to {folder}: animation.gif, animation.mp4\n"
     assert (folder / "animation.mp4").read_bytes()[4:8] == b"ftyp"
 
 
