@@ -1,6 +1,6 @@
 """What a longer lag buys: the fixed-lag smoother of several lags beside the right-invariant filter and the optimum.
 
-    python benchmarks/fixed_lag.py [--scenario q1-short-dense] [--lags 1,2,5,10,20,50,200] [--runs 10] [--seed 100]
+    python benchmarks/fixed_lag.py [--scenario q1-short-dense] [--duration 20] [--lags 1,2,5,10,20,50,200] [--runs 10]
 
 Over runs: RMS position error [m], that over the Cramer-Rao bound with its 95 % interval, pose NEES / 3, landmarks in
 the map, and milliseconds of a step in the mean (one core).
@@ -20,11 +20,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenario", default="q1-short-dense")
     parser.add_argument("--lags", default="1,2,5,10,20,50,200")
+    parser.add_argument("--duration", default="", help="[s], if not the scenario's own")
     parser.add_argument("--runs", type=int, default=10)
     parser.add_argument("--seed", type=int, default=100)
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
-    scenario = load_scenario(options.scenario, ["start=sampled"])
+    shorter = [f"trajectory.duration={options.duration}"] if options.duration else []
+    scenario = load_scenario(options.scenario, ["start=sampled", *shorter])
     names = ["riekf", *(f"fixed-lag-{lag}" for lag in options.lags.split(",")), "isam2", "bound"]
     with TemporaryDirectory() as folder, local_processes(options.jobs) as executor:
         summary = run_study(scenario, options.runs, options.seed, names, Path(folder), executor)
