@@ -26,10 +26,11 @@ from slamgauge.compare.bench.bench import workload
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.association import AssociatingFilter
 from slamgauge.ekf.maps.matching import Matcher
-from slamgauge.ekf.settings.association import MapManagement
+from slamgauge.ekf.settings.association import Association, MapManagement
 from slamgauge.recording import Observations, Recording
 
 GATE, MANAGEMENT = 9.0, MapManagement()
+NODES = Association().node_limit
 
 
 def some(recording: Recording, observations: int) -> Recording:
@@ -54,8 +55,8 @@ def measure(recording: Recording, observations: int) -> list[Float]:
         marks = [perf_counter()]
         _, count = matcher.compatible(scan.value, scan.cov, MANAGEMENT.new_gate)
         marks.append(perf_counter())
-        slots = matcher.jointly_compatible(count, GATE, quantiles, 20_000)
-        matcher.ambiguous(count, GATE, MANAGEMENT.margin, slots)
+        slots = matcher.jointly_compatible(count, GATE, quantiles, NODES)
+        matcher.ambiguous(count, GATE, MANAGEMENT.margin, NODES, slots)
         marks.append(perf_counter())
         slam.update(scan)
         marks.append(perf_counter())

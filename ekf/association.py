@@ -141,7 +141,7 @@ class AssociatingFilter(PointFilter):
         slots = self._matcher.jointly_compatible(count, gate, self._joint_gates(len(values)), limit)
         management, doubtful = self._association.map_management, np.zeros(len(values), dtype=bool)
         if management is not None:
-            slots[self._matcher.ambiguous(count, gate, management.margin, slots)] = NONE
+            slots[self._matcher.ambiguous(count, gate, management.margin, limit, slots)] = NONE
             doubtful[pairs.observation[:count][np.isin(pairs.slot[:count], slots, invert=True)]] = True
         matched = slots != NONE
         new = ~matched & ~doubtful

@@ -96,7 +96,8 @@ class RayAssociation:
         slots = self._matcher.jointly_compatible(count, gate, quantiles, self._settings.node_limit)
         doubtful = np.zeros(observations, dtype=bool)
         if self._settings.map_management is not None:
-            doubtful = self._matcher.ambiguous(count, gate, self._settings.map_management.margin, slots)
+            margin, limit = self._settings.map_management.margin, self._settings.node_limit
+            doubtful = self._matcher.ambiguous(count, gate, margin, limit, slots)
             slots[doubtful] = NONE
         return np.append(owners, NONE)[slots], doubtful  # NONE is the last
 

@@ -176,12 +176,24 @@ def _extend(cov: Float, covs: Float, pairs: Pairs, taken: Int, n: int, c: int, U
 
 @kernel
 def mark_ambiguous(
-    cov: Float, covs: Float, pairs: Pairs, count: int, gate: float, margin: float, best: Int, ambiguous: Marks
-) -> None:
+    cov: Float,
+    covs: Float,
+    pairs: Pairs,
+    count: int,
+    gate: float,
+    margin: float,
+    node_limit: int,
+    best: Int,
+    ambiguous: Marks,
+) -> int:
     """Mark the observations whose landmarks in `best` another association explains nearly as well.
 
     Tried are those that give one observation a landmark that is free, or let two of them change places; nearly
-    is a joint d^2 within `margin`: such an alternative is at least exp(-margin / 2) times as likely.
+    is a joint d^2 within `margin`: such an alternative is at least exp(-margin / 2) times as likely. Each tries as many
+    pairs as `best` has; what would come after `node_limit` of them is not looked at.
+
+    Returns:
+        How many pairs were tried.
     """
     observations = len(best)
     chosen = np.full(observations, NONE)  # pair of each observation
@@ -194,10 +206,12 @@ def mark_ambiguous(
             if chosen[i] != NONE and pairs.owner[chosen[i]] == pairs.owner[c]:
                 holder[c] = chosen[i]
     taken = chosen[chosen != NONE]
-    least = -1.0
+    least, nodes = -1.0, 0
     for c in range(count):
         i = pairs.observation[c]
-        if chosen[i] == NONE or chosen[i] == c or pairs.distance[c] > gate:
+        if nodes + len(taken) > node_limit:
+            break
+        if ambiguous[i] or chosen[i] == NONE or chosen[i] == c or pairs.distance[c] > gate:
             continue
         alternative = np.where(taken == chosen[i], c, taken)
         other = holder[c]
@@ -208,8 +222,10 @@ def mark_ambiguous(
             alternative = np.where(taken == other, swapped, alternative)
         if least < 0.0:
             least = _joint_distance(cov, covs, pairs, taken)
+        nodes += len(taken)
         if _joint_distance(cov, covs, pairs, alternative) <= least + margin:
             ambiguous[i] = True
+    return nodes
 
 
 @kernel

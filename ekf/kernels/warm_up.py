@@ -42,7 +42,7 @@ def compile_association_once() -> None:
         one_by_one.update_one_by_one(0, belief, 1, gates, form, work)
         count = compatibility.find_compatible(0, belief, values, covs, 9.0, pairs)
         search_jointly(belief.cov, covs, pairs, count, 9.0, quantiles, 1, work.slots)
-        mark_ambiguous(belief.cov, covs, pairs, count, 9.0, 0.0, work.slots, marks[0, :1])
+        mark_ambiguous(belief.cov, covs, pairs, count, 9.0, 0.0, 1, work.slots, marks[0, :1])
         both = belief._replace(size=7)
         map_edits.find_duplicate(both, work.slots, marks, 9.0, 1.0)
         map_edits.equate_landmarks(both, 0, 1, work)

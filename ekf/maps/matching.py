@@ -54,13 +54,13 @@ class Matcher:
         search_jointly(self._map.belief.cov, self._covs, self._pairs, count, gate, quantiles, node_limit, best)
         return best
 
-    def ambiguous(self, count: int, gate: float, margin: float, slots: Int) -> Marks:
+    def ambiguous(self, count: int, gate: float, margin: float, node_limit: int, slots: Int) -> Marks:
         """Which observations (m,) of `compatible` another association than `slots` (m,) explains nearly as well.
 
         See `kernels.joint_search.mark_ambiguous`.
         """
         marks = np.zeros(len(slots), dtype=np.bool_)
-        mark_ambiguous(self._map.belief.cov, self._covs, self._pairs, count, gate, margin, slots, marks)
+        mark_ambiguous(self._map.belief.cov, self._covs, self._pairs, count, gate, margin, node_limit, slots, marks)
         return marks
 
 

@@ -53,8 +53,8 @@ class Association:
             the chi-square distribution with 2k degrees of freedom that has the probability of `gate` with 2.
         map_management: probation, deletion and merging of landmarks; None is the practical's bare rule.
         node_limit: pairs that `jcbb` tries in a scan at most; it then goes on with the best set so far, which
-            is at least the nearest neighbours that are jointly compatible. What finds ambiguous
-            observations, for map management, is not bounded by it (docs/association.md has figures).
+            is at least the nearest neighbours that are jointly compatible. For map management as many
+            again are tried at most to find ambiguous observations; what is left then counts as certain.
     """
 
     method: Method = "nearest-neighbour"

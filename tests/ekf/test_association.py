@@ -343,9 +343,14 @@ def test_ambiguous_is_what_one_step_away_explains_nearly_as_well(sensor: str, se
         for i, slot in best:
             slots[i] = slot
         marks = np.zeros(4, dtype=np.bool_)
-        mark_ambiguous(upper(scan.P), scan.R, pairs, count, gate, margin, slots, marks)
+        arguments = (upper(scan.P), scan.R, pairs, count, gate, margin)
+        nodes = mark_ambiguous(*arguments, 1000, slots, marks)
         assert set(np.flatnonzero(marks).tolist()) == brute_force_ambiguous(scan, gate, margin, best)
         marked += int(marks.sum())
+        for limit in range(nodes):
+            fewer = np.zeros(4, dtype=np.bool_)
+            assert mark_ambiguous(*arguments, limit, slots, fewer) <= limit
+            assert not (fewer & ~marks).any()
     assert 3 < marked < 200
 
 
