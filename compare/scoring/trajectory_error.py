@@ -72,8 +72,10 @@ def _known(reference: Float) -> NDArray[np.bool_]:
 
 def _aligned(positions: Float, reference: Float, known: NDArray[np.bool_]) -> Float:
     """`positions` (n, 2) aligned to the `known` rows of `reference`, relative to the first of these."""
-    positions, goal = positions - positions[known][0], reference[known] - reference[known][0]
-    center, target = positions[known].mean(axis=0), goal.mean(axis=0)
-    source, goal = positions[known] - center, goal - target
+    first, rows = known.argmax(), slice(None) if known.all() else known  # a slice needs no copies
+    positions, goal = positions - positions[first], reference[rows] - reference[first]
+    center, target = positions[rows].mean(axis=0), goal.mean(axis=0)
+    source = positions[rows] - center
+    goal -= target
     sine = np.sum(source[:, 0] * goal[:, 1] - source[:, 1] * goal[:, 0])
     return (positions - center) @ rotation(np.arctan2(sine, np.sum(source * goal))).T + target

@@ -22,13 +22,14 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from slamgauge.arrays import CHUNK
+from slamgauge.arrays import CHUNK, freeze
 from slamgauge.errors import UserError
 from slamgauge.memory import require_memory
 
 PLAIN = "biufU"  # kinds of numpy types: truth values, whole numbers, real ones, texts
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
 LONGEST_HEADER = 10_000  # bytes of what stands before the numbers
+TOGETHER = 1 << 20  # bytes that are unpacked at a time
 LAST_RECORD = 22  # bytes
 MANY = 0xFFFF  # members, or more: then another record counts them
 COPIES = 3.0  # of the arrays, alive at once while a record of them is checked
@@ -155,6 +156,13 @@ def _one_for_all(archive: zipfile.ZipFile, member: zipfile.ZipInfo, header: _Hea
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, header: _Header) -> NDArray[Any]:
-    content = archive.read(member)  # to the end, where its sum is checked
-    flat = np.frombuffer(content, header.dtype, math.prod(header.shape), header.start)
+    flat = np.empty(math.prod(header.shape), header.dtype)
+    room = memoryview(flat.view(np.uint8)) if flat.size and header.dtype.itemsize else memoryview(b"")
+    with archive.open(member) as stream:
+        stream.read(header.start)
+        for first in range(0, len(room), TOGETHER):
+            part = room[first : first + TOGETHER]
+            part[:] = stream.read(len(part))
+        stream.read()  # to the end, where its sum is checked
+    freeze(flat)
     return flat.reshape(header.shape, order="F" if header.is_fortran else "C")
