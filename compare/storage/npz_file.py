@@ -157,7 +157,7 @@ def _one_for_all(archive: zipfile.ZipFile, member: zipfile.ZipInfo, header: _Hea
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, header: _Header) -> NDArray[Any]:
     flat = np.empty(math.prod(header.shape), header.dtype)
-    room = memoryview(flat.view(np.uint8)) if flat.size and header.dtype.itemsize else memoryview(b"")
+    room = flat.view(np.uint8).data if flat.size and header.dtype.itemsize else memoryview(b"")
     with archive.open(member) as stream:
         stream.read(header.start)
         for first in range(0, len(room), TOGETHER):
