@@ -33,7 +33,7 @@ PIECE = re.compile(
     r"(?:^```(?P<language>[\w{}-]*)\n(?P<block>.*?)^```$|!\[[^]]*\]\((?P<picture>[\w.-]+)\))",
     re.DOTALL | re.MULTILINE,
 )
-INSTALLED = re.compile(r"^python3 -m venv .*?&& \.venv/bin/(?=slamgauge)", re.MULTILINE)
+INSTALLED = re.compile(r"^(python3 -m venv .*?&& )?\.venv/bin/(?=slamgauge)", re.MULTILINE)
 CHECK = ".venv/bin/python -m tests"  # the command that is running these
 SMALL = (  # sizes of a trial
     (re.compile(r"--(runs|max-runs) \d+"), r"--\1 2"),

@@ -138,6 +138,14 @@ def lines_of(block: str) -> list[str]:
     return lines
 
 
+def test_the_first_two_commands_of_the_readme_lead_to_the_page_of_ones_own_filter(small: Path):
+    first, second = [line for _, _, block in blocks(PAGES["README.md"]) for line in lines_of(block)][:2]
+    assert main(shlex.split(first)[1:]) == 0
+    assert main(shlex.split(second)[1:]) == 0
+    page = (small / "graded/report.html").read_text(encoding="utf-8")
+    assert "<strong>my_filter.py:estimate</strong>: RMS position error" in page
+
+
 def test_pages_show_every_command():
     """But those that ask what there is."""
     lines = [
