@@ -33,7 +33,7 @@ def fixed_lag(recording: Recording, association: Int | None = None, lag: int = L
             there is no GTSAM on this system.
     """
     if lag < 1:
-        raise UserError(f"fixed_lag.steps: {lag} leave no window; give at least 1")
+        raise UserError(f"lag: {lag} steps leave no window; give at least 1")
     if association is not None:
         return among_mapped(fixed_lag(recording.associated(association), lag=lag), association)
     try:

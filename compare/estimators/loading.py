@@ -142,14 +142,14 @@ def _apart(where: Address, isolation: Isolation, *, announced: bool) -> Isolated
 
 def _ours(entry: Entry, settings: dict[str, object], frames: int) -> LoadedEstimator:
     estimate: Callable[..., Estimate] = entry.load()
-    graph, under, filter_name = entry.name.partition(UNDER)
-    if under:
-        slam = partial(REGISTRY[filter_name].load(), **settings)
-        return LoadedEstimator(entry, _under_associations(REGISTRY[graph].load(), slam))
-    if entry.is_filter:
-        estimate = partial(estimate, **settings, **({"frames": frames} if frames else {}))
     if entry.lag is not None:
         estimate = partial(estimate, lag=entry.lag)
+    _, under, filter_name = entry.name.partition(UNDER)
+    if under:
+        slam = partial(REGISTRY[filter_name].load(), **settings)
+        return LoadedEstimator(entry, _under_associations(estimate, slam))
+    if entry.is_filter:
+        estimate = partial(estimate, **settings, **({"frames": frames} if frames else {}))
     return LoadedEstimator(entry, estimate)
 
 

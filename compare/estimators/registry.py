@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 DEAD_RECKONING = "dead-reckoning"  # what figures show faintly, and pictures of a map leave out
 FIXED_LAG = "fixed-lag"  # fixed-lag-50: of 50 steps
+LONGEST_LAG = 9  # digits
 UNDER = "@"  # isam2@ekf: isam2 under the associations that ekf makes
 
 
@@ -194,18 +195,24 @@ def entry_of(name: str) -> Entry:
         UserError: an unknown name.
     """
     graph, under, filter_name = name.partition(UNDER)
-    if not under and name in REGISTRY | BOUNDS:
-        return (REGISTRY | BOUNDS)[name]
-    stem, _, steps = name.rpartition("-")
-    if stem == FIXED_LAG and steps.isdecimal():
-        return replace(REGISTRY[FIXED_LAG], name=name, note="", lag=int(steps))
-    if graph in GRAPHS and filter_name in FILTERS:
-        return replace(REGISTRY[graph], name=name, note="", is_yardstick=False, title="", look=None)
-    if under and graph in REGISTRY:
+    entry = _plain_entry_of(graph)
+    if entry is not None and not under:
+        return entry
+    if entry is not None and entry.is_graph and filter_name in FILTERS:
+        return replace(entry, name=name, note="", is_yardstick=False, title="", look=None)
+    if under and entry is not None:
         remedy = f"write GRAPH@FILTER with one of {', '.join(GRAPHS)} and one of {', '.join(FILTERS)}"
     else:
         remedy = did_you_mean(graph, REGISTRY)
     raise UserError(f"estimator {name!r} is not known; {remedy}")
+
+
+def _plain_entry_of(name: str) -> Entry | None:
+    """The entry of a name without a filter behind it, if there is one."""
+    stem, _, steps = name.rpartition("-")
+    if stem == FIXED_LAG and steps.isdecimal() and len(steps) <= LONGEST_LAG:
+        return replace(REGISTRY[FIXED_LAG], name=name, note="", lag=int(steps))
+    return (REGISTRY | BOUNDS).get(name)
 
 
 def is_ours(name: str) -> bool:

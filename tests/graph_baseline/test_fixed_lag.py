@@ -11,6 +11,7 @@ from random_recordings import random_recording, recording_of
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.ekf import ekf
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import fixed_lag, isam2
@@ -63,9 +64,12 @@ def test_names_say_how_long_the_lag_is() -> None:
     loaded = load_estimators(["fixed-lag", "fixed-lag-3"])
     np.testing.assert_array_equal(loaded["fixed-lag"](recording).poses, fixed_lag(recording, lag=20).poses)
     np.testing.assert_array_equal(loaded["fixed-lag-3"](recording).poses, fixed_lag(recording, lag=3).poses)
-    with pytest.raises(UserError, match="'fixed-lag-x' is not known"):
-        load_estimators(["fixed-lag-x"])
-    with pytest.raises(UserError, match="0 leave no window; give at least 1"):
+    under = load_estimators(["fixed-lag-3@ekf"])["fixed-lag-3@ekf"]
+    np.testing.assert_array_equal(under(recording).poses, fixed_lag(recording, ekf(recording).association, lag=3).poses)
+    for steps in ("x", "", "1e3", "9" * 5000):
+        with pytest.raises(UserError, match=f"'fixed-lag-{steps}' is not known"):
+            load_estimators([f"fixed-lag-{steps}"])
+    with pytest.raises(UserError, match="lag: 0 steps leave no window; give at least 1"):
         load_estimators(["fixed-lag-0"])["fixed-lag-0"](recording)
 
 
