@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, chunks
 from slamgauge.compare.scoring.defined import rms
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -42,15 +42,23 @@ def relative_errors(truth: Truth, _recording: Recording, estimate: Estimate) -> 
     if truth.poses is None:
         return None
     known = np.isfinite(truth.poses).all(axis=1) & np.isfinite(estimate.poses).all(axis=1)
-    reference, poses = truth.poses[known], estimate.poses[known]
+    rows = slice(None) if known.all() else known  # a slice needs no copies
+    reference, poses = truth.poses[rows], estimate.poses[rows]
     way = np.concatenate([[0.0], np.hypot(*np.diff(reference[:, :2], axis=0).T).cumsum()])[: len(reference)]
     found: list[dict[str, float | None]] = []
     for distance in _distances(float(way[-1]) if len(way) else 0.0):
         begin, end = _pieces(way, distance)
-        errors = between(poses[begin], poses[end]) - between(reference[begin], reference[end])
-        translation, heading = rms(np.hypot(*errors[:, :2].T)), rms(wrap(errors[:, 2]))
-        found.append(RelativeError(distance, translation, heading, len(begin))._asdict())
+        errors = np.empty((2, len(begin)))
+        for some in chunks(len(begin)):
+            errors[:, some] = _of_pieces(reference, poses, begin[some], end[some])
+        found.append(RelativeError(distance, rms(errors[0]), rms(errors[1]), len(begin))._asdict())
     return found
+
+
+def _of_pieces(reference: Float, poses: Float, begin: Int, end: Int) -> tuple[Float, Float]:
+    """Errors of the pieces (n,) from pose `begin` to pose `end`: [m], and of the turn [rad]."""
+    errors = between(poses[begin], poses[end]) - between(reference[begin], reference[end])
+    return np.hypot(*errors[:, :2].T), wrap(errors[:, 2])
 
 
 def _pieces(way: Float, distance: float) -> tuple[Int, Int]:
