@@ -18,7 +18,7 @@ CHECKS = {
     "format": ["ruff", "format", "--check", "."],
     "types": ["basedpyright", "--pythonpath", sys.executable],
     "pages": ["sphinx", "--quiet", "--fail-on-warning", "--keep-going", "docs", "build/site"],
-    "tests": ["pytest", "-n", "auto", "--dist", "loadfile"],
+    "tests": ["pytest", "-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder"],
 }
 
 
