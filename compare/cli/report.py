@@ -40,12 +40,11 @@ class Report:
         from slamgauge.compare.report.publishing import publish_question, publish_report
 
         name, folder, status = str(self.what), self.what, 0
-        if name in QUESTIONS and not folder.exists():
+        if name in QUESTIONS and (self.out or not folder.exists()):
             folder = self.out or Path("results") / name
-            question = QUESTIONS[name]
-            for each in question.scenarios:
+            for each, estimators in QUESTIONS[name].runs.items():
                 print(f"{each}:")
-                status |= Run(each, estimators=question.estimators, out=folder / each)()
+                status |= Run(each, estimators=estimators, out=folder / each)()
             publish_question(folder, name)
         else:
             publish_report(folder)
