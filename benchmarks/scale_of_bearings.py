@@ -18,7 +18,7 @@ import argparse
 from collections.abc import Callable
 
 import numpy as np
-from map_scale import too_large
+from referees.map_scale import too_large
 
 from slamgauge import Estimate, Recording, Truth, batch, load_scenario, simulate
 from slamgauge.compare.scenarios.observing import Streams, observe

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from map_scale import too_large
+from referees.map_scale import too_large
 
 from slamgauge import Recording, Truth, load_scenario, simulate
 from slamgauge.arrays import Float
