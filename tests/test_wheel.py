@@ -43,7 +43,7 @@ def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path):
         names = {PurePosixPath(name) for name in archive.namelist()}
     program = {name for name in names if not name.parts[0].endswith(".dist-info")}
     source = {PurePosixPath("slamgauge", file.name) for file in (ROOT / "slamgauge").glob("*.py")}
-    source |= {PurePosixPath("slamgauge/py.typed")}
+    source |= {PurePosixPath("slamgauge/py.typed"), PurePosixPath("slamgauge/paper.mplstyle")}
     for floor in FLOORS:
         kinds = ("*.py", "*.toml", "*.html", "*.css", "*.js")
         files = [file for kind in kinds for file in (ROOT / floor).rglob(kind)]

@@ -172,7 +172,7 @@ BOUNDS = {  # of studies: these need the truth, and many runs
         home="slamgauge.graph_baseline:hindsight_bound",
         kind="smoothed",
         is_bound=True,
-        look=Look("#777777", (0, (1, 1))),
+        look=Look("#777777", (0, (1, 2))),
     ),
 }
 BOUND_OF = {str(entry.kind): entry.name for entry in BOUNDS.values()}  # by the kind that they bound

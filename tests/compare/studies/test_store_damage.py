@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 import re
 import sqlite3
@@ -180,7 +181,11 @@ class _Full(Executor):
         return Future()
 
 
-def test_runs_are_not_listed_before_they_are_carried_out(scenario: Scenario, tmp_path: Path) -> None:
+def test_runs_are_not_listed_before_they_are_carried_out(
+    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of as many as no memory holds, which is why they would be refused."""
+    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: math.inf)
     executor, begun = _Full(), time.monotonic()
     with pytest.raises(InterruptedError):
         run_study(scenario, 10**9, 0, NAMES, tmp_path, executor)
