@@ -85,6 +85,7 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (work / "my_filter.py").symlink_to(ROOT / "examples/own_estimator.py")
     monkeypatch.chdir(work)
     monkeypatch.setenv("HOME", str(tmp_path))  # where completion goes
+    monkeypatch.setenv("SHELL", "/bin/bash")  # a terminal has one, a machine for checks may not
     return work
 
 
