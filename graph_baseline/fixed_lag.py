@@ -11,6 +11,7 @@ from slamgauge.correlations import without_negative_eigenvalues
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.factors import among_mapped, relative_to_start, require_known_landmarks
+from slamgauge.graph_baseline.gtsam_missing import gtsam_needed
 from slamgauge.recording import Recording
 
 LAG = 20  # steps
@@ -36,11 +37,8 @@ def fixed_lag(recording: Recording, association: Int | None = None, lag: int = L
         raise UserError(f"lag: {lag} steps leave no window; give at least 1")
     if association is not None:
         return among_mapped(fixed_lag(recording.associated(association), lag=lag), association)
-    try:
+    with gtsam_needed("isam2"):
         from slamgauge.graph_baseline.gtsam_lag import LaggingOptimum
-    except ImportError as error:
-        why = str(error).splitlines()[0]
-        raise UserError(f"needs GTSAM, which cannot be had here ({why}); isam2 does without it") from None
     optimum, steps = LaggingOptimum(recording, lag), recording.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
     for k in range(steps + 1):

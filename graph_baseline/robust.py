@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Int
-from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.chain import keyed
 from slamgauge.graph_baseline.factors import are_placed, relative_to_start, require_known_landmarks
+from slamgauge.graph_baseline.gtsam_missing import gtsam_needed
 from slamgauge.graph_baseline.hindsight import batch
 from slamgauge.graph_baseline.search import first_guess
 from slamgauge.recording import Recording
@@ -33,11 +33,8 @@ def robust_batch(recording: Recording, association: Int | None = None) -> Estima
     Raises:
         UserError: as `batch`; or there is no GTSAM on this system.
     """
-    try:
+    with gtsam_needed("batch"):
         from slamgauge.graph_baseline.gtsam_graph import agreeing
-    except ImportError as error:
-        why = str(error).splitlines()[0]
-        raise UserError(f"needs GTSAM, which cannot be had here ({why}); batch does without it") from None
     given = np.array(require_known_landmarks(recording) if association is None else association)
     path = chain(recording.prior_mean, recording.odometry)
     given[given >= 0] = np.where(are_placed(recording.associated(given), path), given[given >= 0], -1)

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import tyro
 
-from slamgauge.compare.cli.options import (
-    Folder,
-    split_names,
-)
+from slamgauge.compare.cli.options import Folder, split_names
 from slamgauge.errors import UserError
 
 
@@ -52,7 +48,7 @@ class Animate:
         status, folder = 0, self.folder
         if (folder / SUMMARY).is_file() and not (folder / METRICS).is_file():
             folder = self.folder / "worst-run"
-            status = self._worst_run()(folder)
+            status = self._run_the_worst(folder)
         missing = animate(folder, split_names(self.estimators), self.seconds, self.fps, self.format)
         written = [name for name in files_of(self.format) if not (missing and name.endswith(".mp4"))]
         print(f"written to {folder}: {', '.join(written)}", file=sys.stderr)
@@ -60,8 +56,8 @@ class Animate:
             print(f"animation.mp4 is left out: {missing}", file=sys.stderr)
         return status
 
-    def _worst_run(self) -> Callable[[Path], int]:
-        """What carries out the run of a study in which the first estimator that is to be shown has its largest ATE."""
+    def _run_the_worst(self, out: Path) -> int:
+        """Carry out the run of a study in which the first estimator that is to be shown has its largest ATE."""
         from slamgauge.compare.cli.one_run import Run
         from slamgauge.compare.report.rerun import run_of_study
         from slamgauge.compare.report.study_page import runs_to_look_at
@@ -76,6 +72,5 @@ class Animate:
         run = int(study.runs[name].run[worst])
         print(f"run {run}, the worst of {name}:", file=sys.stderr)
         again = run_of_study(study.content, run_seed(study.summary.seed, run))
-        return lambda out: Run(
-            again.scenario, again.seed, again.estimators, set=[tuple(again.settings)], out=out, no_report=True
-        )()
+        settings = [tuple(again.settings)]
+        return Run(again.scenario, again.seed, again.estimators, set=settings, out=out, no_report=True)()

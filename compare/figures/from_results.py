@@ -47,11 +47,12 @@ def drawings_of(folder: Path, names: Sequence[str] = (), band: str | None = None
 
 def _of_run(folder: Path, names: Sequence[str], band: str | None) -> Drawings:
     found = load_results(folder)
-    chosen = labels_among(names, found.estimates, NOBODY) if names else [*found.estimates]
+    chosen = labels_among(names or [*found.estimates], found.estimates, NOBODY)
     if band is not None:
         labels_among([band], chosen, "is not among the estimators that are drawn")
     estimates = {name: found.estimates[name] for name in chosen}
-    entries = {name: read_json(folder / METRICS, "run")["estimators"][name] for name in chosen}
+    metrics = read_json(folder / METRICS, "run")["estimators"]
+    entries = {name: metrics[name] for name in chosen}
     drawings: Drawings = {
         "figure": lambda out: save_figure(out, found.truth, found.recording, estimates, found.title, band)
     }
@@ -66,14 +67,14 @@ def _of_run(folder: Path, names: Sequence[str], band: str | None) -> Drawings:
 
 def _of_study(folder: Path, names: Sequence[str], _: str | None) -> Drawings:
     study = load_study(folder)
-    chosen = labels_among(names, study.runs, NOBODY) if names else [*study.runs]
+    chosen = labels_among(names or [*study.runs], study.runs, NOBODY)
     return study_drawings(study.summary, {name: study.runs[name] for name in chosen}, study.step)
 
 
 def _of_sweep(folder: Path, names: Sequence[str], _: str | None) -> Drawings:
     sweep = read_sweep(folder)
-    if names:
-        sweep = sweep.of(labels_among(names, sweep.summaries[0].estimators, NOBODY))
+    there = sweep.summaries[0].estimators
+    sweep = sweep.of(labels_among(names or [*there], there, NOBODY))
     return {"sweep": lambda out: save_sweep_figure(out, sweep)}
 
 

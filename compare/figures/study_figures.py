@@ -52,7 +52,7 @@ def _save(path: Path, draw: Callable[[], Figure | None], *title: str | None) -> 
 
 def _nees(runs: Mapping[str, Runs], step: float) -> Figure | None:
     """Mean pose NEES over runs against time, with its chi-square band."""
-    return _against_band(runs, nees_per_step, step, "mean pose NEES (3 when consistent)")
+    return _against_band(runs, nees_per_step, step, "mean pose NEES (3 when consistent)", spreads=True)
 
 
 def _nis(runs: Mapping[str, Runs], step: float) -> Figure | None:
@@ -61,9 +61,12 @@ def _nis(runs: Mapping[str, Runs], step: float) -> Figure | None:
 
 
 def _against_band(
-    runs: Mapping[str, Runs], statistic: Callable[[Runs], PerStep], step: float, label: str
+    runs: Mapping[str, Runs], statistic: Callable[[Runs], PerStep], step: float, label: str, *, spreads: bool = False
 ) -> Figure | None:
-    """A curve for each estimator that has the statistic, and the widest of their bands; who is astray leaves them."""
+    """A curve for each estimator that has the statistic, and the widest of their bands; who is astray leaves them.
+
+    What `spreads` over decades has a logarithmic axis.
+    """
     curves = {name: statistic(each) for name, each in runs.items()}
     curves = {name: curve for name, curve in curves.items() if not np.isnan(curve.value).all()}
     if not curves:
@@ -78,7 +81,6 @@ def _against_band(
         if name in curves:
             value = curves[name].value
             axes.plot(time, value, color=style.color, linestyle=style.dashes, linewidth=0.9, label=name)
-    spreads = statistic is nees_per_step
     astray = ASTRAY_ON_LOGARITHMS if spreads else ASTRAY
     heights, gone = robust_limits({name: np.array([np.nanmax(each.value)]) for name, each in curves.items()}, astray)
     axes.set(xlabel="time [s]", ylabel=label, title="; ".join(leaving(gone)), yscale="log" if spreads else "linear")

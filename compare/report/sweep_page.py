@@ -23,7 +23,7 @@ PICTURES = {
 
 def sweep_page(folder: Path) -> dict[str, str]:
     """The page of what `study --sweep` has written into a folder."""
-    content = read_json(folder / SWEEP, "sweep")
+    content = read_json(folder / SWEEP, "study --sweep")
     bounded = any("bound" in point["summary"] for point in content["points"])
     found, rows = columns("sweep", bounded=bounded), list[list[Cell]]()
     for point in content["points"]:
