@@ -1,7 +1,7 @@
 """A browser for pages, and pages for the browser.
 
-Debian's chromium and its driver, as CONTRIBUTING.md names them; where they are not, tests that need them are skipped,
-except where SLAMGAUGE_BROWSER=required says that they must be there, as `.ci/run` does.
+Debian's chromium, its driver and its TypeScript, as CONTRIBUTING.md names them; where they are not, tests that need
+them are skipped, except where SLAMGAUGE_PROGRAMS=required says that they must be there, as `.ci/run` does.
 """
 
 from __future__ import annotations
@@ -61,15 +61,20 @@ class Reader:
         return [url for url in asked if not url.startswith("data:")]
 
 
+def program(package: str, *names: str) -> str:
+    """The path of the first program of these names; the test is skipped, or fails, where there is none."""
+    found = next(filter(None, map(shutil.which, names)), None)
+    if found is not None:
+        return found
+    lacking = f"no {names[0]} on the PATH; install Debian's package {package}"
+    if os.environ.get("SLAMGAUGE_PROGRAMS") == "required":
+        pytest.fail(lacking)
+    pytest.skip(lacking)
+
+
 @pytest.fixture(scope="session")
 def reader() -> Generator[Reader]:
-    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
-    driver = shutil.which("chromedriver")
-    if browser is None or driver is None:
-        lacking = "no chromium and chromedriver on the PATH; install Debian's packages chromium and chromium-driver"
-        if os.environ.get("SLAMGAUGE_BROWSER") == "required":
-            pytest.fail(lacking)
-        pytest.skip(lacking)
+    browser, driver = program("chromium", *BROWSERS), program("chromium-driver", "chromedriver")
     os.environ.update(SE_OFFLINE="true", SE_AVOID_STATS="true")
     options = webdriver.ChromeOptions()
     options.binary_location = browser

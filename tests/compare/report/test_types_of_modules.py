@@ -1,0 +1,38 @@
+"""The types that the modules of pages state, held by TypeScript's checker."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+from slamgauge.compare.report.page import MODULES
+
+from .conftest import program
+
+ASSETS = Path(__file__).parents[3] / "compare/report/assets"
+CHECK = "-p", "jsconfig.json", "--noEmit", "--pretty", "false"
+
+
+def complaints(assets: Path, *more: str) -> list[str]:
+    """What the checker says of the modules in a folder."""
+    checker = program("node-typescript", "tsc")
+    return subprocess.run(
+        [checker, *CHECK, *more], cwd=assets, capture_output=True, text=True, check=False
+    ).stdout.splitlines()
+
+
+def test_types_of_the_modules_hold():
+    told = complaints(ASSETS, "--listFiles")
+    modules = {Path(line).stem for line in told if line.endswith(".js")}
+    assert modules == set(MODULES)
+    assert [line for line in told if not line.endswith((".js", ".d.ts"))] == []
+
+
+def test_a_mistake_of_type_is_found(tmp_path: Path):
+    shutil.copytree(ASSETS, tmp_path, dirs_exist_ok=True)
+    with (tmp_path / "modules/ticks.js").open("a") as module:
+        module.write("figure('three');\n")
+    (found,) = complaints(tmp_path)
+    assert found.startswith("modules/ticks.js(")
+    assert "'string' is not assignable to parameter of type 'number'" in found
