@@ -17,7 +17,7 @@ COMMANDS = {
     "study": (*STUDY, "--runs", "2"),
     "sweep": (*STUDY, "--runs", "2", "--sweep", "association.gate=4,9"),
     "budget": ("budget", "q1-long-dense", *SHORT, "--runs", "2", "--jobs", "1"),
-    "claims": ("claims", "--runs", "2", "--jobs", "2"),
+    "claims": ("claims", "--runs", "2", "--max-runs", "2", "--jobs", "2"),
     "noise": ("noise", "INPUT/recording.npz"),
     "bench": ("bench", "--landmarks", "5", "--estimators", "dead-reckoning"),
     "grade": ("grade", "INPUT/class", "--scenario", "q1-short-dense", "--runs", "2", "--jobs", "1"),

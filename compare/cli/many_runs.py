@@ -234,17 +234,22 @@ class Budget:
 
 @dataclass
 class Claims:
-    """The practical's conclusions, each tested over many runs next to the optimum. Interrupted, it goes on.
+    """The practical's conclusions, each tested over as many runs as it takes to decide. Interrupted, it goes on.
 
     For example:
-      slamgauge claims --runs 50
+      slamgauge claims
+      slamgauge claims --runs 20 --max-runs 20
     """
 
     out: Folder = Path("results/claims")
     """Folder of claims.json and of the studies behind it."""
 
-    runs: int = 50
-    """How many runs of each setting."""
+    runs: int = 20
+    """How many runs of each setting at first. Claims that are undecided then go on, to half as many more each time;
+    verdicts hold wherever that ends."""
+
+    max_runs: int = 2000
+    """How many runs at most, if that is more than --runs."""
 
     seed: int = 0
     """Root seed, from which the runs' own seeds are spawned."""
@@ -268,10 +273,10 @@ class Claims:
         from slamgauge.compare.estimators.demand import require_time_for_runs
         from slamgauge.compare.studies.claims import claims_table, judge_claims, studies_of_claims, write_claims
 
-        require_time_for_runs(self.runs, studies_of_claims(), self.jobs, agreed=self.yes)
+        require_time_for_runs(max(self.runs, self.max_runs), studies_of_claims(), self.jobs, agreed=self.yes)
         try:
             with carried_by(self.jobs) as executor:
-                claims = judge_claims(self.runs, self.seed, self.out, executor)
+                claims = judge_claims(self.runs, self.seed, self.out, executor, self.max_runs)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
         content = [each.to_json() for each in claims.judgements]

@@ -8,24 +8,24 @@ from typing import Any
 
 from slamgauge.compare.report.content import Cell, Head, Table, origin
 from slamgauge.compare.report.plain_page import figure_cell, from_to, plain_page
+from slamgauge.compare.scoring.betting import POWER
 from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import CLAIMS, REPORT
-from slamgauge.compare.studies.claims import ALPHA
+from slamgauge.compare.studies.claim_evidence import ALPHA
 
 HEADS = (
     Head("claim", words=True),
     Head("section", "of the practical", words=True),
     Head("the practical", "its conclusion, in a few words", words=True),
     Head("hypothesis", "the same as a statement about a ratio of two figures of the same run", words=True),
-    Head(
-        "verdict", f"holds or does not hold at {ALPHA:.0%}, corrected for the number of tests; or undecided", words=True
-    ),
+    Head("verdict", f"holds or does not hold, all of them right with {1 - ALPHA:.0%}; or undecided", words=True),
     Head("ratio", "its geometric mean over runs"),
-    Head("interval", "of the ratio, corrected for the number of tests"),
-    Head("p", "of the nearest end of the range that is asserted, corrected"),
+    Head("interval", "of the ratio; all hold at once, after any number of runs"),
+    Head("p", "that the verdict is wrong, for all claims and after any number of runs"),
     Head("avoidable", "share of the filter's error that the causal optimum does not have"),
-    Head("runs"),
+    Head("runs", "until it was decided, or all"),
+    Head("decidable", f"how far from an end of its range a ratio is decided with {POWER:.0%} after the most runs"),
 )
 
 
@@ -57,6 +57,7 @@ def claims_table(found: list[dict[str, Any]]) -> Table:
                 Cell("< 0.0001" if p < 1e-4 else f"{p:.4f}", p),
                 figure_cell(each["optimum"], "{:.0%}", mark),
                 Cell(str(each["runs"]), each["runs"]),
+                figure_cell(each["decidable"], "x {:.3f}"),
             ]
         )
     return Table("claims", "Claims and their evidence", HEADS, rows)

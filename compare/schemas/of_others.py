@@ -25,13 +25,14 @@ def claims() -> Schema:
         "claim": text("the practical's conclusion, in a few words"),
         "hypothesis": text("the same as a statement about a ratio of two figures of the same run"),
         "effect": known(number("geometric mean of the ratio over runs")),
-        "low": known(number("end of its interval, corrected for the number of tests")),
+        "low": known(number("end of its interval, which holds for all claims and after any number of runs")),
         "high": known(number()),
-        "p_value": number("of the nearest end of the range that is asserted, corrected"),
+        "p_value": number("that the verdict is wrong, for all claims and after any number of runs"),
         "verdict": one_of(["holds", "does not hold", "undecided"]),
         "optimum": known(number("share of the filter's error that the causal optimum does not have")),
         "optimum_check_share": known(number("share of the runs in which that optimum is in doubt")),
         "runs": count("with both figures"),
+        "decidable": known(number("factor from an end of the range that the most runs decide with 90 %")),
         **ORIGIN,
     }
     return several(record(claim))

@@ -39,14 +39,20 @@ class Look(NamedTuple):
 
 def plan_looks(first: int, most: int) -> tuple[Look, ...]:
     """The looks of a study that may end at any: at `first` runs, at GROWTH times as many, ..., and at `most`."""
-    counts = [min(first, most)]
-    while counts[-1] < most:
-        counts.append(min(math.ceil(GROWTH * counts[-1]), most))
+    counts = growing(first, most)
     levels = [1 - 2 * _tail(bound) for bound in boundaries(tuple(counts), 1 - LEVEL)]
     return tuple(
         Look(runs, number, len(counts), level)
         for number, (runs, level) in enumerate(zip(counts, levels, strict=True), start=1)
     )
+
+
+def growing(first: int, most: int) -> list[int]:
+    """Numbers of runs: `first`, GROWTH times as many, ..., and `most`."""
+    counts = [min(first, most)]
+    while counts[-1] < most:
+        counts.append(min(math.ceil(GROWTH * counts[-1]), most))
+    return counts
 
 
 def repeated_p_value(looks: Sequence[Look], look: Look, p_value: float) -> float:

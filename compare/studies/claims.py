@@ -1,17 +1,18 @@
-"""The practical's conclusions, put to the test over Monte Carlo runs.
+"""The practical's conclusions, put to the test over Monte Carlo runs, as many as it takes to decide each.
 
-A claim asserts that a ratio of two figures of the same run lies in a range. Over runs the logarithm of the
-ratio has a mean, which Student's distribution bounds; the effect is the geometric mean of the ratios. The claim
-holds when the effect lies in the range and the range's nearest end is rejected at 5 %, does not hold when the
-effect lies outside and that end is rejected, and is undecided otherwise. p-values and intervals are corrected
-for the number of ratios tested (Bonferroni). Settings that simulate the same see the same measurements, run by run.
+A claim asserts that a ratio of two figures of the same run lies in a range. It holds when the ratio's interval lies
+inside (`claim_evidence`), does not hold when it lies outside, and is undecided otherwise: then the settings that it is
+about go on to the next look, at half as many runs more, and so on to the last.
+
+Settings that simulate the same see the same measurements, run by run; of others with the same path start and odometry
+are the same.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,55 +22,38 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.asked import Asked, ask
-from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
+from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.scenario_text import scenario_text
-from slamgauge.compare.scenarios.simulation import informed
-from slamgauge.compare.scoring.defined import mean, number
+from slamgauge.compare.scoring.defined import mean
 from slamgauge.compare.scoring.optimum_notes import MARK, at_places
 from slamgauge.compare.scoring.over_runs import share_in_doubt
 from slamgauge.compare.scoring.runs import Runs, paired
+from slamgauge.compare.scoring.sequential import growing
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell, marked
 from slamgauge.compare.storage.files import write_json
-from slamgauge.compare.storage.manifest import require_folder, require_free
+from slamgauge.compare.storage.manifest import require_free
 from slamgauge.compare.storage.origin import origin
 from slamgauge.compare.storage.result_files import CLAIMS as CLAIMS_FILE
-from slamgauge.compare.storage.result_files import CLAIMS_FILES, STORE_FILES
+from slamgauge.compare.storage.result_files import CLAIMS_FILES
 from slamgauge.compare.storage.staged_folder import staged_folder
+from slamgauge.compare.studies.claim_evidence import ALPHA, Evidence, weigh
 from slamgauge.compare.studies.claim_list import CLAIMS, FILTER, OPTIMUM, SETTINGS, Claim, Figure, ate
-from slamgauge.compare.studies.study import load_runs, run_study
-from slamgauge.compare.studies.summary import failure_lines
+from slamgauge.compare.studies.claim_studies import ClaimStudies, sampled_settings
 from slamgauge.errors import UserError
 
-ALPHA = 0.05
-Studies = Mapping[tuple[str, str], Runs]  # by setting and estimator
+Load = Callable[[str, str, int], Runs]  # of a setting and an estimator the first so many runs
 
 
-class Evidence(NamedTuple):
-    """What the runs say of one ratio; figures are None with fewer than two runs, or where they overflow.
+class Extent(NamedTuple):
+    """How many runs a claim is judged by: at `first`, `now`, and at `most`."""
 
-    Attributes:
-        effect: its geometric mean over runs.
-        low: lower end of its interval, corrected for the number of ratios that are tested.
-        high: upper end.
-        p_value: of the asserted range's nearest end, two-sided, corrected.
-        support: Student's statistic of that end, positive where the effect lies inside the range.
-        runs: how many had both figures.
-    """
+    first: int
+    now: int
+    most: int
 
-    effect: float | None
-    low: float | None
-    high: float | None
-    p_value: float
-    support: float
-    runs: int
 
-    @property
-    def verdict(self) -> str:
-        """`holds`, `does not hold` or `undecided`."""
-        if not self.p_value < ALPHA:
-            return "undecided"
-        return "holds" if self.support > 0 else "does not hold"
+CERTAINTY = f"with {1 - ALPHA:.0%} probability no verdict is wrong and all intervals hold, after any number of runs"
 
 
 @dataclass(frozen=True)
@@ -77,14 +61,16 @@ class Judgement:
     """The evidence for a claim, and what the optimum says of its setting.
 
     `optimum` is the share of the filter's error there that the causal optimum avoids, which is told true noise and
-    associations (1 - geometric mean over runs of its ATE over the filter's); None if it has no run.
-    `optimum_check_share` is the share of its runs there in which it is in doubt; None if none was checked.
+    associations (1 - geometric mean over the first look's runs of its ATE over the filter's); None if it has no run.
+    `optimum_check_share` is the share of these runs in which it is in doubt; None if none was checked. `scenario_text`
+    is the setting as a TOML file.
     """
 
     claim: Claim
     evidence: Evidence
     optimum: float | None
     optimum_check_share: float | None
+    scenario_text: str
 
     @property
     def is_in_doubt(self) -> bool:
@@ -108,7 +94,8 @@ class Judgement:
             "optimum": self.optimum,
             "optimum_check_share": self.optimum_check_share,
             "runs": evidence.runs,
-            **origin(scenario_text(_sampled(claim.figure.setting))),
+            "decidable": evidence.decidable,
+            **origin(self.scenario_text),
         }
 
 
@@ -119,48 +106,37 @@ class Claims(NamedTuple):
     failures: list[str]
 
 
-def judge_claims(runs: int, seed: int, out: Path, executor: Executor) -> Claims:
-    """Carry out the studies that the claims need and `out` lacks, then judge every claim.
+def judge_claims(runs: int, seed: int, out: Path, executor: Executor, most: int | None = None) -> Claims:
+    """Carry out the runs that the claims need and `out` lacks, and judge every claim.
+
+    Args:
+        runs: of each setting, after which all claims are judged.
+        seed: root seed, from which the runs' own seeds are spawned.
+        out: folder of the studies; what it has is not carried out again.
+        executor: carries the runs.
+        most: how many runs claims that are undecided go on to; None: no more than `runs`.
 
     Raises:
         UserError: bad numbers, a store in `out` that holds another study, or a file that is not ours would be replaced.
     """
     if runs < 2:
         raise UserError(f"runs: {runs} show no spread; give at least 2")
+    most = max(runs, most or 0)
     require_free(out, CLAIMS_FILES)
-    inside = require_folder(out, "studies")
-    for name in SETTINGS:
-        for folder in (name, f"optimum-of-{name}"):
-            require_free(require_folder(inside, folder), STORE_FILES)
-    studies: dict[tuple[str, str], Runs] = {}
-    failures: list[str] = []
-
-    def study(scenario: Scenario, estimator: str, folder: Path) -> Runs:
-        summary = run_study(scenario, runs, seed, [estimator], folder, executor)
-        failures.extend(f"{folder.name}, {line}" for line in failure_lines(summary))
-        return load_runs(scenario, runs, seed, [estimator], folder)[estimator]
-
-    optima: dict[str, Runs] = {}
-    for name in SETTINGS:
-        scenario = _sampled(name)
-        studies[name, FILTER] = study(scenario, FILTER, out / "studies" / name)
-        told = informed(scenario)
-        same = told.model_dump_json()
-        if same not in optima:
-            optima[same] = study(told, OPTIMUM, out / "studies" / f"optimum-of-{name}")
-        studies[name, OPTIMUM] = optima[same]
-    tests = sum(len(claim.others) for claim in CLAIMS)
-    return Claims([judge(claim, studies, tests) for claim in CLAIMS], failures)
-
-
-def _sampled(setting: str) -> Scenario:
-    """The scenario of a setting."""
-    return load_scenario(setting, ["start=sampled"])
+    studies = ClaimStudies(sampled_settings(SETTINGS), seed, out, executor)
+    studies.require_room(most)
+    texts = {name: scenario_text(scenario) for name, scenario in studies.scenarios.items()}
+    judged: dict[str, Judgement] = {}
+    for count in growing(runs, most):
+        for claim in CLAIMS:
+            if claim.id not in judged or judged[claim.id].evidence.verdict == "undecided":
+                judged[claim.id] = judge(claim, studies.load, Extent(runs, count, most), texts[claim.figure.setting])
+    return Claims([judged[claim.id] for claim in CLAIMS], studies.failures)
 
 
 def studies_of_claims() -> list[tuple[Scenario, list[Asked]]]:
     """What every run of the claims is made of."""
-    return [(_sampled(name), ask([FILTER, OPTIMUM])) for name in SETTINGS]
+    return [(scenario, ask([FILTER, OPTIMUM])) for scenario in sampled_settings(SETTINGS).values()]
 
 
 def write_claims(out: Path, claims: Claims) -> None:
@@ -169,41 +145,20 @@ def write_claims(out: Path, claims: Claims) -> None:
         write_json(stage / CLAIMS_FILE, [each.to_json() for each in claims.judgements])
 
 
-def judge(claim: Claim, studies: Studies, tests: int) -> Judgement:
-    """The evidence for a claim, where so many ratios are tested; of several, that which supports it least."""
-    ratios = [_log_ratios(claim.figure, other, studies) for other in claim.others]
-    evidence = min((weigh(each, claim.asserted, tests) for each in ratios), key=lambda each: each.support)
+def judge(claim: Claim, load: Load, extent: Extent, text: str) -> Judgement:
+    """The evidence for a claim, of several ratios that which supports it least; `text` is its scenario's."""
+    ratios = [_log_ratios(claim.figure, other, load, extent.now) for other in claim.others]
+    tests = sum(len(each.others) for each in CLAIMS)
+    evidence = min((weigh(each, claim, tests, extent.most) for each in ratios), key=lambda each: each.support)
     setting = claim.figure.setting
-    optimum = mean(_log_ratios(ate(setting, OPTIMUM), ate(setting), studies))
-    share = share_in_doubt(studies[setting, OPTIMUM], {})
-    return Judgement(claim, evidence, None if optimum is None else 1.0 - math.exp(optimum), share)
+    optimum = mean(_log_ratios(ate(setting, OPTIMUM), ate(setting), load, extent.first))
+    share = share_in_doubt(load(setting, OPTIMUM, extent.first), {})
+    return Judgement(claim, evidence, None if optimum is None else 1.0 - math.exp(optimum), share, text)
 
 
-def weigh(log_ratios: Float, asserted: tuple[float, float], tests: int) -> Evidence:
-    """Evidence that the ratio with these logarithms (runs,) lies in the range `asserted`, as one of so many tests."""
-    from scipy.special import stdtr, stdtrit  # here: scipy is slow to start
-
-    runs = len(log_ratios)
-    if runs < 2:
-        return Evidence(None, None, None, p_value=1.0, support=0.0, runs=runs)
-    effect, error = float(log_ratios.mean()), float(log_ratios.std(ddof=1)) / math.sqrt(runs)
-    low, high = (math.log(end) if end > 0.0 else -math.inf for end in asserted)
-    margin = min(effect - low, high - effect)  # to the nearest end, negative outside
-    support = margin / error if error > 0.0 else margin and math.copysign(math.inf, margin)
-    half = float(stdtrit(runs - 1, 1.0 - ALPHA / (2 * tests))) * error
-    with np.errstate(over="ignore"):
-        ends = np.exp([effect, effect - half, effect + half])
-    return Evidence(
-        *map(number, ends),
-        p_value=min(1.0, 2.0 * tests * float(stdtr(runs - 1, -abs(support)))),
-        support=support,
-        runs=runs,
-    )
-
-
-def _log_ratios(above: Figure, below: Figure, studies: Studies) -> Float:
+def _log_ratios(above: Figure, below: Figure, load: Load, runs: int) -> Float:
     """Logarithms (runs,) of a ratio in the runs that have both figures."""
-    ours, theirs = studies[above.setting, above.estimator], studies[below.setting, below.estimator]
+    ours, theirs = (load(each.setting, each.estimator, runs) for each in (above, below))
     rows, others = paired(ours, theirs)
     if not len(rows):
         return np.zeros(0)
@@ -213,7 +168,8 @@ def _log_ratios(above: Figure, below: Figure, studies: Studies) -> Float:
 
 def claims_table(claims: Claims) -> Page:
     """A line for each claim: the practical's conclusion, the ratio with its interval, the verdict; then failures."""
-    rows = [("section", "the practical", "verdict", "ratio", "interval", "p", "avoidable", "runs", "hypothesis")]
+    heads = ("ratio", "interval", "p", "avoidable", "runs", "decidable")
+    rows: list[tuple[str, ...]] = [("section", "the practical", "verdict", *heads, "hypothesis")]
     shares = {each.claim.figure.setting: each.optimum_check_share for each in claims.judgements}
     room_for_marks = any(shares.values())
     for each in claims.judgements:
@@ -224,13 +180,13 @@ def claims_table(claims: Claims) -> Page:
         if room_for_marks:
             effect, verdict = (marked(text, MARK, is_marked=each.is_in_doubt) for text in (effect, verdict))
             avoidable = marked(avoidable, MARK, is_marked=bool(each.optimum_check_share))
-        figures = (effect, interval, p, avoidable, str(evidence.runs))
+        figures = (effect, interval, p, avoidable, str(evidence.runs), cell(evidence.decidable, "x {:.3f}"))
         rows.append((claim.section, claim.claim, verdict, *figures, claim.hypothesis))
     counts = Counter(each.evidence.verdict for each in claims.judgements)
     tally = ", ".join(f"{counts[verdict]} {verdict}" for verdict in ("holds", "does not hold", "undecided"))
     doubts = at_places(OPTIMUM, shares)
-    grid = Grid(rows, words=(0, 1, 2, 8), sentences=1)
-    return Page((grid, "", f"{len(rows) - 1} claims: {tally}", *doubts, *claims.failures))
+    grid = Grid(rows, words=(0, 1, 2, 9), sentences=1)
+    return Page((grid, "", f"{len(rows) - 1} claims: {tally}", CERTAINTY, *doubts, *claims.failures))
 
 
 def _three(value: float | None) -> str:

@@ -27,7 +27,7 @@ COMMANDS = {
     "bench": ("bench", "--landmarks", "5", "--estimators", "dead-reckoning"),
     "study": STUDY,
     "sweep": (*STUDY, "--sweep", "association.gate=4,9"),
-    "claims": ("claims", "--runs", "2", "--jobs", "1"),
+    "claims": ("claims", "--runs", "2", "--max-runs", "2", "--jobs", "1"),
     "grade": ("grade", "INPUT/class", "--scenario", "INPUT/short.toml", "--runs", "2", "--jobs", "1"),
     "noise": ("noise", "INPUT/recording.npz"),
     "animate": ("animate", "--seconds", "1", "--fps", "2"),

@@ -17,8 +17,9 @@ from slamgauge.compare.report.publishing import PAGES, publish_report
 from slamgauge.compare.report.rerun import command_of_run
 from slamgauge.compare.storage.decorations import decorate
 from slamgauge.compare.studies.budget import RUNGS, summarise_budget
+from slamgauge.compare.studies.claim_evidence import Evidence
 from slamgauge.compare.studies.claim_list import CLAIMS
-from slamgauge.compare.studies.claims import Evidence, Judgement
+from slamgauge.compare.studies.claims import Judgement
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.study import load_runs, run_study
@@ -136,8 +137,8 @@ def budget(folder: Path) -> None:
 
 
 def claims(folder: Path) -> None:
-    evidence = Evidence(1.5, 1.2, 1.9, p_value=0.001, support=4.0, runs=50)
-    found = [Judgement(each, evidence, 0.25, None).to_json() for each in CLAIMS]
+    evidence = Evidence(1.5, 1.2, 1.9, p_value=0.001, support=4.0, runs=50, decidable=1.1)
+    found = [Judgement(each, evidence, 0.25, None, "x = 1").to_json() for each in CLAIMS]
     (folder / "claims.json").write_text(json.dumps([{**found[0], "claim": NAMED}, *found[1:]]))
 
 

@@ -24,8 +24,9 @@ from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.schemas.kinds import SCHEMAS
 from slamgauge.compare.scoring.comparison import Comparison, metrics
 from slamgauge.compare.studies.budget import RUNGS, summarise_budget
+from slamgauge.compare.studies.claim_evidence import Evidence
 from slamgauge.compare.studies.claim_list import CLAIMS
-from slamgauge.compare.studies.claims import Evidence, Judgement
+from slamgauge.compare.studies.claims import Judgement
 from slamgauge.compare.studies.resolution import Until
 from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.sweep import Sweep
@@ -90,8 +91,8 @@ def budget() -> Any:
 
 
 def claims() -> Any:
-    none, some = Evidence(None, None, None, 1.0, 0.0, 0), Evidence(1.5, 1.2, 1.9, 0.001, 4.0, 50)
-    return [Judgement(CLAIMS[0], each, None, None).to_json() for each in (none, some)]
+    none, some = Evidence(None, None, None, 1.0, 0.0, 0, None), Evidence(1.5, 1.2, 1.9, 0.001, 4.0, 50, 1.1)
+    return [Judgement(CLAIMS[0], each, None, None, "x = 1").to_json() for each in (none, some)]
 
 
 def grades() -> Any:
