@@ -26,6 +26,7 @@ from slamgauge.ekf.maps.matching import Matcher, update_nearest
 from slamgauge.ekf.maps.rules import Correction, Rule, sequential_of
 from slamgauge.ekf.maps.tracks import Tracks
 from slamgauge.ekf.maps.undo import is_addition_certain, undone_if_refused
+from slamgauge.ekf.maps.watch import Watch
 from slamgauge.ekf.online import PointFilter
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
@@ -70,6 +71,7 @@ class AssociatingFilter(PointFilter):
         self._tracks = Tracks(self._map, association.map_management)
         self._associated: Int = np.zeros(0, dtype=np.int64)
         self._quantiles = np.zeros(1)
+        self._watch = Watch(self._map.rule)
 
     @property
     def pose(self) -> Float:
@@ -128,7 +130,7 @@ class AssociatingFilter(PointFilter):
         associate = self._jointly if self._association.method == "jcbb" else self._one_by_one
         self._associated, nis, dof = associate(values, covs)
         self._tracks.close_scan(self._associated)
-        return nis, dof
+        return self._watch.noted((nis, dof))
 
     def _one_by_one(self, values: Float, covs: Float) -> tuple[Int, float, int]:
         gates = Gates(float(self._association.gate), float(self._widest_gate), self._map.tails)

@@ -29,7 +29,6 @@ from slamgauge.recording import Recording
 __all__ = ["dead_reckoning", "ekf", "fej_ekf", "iekf", "oc_ekf", "riekf"]
 
 FIS = Rays()
-LOST = 1e4  # NIS over its degrees of freedom: linearisation does not hold where noise is that small
 ROOM = 1.5  # memory of a filter over that of its covariance
 
 
@@ -162,10 +161,6 @@ def _run(
         given[seen : seen + len(associated)] = associated
         seen += len(associated)
         history.keep(step, slam)
-    if nis.sum() > LOST * max(1, int(nis_dof.sum())):
-        tell_once(
-            f"{estimator} has lost itself: its NIS is {LOST:g} times what noise explains; raise the sensor's noise"
-        )
     pose_covs = without_rounding("pose_covs", pose_covs)
     freeze(poses, pose_covs, nis, nis_dof, seconds)
     return Estimate(

@@ -13,6 +13,7 @@ from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.rules import Correction, Rule
 from slamgauge.ekf.maps.undo import is_addition_certain, undone_if_refused
+from slamgauge.ekf.maps.watch import Watch
 from slamgauge.ekf.online import PointFilter
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.errors import UserError
@@ -52,6 +53,7 @@ class SlamFilter(PointFilter):
     ) -> None:
         self._gate = require_robustness(robust).known_gate
         self.map = LandmarkMap(sensor, prior_mean, prior_cov, correction, landmarks, robust.tails)
+        self._watch = Watch(self.map.rule)
         self._associated = NOTHING_SEEN
 
     @property
@@ -115,10 +117,10 @@ class SlamFilter(PointFilter):
         ids = ids_of(observations, len(values))
         gate = self._gate if gate is None else gate
         if gate is not None:
-            return self._update_gated(ids, values, covs, gate)
+            return self._watch.noted(self._update_gated(ids, values, covs, gate))
         result = self._update(ids, values, covs)
         self._associated = ids.copy()
-        return result
+        return self._watch.noted(result)
 
     @property
     def associated(self) -> Int:

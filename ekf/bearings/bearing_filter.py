@@ -27,6 +27,7 @@ from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.members import Members, joined, points
 from slamgauge.ekf.maps.rules import Correction, Rule
+from slamgauge.ekf.maps.watch import Watch
 from slamgauge.ekf.settings.association import Association
 from slamgauge.ekf.settings.initialisation import Delayed, Initialisation, InverseDepth, Rays
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
@@ -77,6 +78,7 @@ class BearingFilter:
         self._step = 0
         self._association = None if association is None else RayAssociation(self._map, association)
         self._associated: Int = np.zeros(0, dtype=np.int64)
+        self._watch = Watch(self._map.rule)
 
     @property
     def pose(self) -> Float:
@@ -173,7 +175,7 @@ class BearingFilter:
             if self._association is not None:
                 for landmark in self._association.false_starts({*self._provisional.counts, *self._points}):
                     self._forget(landmark)
-        return result
+        return self._watch.noted(result)
 
     def _without_outliers(self, ids: Int, values: Float, covs: Float, gate: float | None) -> Int:
         """The ids (m,), NONE for bearings of points that are beyond the gate."""

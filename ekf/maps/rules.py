@@ -110,6 +110,11 @@ def rule_of(correction: Correction | Rule) -> Rule:
     raise UserError(f"correction: {correction!r} is not known; {remedy}")
 
 
+def estimator_of(rule: Rule) -> str:
+    """The name of the estimator with this rule; that of a filter whose rule is none of the table's."""
+    return next((row.estimator for row in TABLE.values() if row.rule == rule), "the filter")
+
+
 def sequential_of(rule: Rule) -> Sequential:
     """How the rule corrects with one observation after the other.
 
