@@ -46,6 +46,7 @@ Timeout = Annotated[
 Yes = Annotated[bool, tyro.conf.arg(help="Begin even what will take days.")]
 PATIENCE = 600.0  # s
 ALL_CORES = os.cpu_count() or 1
+MOST_JOBS = 1024
 
 
 class EmptyPathError(Exception):
@@ -83,8 +84,8 @@ def carried_by(jobs: int, scheduler: str | None = None) -> AbstractContextManage
         from slamgauge.compare.studies.cluster import dask_cluster
 
         return dask_cluster(scheduler)
-    if jobs < 1:
-        raise UserError(f"jobs: {jobs} carry nothing; give at least 1")
+    if not 1 <= jobs <= MOST_JOBS:
+        raise UserError(f"jobs: {jobs} processes carry nothing, or the machine does not; give 1 to {MOST_JOBS}")
     from slamgauge.compare.studies.executors import local_processes
 
     return local_processes(jobs)

@@ -18,7 +18,7 @@ from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.names import shown
 from slamgauge.compare.storage.partial_folder import partial_folder
 from slamgauge.compare.storage.result_files import SQLITE_SIDE_FILES
-from slamgauge.compare.studies.store_file import connected
+from slamgauge.compare.studies.store_file import connected, words_of
 from slamgauge.errors import UserError
 
 COLUMNS = "run, estimator, seed, kind, error, figures, series"
@@ -118,7 +118,7 @@ def _damage(path: Path) -> str:
         except sqlite3.DatabaseError as error:
             if getattr(error, "sqlite_errorcode", 0) & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
                 raise
-            return str(error)
+            return words_of(error)
     return "" if found is None else f"run {found[0]} of {shown(str(found[1]))} is not what its checksum says"
 
 

@@ -9,6 +9,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.names import shown
 from slamgauge.compare.storage.partial_folder import lock
 from slamgauge.compare.storage.result_files import LOCK
 from slamgauge.errors import UserError
@@ -63,10 +64,25 @@ def connected(path: Path) -> Generator[sqlite3.Connection]:
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the low byte: the rest tells the kinds apart
         if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
             raise UserError(
-                f"{path}: another program is using it ({error}); close that, and give the same command again"
+                f"{path}: another program is using it ({words_of(error)}); close that, and give the same command again"
             ) from None
         if code in _REFUSALS:
             raise UserError(
-                f"{path}: cannot be written ({error}); make room, and give the same command again"
+                f"{path}: cannot be written ({words_of(error)}); make room, and give the same command again"
             ) from None
-        raise UserError(f"{path}: cannot be used as a study's store ({error}); give another --out") from None
+        raise _unusable(path, words_of(error)) from None
+    except UnicodeDecodeError as error:  # SQLite's own words, of bytes of the file
+        raise _unusable(path, _in_a_line(error.object.decode(errors="backslashreplace"))) from None
+
+
+def words_of(error: sqlite3.Error) -> str:
+    """What SQLite says, in one line: it quotes the file, whatever is in there."""
+    return _in_a_line(str(error))
+
+
+def _in_a_line(words: str) -> str:
+    return shown(" ".join(words.split()))
+
+
+def _unusable(path: Path, reason: str) -> UserError:
+    return UserError(f"{path}: cannot be used as a study's store ({reason}); give another --out")

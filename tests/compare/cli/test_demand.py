@@ -96,3 +96,13 @@ def test_what_is_usual_is_never_asked_for() -> None:
 
 def _matches(pattern: str, text: str) -> bool:
     return re.fullmatch(pattern, text) is not None
+
+
+@pytest.mark.parametrize("jobs", ["0", "1025", str(2**64)])
+def test_more_processes_than_machines_have_are_a_line(
+    jobs: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("study", "q1-short-dense", "--runs", "1", "--estimators", "dead-reckoning", "--jobs", jobs)
+    assert main([*words, "--out", str(tmp_path / "out")]) == 2
+    told = f"jobs: {jobs} processes carry nothing, or the machine does not; give 1 to 1024"
+    assert capsys.readouterr().err == f"slamgauge: {told}\n"

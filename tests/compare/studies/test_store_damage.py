@@ -116,6 +116,24 @@ def test_a_row_that_says_something_else_is_named_and_its_run_alone_is_carried_ou
     assert_same(load_runs(scenario, RUNS, 0, NAMES, whole.parent), expected)
 
 
+@pytest.mark.parametrize("odd", [b'"', b'"\xd7', b'"\x1b[2J'])
+def test_what_sqlite_quotes_of_a_broken_file_is_told_in_one_line(
+    odd: bytes, scenario: Scenario, thread: ThreadPoolExecutor, whole: Path
+) -> None:
+    """In the text of its tables a quotation mark is open to the end, with bytes behind it that are no text."""
+    content = whole.read_bytes()
+    assert content.count(b"TEXT NOT NULL,\n    error") == 1
+    cut = b"TEXT NOT NULL,\n    error".replace(b"TEXT NOT"[: len(odd)], odd)
+    put(whole.parent, content.replace(b"TEXT NOT NULL,\n    error", cut))
+    with pytest.raises(UserError) as reading:
+        load_runs(scenario, RUNS, 0, NAMES, whole.parent)
+    with pytest.raises(UserError) as going_on:
+        run_study(scenario, RUNS, 0, NAMES, whole.parent, thread)
+    for told in (str(reading.value), str(going_on.value)):
+        assert "malformed database schema" in told
+        assert told.isprintable()
+
+
 def as_of_old(path: Path) -> None:
     """Without checksums, as version 0.3 has left it."""
     with closing(sqlite3.connect(path)) as connection, connection:
