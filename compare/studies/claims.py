@@ -147,16 +147,16 @@ def write_claims(out: Path, claims: Claims) -> None:
 
 def judge(claim: Claim, load: Load, extent: Extent, text: str) -> Judgement:
     """The evidence for a claim, of several ratios that which supports it least; `text` is its scenario's."""
-    ratios = [_log_ratios(claim.figure, other, load, extent.now) for other in claim.others]
+    ratios = [log_ratios(claim.figure, other, load, extent.now) for other in claim.others]
     tests = sum(len(each.others) for each in CLAIMS)
     evidence = min((weigh(each, claim, tests, extent.most) for each in ratios), key=lambda each: each.support)
     setting = claim.figure.setting
-    optimum = mean(_log_ratios(ate(setting, OPTIMUM), ate(setting), load, extent.first))
+    optimum = mean(log_ratios(ate(setting, OPTIMUM), ate(setting), load, extent.first))
     share = share_in_doubt(load(setting, OPTIMUM, extent.first), {})
     return Judgement(claim, evidence, None if optimum is None else 1.0 - math.exp(optimum), share, text)
 
 
-def _log_ratios(above: Figure, below: Figure, load: Load, runs: int) -> Float:
+def log_ratios(above: Figure, below: Figure, load: Load, runs: int) -> Float:
     """Logarithms (runs,) of a ratio in the runs that have both figures."""
     ours, theirs = (load(each.setting, each.estimator, runs) for each in (above, below))
     rows, others = paired(ours, theirs)

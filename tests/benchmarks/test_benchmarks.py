@@ -52,6 +52,11 @@ SMALLEST = {
         "scenario bound expected hindsight expected riekf isam2 batch",
         "stationary 0.",
     ),
+    "claims_power": (  # 2 s
+        "--claims q3-scale-10-error --roots 1 --runs 3 --studies 20 --most 100 --jobs 1",
+        "claim over runs x end decidable decided % after wrong %",
+        "q3-scale-10-error q3-scale-1 3 ",
+    ),
     "close_landmarks": ("--runs 2 --distances 1.0 --jobs 1", "distance [m] ekf: ATE NEES/3 lost", "1.0 "),  # 3 s
     "causal_optimum": ("--landmarks 20 --steps 60 --prefixes 5 --log 2000", "estimator landmarks", "isam2 20 60 "),
     "faults": (  # 10 s
