@@ -8,8 +8,9 @@ several places; isam2, at every step, against the optimum of what had been measu
 filters' rays have no twin: they must run.
 
 `undecided` are those on which the referee has no answer either: double precision is exhausted, or there is no minimum.
-Of the worst cases number, seed and tags are told, `--only` makes one of them alone, and `--save` writes their
-recordings and truths. `--check` ends with status 1 if a bar is missed. An interrupt ends with the table so far.
+What is worse, or failed, is told on stderr at once, the worst cases in the end, with number, seed and tags: `--only`
+makes one of them alone, and `--save` writes their recordings and truths. `--check` ends with status 1 if a bar is
+missed. An interrupt ends with the table so far.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # Python may be told not to look
 
 from referees.judge import judge
 from referees.recordings import draw
-from referees.table import bars_missed, describe, messages, table, worst_cases
+from referees.table import bad_ones, bars_missed, describe, messages, table, worst_cases
 from referees.verdicts import Judged, Outcome
 from tqdm import tqdm
 
@@ -54,7 +55,9 @@ def main() -> int:
     status = 0
     try:
         for each in tqdm(_all(options.seed, numbers, options.jobs), total=len(numbers), disable=None):
-            judged.append(each)  # noqa: PERF402  an interrupt keeps what is there
+            judged.append(each)
+            for outcome in bad_ones(each):
+                tqdm.write(describe(each, outcome), file=sys.stderr)
     except KeyboardInterrupt:
         status = INTERRUPTED
         print("interrupted")

@@ -23,9 +23,10 @@ from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 
-MAX_STEPS = 200
+MAX_STEPS = 1000  # through a long curved valley; a few elsewhere
 NEAR = 1e-6  # relative decrease of the cost after which Newton steps alone go on
 TOO_NEAR = 1e-4  # m
+RISEN = 1e-3  # relative increase of the cost with which Newton steps have left for another stationary point
 NEGLIGIBLE = 1e-8  # of a standard deviation
 RESOLVED = 1e-3  # of a standard deviation: a step of rounding that is taken for the last
 PATIENCE = 6  # Newton steps in a row that may be longer than one before
@@ -140,7 +141,7 @@ def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
     Raises:
         UndeterminedError: there is none, or rounding hides it.
     """
-    poses, landmarks, _, merit = start
+    poses, landmarks, cost, merit = start
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     _refuse_landmarks_at_poses(recording, slot, poses, landmarks)
     sigmas = _sigmas(solve_at(recording, landmark_ids, *start[:2]))
@@ -166,9 +167,10 @@ def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
         before = poses, landmarks
         poses, landmarks = _displaced(before, mixing.move(apart), merit.noise)
         mixing.moved(_apart((poses, landmarks), before))
-    if smallest < RESOLVED:
-        return Minimum(*best, solve_at(recording, landmark_ids, *best), merit(*best))
-    raise UndeterminedError(_why_no_minimum(recording, landmark_ids, *best, smallest))
+    ended = merit(*best)
+    if smallest < RESOLVED and ended <= cost + RISEN * (1.0 + cost):
+        return Minimum(*best, solve_at(recording, landmark_ids, *best), ended)
+    raise UndeterminedError(_why_no_minimum(recording, landmark_ids, *best, smallest, ended - cost))
 
 
 def _apart(point: tuple[Float, Float], other: tuple[Float, Float]) -> Float:
@@ -207,13 +209,16 @@ def _refuse_landmarks_at_poses(recording: Recording, slot: Int, poses: Float, la
         )
 
 
-def _why_no_minimum(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float, size: float) -> str:
+def _why_no_minimum(
+    recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float, size: float, rise: float
+) -> str:
     """One line: what stands out where the descent ended."""
     ids = require_known_landmarks(recording)
     slot = np.searchsorted(landmark_ids, ids)
     with np.errstate(all="ignore"):
         misfit = np.sqrt(np.square(whitened_residuals(recording, slot, poses, landmarks)).sum(axis=1))
-    opening = f"batch: no minimum, the last step is of {size:.2g} sigma"
+    last = f"the last step is of {size:.2g} sigma" if size >= RESOLVED else f"steps lead {rise:.2g} nats uphill"
+    opening = f"batch: no minimum, {last}"
     worst = int(np.argmax(np.nan_to_num(misfit, nan=np.inf))) if len(misfit) else -1
     if worst >= 0 and not misfit[worst] < 6.0:
         return (

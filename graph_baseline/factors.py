@@ -100,6 +100,15 @@ def are_placed(recording: Recording, path: Float) -> Marks:
     return np.isin(require_known_landmarks(recording), ids[np.isfinite(sigmas)])
 
 
+def are_placed_best(recording: Recording, path: Float, among: Marks) -> Marks:
+    """Which observations (M,) are of the better placed half, rounded down, of the landmarks `among` them (M,).
+
+    Bearings alone, taken from a path (N+1, 3).
+    """
+    ids, _, sigmas = triangulate_all(recording.only(among), path)
+    return np.isin(require_known_landmarks(recording), ids[np.argsort(sigmas, kind="stable")[: len(ids) // 2]])
+
+
 def are_seen_again(recording: Recording) -> Marks:
     """Which observations (M,) are of landmarks that several poses have seen."""
     _, slot = np.unique(require_known_landmarks(recording), return_inverse=True)

@@ -31,7 +31,7 @@ from slamgauge.graph_baseline.factors import (
     relative_to_start,
 )
 from slamgauge.graph_baseline.growing import GrowingOptimum
-from slamgauge.graph_baseline.search import Start, degrees_of_freedom, grown, placed_minimum, searched
+from slamgauge.graph_baseline.search import Start, degrees_of_freedom, grown, placed_minimum, searched, softened
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
@@ -106,4 +106,6 @@ def _starts(recording: Recording, path: Float) -> Iterator[Start]:
     else:
         yield lambda: searched(recording, odometry)
     yield lambda: grown(recording)
+    if recording.sensor == "bearing":
+        yield lambda: softened(recording, path)
     yield lambda: (odometry, landmarks_at_first_sight(recording, odometry))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtr
@@ -13,6 +14,7 @@ from slamgauge.graph_baseline.chain import carried_on, keyed
 from slamgauge.graph_baseline.descent import Approach, Merit, Minimum, approach, settle
 from slamgauge.graph_baseline.factors import (
     are_placed,
+    are_placed_best,
     are_seen_again,
     first_sights,
     landmarks_at_first_sight,
@@ -28,6 +30,7 @@ except ImportError:  # there is no GTSAM for this system
     from slamgauge.graph_baseline.descent import descended
 
 PORTIONS = 8  # of the recording, in the grown start
+SOFTER = (1e4, 1e3, 1e2, 1e1)  # times the noise of observations, in the softened start
 UNLIKELY = 5e-4  # probability that true noise makes a cost that is taken for too high
 
 Start = Callable[[], tuple[Float, Float]]  # poses (N+1, 3), and landmarks (L, 2) in increasing id order
@@ -39,8 +42,9 @@ def placed_minimum(
     """The lowest minimum of all that is placed: from a path (N+1, 3) at first, in the end from the minimum itself.
 
     Landmarks are taken in, each once at most, until no more are placed; then those that are not are left out, and so
-    are at any time those that the end of a search in vain does not place. Where the path places none, their bearings
-    may still, by mending it: it is tried with all of them, then with those of the landmark seen most.
+    are at any time those that the end of a search in vain does not place, or else the half that it places worst. Where
+    the path places none, their bearings may still, by mending it: it is tried with all of them, then with those of the
+    landmark seen most.
 
     Returns:
         Association (M,), -1 for what bearings alone do not place, and the minimum without that.
@@ -52,10 +56,7 @@ def placed_minimum(
             try:
                 return taken, lowest_minimum(part, starts(part, path))
             except UndeterminedError as error:
-                ended = taken if error.path is None else taken & are_placed(recording, error.path)
-                if ended.sum() == taken.sum():
-                    raise
-                taken = ended
+                taken = _left_by(error, recording, taken)
 
     taken, found = minimum(are_placed(recording, path), path)
     again = are_seen_again(recording)
@@ -72,6 +73,18 @@ def placed_minimum(
     if (taken & ~placed).any():
         taken, found = minimum(taken & placed, found.poses)
     return np.where(taken, require_known_landmarks(recording), -1), found
+
+
+def _left_by(error: UndeterminedError, recording: Recording, taken: Marks) -> Marks:
+    """Which observations (M,) are taken after a search of those `taken` (M,) has ended in vain; raises if none are."""
+    if error.path is None:
+        raise error
+    left = taken & are_placed(recording, error.path)
+    if left.sum() < taken.sum():
+        return left
+    if recording.sensor != "bearing" or not (left := are_placed_best(recording, error.path, taken)).any():
+        raise error
+    return left
 
 
 def of_most_frequent(landmark: Int, among: Marks) -> Marks:
@@ -93,7 +106,7 @@ def lowest_minimum(recording: Recording, starts: Iterable[Start]) -> Minimum:
         try:
             approached = approach(recording, landmark_ids, *start())
             if is_low(recording, approached.cost):
-                return settle(recording, landmark_ids, approached)
+                return _settled(recording, landmark_ids, approached)
             near.append(approached)
         except UndeterminedError as error:
             mistakes.append(error)
@@ -101,13 +114,19 @@ def lowest_minimum(recording: Recording, starts: Iterable[Start]) -> Minimum:
     unsettled: list[UndeterminedError] = []
     for each in near:
         try:
-            return settle(recording, landmark_ids, each)
+            return _settled(recording, landmark_ids, each)
         except UndeterminedError as error:
             unsettled.append(error)
-    error = [*unsettled, *mistakes][0]
-    if near:
-        error.path = near[0].poses
-    raise error
+    raise [*unsettled, *mistakes][0]
+
+
+def _settled(recording: Recording, landmark_ids: Int, near: Approach) -> Minimum:
+    """`settle`, whose error says how far the search has come."""
+    try:
+        return settle(recording, landmark_ids, near)
+    except UndeterminedError as error:
+        error.path = near.poses
+        raise
 
 
 def is_low(recording: Recording, cost: float) -> bool:
@@ -144,6 +163,19 @@ def first_guess(recording: Recording) -> tuple[Float, Float]:
     merit = Merit(recording, np.searchsorted(landmark_ids, require_known_landmarks(recording)))
     found = searched(recording, chain(recording.prior_mean, recording.odometry))
     return found if is_low(recording, merit(*found)) else min(found, grown(recording), key=lambda each: merit(*each))
+
+
+def softened(recording: Recording, path: Float) -> tuple[Float, Float]:
+    """From a path (N+1, 3): observations of far larger noise at first, then of less and less.
+
+    Where they are sharper by orders of magnitude than what is known of the path, steps on their own cost go astray.
+    """
+    landmark_ids = first_sights(recording)[0]
+    landmarks = landmarks_at_first_sight(recording, path)
+    for times in SOFTER:
+        soft = replace(recording, observation_cov=times**2 * recording.observation_cov)
+        path, landmarks = approach(soft, landmark_ids, path, landmarks)[:2]
+    return path, landmarks
 
 
 def grown(recording: Recording) -> tuple[Float, Float]:

@@ -200,6 +200,7 @@ def _judge_isam2(drawn: Drawn, model: Model, minimum: Minimum | None) -> Outcome
     said = stated_check(estimate)
     unflagged = steps.off if not said > STEP_BAR else 0
     note = f"worst at step {steps.at} of {drawn.recording.steps}, {steps.off} of {steps.compared} off"
+    note += ", nothing says so" * bool(unflagged)
     return Outcome("isam2", verdict, steps.worst, note, steps.compared, steps.off, unflagged)
 
 

@@ -92,6 +92,11 @@ def messages(judged: Sequence[Judged]) -> list[str]:
     return [f"{count:5d}  {name}: {text}" for (name, text), count in counts.most_common()]
 
 
+def bad_ones(judged: Judged) -> list[Outcome]:
+    """What is worse than its referee, or failed."""
+    return [each for each in judged.outcomes if each.verdict in ("worse", "failed")]
+
+
 def worst_cases(judged: Sequence[Judged], count: int) -> list[tuple[Judged, Outcome]]:
     """Of every estimator at most `count` that are worse, failed or undecided, in this order, the largest first."""
     order: tuple[Verdict, ...] = ("failed", "worse", "undecided")

@@ -15,11 +15,11 @@ from optimum import ExactProblem, square_root
 from random_recordings import random_recording
 from referees.extended import DIGITS_GAINED, extended
 from referees.filters import PAIRS, difference, judge_filters, judge_minimum
-from referees.least_squares import Model, NoMinimumError
-from referees.optima import judge_optima, lowest, own_starts, stated_check
+from referees.least_squares import Model, NoMinimumError, placed_only
+from referees.optima import judge_optima, lowest, own_starts, starts, stated_check
 from referees.recordings import MOTIONS, PRIORS, SENSORS, Drawn, draw
 from referees.table import bars_missed, table, worst_cases
-from referees.verdicts import Judged, Outcome, Verdict
+from referees.verdicts import COST_BAR, Judged, Outcome, Verdict
 from scipy.stats import chi2
 
 from slamgauge.arrays import Float
@@ -261,6 +261,17 @@ def test_valleys_and_bearings_that_place_less_than_the_path_said(number: int):
     found = {outcome.estimator: outcome for outcome in judge_optima(draw(2027, number))}
     assert found["batch"].verdict == "agrees"
     assert "batch mapped" not in found or found["batch mapped"].verdict == "agrees"
+
+@pytest.mark.parametrize(("number", "landmarks"), [(322, 5), (1198, 2), (1264, 7)])
+def test_batch_finds_the_minimum_of_bearings_that_a_single_descent_misses(number: int, landmarks: int):
+    """It lies beyond a long valley, or needs bearings softened at first, or one landmark of many is not placed."""
+    each = draw(2030, number)
+    estimate = batch(each.recording)
+    assert len(estimate.landmark_ids) == landmarks
+    model = Model(placed_only(each.recording, estimate.landmark_ids))
+    minimum = lowest(model, starts(model, each.truth.poses, estimate))
+    assert minimum is not None and estimate.chi_square is not None
+    assert estimate.chi_square / 2 <= minimum.cost * (1 + COST_BAR)
 
 
 def test_a_valley_that_bends_far_is_gone_down_by_what_the_motions_turn():
