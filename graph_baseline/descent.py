@@ -23,7 +23,7 @@ from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 
-MAX_STEPS = 1000  # through a long curved valley; a few elsewhere
+MAX_STEPS = 200
 NEAR = 1e-6  # relative decrease of the cost after which Newton steps alone go on
 TOO_NEAR = 1e-4  # m
 RISEN = 1e-3  # relative increase of the cost with which Newton steps have left for another stationary point
@@ -170,7 +170,12 @@ def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
     ended = merit(*best)
     if smallest < RESOLVED and ended <= cost + RISEN * (1.0 + cost):
         return Minimum(*best, solve_at(recording, landmark_ids, *best), ended)
-    raise UndeterminedError(_why_no_minimum(recording, landmark_ids, *best, smallest, ended - cost))
+    if smallest < RESOLVED:
+        raise UndeterminedError(
+            f"batch: no minimum, the last steps lead {ended - cost:.2g} nats uphill: the measurements leave a "
+            "direction all but undetermined; add observations with smaller covariances or from other places"
+        )
+    raise UndeterminedError(_why_no_minimum(recording, landmark_ids, *best, smallest))
 
 
 def _apart(point: tuple[Float, Float], other: tuple[Float, Float]) -> Float:
@@ -209,16 +214,13 @@ def _refuse_landmarks_at_poses(recording: Recording, slot: Int, poses: Float, la
         )
 
 
-def _why_no_minimum(
-    recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float, size: float, rise: float
-) -> str:
+def _why_no_minimum(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float, size: float) -> str:
     """One line: what stands out where the descent ended."""
     ids = require_known_landmarks(recording)
     slot = np.searchsorted(landmark_ids, ids)
     with np.errstate(all="ignore"):
         misfit = np.sqrt(np.square(whitened_residuals(recording, slot, poses, landmarks)).sum(axis=1))
-    last = f"the last step is of {size:.2g} sigma" if size >= RESOLVED else f"steps lead {rise:.2g} nats uphill"
-    opening = f"batch: no minimum, {last}"
+    opening = f"batch: no minimum, the last step is of {size:.2g} sigma"
     worst = int(np.argmax(np.nan_to_num(misfit, nan=np.inf))) if len(misfit) else -1
     if worst >= 0 and not misfit[worst] < 6.0:
         return (

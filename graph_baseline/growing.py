@@ -27,7 +27,7 @@ from slamgauge.graph_baseline.elimination import Place
 from slamgauge.graph_baseline.factors import require_known_landmarks
 from slamgauge.graph_baseline.mapped import MappedLandmarks
 from slamgauge.graph_baseline.models import measured_of
-from slamgauge.graph_baseline.search import Start, explained_by_noise, grown, placed_minimum, searched
+from slamgauge.graph_baseline.search import Start, explained_by_noise, grown, placed_minimum, searched, softened
 from slamgauge.graph_baseline.smoother import EXHAUSTED, own_blocks_of_inverse
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
@@ -309,6 +309,7 @@ class GrowingOptimum:
 
         def starts(part: Recording, path: Float) -> Iterator[Start]:
             yield lambda: searched(part, path)
+            yield lambda: softened(part, path)
             yield lambda: searched(part, here)
             yield lambda: grown(part)
 

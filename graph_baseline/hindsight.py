@@ -4,7 +4,8 @@
    motions of zero variance, since its damped steps would leave hard constraints and stop early.
 2. Damped steps (`descent`) lead from there near a minimum of the recording's own cost, zero variances and all.
 3. A cost that the stated noise explains (chi-square of its degrees of freedom) ends the search. Otherwise further
-   starts are tried: the causal optimum's path, a start that is grown portion by portion, and dead reckoning itself.
+   starts are tried: one with observations softened at first, the causal optimum's path, one that is grown portion by
+   portion, and dead reckoning itself.
 4. Newton steps end at the minimum of the lowest.
 
 Bearings alone: a landmark is taken in as soon as bearings place it from the optimum without it, and left out where they
@@ -101,11 +102,10 @@ def _starts(recording: Recording, path: Float) -> Iterator[Start]:
     """Ways to poses (N+1, 3) and landmarks (L, 2) from which to descend, the likeliest first."""
     odometry = chain(recording.prior_mean, recording.odometry)
     yield lambda: searched(recording, path)
+    yield lambda: softened(recording, path)
     if np.array_equal(path, odometry):
         yield lambda: _causal(recording)
     else:
         yield lambda: searched(recording, odometry)
     yield lambda: grown(recording)
-    if recording.sensor == "bearing":
-        yield lambda: softened(recording, path)
     yield lambda: (odometry, landmarks_at_first_sight(recording, odometry))

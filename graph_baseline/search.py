@@ -30,7 +30,7 @@ except ImportError:  # there is no GTSAM for this system
     from slamgauge.graph_baseline.descent import descended
 
 PORTIONS = 8  # of the recording, in the grown start
-SOFTER = (1e4, 1e3, 1e2, 1e1)  # times the noise of observations, in the softened start
+SOFTER = (100.0, 10.0)  # times the noise of observations, in the softened start
 UNLIKELY = 5e-4  # probability that true noise makes a cost that is taken for too high
 
 Start = Callable[[], tuple[Float, Float]]  # poses (N+1, 3), and landmarks (L, 2) in increasing id order

@@ -16,7 +16,7 @@ from random_recordings import random_recording
 from referees.extended import DIGITS_GAINED, extended
 from referees.filters import PAIRS, difference, judge_filters, judge_minimum
 from referees.least_squares import Model, NoMinimumError, placed_only
-from referees.optima import judge_optima, lowest, own_starts, starts, stated_check
+from referees.optima import judge_optima, lowest, of_estimate, own_starts, stated_check
 from referees.recordings import MOTIONS, PRIORS, SENSORS, Drawn, draw
 from referees.table import bars_missed, table, worst_cases
 from referees.verdicts import COST_BAR, Judged, Outcome, Verdict
@@ -26,9 +26,10 @@ from slamgauge.arrays import Float
 from slamgauge.compare.storage.files import load_recording, load_truth
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, isam2
-from slamgauge.graph_baseline.descent import approach
-from slamgauge.graph_baseline.factors import first_sights, landmarks_at_first_sight
+from slamgauge.graph_baseline.descent import approach, settle
+from slamgauge.graph_baseline.factors import first_sights, landmarks_at_first_sight, prior_cov_in_body
 from slamgauge.graph_baseline.search import is_low
+from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.se2 import between, chain, rotation, wrap
 
 FALSE_ALARM = 1e-4  # of each chi-square test, both sides together
@@ -262,14 +263,16 @@ def test_valleys_and_bearings_that_place_less_than_the_path_said(number: int):
     assert found["batch"].verdict == "agrees"
     assert "batch mapped" not in found or found["batch mapped"].verdict == "agrees"
 
+
 @pytest.mark.parametrize(("number", "landmarks"), [(322, 5), (1198, 2), (1264, 7)])
 def test_batch_finds_the_minimum_of_bearings_that_a_single_descent_misses(number: int, landmarks: int):
-    """It lies beyond a long valley, or needs bearings softened at first, or one landmark of many is not placed."""
+    """Bearings softened at first lead to it, and without the landmarks that leave a valley."""
     each = draw(2030, number)
     estimate = batch(each.recording)
     assert len(estimate.landmark_ids) == landmarks
     model = Model(placed_only(each.recording, estimate.landmark_ids))
-    minimum = lowest(model, starts(model, each.truth.poses, estimate))
+    assert each.truth.poses is not None
+    minimum = lowest(model, [model.start(model.relative(each.truth.poses)), of_estimate(model, estimate)])
     assert minimum is not None and estimate.chi_square is not None
     assert estimate.chi_square / 2 <= minimum.cost * (1 + COST_BAR)
 
@@ -283,6 +286,23 @@ def test_a_valley_that_bends_far_is_gone_down_by_what_the_motions_turn():
     found = model.minimum(model.unknowns(model.relative(near.poses), model.relative(near.landmarks)))
     assert near.cost == pytest.approx(found.cost, rel=1e-6)
     assert is_low(recording, found.cost)
+
+
+def test_batch_finds_the_minimum_of_sharp_ranges_that_lies_far_from_dead_reckoning():
+    """The cost of dead reckoning is 1e8, and damped steps end in a minimum of 1.7e6."""
+    each = draw(2031, 20)
+    estimate = batch(each.recording)
+    assert estimate.chi_square is not None and estimate.chi_square < 100
+
+
+def test_newton_steps_do_not_end_uphill():
+    """Three bearings of one landmark from two poses: the cost falls towards infinity, and is stationary elsewhere."""
+    recording = placed_only(draw(2030, 1264).recording.first(1), np.array([0]))
+    here = replace(recording, prior_mean=np.zeros(3), prior_cov=prior_cov_in_body(recording))
+    poses = np.array([[0.0, 0.0, 0.0], [0.5841, 0.0050, -0.0436]])
+    near = approach(here, np.array([0]), poses, np.array([[-45.0, 84.0]]))
+    with pytest.raises(UndeterminedError, match="nats uphill"):
+        settle(here, np.array([0]), near)
 
 
 def test_what_a_yardstick_says_of_itself_is_read():
