@@ -34,20 +34,35 @@ SOFTER = (100.0, 10.0)  # times the noise of observations, in the softened start
 UNLIKELY = 5e-4  # probability that true noise makes a cost that is taken for too high
 
 Start = Callable[[], tuple[Float, Float]]  # poses (N+1, 3), and landmarks (L, 2) in increasing id order
+Starts = Callable[[Recording, Float], Iterable[Start]]  # of a recording and a path (N+1, 3)
 
 
-def placed_minimum(
-    recording: Recording, path: Float, starts: Callable[[Recording, Float], Iterable[Start]]
-) -> tuple[Int, Minimum]:
+def placed_minimum(recording: Recording, path: Float, starts: Starts) -> tuple[Int, Minimum]:
     """The lowest minimum of all that is placed: from a path (N+1, 3) at first, in the end from the minimum itself.
 
-    Landmarks are taken in, each once at most, until no more are placed; then those that are not are left out, and so
-    are at any time those that the end of a search in vain does not place, or else the half that it places worst. Where
-    the path places none, their bearings may still, by mending it: it is tried with all of them, then with those of the
-    landmark seen most.
+    What the minimum leaves out may still be placed by a minimum with it, far from the one without: it is tried with all
+    that several poses have seen, then with the landmark that is seen most.
 
     Returns:
         Association (M,), -1 for what bearings alone do not place, and the minimum without that.
+    """
+    taken, found = _minimum_of_placed(recording, are_placed(recording, path), path, starts)
+    again = are_seen_again(recording)
+    for hopeful in (again, of_most_frequent(require_known_landmarks(recording), again)):
+        if (hopeful & ~taken).any():
+            with suppress(UndeterminedError):
+                more, other = _minimum_of_placed(recording, taken | hopeful, found.poses, starts)
+                likely = is_low(recording.only(more), other.cost) or not is_low(recording.only(taken), found.cost)
+                if likely and more.sum() > taken.sum():
+                    taken, found = more, other
+    return np.where(taken, require_known_landmarks(recording), -1), found
+
+
+def _minimum_of_placed(recording: Recording, taken: Marks, path: Float, starts: Starts) -> tuple[Marks, Minimum]:
+    """The lowest minimum of observations `taken` (M,) at first, in the end of those (M,) that it places itself.
+
+    Landmarks are taken in, each once at most, until no more are placed; then those that are not are left out, and so
+    are at any time those that the end of a search in vain does not place, or else the half that it places worst.
     """
 
     def minimum(taken: Marks, path: Float) -> tuple[Marks, Minimum]:
@@ -58,13 +73,7 @@ def placed_minimum(
             except UndeterminedError as error:
                 taken = _left_by(error, recording, taken)
 
-    taken, found = minimum(are_placed(recording, path), path)
-    again = are_seen_again(recording)
-    for hopeful in (again, of_most_frequent(require_known_landmarks(recording), again)):
-        if not taken.any() and hopeful.any():
-            with suppress(UndeterminedError):
-                mended = minimum(hopeful, path)[1].poses
-                taken, found = minimum(are_placed(recording, mended), mended)
+    taken, found = minimum(taken, path)
     tried, placed = taken, are_placed(recording, found.poses)
     while (placed & ~tried).any():
         tried = tried | placed
@@ -72,7 +81,7 @@ def placed_minimum(
         placed = are_placed(recording, found.poses)
     if (taken & ~placed).any():
         taken, found = minimum(taken & placed, found.poses)
-    return np.where(taken, require_known_landmarks(recording), -1), found
+    return taken, found
 
 
 def _left_by(error: UndeterminedError, recording: Recording, taken: Marks) -> Marks:

@@ -256,6 +256,14 @@ def test_bearings_mend_the_path_that_they_are_placed_from():
     assert set(batch(each.recording).landmark_ids) == set(each.recording.landmark)
 
 
+def test_a_landmark_that_is_placed_only_by_the_minimum_with_it_is_mapped():
+    """The minimum without it lies where its bearings do not meet."""
+    each = draw(2032, 5)
+    assert each.recording.landmark is not None
+    for estimator in (batch, isam2):
+        assert set(estimator(each.recording).landmark_ids) == set(each.recording.landmark)
+
+
 @pytest.mark.parametrize("number", [161, 219])
 def test_valleys_and_bearings_that_place_less_than_the_path_said(number: int):
     """Batch has failed in these."""
