@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
+from slamgauge.compare.estimators.registry import is_yardstick
 from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
-from slamgauge.compare.report.glossary import figure_heads, glossary
+from slamgauge.compare.report.glossary import TERMS, figure_heads
 from slamgauge.compare.report.plain_page import figure_cell, plain_page
-from slamgauge.compare.report.run_page import PICTURES
+from slamgauge.compare.report.run_page import PICTURES, lead
 from slamgauge.compare.scoring.catalogue import columns
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import METRICS, REPORT
@@ -119,7 +120,7 @@ def question_page(folder: Path, name: str) -> str:
         for estimator, entry in metrics["estimators"].items()
     ]
     chief = [head for head in figure_heads("run") if head.title in {title for title, _, _ in found}]
-    heads = [Head("scenario", words=True), Head("estimator", words=True), *(head._replace(help="") for head in chief)]
+    heads = [Head("scenario", words=True), Head("estimator", words=True), *chief]
     claims = [
         [Cell(each.id), Cell(each.section), Cell(each.claim), Cell(each.hypothesis)]
         for each in CLAIMS
@@ -128,10 +129,11 @@ def question_page(folder: Path, name: str) -> str:
     study = f"slamgauge study {[*question.runs][-1]} --runs 50 --out results/study"
     many = "slamgauge claims --out results/claims" if claims else study
     first = next(iter(runs))
+    came = {"scenario": ", ".join(runs), **{key: runs[first].get(key) for key in ("command", "seed", "version")}}
     return plain_page(
         kind=f"question {name[1:]} of the practical",
         title=question.title,
-        lead=[("Asked", question.asked), *(("Look", each) for each in question.look)],
+        lead=[("Asked", question.asked), *(("Look", each) for each in question.look), *said(runs)],
         notes=[
             "a scenario's name in the table leads to its page, with the replay of its run",
             f"one run each, with luck in every figure; many runs tell: {many}",
@@ -145,6 +147,16 @@ def question_page(folder: Path, name: str) -> str:
             for each in question.runs
             for picture in pictures(folder / each, PICTURES)
         ],
-        glossary=glossary("run"),
-        origin=origin(folder / first / METRICS, {"scenario": ", ".join(runs), "seed": runs[first]["seed"]}),
+        glossary=TERMS["run"],
+        origin=origin(folder / first / METRICS, came),
     )
+
+
+def said(runs: dict[str, Any]) -> list[tuple[str, str]]:
+    """What each run says of whom it is about, the optima left out: they are what others are held against."""
+    return [
+        (f"{scenario}, {estimator}", text)
+        for scenario, metrics in runs.items()
+        for estimator, text in lead(metrics)
+        if not is_yardstick(estimator)
+    ]

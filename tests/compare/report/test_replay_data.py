@@ -145,6 +145,9 @@ def test_a_question_of_the_practical_is_carried_out_and_explained(
     page = (tmp_path / "results/q1/report.html").read_text(encoding="utf-8")
     assert 'href="stationary/report.html"' in page
     assert "the error accumulates along the loop" in page
+    assert "<strong>stationary, ekf</strong>: RMS position error " in page
+    assert "<code>slamgauge report q1</code>" in page
+    assert "<dt>time [s]</dt>" not in page  # no column of its table
     assert (tmp_path / "results/q1/stationary/report.html").exists()
     for _ in range(2):  # again, too, where the folder has the question's name
         assert main(["report", "q1", "--out", "q1"]) == 0
