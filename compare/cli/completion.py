@@ -12,17 +12,16 @@ from typing import Literal
 from slamgauge.compare.cli.options import print_result
 from slamgauge.errors import UserError
 
-SHELLS = ("bash", "zsh", "tcsh")
-# where shells look by themselves, below the user's own folder; the others have to be told
+SHELLS = ("bash", "zsh")
+# where shells look by themselves, below the user's own folder, or are told to
 PLACES = {
     "bash": ".local/share/bash-completion/completions/slamgauge",
     "zsh": ".zfunc/_slamgauge",
-    "tcsh": ".slamgauge.tcsh",
 }
+SPECIFICATION = "COMPLETION_SPEC = "  # how the line begins in which tyro names options and their help
 THEN = {
     "bash": "new shells have it (package bash-completion)",
     "zsh": "have `fpath+=~/.zfunc; autoload -Uz compinit; compinit` in ~/.zshrc",
-    "tcsh": "have `source ~/.slamgauge.tcsh` in ~/.tcshrc",
 }
 
 
@@ -35,7 +34,7 @@ class Completion:
       slamgauge completion --shell zsh --print
     """
 
-    shell: Literal["bash", "zsh", "tcsh"] | None = None
+    shell: Literal["bash", "zsh"] | None = None
     """For which; yours, of the environment variable SHELL, if not given."""
 
     print: bool = False
@@ -59,6 +58,10 @@ class Completion:
 
 
 def completion_script(shell: str) -> str:
-    """The script by which a shell completes `slamgauge`, as tyro makes it of all commands."""
+    """The script by which a shell completes `slamgauge`, as tyro makes it of all commands.
+
+    To the shell an option and its help are a line: help of several lines becomes one, or its ends would be offered.
+    """
     command = [sys.executable, "-P", "-m", "slamgauge", "--tyro-print-completion", shell]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.rstrip("\n")
+    lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.rstrip("\n").split("\n")
+    return "\n".join(line.replace("\\n", " ") if line.startswith(SPECIFICATION) else line for line in lines)

@@ -31,6 +31,8 @@ ABOUT = (
     "(`slamgauge --version` prints its version, `slamgauge COMMAND --help` the options of a command.)"
 )
 BAD_INPUT = 2  # exit status
+OWN = ("-h", "--help", "--tyro-print-completion")  # options of tyro that are no command's
+REPEATED = ("For full helptext", "Argument helptext")  # what follows is told by --help
 
 
 def parse(words: Sequence[str], commands: Mapping[str, type[Command]]) -> Command:
@@ -47,6 +49,8 @@ def parse(words: Sequence[str], commands: Mapping[str, type[Command]]) -> Comman
         return _parsed(commands[name], f"slamgauge {name}", words[1:])
     if not name.startswith("-"):
         raise UserError(f"{name}: no such command; {did_you_mean(name, commands)}")
+    if name not in OWN:
+        raise UserError(f"{name}: no option of `slamgauge`; {did_you_mean(name, ('--version', '--help'))}")
     return _parsed(overview(commands), "slamgauge", words, ABOUT)
 
 
@@ -81,8 +85,8 @@ def _mistake(kind: Any, program: str, words: Sequence[str], told: str) -> str:
                 f"{option}: no option of `{program}`; {did_you_mean(option, known, f'`{program} --help` lists them')}"
             )
     lines = [line.strip("│| ") for line in told.splitlines() if re.search(r"\w", line)][1:]  # in tyro's box
-    said = " ".join(takewhile(lambda line: not line.startswith("For full helptext"), lines))
-    return f"{said}; `{program} --help` tells more"
+    said = " ".join(takewhile(lambda line: not line.startswith(REPEATED), lines))
+    return f"{said.rstrip('.')}; `{program} --help` tells more"
 
 
 def _options(kind: Any, program: str, words: Sequence[str]) -> set[str]:

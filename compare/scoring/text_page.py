@@ -15,6 +15,7 @@ Tone = Literal["plain", "head", "good", "bad", "faint"]
 Paint = Callable[[str, Tone], str]
 
 LONGEST_NAME = 28  # of the first column where the width is limited; more is cut in the middle
+ROOMY = 200  # characters: from here on what finds no room stands in a table of its own below, and nothing is left out
 NARROWEST = 24  # a column of sentences is not made narrower than this
 TONES: dict[str, Tone] = {
     **dict.fromkeys(("passed", "holds"), "good"),
@@ -29,7 +30,7 @@ def plain(text: str, _: Tone) -> str:
 
 @dataclass(frozen=True)
 class Grid:
-    """A table whose columns are in the order of their worth: where there is no room those from the right are left out.
+    """A table whose columns are in the order of their worth: where there is no room those from the right give way.
 
     Attributes:
         rows: cells, the head first.
@@ -89,7 +90,7 @@ def _painted(line: str, row: Sequence[str], paint: Paint) -> str:
 
 
 def _fitted_lines(grid: Grid, width: int, paint: Paint) -> list[str]:
-    """The columns that there is room for, and which ones are left out."""
+    """The columns that there is room for; the others below, where there is much of it, or which ones are left out."""
     rows = [[_shortened(row[0]), *row[1:]] for row in grid.rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     least = list(widths)
@@ -105,6 +106,10 @@ def _fitted_lines(grid: Grid, width: int, paint: Paint) -> list[str]:
         room = width - sum(least[:kept]) - 2 * (kept - 1) + least[grid.sentences]
         lines = _with_sentences([row[:kept] for row in rows], grid.words, grid.sentences, room, paint)
     missing = rows[0][kept:]
+    named = grid.words if isinstance(grid.words, int) else 1
+    if missing and width >= ROOMY and kept > named:
+        rest = Grid([[*row[:named], *row[kept:]] for row in rows], named)
+        return [*lines, "", *_grid_lines(rest, width, paint)]
     said = f"left out at {width} characters: {', '.join(missing)} (--wide shows all)"
     return lines + ([paint(line, "faint") for line in _wrapped(said, width)] if missing else [])
 

@@ -537,12 +537,14 @@ def test_misspelt_commands_and_options_are_refused(capsys: pytest.CaptureFixture
         ("import", "csv", "log", "--set=a.b=1", "--ouut", "x"): "--ouut: no option of `slamgauge import`; did you mean",
         ("run", "q1-long-dense", "--seed", "x"): "Error parsing --seed: ",
         ("run", "q1-long-dense", "more"): "Unrecognized options: more; `slamgauge run --help` tells more",
+        ("--versoin",): "--versoin: no option of `slamgauge`; did you mean --version?",
     }
     for arguments, line in told.items():
         assert run(*arguments) == 2
         printed = capsys.readouterr()
         assert printed.out == ""
         assert printed.err.startswith(f"slamgauge: {line}")
+        assert "helptext" not in printed.err
         assert printed.err.count("\n") == 1
 
 

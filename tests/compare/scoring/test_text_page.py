@@ -31,6 +31,18 @@ def test_columns_from_the_right_are_left_out_and_named():
     assert max(map(len, lines)) <= 24
 
 
+def test_where_there_is_much_room_nothing_is_left_out():
+    titles = [f"figure {place:02}" for place in range(40)]
+    grid = Grid([["gate", "estimator", *titles], ["1", "ekf", *titles], ["9", "mine", *titles]], 2)
+    lines = Page((grid,)).text(200).splitlines()
+    heads = [line.split("  ") for line in lines if line.startswith("gate")]
+    assert [head[:2] for head in heads] == [["gate", "estimator"]] * 3
+    assert [title for head in heads for title in head[2:]] == titles
+    assert max(map(len, lines)) <= 200
+    assert not any("left out" in line for line in lines)
+    assert "left out at 199 characters" in Page((grid,)).text(199)
+
+
 def test_sentences_go_on_in_further_lines():
     lines = Page((SENTENCES,)).text(40).splitlines()
     assert lines == [
