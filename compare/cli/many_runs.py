@@ -158,6 +158,7 @@ class Study:
 
         def finished(folder: Path, summary: Summary, runs: dict[str, Runs], step: float) -> None:
             drawn.append(write_study(folder, summary, runs, step))
+            drawn.append(write_page(folder, SUMMARY, wanted=not self.no_report, opened=False))
 
         with carried_by(self.jobs, self.scheduler) as executor:
             arguments = (self.scenario, overrides, sweep, self.runs, self.seed, asked, self.out, executor)

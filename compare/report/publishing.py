@@ -12,8 +12,8 @@ from slamgauge.compare.report.noise_page import noise_page
 from slamgauge.compare.report.practical import question_page
 from slamgauge.compare.report.run_page import run_page
 from slamgauge.compare.report.study_page import study_page
-from slamgauge.compare.report.sweep_page import sweep_page
-from slamgauge.compare.storage.files import explained
+from slamgauge.compare.report.sweep_page import studies_of, sweep_page
+from slamgauge.compare.storage.files import explained, of_this_version, read_json
 from slamgauge.compare.storage.manifest import require_free
 from slamgauge.compare.storage.result_files import BUDGET, CLAIMS, GRADES, METRICS, NOISE, REPORT, SUMMARY, SWEEP
 from slamgauge.compare.storage.staged_folder import staged_folder
@@ -34,13 +34,19 @@ PAGES: dict[str, Pages] = {
 
 
 def publish_report(folder: Path) -> None:
-    """Write the page of the results in a folder beside them, whole or not at all.
+    """Write the page of the results in a folder beside them, whole or not at all; of a sweep those of its values, too.
 
     Raises:
         UserError: there are no results, or a page that is not ours is in the way.
     """
     require_free(folder, [REPORT], REMEDY)
-    _publish(folder, pages_of(folder))
+    latest = latest_in(folder)
+    with of_this_version(latest):
+        pages = PAGES[latest.name](folder)
+        below = studies_of(folder, read_json(latest, "study --sweep")) if latest.name == SWEEP else {}
+    for study in below.values():
+        publish_report(study)
+    _publish(folder, pages)
 
 
 def publish_question(folder: Path, name: str) -> None:
@@ -69,19 +75,15 @@ def _write(stage: Path, pages: dict[str, str]) -> None:
         (stage / name).write_text(text, encoding="utf-8", newline="\n")
 
 
-def pages_of(folder: Path) -> dict[str, str]:
-    """The pages that explain what lies in a folder, by the names of their files; of several results the latest.
+def latest_in(folder: Path) -> Path:
+    """The file that tells of the results in a folder; of several results the latest.
 
     Raises:
-        UserError: nothing of ours does, or it does not belong together.
+        UserError: nothing of ours lies there.
     """
     found = [folder / name for name in PAGES if (folder / name).is_file()]
-    if found:
-        latest = max(found, key=lambda path: path.stat().st_mtime_ns)
-        try:
-            return PAGES[latest.name](folder)
-        except (LookupError, TypeError, AttributeError):  # what it tells is not what this version writes
-            raise UserError(f"{latest}: of another version, or changed by hand; give its command again") from None
-    raise UserError(
-        f"{folder}: holds no results; give a folder that slamgauge has written ({', '.join(PAGES)}), or q1 to q4"
-    )
+    if not found:
+        raise UserError(
+            f"{folder}: holds no results; give a folder that slamgauge has written ({', '.join(PAGES)}), or q1 to q4"
+        )
+    return max(found, key=lambda path: path.stat().st_mtime_ns)

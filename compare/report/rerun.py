@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import shlex
+import tomllib
+from functools import reduce
 from itertools import takewhile
 from typing import Any, NamedTuple
 
@@ -30,15 +33,31 @@ def command_of_run(content: dict[str, Any], seed: int) -> str:
 def run_of_study(content: dict[str, Any], seed: int) -> Rerun:
     """A run of a study by its seed, from summary.json: the settings are those of the study's command.
 
-    Where Python has carried the study out there is no command.
+    Where Python has carried the study out there is no command. Of a sweep's value its own setting is added.
     """
-    command = content.get("command")
-    words = shlex.split(command or "")[2:]
+    words = _words(content)
     scenario = words[0] if words and not words[0].startswith("--") else content["scenario"]
     chosen = ",".join(content["estimators"])
     if "--estimators" in words:  # people's own by their addresses
         chosen = words[words.index("--estimators") + 1]
-    return Rerun(scenario, seed, ["start=sampled", *_settings(words)], chosen, bool(command))
+    settings = ["start=sampled", *_settings(words), *filter(None, [swept(content)])]
+    return Rerun(scenario, seed, settings, chosen, bool(words))
+
+
+def swept(content: dict[str, Any]) -> str:
+    """`key=value` of a study that is a value of a sweep; the value stands in the scenario's text. Empty of others."""
+    words = _words(content)
+    if "--sweep" not in words:
+        return ""
+    key = words[words.index("--sweep") + 1].partition("=")[0].strip()
+    value = reduce(lambda table, name: table[name], key.split("."), tomllib.loads(content["scenario_text"]))
+    return f"{key}={value if isinstance(value, str) else json.dumps(value)}"
+
+
+def _words(content: dict[str, Any]) -> list[str]:
+    """What follows `slamgauge study`; `--option=value` as two words."""
+    words = shlex.split(content.get("command") or "")[2:]
+    return [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
 
 
 def _settings(words: list[str]) -> list[str]:

@@ -11,7 +11,7 @@ from slamgauge.compare.report.content import Cell, Head, Look, Table, looks, ori
 from slamgauge.compare.report.glossary import figure_heads, glossary
 from slamgauge.compare.report.packing import pack
 from slamgauge.compare.report.page import render
-from slamgauge.compare.report.rerun import command_of_run
+from slamgauge.compare.report.rerun import command_of_run, swept
 from slamgauge.compare.scoring.catalogue import columns
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.over_runs import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
@@ -53,11 +53,11 @@ def study_page(folder: Path) -> dict[str, str]:
     """
     study = load_study(folder)
     summary = study.summary
-    shown = looks(summary.estimators)
+    shown, value = looks(summary.estimators), swept(study.content)
     text = render(
         "study.html",
         kind="a study",
-        title=f"{summary.scenario}, {summary.runs} runs",
+        title=f"{summary.scenario}{f' at {value}' if value else ''}, {summary.runs} runs",
         lead=[(name, each.verdict) for name, each in summary.estimators.items() if each.verdict],
         notes=[
             *optimum_lines(summary),

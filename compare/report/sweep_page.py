@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
+from urllib.parse import quote
 
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
@@ -11,7 +13,7 @@ from slamgauge.compare.report.plain_page import interval_of, plain_page
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns
 from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.storage.files import read_json
-from slamgauge.compare.storage.result_files import REPORT, SWEEP
+from slamgauge.compare.storage.result_files import REPORT, SUMMARY, SWEEP
 
 PICTURES = {
     "sweep.png": (
@@ -26,19 +28,28 @@ def sweep_page(folder: Path) -> dict[str, str]:
     content = read_json(folder / SWEEP, "study --sweep")
     bounded = any("bound" in point["summary"] for point in content["points"])
     found, rows = columns("sweep", bounded=bounded), list[list[Cell]]()
+    links = {value: f"{quote(study.name)}/{REPORT}" for value, study in studies_of(folder, content).items()}
     for point in content["points"]:
         marks = dict.fromkeys(RELATIVE, MARK * (CAUSAL in point["in_doubt"]))
         for name, entry in point["summary"]["estimators"].items():
             figures = [interval_of(entry[key], form, marks.get(key, "")) for _, key, form in found]
-            rows.append([Cell(str(point["value"])), Cell(name), *figures])
+            value = str(point["value"])
+            rows.append([Cell(value, link=links.get(value, "")), Cell(name), *figures])
     heads = [Head(content["key"], words=True), Head("estimator", words=True), *figure_heads("sweep", bounded=bounded)]
     text = plain_page(
         kind="a sweep",
         title=f"{content['scenario']} over {content['key']}, {content['runs']} runs at each value",
         lead=[*content["faults"].items()],
-        notes=content["notes"],
+        notes=["a value in the table leads to the page of its study, with its runs one by one", *content["notes"]],
         tables=[Table("sweep", "Means over runs, with the half width of their 95 % intervals", heads, rows)],
         pictures=pictures(folder, PICTURES),
         origin=origin(folder / SWEEP, content, [("Runs at each value", str(content["runs"]))]),
     )
     return {REPORT: text}
+
+
+def studies_of(folder: Path, content: dict[str, Any]) -> dict[str, Path]:
+    """The folders of a sweep's studies by their values, of those that are there; `content` is that of sweep.json."""
+    values = [str(point["value"]) for point in content["points"]]
+    found = {value: folder / f"{content['key']}={value}" for value in values}
+    return {value: study for value, study in found.items() if (study / SUMMARY).is_file()}

@@ -37,6 +37,15 @@ def explained(path: str | Path, verb: str) -> Generator[None]:
         raise UserError(f"{path}: cannot be {verb} ({reason}); check the path and its permissions") from None
 
 
+@contextmanager
+def of_this_version(path: Path) -> Generator[None]:
+    """Turn the failure to find what this version writes into `path` in its content into a one-line `UserError`."""
+    try:
+        yield
+    except (LookupError, TypeError, AttributeError):
+        raise UserError(f"{path}: of another version, or changed by hand; give its command again") from None
+
+
 def save(path: str | Path, record: Recording | Truth | Estimate) -> None:
     """Write the fields of a record to an npz file under their own names; a field that is None is left out.
 

@@ -34,6 +34,7 @@ STUDY_PICTURES = pictures("nees", "nis", "rmse", "errors", "ratios")
 STUDY_FILES = (*STORE_FILES, SUMMARY, *STUDY_PICTURES, REPORT)
 SWEEP = "sweep.json"
 SWEEP_PICTURES = pictures("sweep")
+OPTIMA = "optimum"  # folder of the optima's stores, beside those of the values
 SWEEP_FILES = (SWEEP, *SWEEP_PICTURES, REPORT)
 BUDGET = "budget.json"
 BUDGET_PICTURES = pictures("budget")
@@ -47,7 +48,7 @@ TWIN = "twin.toml"
 TWIN_PATH, TWIN_MOTION, TWIN_SIGHTINGS = "path.csv", "motion.csv", "sightings.csv"
 TWIN_FILES = (TWIN, TWIN_PATH, TWIN_MOTION, TWIN_SIGHTINGS)
 BENCH = "bench.json"
-BENCH_PICTURES = ("bench.png",)
+BENCH_PICTURES = pictures("bench")
 BENCH_FILES = (BENCH, *BENCH_PICTURES)
 
 GRADES, GRADES_XML = "grades.csv", "grades.xml"

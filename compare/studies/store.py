@@ -182,8 +182,8 @@ def open_store(path: Path, scenario: Scenario, seed: int) -> Generator[StudyStor
         yield StudyStore(connection)
 
 
-def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tuple[float, dict[str, Runs]]:
-    """Time step [s] and the first `runs` runs of a study with that digest, by the labels of its estimators.
+def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tuple[Scenario, dict[str, Runs]]:
+    """The scenario of a study with that digest, and its first `runs` runs by those of the labels that it has.
 
     People's own code has a key for every version of it: that which was stored last is meant.
 
@@ -199,11 +199,8 @@ def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tup
             raise UserError(f"{path}: is of another study than the summary beside it; give the command again")
         latest = "SELECT estimator FROM outcome GROUP BY estimator ORDER BY max(rowid)"
         keys = {key.partition(" ")[0]: key for (key,) in connection.execute(latest)}
-        store, lacking = StudyStore(connection), [label for label in labels if label not in keys]
-        if lacking:
-            raise UserError(f"{path}: holds no run of {lacking[0]}; of a sweep's value, give the sweep's own folder")
-        step = Scenario.model_validate_json(found["scenario"]).trajectory.step
-        return step, {label: store.load(keys[label], runs) for label in labels}
+        store, scenario = StudyStore(connection), Scenario.model_validate_json(found["scenario"])
+        return scenario, {label: store.load(keys[label], runs) for label in labels if label in keys}
 
 
 def _require_same(connection: sqlite3.Connection, path: Path, scenario: Scenario, seed: int) -> None:

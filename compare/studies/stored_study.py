@@ -5,9 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.files import read_json
-from slamgauge.compare.storage.result_files import STORE, SUMMARY
+from slamgauge.compare.storage.result_files import OPTIMA, STORE, SUMMARY
+from slamgauge.compare.studies.store import digest as digest_of
 from slamgauge.compare.studies.store import read_store
 from slamgauge.compare.studies.summary import Failure, Summary, summarise
 from slamgauge.errors import UserError
@@ -30,7 +33,7 @@ class StoredStudy(NamedTuple):
 
 
 def load_study(folder: Path) -> StoredStudy:
-    """The study in a folder: the runs that its summary.json is of.
+    """The study in a folder: the runs that its summary.json is of; of a sweep's value with the optima beside it.
 
     Raises:
         UserError: there is none, or its files do not belong together.
@@ -43,5 +46,23 @@ def load_study(folder: Path) -> StoredStudy:
         scenario, digest = content["scenario"], content["digest"]
     except (ValueError, TypeError, KeyError):
         raise UserError(f"{path}: not what `slamgauge study` writes; run it again") from None
-    step, runs = read_store(folder / STORE, digest, labels, count)
-    return StoredStudy(content, Summary(scenario, count, seed, digest, failures, summarise(runs)), runs, step)
+    stored, runs = read_store(folder / STORE, digest, labels, count)
+    lacking = [label for label in labels if label not in runs]
+    beside, of_optima = optima_beside(folder.parent, stored, seed)
+    if lacking and beside.is_file():
+        runs |= read_store(beside, of_optima, lacking, count)[1]
+    lost = next((label for label in labels if label not in runs), None)
+    if lost is not None:
+        raise UserError(f"{folder / STORE}: holds no run of {lost}; give the command of the study again")
+    runs = {label: runs[label] for label in labels}
+    summary = Summary(scenario, count, seed, digest, failures, summarise(runs))
+    return StoredStudy(content, summary, runs, stored.trajectory.step)
+
+
+def optima_beside(sweep: Path, scenario: Scenario, seed: int) -> tuple[Path, str]:
+    """The store in a sweep's folder that holds the optima of a scenario, and its digest.
+
+    They are told true noise and associations, so that values at which they see the same share one.
+    """
+    found = digest_of(informed(scenario), seed)
+    return sweep / OPTIMA / found[:12] / STORE, found

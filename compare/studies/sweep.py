@@ -20,8 +20,9 @@ from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.manifest import require_folder, require_free
 from slamgauge.compare.storage.origin import origin
-from slamgauge.compare.storage.result_files import STORE_FILES, STUDY_FILES, SWEEP, SWEEP_FILES
+from slamgauge.compare.storage.result_files import OPTIMA, STORE_FILES, STUDY_FILES, SWEEP, SWEEP_FILES
 from slamgauge.compare.studies.store import digest
+from slamgauge.compare.studies.stored_study import optima_beside
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import (
     Failure,
@@ -159,10 +160,10 @@ def run_sweep(
     if not others:
         raise UserError("estimators: a sweep needs one beside the optima; add a filter, for example ekf")
     folders = [f"{key}={value}" for value in values]
-    besides = [f"optimum/{digest(informed(scenario), seed)[:12]}" for scenario in scenarios]
+    besides = [optima_beside(out, scenario, seed)[0].parent for scenario in scenarios]
     _require_free(out, folders, besides if optima else [])
     summaries: list[Summary] = []
-    for scenario, folder, beside in zip(scenarios, map(out.joinpath, folders), map(out.joinpath, besides), strict=True):
+    for scenario, folder, beside in zip(scenarios, map(out.joinpath, folders), besides, strict=True):
         parts = ((scenario, others, folder), (informed(scenario), optima, beside))
         summary, loaded = _run_parts(scenario, parts, runs, seed, executor)
         if finished is not None:
@@ -199,14 +200,13 @@ def _run_parts(
     return Summary(*content, scenario_text=scenario_text(scenario)), loaded
 
 
-def _require_free(out: Path, studies: Sequence[str], optima: Sequence[str]) -> None:
+def _require_free(out: Path, studies: Sequence[str], optima: Sequence[Path]) -> None:
     """Refuse a sweep with studies and optima in these folders if it would replace a file that is not ours."""
     require_free(out, SWEEP_FILES)
     for folder in studies:
         require_free(require_folder(out, folder), STUDY_FILES)
     for folder in optima:
-        require_folder(out, "optimum")
-        require_free(require_folder(out, folder), STORE_FILES)
+        require_free(require_folder(require_folder(out, OPTIMA), folder.name), STORE_FILES)
 
 
 def sweep_table(sweep: Sweep) -> Page:

@@ -15,7 +15,7 @@ from slamgauge import find_noise, load_scenario, simulate
 from slamgauge.compare.noise.finding import Noise
 from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.noise.words import noise_table
-from slamgauge.compare.report.publishing import pages_of
+from slamgauge.compare.report.publishing import PAGES
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.studies.budget import RUNGS, budget_table, summarise_budget
 from slamgauge.compare.studies.study import run_study
@@ -24,7 +24,7 @@ from slamgauge.compare.studies.sweep import Sweep, sweep_table
 
 def page_of(folder: Path, name: str, content: object) -> str:
     (folder / name).write_text(json.dumps(content))
-    text = re.sub(r"<[^>]*>", "", pages_of(folder)["report.html"])
+    text = re.sub(r"<[^>]*>", "", PAGES[name](folder)["report.html"])
     return " ".join(html.unescape(text).split())
 
 

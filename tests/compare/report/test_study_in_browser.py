@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from slamgauge import UserError, load_scenario
+from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.publishing import write_study
 from slamgauge.compare.report.publishing import PAGES, publish_report
-from slamgauge.compare.report.rerun import command_of_run
+from slamgauge.compare.report.rerun import command_of_run, swept
 from slamgauge.compare.storage.decorations import decorate
 from slamgauge.compare.studies.budget import RUNGS, summarise_budget
 from slamgauge.compare.studies.claim_evidence import Evidence
@@ -128,6 +129,59 @@ def test_the_command_of_a_run_has_the_settings_of_the_study():
     )
     assert command_of_run(content, 7) == expected
     assert "the study's own --set" in command_of_run({**content, "command": None}, 7)
+
+
+def test_the_command_of_a_run_of_a_sweep_has_its_value():
+    command = "slamgauge study q2 --sweep=association.gate=4,9 --set=a.b=1 --estimators ekf --out o"
+    text = 'start = "sampled"\n[association]\ngate = 4.0\n'
+    content = {"command": command, "scenario": "q2", "scenario_text": text, "estimators": {"ekf": {}}}
+    expected = "slamgauge run q2 --seed 7 --set start=sampled a.b=1 association.gate=4.0 --estimators ekf"
+    assert command_of_run(content, 7) == expected
+    worded = {
+        **content,
+        "command": "slamgauge study q2 --sweep association.method=jcbb,known",
+        "scenario_text": '[association]\nmethod = "jcbb"\n',
+    }
+    assert swept(worded) == "association.method=jcbb"
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two short runs at each of two scales, the optimum in a store of its own."""
+    folder = tmp_path_factory.mktemp("sweeps") / "sweep"
+    words = ("study", "q1-short-dense", "--runs", "2", "--jobs", "1", "--estimators", "ekf,isam2", "--out", str(folder))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("slamgauge.compare.figures.publishing.decorate", lambda *_: True)  # pictures take their time
+        assert main([*words, "--set", "trajectory.duration=3", "--sweep", "assumed.scale=1,2"]) == 0
+    return folder
+
+
+def test_the_page_of_a_sweep_leads_to_those_of_its_values(reader: Reader, sweep: Path):
+    reader.open(sweep / "report.html")
+    assert reader.run("return [...document.querySelectorAll('#sweep a')].length") == 4
+    reader.run("document.querySelectorAll('#sweep a')[2].click()")
+    title = reader.run("return document.querySelector('h1').textContent")
+    assert title == "q1-short-dense at assumed.scale=2.0, 2 runs"
+    assert reader.run("return document.querySelectorAll('#summary tbody tr').length") == 2
+    assert "assumed.scale=2.0" in reader.run("return document.querySelector('#worst').textContent")
+    assert reader.complaints() == []
+
+
+def test_a_value_of_a_sweep_is_a_study_with_the_optimum_beside_it(sweep: Path, tmp_path: Path):
+    study = load_study(sweep / "assumed.scale=2")
+    assert [*study.runs] == ["ekf", "isam2"]
+    written = json.loads((sweep / "assumed.scale=2/summary.json").read_text())
+    for name, entry in study.summary.estimators.items():
+        assert json.loads(json.dumps(entry.to_json())) == written["estimators"][name]
+    for page in sweep.rglob("report.html"):
+        page.unlink()
+    publish_report(sweep)
+    assert len([*sweep.rglob("report.html")]) == 3
+    (tmp_path / "alone").mkdir()
+    for name in ("summary.json", "study.sqlite"):
+        (tmp_path / "alone" / name).write_bytes((sweep / "assumed.scale=2" / name).read_bytes())
+    with pytest.raises(UserError, match="holds no run of isam2; give the command of the study again"):
+        load_study(tmp_path / "alone")
 
 
 def budget(folder: Path) -> None:
