@@ -35,7 +35,7 @@ class Bench:
     yes: Yes = False
 
     out: Folder | None = None
-    """Folder for bench.json and bench.png."""
+    """Folder for bench.json, bench.png and bench.svg."""
 
     json: bool = False
     """Print JSON on standard output instead of the table."""

@@ -35,7 +35,8 @@ class Export:
     Of the folder of a study: its table, means with 95 % intervals. csv: with full precision. latex: with booktabs and
     a caption. markdown. Printed on standard output without --out.
 
-    Of the folder of a run, a study, a sweep or an error budget: its figures, drawn anew for a paper. pdf, png, svg.
+    Of the folder of a run, a study, a sweep, an error budget, noise or bench: its figures, drawn anew for a paper. pdf,
+    png, svg.
 
     For example:
       slamgauge export first-run --format mat

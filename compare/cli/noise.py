@@ -59,16 +59,17 @@ class Noise:
             self._require_free(self.write)
         with results_folder(self.out, NOISE_FILES, last=NOISE) as folder:
             noise = find_noise(recording, systematic=self.systematic)
-            done = print_result(noise_json(noise) if self.json else noise_table(noise))
+            content = noise_json(noise)
+            done = print_result(content if self.json else noise_table(noise))
             if folder is not None:
-                write_json(folder / NOISE, noise_json(noise))
+                write_json(folder / NOISE, content)
         if self.write is not None:
             with staged_folder(self.write.parent, [self.write.name], self.write.name, remedy=REMEDY) as folder:
                 save(folder / self.write.name, noise.told)
         if self.out is not None:
             from slamgauge.compare.figures.publishing import draw_noise
 
-            done = draw_noise(self.out, noise) and done
+            done = draw_noise(self.out, content) and done
         for place in (self.out, self.write):
             if place is not None:
                 print(f"written to {place}", file=sys.stderr)

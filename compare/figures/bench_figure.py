@@ -10,13 +10,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from slamgauge.compare.bench.bench import step_time
-from slamgauge.compare.figures.plot_style import LEGEND, logarithmic, styles
+from slamgauge.compare.figures.plot_style import LEGEND, PRINT, logarithmic, styles
+from slamgauge.compare.figures.sheet import save_printed, sheet
 
 
-def save_bench_figure(path: Path, result: dict[str, Any]) -> None:
-    """Step time (median, or mean of a whole run) and its 95 % quantile against map size, both axes logarithmic."""
-    with mpl.rc_context({"text.parse_math": False}):
-        figure = Figure(figsize=(5.6, 3.4), layout="constrained")
+def save_bench_figure(out: Path, result: dict[str, Any]) -> None:
+    """Write the figure `bench` into `out`: step times and their 95 % quantiles against map size, axes logarithmic.
+
+    Step times are medians, or of who takes no steps the mean over a whole run; `result` is the content of bench.json.
+    """
+    with mpl.rc_context(PRINT):
+        page = sheet()
+        figure = Figure(figsize=(page.inches, 3.4), layout="constrained")
         axes = figure.subplots()
         for name, style in styles(result["estimators"]).items():
             by_size = result["estimators"][name]
@@ -31,5 +36,6 @@ def save_bench_figure(path: Path, result: dict[str, Any]) -> None:
         axes.minorticks_off()
         logarithmic(axes, "y")
         axes.grid(visible=True, which="major", linewidth=0.3)
-        figure.legend(loc="outside right center", **LEGEND)
-        figure.savefig(path, dpi=200)
+        ncols = page.legend_columns(len(result["estimators"]))
+        figure.legend(loc="outside lower center", ncols=ncols, **LEGEND)
+        save_printed(figure, out / "bench")

@@ -6,16 +6,18 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from slamgauge.compare.estimators.asked import labels_among
+from slamgauge.compare.figures.bench_figure import save_bench_figure
 from slamgauge.compare.figures.budget_figure import save_budget_figure
 from slamgauge.compare.figures.drift_figure import save_drift_figure
+from slamgauge.compare.figures.noise_figure import save_noise_figure
 from slamgauge.compare.figures.plots import save_figure
 from slamgauge.compare.figures.ray_frames import has_rays
 from slamgauge.compare.figures.ray_strip import save_ray_strip
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.figures.sweep_figure import save_sweep_figure
 from slamgauge.compare.storage.decorations import Drawing
-from slamgauge.compare.storage.files import read_json
-from slamgauge.compare.storage.result_files import BUDGET, METRICS, SUMMARY, SWEEP
+from slamgauge.compare.storage.files import of_this_version, read_json
+from slamgauge.compare.storage.result_files import BENCH, BUDGET, METRICS, NOISE, SUMMARY, SWEEP
 from slamgauge.compare.storage.results_folder import load_results
 from slamgauge.compare.studies.budget import read_budget
 from slamgauge.compare.studies.stored_study import load_study
@@ -30,8 +32,8 @@ def drawings_of(folder: Path, names: Sequence[str] = (), band: str | None = None
     """What draws the figures of a folder of results, by their names.
 
     Args:
-        folder: of a run, a study, a sweep or an error budget.
-        names: of the estimators that are drawn, of a run, a study or a sweep; all if none is given.
+        folder: of a run, a study, a sweep, an error budget, a log's noise or a bench.
+        names: of the estimators that are drawn, of a run, a study, a sweep or a bench; all if none is given.
         band: of a run, the estimator whose 3-sigma bounds are filled.
 
     Raises:
@@ -42,7 +44,9 @@ def drawings_of(folder: Path, names: Sequence[str] = (), band: str | None = None
             if band is not None and file != METRICS:
                 raise UserError(f"band {band}: only the figure of a run has one; leave it out")
             return drawings(folder, names, band)
-    raise UserError(f"{folder}: holds no run, study, sweep or budget; give a folder that slamgauge has written")
+    raise UserError(
+        f"{folder}: holds no run, study, sweep, budget, noise or bench; give a folder that slamgauge has written"
+    )
 
 
 def _of_run(folder: Path, names: Sequence[str], band: str | None) -> Drawings:
@@ -85,9 +89,35 @@ def _of_budget(folder: Path, names: Sequence[str], _: str | None) -> Drawings:
     return {"budget": lambda out: save_budget_figure(out, budget)}
 
 
+def _of_noise(folder: Path, names: Sequence[str], _: str | None) -> Drawings:
+    if names:
+        raise UserError("estimators: noise is a recording's, whoever runs on it; leave them out")
+    content = read_json(folder / NOISE, "noise")
+
+    def draw(out: Path) -> None:
+        with of_this_version(folder / NOISE):
+            save_noise_figure(out, content)
+
+    return {"noise": draw}
+
+
+def _of_bench(folder: Path, names: Sequence[str], _: str | None) -> Drawings:
+    content = read_json(folder / BENCH, "bench")
+
+    def draw(out: Path) -> None:
+        with of_this_version(folder / BENCH):
+            measured = content["estimators"]
+            chosen = labels_among(names or [*measured], measured, NOBODY)
+            save_bench_figure(out, {**content, "estimators": {name: measured[name] for name in chosen}})
+
+    return {"bench": draw}
+
+
 KINDS: dict[str, Callable[[Path, Sequence[str], str | None], Drawings]] = {
     METRICS: _of_run,
     SUMMARY: _of_study,
     SWEEP: _of_sweep,
     BUDGET: _of_budget,
+    NOISE: _of_noise,
+    BENCH: _of_bench,
 }

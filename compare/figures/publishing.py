@@ -13,7 +13,6 @@ from slamgauge.compare.figures.ray_frames import has_rays
 from slamgauge.compare.figures.ray_strip import save_ray_strip
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.figures.sweep_figure import save_sweep_figure
-from slamgauge.compare.noise.finding import Noise
 from slamgauge.compare.scoring.comparison import Comparison
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.decorations import Drawing, decorate
@@ -89,11 +88,11 @@ def draw_budget(out: Path, budget: ErrorBudget) -> bool:
     return decorate(out, BUDGET, {"budget": lambda stage: save_budget_figure(stage, budget)}, BUDGET_PICTURES)
 
 
-def draw_noise(out: Path, noise: Noise) -> bool:
+def draw_noise(out: Path, content: dict[str, Any]) -> bool:
     """Draw the figure of the noise that is written in `out`; whether it could be drawn."""
-    return decorate(out, NOISE, {"noise": lambda stage: save_noise_figure(stage, noise)}, NOISE_PICTURES)
+    return decorate(out, NOISE, {"noise": lambda stage: save_noise_figure(stage, content)}, NOISE_PICTURES)
 
 
 def draw_bench(out: Path, result: dict[str, Any]) -> bool:
     """Draw the figure of the times that are written in `out`; whether it could be drawn."""
-    return decorate(out, BENCH, {"bench": lambda stage: save_bench_figure(stage / "bench.png", result)}, BENCH_PICTURES)
+    return decorate(out, BENCH, {"bench": lambda stage: save_bench_figure(stage, result)}, BENCH_PICTURES)

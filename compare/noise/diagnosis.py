@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import log_ndtr, ndtri_exp, stdtr
+from scipy.special import log_ndtr, ndtr, ndtri, ndtri_exp, stdtr
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.noise.model import Law, NoiseModel
@@ -18,6 +18,7 @@ from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.ekf.innovations import Innovations
 
 LEVEL = 0.95
+QUANTILES = 101  # of scores, evenly spaced in those of the normal distribution
 LAGS = 10  # sights of a landmark over which its scores may be correlated
 BEYOND = -700.0  # logarithm of the least probability that is told from 0
 
@@ -85,6 +86,17 @@ def normal_scores(errors: Float, variances: Float, law: Law | None, values: dict
         with np.errstate(invalid="ignore"):  # rows that tell nothing have no score
             tail = np.logaddexp(np.log1p(-rate) + log_ndtr(-size), np.log(rate) + log_ndtr(-wide))
     return -np.sign(z) * ndtri_exp(np.maximum(tail, BEYOND))
+
+
+def normal_quantiles(count: int) -> Float:
+    """Quantiles (QUANTILES,) of the normal distribution, out to where the outermost of so many scores is expected."""
+    reach = -ndtri(0.5 / count)
+    return np.linspace(-reach, reach, QUANTILES)
+
+
+def quantiles(scores: Float, expected: Float) -> Float:
+    """The quantiles of scores (n,) that stand where `expected` ones of the normal distribution do."""
+    return np.quantile(scores, ndtr(expected), method="hazen")
 
 
 def autocorrelation(scores: Float, ids: Int) -> tuple[Float, int]:

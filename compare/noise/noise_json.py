@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from slamgauge.compare.noise.diagnosis import Nis
+from slamgauge.arrays import Float
+from slamgauge.compare.noise.diagnosis import Nis, normal_quantiles, quantiles
 from slamgauge.compare.noise.finding import Noise, Supported
 from slamgauge.compare.noise.told import UNITS
 from slamgauge.compare.noise.words import lines
@@ -33,12 +34,17 @@ def noise_json(noise: Noise) -> dict[str, Any]:
             for name, found in noise.systematic.items()
         },
         "nis_by_channel": {
-            channel: {"before": noise.before.nis[channel].mean, **_nis(after)}
-            for channel, after in noise.after.nis.items()
+            channel: _nis(noise.before.nis[channel], after) for channel, after in noise.after.nis.items()
         },
         "nis_by_landmark": {
-            channel: {str(landmark): _nis(each) for landmark, each in by_landmark.items()}
+            channel: {
+                str(landmark): _nis(noise.before.nis_by_landmark[channel][landmark], after)
+                for landmark, after in by_landmark.items()
+            }
             for channel, by_landmark in noise.after.nis_by_landmark.items()
+        },
+        "quantiles": {
+            channel: _quantiles(noise.before.scores[channel], after) for channel, after in noise.after.scores.items()
         },
         "autocorrelation": {
             channel: {
@@ -57,12 +63,27 @@ def noise_json(noise: Noise) -> dict[str, Any]:
     }
 
 
+def supported(value: float, found: dict[str, Any], lowest: float = 0.0) -> Supported:
+    """What noise.json tells of a value; an end that the log does not have is as far away as it can be."""
+    low, high = found["low"], found["high"]
+    return Supported(value, lowest if low is None else low, math.inf if high is None else high)
+
+
 def _ends(found: Supported) -> dict[str, float | None]:
     return {"low": _finite(found.low), "high": _finite(found.high)}
 
 
-def _nis(nis: Nis) -> dict[str, float | int | None]:
-    return {"after": _finite(nis.mean), "low": _finite(nis.low), "high": _finite(nis.high), "rows": nis.rows}
+def _nis(before: Nis, after: Nis) -> dict[str, float | int | None]:
+    means = {"before": _finite(before.mean), "after": _finite(after.mean)}
+    return {**means, "low": _finite(after.low), "high": _finite(after.high), "rows": after.rows}
+
+
+def _quantiles(before: Float, after: Float) -> dict[str, list[float]]:
+    if not before.size or not after.size:
+        return {"normal": [], "before": [], "after": []}
+    normal = normal_quantiles(after.size)
+    found = {"before": quantiles(before, normal), "after": quantiles(after, normal)}
+    return {"normal": normal.tolist(), **{key: each.tolist() for key, each in found.items()}}
 
 
 def _finite(value: float) -> float | None:

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from slamgauge.compare.noise.finding import Supported
+from slamgauge.compare.noise.noise_json import supported
 from slamgauge.compare.noise.words import systematic_verdict, verdict
 from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
 from slamgauge.compare.report.plain_page import figure_cell, from_to, plain_page
@@ -58,7 +58,7 @@ def noise_page(folder: Path) -> dict[str, str]:
 
 
 def _parameter(name: str, found: dict[str, Any]) -> list[Cell]:
-    said = verdict(_supported(found["sigma"], found, 0.0), found["assumed"])
+    said = verdict(supported(found["sigma"], found), found["assumed"])
     return [
         *(Cell(name), Cell(found["unit"])),
         *(figure_cell(found["assumed"], "{:.4g}"), figure_cell(found["sigma"], "{:.4g}")),
@@ -66,17 +66,11 @@ def _parameter(name: str, found: dict[str, Any]) -> list[Cell]:
     ]
 
 
-def _supported(value: float, found: dict[str, Any], lowest: float) -> Supported:
-    """What was found; an end that the log does not have is as far away as it can be."""
-    low, high = found["low"], found["high"]
-    return Supported(value, lowest if low is None else low, math.inf if high is None else high)
-
-
 def _systematic(found: dict[str, Any]) -> list[list[Cell]]:
     rows: list[list[Cell]] = []
     for name, each in found.items():
         interval = Cell(from_to(each["low"], each["high"], "{:.3g}"), each["low"])
-        said = Cell(systematic_verdict(_supported(each["value"], each, -math.inf)))
+        said = Cell(systematic_verdict(supported(each["value"], each, -math.inf)))
         rows.append([Cell(name), Cell(each["unit"]), figure_cell(each["value"], "{:+.3g}"), interval, said])
     return rows
 

@@ -79,7 +79,13 @@ def noise() -> Schema:
     outliers = {"rate": number("share of the rows"), **ends, "spread": number("of the outliers, sigma")}
     systematic = {"value": number("the likeliest"), **ends, "unit": text()}
     band = {"low": known(number("of the 95 % band")), "high": known(number()), "rows": count()}
-    after = {"after": known(number("with the noise found")), **band}
+    means = {"before": known(number("with the noise assumed")), "after": known(number("with the noise found"))}
+    nis = record({**means, **band})
+    quantiles = {
+        "normal": several(number(), "of the normal distribution"),
+        "before": several(number(), "of the normal scores of innovations, with the noise assumed"),
+        "after": several(number(), "with the noise found"),
+    }
     correlation = {
         "before": several(number(), "by how many sights of a landmark lie between"),
         "after": several(number()),
@@ -94,8 +100,9 @@ def noise() -> Schema:
             "outliers": by_name(record(outliers), "by channel that has any"),
             "student_t_dof": by_name(number(), "degrees of freedom, by channel with heavy tails"),
             "systematic": by_name(record(systematic), "with --systematic"),
-            "nis_by_channel": by_name(record({"before": known(number("with the noise assumed")), **after})),
-            "nis_by_landmark": by_name(by_name(record(after)), "by channel and id"),
+            "nis_by_channel": by_name(nis),
+            "nis_by_landmark": by_name(by_name(nis), "by channel and id"),
+            "quantiles": by_name(record(quantiles), "by channel"),
             "autocorrelation": by_name(record(correlation), "by channel"),
             "log_likelihood_gain": number("of the noise found over the noise assumed [nats]"),
             "held_out": known(record(held_out, "the gain where nothing was fitted")),

@@ -53,6 +53,7 @@ def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest
     printed = held("bench", json.loads(capsys.readouterr().out))
     assert printed == json.loads((out / "bench.json").read_text())
     assert (out / "bench.png").stat().st_size > 0
+    assert (out / "bench.svg").stat().st_size > 0
     assert set(printed["estimators"]) == {"ekf", "riekf", "batch", "plain-numpy"}
     for name, by_size in printed["estimators"].items():
         assert set(by_size) == {"5", "10"}

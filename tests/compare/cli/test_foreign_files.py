@@ -46,7 +46,7 @@ IN_THE_WAY = [
     *(("import-csv", name) for name in ("recording.npz", "truth.npz", "recording.toml")),
     *(("export", name) for name in ("start.csv", "odometry.csv", "observations.csv/")),
     *(("budget", name) for name in ("budget.json", "budget.png", "budget.svg")),
-    *(("bench", name) for name in ("bench.json", "bench.png")),
+    *(("bench", name) for name in ("bench.json", "bench.png", "bench.svg")),
     *(("study", name) for name in ("study.sqlite", "study.sqlite-wal", "summary.json", "ratios.svg", "nees.png/")),
     *(("sweep", name) for name in ("sweep.json", "sweep.png", "association.gate=9/study.sqlite", "association.gate=9")),
     *(("sweep", name) for name in ("association.gate=9/summary.json", "association.gate=4/nis.svg", "optimum")),

@@ -14,13 +14,14 @@ import pytest
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
-from slamgauge import compare_estimators, load_estimators, load_scenario, simulate
+from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.from_results import drawings_of
 from slamgauge.compare.figures.publishing import write_comparison, write_study, write_sweep
 from slamgauge.compare.figures.robust_limits import robust_limits
 from slamgauge.compare.figures.sheet import INCHES, Sheet, Width, printed_on
 from slamgauge.compare.figures.study_figures import study_drawings
+from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.scoring.comparison import metrics
 from slamgauge.compare.studies.budget import RUNGS, summarise_budget
 from slamgauge.compare.studies.stored_study import load_study
@@ -38,12 +39,12 @@ def undecorated(*_: object) -> bool:
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of bearings alone, a study, a sweep and a budget, in a folder each; nothing of them is drawn."""
+    """A run of bearings alone, a study, a sweep, a budget, noise and step times, in a folder each; nothing is drawn."""
     from slamgauge.compare.figures import publishing
     from slamgauge.compare.storage.files import write_json
 
     out = tmp_path_factory.mktemp("results")
-    for name in ("run", "study", "sweep", "budget"):
+    for name in ("run", "study", "sweep", "budget", "noise", "bench"):
         (out / name).mkdir()
     scenario = load_scenario("q4-ring", SHORT)
     comparison = compare_estimators(
@@ -59,6 +60,10 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     errors = np.random.default_rng(0).uniform(1.0, 2.0, (3, len(RUNGS)))
     budget = summarise_budget("q1-short-dense", "ekf", errors, np.full(errors.shape, np.nan), np.ones(3))
     write_json(out / "budget" / "budget.json", budget.to_json())
+    log = simulate(load_scenario("q1-short-dense", [*SHORT, "assumed.scale=4"]), 2)[1]
+    write_json(out / "noise" / "noise.json", noise_json(find_noise(log)))
+    times = {str(size): {"median_s": 1e-6 * size**1.5, "p95_s": 2e-6 * size**1.5} for size in (20, 1000)}
+    write_json(out / "bench" / "bench.json", {"estimators": dict.fromkeys(("ekf", "isam2", "plain-numpy"), times)})
     return out
 
 
@@ -70,7 +75,8 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
     def keep(figure: Figure, path: Path) -> None:
         found[path.name] = figure
 
-    for module in ("plots", "drift_figure", "ray_strip", "study_figures", "sweep_figure", "budget_figure"):
+    pictures = ("drift_figure", "study_figures", "sweep_figure", "budget_figure", "noise_figure", "bench_figure")
+    for module in ("plots", "ray_strip", *pictures):
         monkeypatch.setattr(f"slamgauge.compare.figures.{module}.save_printed", keep)
     return found
 
@@ -81,7 +87,7 @@ def test_nothing_is_cropped(results: Path, drawn: dict[str, Figure], width: Widt
         for folder in results.iterdir():
             for draw in drawings_of(folder).values():
                 draw(results)
-    assert set(drawn) == {*DRAWN["run"], *DRAWN["study"], "sweep", "budget"}
+    assert set(drawn) == {*DRAWN["run"], *DRAWN["study"], "sweep", "budget", "noise", "bench"}
     for name, figure in drawn.items():
         figure.dpi = 72
         figure.draw_without_rendering()
@@ -107,10 +113,17 @@ def test_the_command_draws_the_estimators_and_the_band_that_are_chosen(
     assert len(bands) == 1
     drawings_of(results / "sweep", ["ekf"])["sweep"](tmp_path)
     assert labels(drawn["sweep"]) == {"ekf"}
+    drawings_of(results / "bench", ["isam2"])["bench"](tmp_path)
+    assert labels(drawn["bench"]) == {"isam2"}
     drawings_of(results / "study", ["ekf"])["nees"](tmp_path)
     assert labels(drawn["nees"]) == {"ekf", "99.9% band"}
     capsys.readouterr()
-    for wrong, said in (("run --band oc-ekf", "not among"), ("study --band ekf", "only the figure of a run has one")):
+    for wrong, said in (
+        ("run --band oc-ekf", "not among"),
+        ("study --band ekf", "only the figure of a run has one"),
+        ("noise --estimators ekf", "noise is a recording's, whoever runs on it"),
+        ("bench --estimators riekf", "riekf"),
+    ):
         folder, *options = wrong.split()
         assert main(["export", str(results / folder), "--format", "pdf", *options]) == 2
         assert said in capsys.readouterr().err
@@ -135,8 +148,16 @@ def test_what_is_drawn_is_what_was_measured(results: Path):
     with pytest.raises(UserError, match="not what `slamgauge study --sweep` writes"):
         read_sweep(results / "study")
     (results / "study/sweep.json").unlink()
-    with pytest.raises(UserError, match="holds no run, study, sweep or budget"):
+    with pytest.raises(UserError, match="holds no run, study, sweep, budget, noise or bench"):
         drawings_of(results)
+
+
+@pytest.mark.parametrize("kind", ["noise", "bench"])
+def test_results_of_another_version_are_not_drawn(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / f"{kind}.json").write_text("{}")
+    assert main(["export", str(tmp_path), "--format", "svg", "--out", str(tmp_path / "out")]) == 2
+    assert "of another version, or changed by hand; give its command again" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_one_who_goes_astray_leaves_the_panel_and_is_named():
@@ -170,7 +191,7 @@ def test_a_filter_that_diverges_does_not_squash_the_figures_of_a_study(
 
 
 def test_logarithmic_axes_have_few_labels_and_plain_ones(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
-    for folder in ("run", "study", "sweep"):
+    for folder in ("run", "study", "sweep", "noise", "bench"):
         for draw in drawings_of(results / folder).values():
             draw(tmp_path)
     axes = [

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from scipy.special import ndtri
 from scipy.stats import kstest, norm
 
 from slamgauge import Recording, UserError, find_noise, load_scenario, simulate
-from slamgauge.compare.noise.diagnosis import autocorrelation, normal_scores
+from slamgauge.compare.noise.diagnosis import autocorrelation, normal_quantiles, normal_scores, quantiles
 from slamgauge.compare.noise.likelihood import Likelihood
 from slamgauge.compare.noise.model import Law, NoiseModel
 from slamgauge.compare.noise.noise_json import noise_json
@@ -242,3 +243,15 @@ def test_correlation_is_that_of_each_landmark_alone():
     found, pairs = autocorrelation(scores.T.reshape(-1, 1), np.tile([3, 8], 5000))
     assert pairs == 9998
     np.testing.assert_allclose(found[:3], [0.6, 0.36, 0.216], atol=0.05)
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 5000])
+def test_quantiles_reach_from_the_least_score_to_the_largest_and_tell_their_scale(count: int):
+    expected = normal_quantiles(count)
+    scores = 3.0 * ndtri((np.arange(count) + 0.5) / count)
+    found = quantiles(np.random.default_rng(0).permutation(scores), expected)
+    assert found[[0, -1]] == pytest.approx(scores[[0, -1]], abs=1e-9)
+    assert np.diff(found).min() >= 0.0
+    if count == 5000:
+        dense = np.abs(expected) < 2.5  # farther out scores are so few that chords between them tell
+        np.testing.assert_allclose(found[dense], 3.0 * expected[dense], atol=0.01)
