@@ -145,13 +145,18 @@ def test_the_command_of_a_run_of_a_sweep_has_its_value():
     assert swept(worded) == "association.method=jcbb"
 
 
+def undecorated(*_: object) -> bool:
+    """Without pictures, which take their time."""
+    return True
+
+
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two short runs at each of two scales, the optimum in a store of its own."""
     folder = tmp_path_factory.mktemp("sweeps") / "sweep"
     words = ("study", "q1-short-dense", "--runs", "2", "--jobs", "1", "--estimators", "ekf,isam2", "--out", str(folder))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("slamgauge.compare.figures.publishing.decorate", lambda *_: True)  # pictures take their time
+        patch.setattr("slamgauge.compare.figures.publishing.decorate", undecorated)
         assert main([*words, "--set", "trajectory.duration=3", "--sweep", "assumed.scale=1,2"]) == 0
     return folder
 
