@@ -100,6 +100,11 @@ SMALLEST = {
         "0.0 0.0 1.00 ",
     ),
     "optimum_times": ("--landmarks 20 --marginals 20", "landmarks build optimise build/opt. finish", "20 "),  # 2 s
+    "posterior_mean": (  # 3 s
+        "--scenario q4-three-landmarks --steps 30 --runs 2 --samples 20 --jobs 1",
+        "scenario step runs maximum [m] mean [m] mean / maximum apart unsure accepted",
+        "q4-three-landmarks 30 2 ",
+    ),
     "scale_of_bearings": (  # 4 s
         "--runs 2 --steps 300 --scenario q4-three-landmarks",
         "noise of speed in estimator size % scatter % equal after steps",
