@@ -33,6 +33,7 @@ SAME = 1.1  # what "like" and "similar" may mean: within this factor
 MUCH = 2.0  # what "much", "very" and "multiplies" mean at least
 LARGE = 1.5  # what a "large" error is at least, next to the optimum's
 LIMIT = 10.0  # no run counts as farther off than by this factor
+FIRM = 2.0  # the same of sigmas, which hardly differ from run to run
 MORE, LESS = (1.0, math.inf), (0.0, 1.0)
 
 
@@ -141,6 +142,7 @@ CLAIMS = (
         stored("q1-long-dense", "landmark_sigma_far_m"),
         (stored("q1-long-dense", "landmark_sigma_near_m"),),
         MORE,
+        limit=FIRM,
     ),
     Claim(
         "q1-error-grows",
@@ -159,6 +161,7 @@ CLAIMS = (
         halfway("sigma"),
         (start("sigma"),),
         MORE,
+        limit=FIRM,
     ),
     Claim(
         "q1-error-falls",
@@ -177,6 +180,7 @@ CLAIMS = (
         back("sigma"),
         (halfway("sigma"),),
         LESS,
+        limit=FIRM,
     ),
     Claim(
         "q1-sparse-error",
@@ -280,6 +284,7 @@ CLAIMS = (
         sigma("q3-scale-10"),
         (sigma("q3-scale-1"),),
         (MUCH, math.inf),
+        limit=FIRM,
     ),
     Claim(
         "q3-scale-2-best",
