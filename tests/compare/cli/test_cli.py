@@ -1,39 +1,29 @@
-"""The command line: what each command writes and prints, and what becomes of bad input."""
+"""The command line: what each command writes and prints."""
 
 from __future__ import annotations
 
-import itertools
 import json
-import os
 import re
 import resource
 import shutil
-import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
-from held_by_schemas import held
+from command_line import SHORT, Module, arrays, command, metrics_of, run
 
-from slamgauge.compare.cli.main import main
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
 from slamgauge.compare.storage.manifest import MANIFEST
-from slamgauge.ekf.kernels.warm_up import compile_once
-from slamgauge.graph_baseline.warm_up import compile_graphs_once
 
 ROOT = Path(__file__).parents[3]
 DATA = ROOT / "../shared/data"
 VICTORIA_PARK = DATA / "victoria_park/victoria_park.txt"
 LOST_IN_THE_WOODS = DATA / "lost_in_the_woods/dataset2.mat"
 
-# fifteen seconds with one loop closure, in a map of two landmarks
-SHORT = ("trajectory.duration=15", "trajectory.yaw_rate=0.5", "sensor.max_range=2.4")
 STEPS = 150
 SCENARIOS = sorted(path.stem for path in (ROOT / "compare/scenarios").glob("*.toml"))
 SHIPPED = ("ekf", "riekf", "isam2", "batch")
@@ -62,25 +52,6 @@ ESTIMATOR_KEYS = {
 CLOSURE_KEYS = {"step", "error_before_m", "error_after_m", "sigma_before_m", "sigma_after_m"}
 
 
-def run(*arguments: object) -> int:
-    return main([str(argument) for argument in arguments])
-
-
-def command(*arguments: object) -> list[str]:
-    return [sys.executable, "-m", "slamgauge", *map(str, arguments)]
-
-
-def command_after(preparation: str, *arguments: object) -> list[str]:
-    """The command, in a process that runs some code before."""
-    code = f"{preparation}; import sys; from slamgauge.compare.cli.main import main; sys.exit(main(sys.argv[1:]))"
-    return [sys.executable, "-c", code, *map(str, arguments)]
-
-
-def arrays(path: Path) -> dict[str, Any]:
-    with np.load(path, allow_pickle=False) as archive:
-        return dict(archive)
-
-
 def assert_same_estimates(one: Path, other: Path) -> None:
     """Equal to the last bit, computing times aside."""
     for name in SHIPPED:
@@ -95,25 +66,6 @@ def without_times(metrics: dict[str, Any]) -> dict[str, Any]:
         name: {key: value for key, value in entry.items() if key not in TIMES}
         for name, entry in metrics["estimators"].items()
     }
-
-
-def metrics_of(folder: Path) -> dict[str, Any]:
-    return held("metrics", json.loads((folder / "metrics.json").read_text(encoding="utf-8")))
-
-
-@pytest.fixture(scope="module", autouse=True)
-def compiled_kernels() -> None:
-    """Where they are compiled for the first time, that is announced on standard error."""
-    compile_once()
-    compile_graphs_once()
-
-
-@pytest.fixture(scope="module")
-def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a short run of the shipped estimators, with seed 3."""
-    folder = tmp_path_factory.mktemp("stored") / "run"
-    assert run("run", "q1-long-sparse", "--set", *SHORT, "--seed", 3, "--out", folder) == 0
-    return folder
 
 
 # --- scenarios and help ------------------------------------------------------------------------
@@ -284,31 +236,6 @@ def test_evaluate_without_truth_invents_nothing(stored: Path, tmp_path: Path, ca
     assert [path.name for path in tmp_path.iterdir()] == ["recording.npz"]
 
 
-Module = Callable[[str], str]
-
-
-@pytest.fixture
-def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, numbers: itertools.count[int]) -> Module:
-    """Writes source code to a module in the current folder and returns its import name."""
-    folder = tmp_path / "code"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-
-    def write(source: str) -> str:
-        name = f"own_{next(numbers)}"
-        (folder / f"{name}.py").write_text(source, encoding="utf-8")
-        return name
-
-    return write
-
-
-@pytest.fixture(scope="session")
-def numbers() -> itertools.count[int]:
-    """A module is imported once per process; every test gets one of its own."""
-    return itertools.count()
-
-
 OWN = """
 from slamgauge import Estimate, chain
 print("loading")
@@ -345,6 +272,33 @@ def test_ones_own_estimator_gets_a_row(
     assert set(json.loads(capsys.readouterr().out)["estimators"]) == {"dead-reckoning", "isam2", own}
 
 
+def test_every_array_that_estimators_see_is_read_only(stored: Path):
+    recording = load_recording(stored / "recording.npz")
+    for field in fields(recording):
+        value = getattr(recording, field.name)
+        if isinstance(value, np.ndarray):
+            with pytest.raises(ValueError, match="read-only"):
+                value[...] = 0
+
+
+def test_estimates_are_graded_as_they_lie_and_one_that_cannot_be_read_is_a_row(
+    stored: Path, capsys: pytest.CaptureFixture[str]
+):
+    whole, path = stored / "estimates/ekf.npz", stored / "trajectories/ekf.tum"
+    words = ("evaluate", stored / "recording.npz", "--estimators", "isam2", "--json", "--estimates")
+    assert run(*words, f"mine={whole}", f"path={path}", "gone=none.csv") == 1
+    content = json.loads(capsys.readouterr().out)
+    line = "estimator gone: none.csv: cannot be read (No such file or directory); check the path and its permissions"
+    assert content["failures"] == [{"estimator": "gone", "error": line}]
+    scores, before = content["estimators"], metrics_of(stored)["estimators"]["ekf"]
+    assert scores["mine"]["nees_pose"] == before["nees_pose"]
+    assert scores["path"]["ate_m"] == pytest.approx(before["ate_m"])
+    assert scores["path"]["nees_pose"] is None
+    assert (scores["path"]["seconds_total"], scores["mine"]["seconds_total"]) == (None, before["seconds_total"])
+    assert run("evaluate", stored / "recording.npz", "--estimators", "", "--estimates", "gone=none.csv") == 2
+    assert capsys.readouterr().err == f"slamgauge: {line}\n"
+
+
 # --- real recordings ---------------------------------------------------------------------------
 
 
@@ -375,357 +329,3 @@ def test_lost_in_the_woods(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert metrics["truth"] is True
     assert ate["batch"] <= 0.033
     assert ate["riekf"] <= 0.035 < ate["ekf"]
-
-
-# --- bad input ---------------------------------------------------------------------------------
-
-
-class Refuse(NamedTuple):
-    """Runs a command that must fail and returns its lines on standard error; `out` is to stay as it is."""
-
-    out: Path
-    capsys: pytest.CaptureFixture[str]
-
-    def lines(self, *arguments: object, out: Path | None = None) -> list[str]:
-        self.capsys.readouterr()
-        before = contents(self.out.parent)
-        assert run(*arguments, "--out", out or self.out) == 2
-        printed = self.capsys.readouterr()
-        assert printed.out == ""
-        assert contents(self.out.parent) == before
-        assert printed.err.startswith("slamgauge: ")
-        assert "Traceback" not in printed.err
-        return printed.err.removeprefix("slamgauge: ").splitlines()
-
-    def line(self, *arguments: object, out: Path | None = None) -> str:
-        lines = self.lines(*arguments, out=out)
-        assert len(lines) == 1
-        return lines[0]
-
-
-def contents(folder: Path) -> dict[str, bytes | None]:
-    """Every path below a folder, with the bytes of files."""
-    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
-
-
-@pytest.fixture(params=["new folder", "older results"])
-def refuse(request: pytest.FixtureRequest, tmp_path: Path, stored: Path, capsys: pytest.CaptureFixture[str]) -> Refuse:
-    """Into a folder that is not there, and into one that holds the results of a run."""
-    out = tmp_path / "results/run"
-    out.parent.mkdir()
-    if request.param == "older results":
-        shutil.copytree(stored, out)
-    return Refuse(out, capsys)
-
-
-@pytest.mark.parametrize("keep", [0, 10, 3000])
-def test_truncated_recordings_are_refused(stored: Path, tmp_path: Path, refuse: Refuse, keep: int):
-    path = tmp_path / "recording.npz"
-    path.write_bytes((stored / "recording.npz").read_bytes()[:keep])
-    line = refuse.line("evaluate", path)
-    assert line == f"{path}: not a whole npz file of plain arrays; write it again with numpy.savez"
-
-
-@pytest.mark.parametrize(
-    ("field", "at", "value", "message"),
-    [
-        ("odometry", (7, 1), np.nan, "odometry[7] = "),
-        ("observation", (3, 0), np.inf, "observation[3] = "),
-        ("prior_cov", (0, 1), 0.02, "prior_cov[0]"),
-        ("odometry_cov", (5, 2, 2), -1e-4, "odometry_cov[5]"),
-        ("landmark", 2, -1, "landmark[2] = -1: an id must be >= 0"),
-    ],
-)
-def test_values_that_cannot_be_are_refused(
-    stored: Path, tmp_path: Path, refuse: Refuse, field: str, at: Any, value: float, message: str
-):
-    changed = arrays(stored / "recording.npz")
-    changed[field][at] = value
-    np.savez(tmp_path / "recording.npz", **changed)
-    assert refuse.line("evaluate", tmp_path / "recording.npz").startswith(f"{tmp_path / 'recording.npz'}: {message}")
-
-
-def test_a_negative_eigenvalue_is_refused(stored: Path, tmp_path: Path, refuse: Refuse):
-    """Positive variances, but a correlation above one."""
-    changed = arrays(stored / "recording.npz")
-    changed["observation_cov"][4] = [[0.01, 0.02], [0.02, 0.01]]
-    np.savez(tmp_path / "recording.npz", **changed)
-    line = refuse.line("evaluate", tmp_path / "recording.npz")
-    assert line.endswith(
-        "observation_cov[4] = [[0.01, 0.02], [0.02, 0.01]]: a covariance must not have a negative eigenvalue"
-    )
-
-
-def test_pickled_objects_are_refused_unread(stored: Path, tmp_path: Path, refuse: Refuse):
-    changed = arrays(stored / "recording.npz")
-    changed["odometry"] = np.array([Trap(tmp_path / "sprung")], dtype=object)
-    np.savez(tmp_path / "recording.npz", **changed)
-    assert "not a whole npz file of plain arrays" in refuse.line("evaluate", tmp_path / "recording.npz")
-    assert not (tmp_path / "sprung").exists()
-    with np.load(tmp_path / "recording.npz", allow_pickle=True) as archive:
-        assert archive["odometry"].shape == (1,)
-    assert (tmp_path / "sprung").exists()  # the trap was set
-
-
-@dataclass
-class Trap:
-    """Leaves a folder behind where it is unpickled."""
-
-    path: Path
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return os.mkdir, (str(self.path),)
-
-
-def test_the_truth_of_another_recording_is_refused(stored: Path, tmp_path: Path, refuse: Refuse):
-    shutil.copy(stored / "recording.npz", tmp_path)
-    truth = arrays(stored / "truth.npz")
-    observations = len(truth["association"])
-    np.savez(tmp_path / "truth.npz", **(truth | {"poses": truth["poses"][:-1]}))
-    line = refuse.line("evaluate", tmp_path / "recording.npz")
-    assert line == "truth.poses: 150 rows, but the recording needs 151; give its own truth"
-    np.savez(tmp_path / "other.npz", **(truth | {"association": truth["association"][1:]}))
-    line = refuse.line("evaluate", tmp_path / "recording.npz", "--truth", tmp_path / "other.npz")
-    assert line.startswith(f"truth.association: {observations - 1} rows, but the recording needs {observations};")
-    line = refuse.line("evaluate", tmp_path / "recording.npz", "--truth", tmp_path / "none.npz")
-    assert line.startswith(f"{tmp_path / 'none.npz'}: cannot be read (No such file or directory)")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["q1-long-dens"], ["q1-long-dens: no such scenario; did you mean q1-long-dense"]),
-        (["none.toml"], ["none.toml: cannot be read (No such file or directory); check the path"]),
-        (
-            ["q1-long-dense", "--set", "sensor.max_rnge=5"],
-            ["q1-long-dense: sensor.max_rnge: unknown key; did you mean"],
-        ),
-        (
-            ["q1-long-dense", "--set", "sensor.max_range=-5", "motion.sigma_sped=1", "start=somewhere"],
-            ["q1-long-dense: start: ", "q1-long-dense: motion.sigma_sped: ", "q1-long-dense: sensor.max_range: "],
-        ),
-        (["q1-long-dense", "--set", "start"], ["start: not an override; write dotted.key=value"]),
-        (["q1-long-dense", "--seed", "-1"], ["seed: -1 is negative; use a whole number >= 0"]),
-        (["q1-long-dense", "--estimators", "ekf,isam"], ["estimator 'isam' is not known; did you mean isam2?"]),
-        (["q1-long-dense", "--estimators", "ukf99"], ["estimator 'ukf99' is not known; "]),
-        (["q1-long-dense", "--estimators", ","], ["estimators: none given; "]),
-    ],
-)
-def test_unknown_names_are_refused(refuse: Refuse, arguments: list[str], expected: list[str]):
-    lines = refuse.lines("run", *arguments)
-    assert len(lines) == len(expected)
-    assert [line for line, start in zip(lines, expected, strict=True) if not line.startswith(start)] == []
-
-
-def test_mistakes_in_a_scenario_file_are_refused_each_in_a_line(refuse: Refuse, tmp_path: Path):
-    path = tmp_path / "mine.toml"
-    shipped = (ROOT / "compare/scenarios/q1-long-sparse.toml").read_text(encoding="utf-8")
-    path.write_text(shipped.replace("max_range", "maximal_range").replace("speed = 1.0", 'speed = "fast"'))
-    lines = refuse.lines("run", path)
-    assert lines == [
-        f"{path}: trajectory.speed: must be a valid number, not 'fast'",
-        f"{path}: sensor.maximal_range: unknown key; did you mean max_range?",
-    ]
-
-
-def test_misspelt_commands_and_options_are_refused(capsys: pytest.CaptureFixture[str]):
-    told = {
-        ("rnu",): "rnu: no such command; did you mean run?",
-        (): "no command is given; use one of scenarios, run, ",
-        ("run",): "Missing from slamgauge run: ",
-        ("run", "q1-long-dense", "--sead", "1"): "--sead: no option of `slamgauge run`; did you mean --seed?",
-        ("import", "csv", "log", "--set=a.b=1", "--ouut", "x"): "--ouut: no option of `slamgauge import`; did you mean",
-        ("run", "q1-long-dense", "--seed", "x"): "Error parsing --seed: ",
-        ("run", "q1-long-dense", "more"): "Unrecognized options: more; `slamgauge run --help` tells more",
-        ("--versoin",): "--versoin: no option of `slamgauge`; did you mean --version?",
-    }
-    for arguments, line in told.items():
-        assert run(*arguments) == 2
-        printed = capsys.readouterr()
-        assert printed.out == ""
-        assert printed.err.startswith(f"slamgauge: {line}")
-        assert "helptext" not in printed.err
-        assert printed.err.count("\n") == 1
-
-
-ESTIMATE = "from slamgauge import Estimate\nimport numpy as np\nimport sys\n\ndef estimate(recording):\n    "
-
-
-@pytest.mark.parametrize(
-    ("source", "message"),
-    [
-        (
-            ESTIMATE + "raise KeyError('gain\\nof\\nthe filter')",
-            r"it raised KeyError: .*gain.* \(OWN.py, line 6\); mend it",
-        ),
-        (ESTIMATE + "raise RuntimeError('a\\nb')", r"it raised RuntimeError: a b \(OWN.py, line 6\); mend it"),
-        (ESTIMATE + "return None", "returned a NoneType; return a slamgauge.Estimate"),
-        (ESTIMATE + "return recording.odometry", "returned a ndarray; return a slamgauge.Estimate"),
-        (
-            ESTIMATE + "return Estimate('filtered', np.zeros((5, 3)))",
-            "returned 5 poses; return 151, one for the start and one for every step",
-        ),
-        (
-            ESTIMATE + "return Estimate('filtered', np.zeros((151, 3)), association=[-1])",
-            r"association has 1 entries; return \d+, one for every observation",
-        ),
-        (
-            ESTIMATE + "return Estimate('filtered', np.full((151, 3), np.nan))",
-            r"it raised UserError: poses\[0\] = \[nan, nan, nan\]: .* \(OWN.py, line 6\); mend it and run again",
-        ),
-        (
-            ESTIMATE + "recording.odometry[0] = 0.0",
-            r"it raised ValueError: assignment destination is read-only \(OWN.py, line 6\)",
-        ),
-        (ESTIMATE + "recording.stamps += 1.0", r"it raised ValueError: .*read-only \(OWN.py, line 6\)"),
-        (ESTIMATE + "recording.odometry = None", r"it raised FrozenInstanceError: .* \(OWN.py, line 6\)"),
-        (ESTIMATE + "sys.exit(0)", r"it raised SystemExit: 0 \(OWN.py, line 6\); mend it and run again"),
-        (ESTIMATE + "sys.exit()", r"it raised SystemExit: \(no message\) \(OWN.py, line 6\)"),
-        ("import sys\nsys.exit(0)", r"cannot be loaded, it raised SystemExit: 0 \(OWN.py, line 2\)"),
-        ("def estimate(recording)\n", r"cannot be loaded, it raised SyntaxError: .*OWN.py, line 1\)"),
-        ("1 / 0", r"cannot be loaded, it raised ZeroDivisionError: division by zero \(OWN.py, line 1\)"),
-        ("import nowhere_at_all", r"cannot be loaded, it raised ModuleNotFoundError: .* \(OWN.py, line 1\)"),
-        ("def estimates(recording): ...", "OWN has no 'estimate'; did you mean estimates?"),
-        ("", "OWN has no 'estimate'; name a callable Recording -> Estimate of that module"),
-        ("estimate = 3", "is a int; give a callable Recording -> Estimate"),
-    ],
-)
-def test_estimators_that_fail(
-    stored: Path,
-    refuse: Refuse,
-    module: Module,
-    source: str,
-    message: str,
-    capsys: pytest.CaptureFixture[str],
-):
-    """Alone they are a mistake in one line; beside others they are a row with that line as its reason."""
-    own = module(source)
-    reason = f"estimator {own}:estimate: {message.replace('OWN', own)}.*"
-    line = refuse.line("evaluate", stored / "recording.npz", "--estimators", f"{own}:estimate")
-    assert re.fullmatch(reason, line)
-    assert run("evaluate", stored / "recording.npz", "--estimators", f"dead-reckoning,{own}:estimate") == 1
-    head, ours, row, *notes = capsys.readouterr().out.splitlines()
-    assert head.split()[0] == "estimator"
-    assert ours.split()[:2] == ["dead-reckoning", "filtered"]
-    assert row.split()[:2] == [f"{own}:estimate", "failed"]
-    assert any(re.fullmatch(reason, note) for note in notes)
-
-
-@pytest.mark.parametrize(
-    ("path", "message"),
-    [
-        ("nowhere_at_all:estimate", "no module 'nowhere_at_all' is found; run in its folder or install it"),
-        ("nowhere.at.all:estimate", "no module 'nowhere' is found; "),
-        (":estimate", "write FILE.py:callable or module:callable, for example my_filter.py:estimate"),
-        (".relative:estimate", "cannot be loaded, it raised TypeError"),
-    ],
-)
-def test_import_paths_that_lead_nowhere(stored: Path, refuse: Refuse, module: Module, path: str, message: str):
-    module("")
-    assert message in refuse.line("evaluate", stored / "recording.npz", "--estimators", path)
-
-
-def test_every_array_that_estimators_see_is_read_only(stored: Path):
-    recording = load_recording(stored / "recording.npz")
-    for field in fields(recording):
-        value = getattr(recording, field.name)
-        if isinstance(value, np.ndarray):
-            with pytest.raises(ValueError, match="read-only"):
-                value[...] = 0
-
-
-def test_estimates_are_graded_as_they_lie_and_one_that_cannot_be_read_is_a_row(
-    stored: Path, capsys: pytest.CaptureFixture[str]
-):
-    whole, path = stored / "estimates/ekf.npz", stored / "trajectories/ekf.tum"
-    words = ("evaluate", stored / "recording.npz", "--estimators", "isam2", "--json", "--estimates")
-    assert run(*words, f"mine={whole}", f"path={path}", "gone=none.csv") == 1
-    content = json.loads(capsys.readouterr().out)
-    line = "estimator gone: none.csv: cannot be read (No such file or directory); check the path and its permissions"
-    assert content["failures"] == [{"estimator": "gone", "error": line}]
-    scores, before = content["estimators"], metrics_of(stored)["estimators"]["ekf"]
-    assert scores["mine"]["nees_pose"] == before["nees_pose"]
-    assert scores["path"]["ate_m"] == pytest.approx(before["ate_m"])
-    assert scores["path"]["nees_pose"] is None
-    assert (scores["path"]["seconds_total"], scores["mine"]["seconds_total"]) == (None, before["seconds_total"])
-    assert run("evaluate", stored / "recording.npz", "--estimators", "", "--estimates", "gone=none.csv") == 2
-    assert capsys.readouterr().err == f"slamgauge: {line}\n"
-
-
-@pytest.mark.parametrize("place", ["FILE", "FILE/run", "/proc/nowhere/run", "/proc/run", "/sys/run"])
-def test_places_that_cannot_be_written(stored: Path, tmp_path: Path, refuse: Refuse, place: str):
-    if place.startswith("/") and not Path(*Path(place).parts[:2]).exists():
-        pytest.skip(f"no {place} on this system")
-    (tmp_path / "file").write_text("")
-    out = Path(place.replace("FILE", str(tmp_path / "file")))
-    for arguments in (("run", "q1-long-sparse"), ("evaluate", stored / "recording.npz")):
-        line = refuse.line(*arguments, "--estimators", "dead-reckoning", out=out)
-        assert re.fullmatch(f"{out}: cannot be written \\(.+\\); check the path and its permissions", line)
-    assert (tmp_path / "file").read_text() == ""
-
-
-def evaluate_with_room(stored: Path, out: Path, room: int) -> subprocess.CompletedProcess[str]:
-    """A command that may write so many bytes into a file."""
-    limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))"
-    arguments = ("evaluate", stored / "recording.npz", "--estimators", "dead-reckoning", "--no-report", "--out", out)
-    return subprocess.run(command_after(limit, *arguments), capture_output=True, text=True, check=False)
-
-
-def test_a_disk_that_is_full_costs_the_folder_but_not_the_table(stored: Path, refuse: Refuse):
-    before = contents(refuse.out.parent)
-    done = evaluate_with_room(stored, refuse.out, 2_000)
-    assert (done.returncode, done.stdout.split()[0]) == (2, "estimator")
-    assert re.fullmatch(r"slamgauge: \S+: cannot be written \(File too large\); check .*\n", done.stderr)
-    assert contents(refuse.out.parent) == before
-
-
-def test_a_disk_that_fills_up_at_the_figure_costs_that_alone(stored: Path, refuse: Refuse):
-    done = evaluate_with_room(stored, refuse.out, 100_000)
-    assert (done.returncode, done.stdout.split()[0]) == (1, "estimator")
-    lost, written = done.stderr.splitlines()
-    assert re.fullmatch(rf"slamgauge: {refuse.out}/figure: left out \(OSError: .*too large.*all else is written", lost)
-    assert written == f"written to {refuse.out}"
-    assert {path.name for path in refuse.out.iterdir()} == {
-        *("recording.npz", "truth.npz", "metrics.json", "estimates", "trajectories", MANIFEST)
-    }
-
-
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
-def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(refuse: Refuse, number: int, status: int):
-    before = contents(refuse.out.parent)
-    compile_graphs_once()  # compilation swallows an interrupt now and then
-    arguments = ("q1-long-dense", "--set", "trajectory.duration=2000", "--estimators", "isam2", "--out", refuse.out)
-    # pytest may run in the background, where interrupts are ignored
-    heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    process = subprocess.Popen(
-        command_after(heed, "run", *arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    try:
-        wait_for(lambda: contents(refuse.out.parent) != before)  # the staging folder
-        time.sleep(0.5)  # well into iSAM2, which needs minutes
-        process.send_signal(number)
-        out, err = process.communicate(timeout=30)
-    finally:
-        process.kill()
-    assert (process.returncode, out, err) == (status, "", "slamgauge: interrupted; nothing was written\n")
-    assert contents(refuse.out.parent) == before
-
-
-def wait_for(happened: Callable[[], bool], seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while not happened():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["victoria-park", "none.txt"], "none.txt: cannot be read (No such file or directory); check the path"),
-        (["lost-in-the-woods", "none.mat"], "none.mat: cannot be read (No such file or directory); check the path"),
-        (["victoria-park", str(Path(__file__))], ", line 1: "),
-        (["lost-in-the-woods", str(Path(__file__))], "not a MATLAB 5"),
-    ],
-)
-def test_imports_of_other_files_are_refused(refuse: Refuse, arguments: Sequence[str], message: str):
-    assert message in refuse.line("import", *arguments)

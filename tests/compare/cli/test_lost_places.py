@@ -1,0 +1,82 @@
+"""The command line: folders that cannot be written, disks that are full, and interrupts."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from command_line import Refuse, command_after, contents
+
+from slamgauge.compare.storage.manifest import MANIFEST
+from slamgauge.graph_baseline.warm_up import compile_graphs_once
+
+
+@pytest.mark.parametrize("place", ["FILE", "FILE/run", "/proc/nowhere/run", "/proc/run", "/sys/run"])
+def test_places_that_cannot_be_written(stored: Path, tmp_path: Path, refuse: Refuse, place: str):
+    if place.startswith("/") and not Path(*Path(place).parts[:2]).exists():
+        pytest.skip(f"no {place} on this system")
+    (tmp_path / "file").write_text("")
+    out = Path(place.replace("FILE", str(tmp_path / "file")))
+    for arguments in (("run", "q1-long-sparse"), ("evaluate", stored / "recording.npz")):
+        line = refuse.line(*arguments, "--estimators", "dead-reckoning", out=out)
+        assert re.fullmatch(f"{out}: cannot be written \\(.+\\); check the path and its permissions", line)
+    assert (tmp_path / "file").read_text() == ""
+
+
+def evaluate_with_room(stored: Path, out: Path, room: int) -> subprocess.CompletedProcess[str]:
+    """A command that may write so many bytes into a file."""
+    limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))"
+    arguments = ("evaluate", stored / "recording.npz", "--estimators", "dead-reckoning", "--no-report", "--out", out)
+    return subprocess.run(command_after(limit, *arguments), capture_output=True, text=True, check=False)
+
+
+def test_a_disk_that_is_full_costs_the_folder_but_not_the_table(stored: Path, refuse: Refuse):
+    before = contents(refuse.out.parent)
+    done = evaluate_with_room(stored, refuse.out, 2_000)
+    assert (done.returncode, done.stdout.split()[0]) == (2, "estimator")
+    assert re.fullmatch(r"slamgauge: \S+: cannot be written \(File too large\); check .*\n", done.stderr)
+    assert contents(refuse.out.parent) == before
+
+
+def test_a_disk_that_fills_up_at_the_figure_costs_that_alone(stored: Path, refuse: Refuse):
+    done = evaluate_with_room(stored, refuse.out, 100_000)
+    assert (done.returncode, done.stdout.split()[0]) == (1, "estimator")
+    lost, written = done.stderr.splitlines()
+    assert re.fullmatch(rf"slamgauge: {refuse.out}/figure: left out \(OSError: .*too large.*all else is written", lost)
+    assert written == f"written to {refuse.out}"
+    assert {path.name for path in refuse.out.iterdir()} == {
+        *("recording.npz", "truth.npz", "metrics.json", "estimates", "trajectories", MANIFEST)
+    }
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(refuse: Refuse, number: int, status: int):
+    before = contents(refuse.out.parent)
+    compile_graphs_once()  # compilation swallows an interrupt now and then
+    arguments = ("q1-long-dense", "--set", "trajectory.duration=2000", "--estimators", "isam2", "--out", refuse.out)
+    # pytest may run in the background, where interrupts are ignored
+    heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    process = subprocess.Popen(
+        command_after(heed, "run", *arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        wait_for(lambda: contents(refuse.out.parent) != before)  # the staging folder
+        time.sleep(0.5)  # well into iSAM2, which needs minutes
+        process.send_signal(number)
+        out, err = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert (process.returncode, out, err) == (status, "", "slamgauge: interrupted; nothing was written\n")
+    assert contents(refuse.out.parent) == before
+
+
+def wait_for(happened: Callable[[], bool], seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end
+        time.sleep(0.02)

@@ -1,0 +1,71 @@
+"""The command line in tests: called, called in a process of its own, and refusing."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from held_by_schemas import held
+
+from slamgauge.compare.cli.main import main
+
+# fifteen seconds with one loop closure, in a map of two landmarks
+SHORT = ("trajectory.duration=15", "trajectory.yaw_rate=0.5", "sensor.max_range=2.4")
+
+Module = Callable[[str], str]  # source code to import name
+
+
+def run(*arguments: object) -> int:
+    return main([str(argument) for argument in arguments])
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "slamgauge", *map(str, arguments)]
+
+
+def command_after(preparation: str, *arguments: object) -> list[str]:
+    """The command, in a process that runs some code before."""
+    code = f"{preparation}; import sys; from slamgauge.compare.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    return [sys.executable, "-c", code, *map(str, arguments)]
+
+
+def arrays(path: Path) -> dict[str, Any]:
+    with np.load(path, allow_pickle=False) as archive:
+        return dict(archive)
+
+
+def metrics_of(folder: Path) -> dict[str, Any]:
+    return held("metrics", json.loads((folder / "metrics.json").read_text(encoding="utf-8")))
+
+
+def contents(folder: Path) -> dict[str, bytes | None]:
+    """Every path below a folder, with the bytes of files."""
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
+
+
+class Refuse(NamedTuple):
+    """Runs a command that must fail and returns its lines on standard error; `out` is to stay as it is."""
+
+    out: Path
+    capsys: pytest.CaptureFixture[str]
+
+    def lines(self, *arguments: object, out: Path | None = None) -> list[str]:
+        self.capsys.readouterr()
+        before = contents(self.out.parent)
+        assert run(*arguments, "--out", out or self.out) == 2
+        printed = self.capsys.readouterr()
+        assert printed.out == ""
+        assert contents(self.out.parent) == before
+        assert printed.err.startswith("slamgauge: ")
+        assert "Traceback" not in printed.err
+        return printed.err.removeprefix("slamgauge: ").splitlines()
+
+    def line(self, *arguments: object, out: Path | None = None) -> str:
+        lines = self.lines(*arguments, out=out)
+        assert len(lines) == 1
+        return lines[0]
