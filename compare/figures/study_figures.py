@@ -14,6 +14,7 @@ from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, WRAPPED, logarithmic, styles
 from slamgauge.compare.figures.robust_limits import ASTRAY, ASTRAY_ON_LOGARITHMS, leaving, robust_limits
 from slamgauge.compare.figures.sheet import save_printed, sheet
+from slamgauge.compare.figures.thinning import extreme_rows
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
 from slamgauge.compare.scoring.over_runs import BAND_LEVEL, PerStep, nees_per_step, nis_per_step, rmse_per_step
 from slamgauge.compare.scoring.runs import Runs, paired
@@ -23,6 +24,8 @@ from slamgauge.compare.studies.summary import Summary, is_marked_against, misfit
 
 USUAL = 0.99  # of the errors lie in their panel: a run that is lost leaves it
 RUNS_DRAWN = 50  # error curves; more are one grey mass
+MOST_POINTS = 24_000  # of all of them together: half a megabyte of SVG
+FEWEST_POINTS = 100  # of a curve; rather than fewer, fewer runs are drawn
 COMPONENTS = (("x [m]", "x", 1.0), ("y [m]", "y", 1.0), ("heading [°]", "heading", 180.0 / np.pi))
 
 
@@ -123,11 +126,15 @@ def _errors(runs: Mapping[str, Runs], step: float) -> Figure | None:
     for axes in grid[-1]:
         axes.set_xlabel("time [s]")
     extents: dict[str, Float] = {}
+    panels, there = grid.size, max(len(each.run) for each in runs.values())
+    drawn = min(there, RUNS_DRAWN, max(MOST_POINTS // (FEWEST_POINTS * panels), 1))
     for row, (name, style) in zip(grid, styles(runs).items(), strict=True):
         for axes, (_, key, unit) in zip(row, COMPONENTS, strict=True):
             errors, sigmas = runs[name].series[f"error_{key}"], runs[name].series[f"sigma_{key}"]
             time = step * np.arange(errors.shape[1])
-            axes.plot(time, unit * errors[:RUNS_DRAWN].T, color=MARK_COLOR, linewidth=0.3, alpha=0.5)
+            for error in errors[:drawn]:
+                rows = extreme_rows(error, MOST_POINTS // (drawn * panels))
+                axes.plot(time[rows], unit * error[rows], color=MARK_COLOR, linewidth=0.3, alpha=0.5)
             bound = 3 * unit * sigmas.mean(axis=0)
             for side in (-bound, bound):
                 axes.plot(time, side, color=style.color, linestyle=style.dashes, linewidth=1.2)
@@ -139,7 +146,8 @@ def _errors(runs: Mapping[str, Runs], step: float) -> Figure | None:
         axes.set_ylim(-1.1 * height or -1.0, 1.1 * height or 1.0)
     for line in leaving(gone, "panels"):
         grid[0][1].set_title(f"{line}\n{COMPONENTS[1][0]}")
-    figure.supylabel("error of each run (grey), mean 3σ bound (dashed)", fontsize=7.5)
+    whose = "error of each run" if drawn == there else f"errors of the first {drawn} runs"
+    figure.supylabel(f"{whose} (grey), mean 3σ bound (dashed)", fontsize=7.5)
     return figure
 
 

@@ -15,12 +15,12 @@ def even_rows(count: int) -> Int:
     return np.unique(np.linspace(0, count - 1, min(count, MOST_POSES)).round().astype(np.int64))
 
 
-def extreme_rows(values: Float) -> Int:
-    """All rows of a curve (n,), or those that show its peaks: the smallest and the largest of every stretch."""
+def extreme_rows(values: Float, most: int = MOST_VALUES) -> Int:
+    """All rows of a curve (n,), or some `most` that show its peaks: the smallest and the largest of every stretch."""
     count = len(values)
-    if count <= MOST_VALUES:
+    if count <= most:
         return np.arange(count)
-    long = -(-count // (MOST_VALUES // 2))
+    long = -(-count // (most // 2))
     stretches = np.append(values, np.full(-count % long, values[-1])).reshape(-1, long)
     gaps = np.isnan(stretches)  # a stretch of gaps alone is a gap
     ends = [np.where(gaps, np.inf, stretches).argmin(axis=1), np.where(gaps, -np.inf, stretches).argmax(axis=1)]

@@ -190,6 +190,20 @@ def test_a_filter_that_diverges_does_not_squash_the_figures_of_a_study(
     assert "ekf / hindsight, ekf / causal leave the panel" in drawn["wild ratios"].axes[0].get_title()
 
 
+def test_the_errors_of_a_large_study_stay_below_half_a_megabyte(results: Path, tmp_path: Path):
+    """Fifty runs of twelve hundred steps, whose errors fill their panels."""
+    study, rng = load_study(results / "study"), np.random.default_rng(0)
+    runs = study.runs["ekf"]
+    series = {key: rng.standard_normal((50, 1200)) for key in runs.series if key.startswith("error")}
+    series |= {key: np.ones((50, 1200)) for key in runs.series if key.startswith("sigma")}
+    many = replace(runs, run=np.arange(50), series=series)
+    with printed_on(Sheet("page", ("svg",))):
+        study_drawings(study.summary, dict.fromkeys(("ekf", "riekf", "isam2"), many), 0.1)["errors"](tmp_path)
+    text = (tmp_path / "errors.svg").read_text(encoding="utf-8")
+    assert 300_000 < len(text.encode()) < 500_000
+    assert "errors of the first 26 runs" in text
+
+
 def test_logarithmic_axes_have_few_labels_and_plain_ones(results: Path, tmp_path: Path, drawn: dict[str, Figure]):
     for folder in ("run", "study", "sweep", "noise", "bench"):
         for draw in drawings_of(results / folder).values():
