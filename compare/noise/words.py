@@ -18,7 +18,7 @@ from slamgauge.compare.scoring.text_page import Grid, Page
 
 LEVEL = 0.95
 MANY = 5  # landmarks that are named at most
-HEADINGS = ("noise", "unit", "assumed", "found", "95 % interval", "verdict")
+HEADINGS = ("noise", "found", "95 % interval", "verdict", "assumed")
 
 
 def noise_table(noise: Noise) -> Page:
@@ -26,11 +26,16 @@ def noise_table(noise: Noise) -> Page:
     rows: list[tuple[str, ...]] = [HEADINGS]
     for name, found in noise.parameters.items():
         assumed = noise.assumed[name]
-        cells = (_figure(assumed), _figure(found.value), _interval(found), verdict(found, assumed))
-        rows.append((name, UNITS[name], *cells))
+        cells = (_figure(found.value), _interval(found), verdict(found, assumed), _figure(assumed))
+        rows.append((_with_unit(name), *cells))
     for name, found in noise.systematic.items():
-        rows.append((name, UNITS[name], "0", f"{found.value:+.3g}", _interval(found), systematic_verdict(found)))
+        cells = (f"{found.value:+.3g}", _interval(found), systematic_verdict(found), "0")
+        rows.append((_with_unit(name), *cells))
     return Page((Grid(rows, len(HEADINGS), sentences=HEADINGS.index("verdict")), *lines(noise)))
+
+
+def _with_unit(name: str) -> str:
+    return f"{name} [{UNITS[name]}]"
 
 
 def lines(noise: Noise) -> list[str]:

@@ -16,7 +16,7 @@ Paint = Callable[[str, Tone], str]
 
 LONGEST_NAME = 28  # of the first column where the width is limited; more is cut in the middle
 ROOMY = 200  # characters: from here on what finds no room stands in a table of its own below, and nothing is left out
-NARROWEST = 24  # a column of sentences is not made narrower than this
+NARROWEST = 22  # a column of sentences is not made narrower than this
 TONES: dict[str, Tone] = {
     **dict.fromkeys(("passed", "holds"), "good"),
     **dict.fromkeys(("FAILED", "failed", "does not hold", "not graded"), "bad"),

@@ -61,9 +61,12 @@ def test_the_noise_of_a_simulated_log_is_found():
     )
     assert find_noise(found.told).log_likelihood_gain == pytest.approx(0.0, abs=0.05)
     table = str(noise_table(found))
-    assert "lateral  m per step" in table
+    assert "lateral [m per step]" in table
     assert "any value below" in table
     assert "too large" in table
+    narrow = noise_table(found).text(80)
+    assert "any value below" in narrow  # verdicts before what was assumed
+    assert "left out at 80 characters: assumed (--wide shows all)" in narrow
     assert noise_json(found)["parameters"]["range"]["unit"] == "m"
 
 
