@@ -42,7 +42,7 @@ __all__ = ["Scenario", "ScenarioError", "load_scenario", "shipped_scenarios"]
 
 Place = tuple[str | int, ...]
 
-LONGEST_KEY = 100  # characters of an unknown one that are told
+LONGEST_KEY = 100  # characters of an unknown one, or of the name of a scenario, that are told
 FORMS = {"kind", "segments", "random"}  # keys that give a section another form: it then replaces the extended one whole
 
 
@@ -131,8 +131,9 @@ def _extended(table: Table, where: str) -> Table:
         return table
     name, shipped = table.pop("extends"), _shipped()
     if not isinstance(name, str) or name not in shipped:
-        remedy = did_you_mean(str(name), sorted(shipped))
-        raise ScenarioError(f"{where}: extends: {name!r} is no shipped scenario; {remedy}")
+        given = str(name)[:LONGEST_KEY]
+        remedy = did_you_mean(given, sorted(shipped))
+        raise ScenarioError(f"{where}: extends: {given!r} is no shipped scenario; {remedy}")
     base = _extended(_parse(shipped[name], name), name)
     for key, value in table.items():
         merged = isinstance(value, dict) and isinstance(base.get(key), dict) and not FORMS & value.keys()

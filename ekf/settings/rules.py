@@ -14,6 +14,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from slamgauge.errors import UserError
 from slamgauge.near_names import did_you_mean
+from slamgauge.validation import LARGEST
 
 Value = TypeVar("Value", int, float)
 Settings = TypeVar("Settings")
@@ -63,6 +64,8 @@ def mistake_of(each: Field[Any], owner: type, value: object) -> str:
     if isinstance(each.default, float):
         if not (is_number(value) and math.isfinite(value)):  # pyright: ignore[reportArgumentType]
             return f"{value!r} is not a finite number; {remedy}"
+        if abs(float(value)) > LARGEST:  # pyright: ignore[reportArgumentType]
+            return f"{value!r} is beyond {LARGEST:g}; choose a smaller one"
     elif not (is_number(value) and isinstance(value, Integral)):
         return f"{value!r} is not a whole number; {remedy}"
     return "" if holds(value) else mistake.format(value)

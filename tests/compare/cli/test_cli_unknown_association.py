@@ -81,6 +81,8 @@ def test_evaluate_associates_as_it_is_told(folder: Path, capsys: pytest.CaptureF
 def test_what_is_refused(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert run("evaluate", folder / "recording.npz", "--gate", 0) == 2
     assert "gate: 0.0 lets nothing pass; choose it above 0" in capsys.readouterr().err
+    assert run("evaluate", folder / "recording.npz", "--gate", 1e308) == 2
+    assert capsys.readouterr().err == "slamgauge: gate: 1e+308 is beyond 1e+50; choose a smaller one\n"
     alone = tmp_path / "recording.npz"
     alone.write_bytes((folder / "recording.npz").read_bytes())
     assert run("evaluate", alone, "--estimators", "dead-reckoning,batch") == 1  # nobody associates

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -296,6 +297,8 @@ def test_extending_what_is_not_shipped(write: Write):
     ]
     for wrong in ("3", '["q1-long-dense"]', "{a = 1}"):
         assert "is no shipped scenario; " in mistakes(write(f"extends = {wrong}"))[0]
+    for long in ("1" * 4000, f'"{"q" * 5000}"', f"[[{'1' * 4000}]]"):
+        assert re.match(r"extends: '.{100}' is no shipped scenario; ", mistakes(write(f"extends = {long}"))[0])
 
 
 def test_a_section_of_another_form_replaces_the_extended_one(write: Write):
