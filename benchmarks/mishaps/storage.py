@@ -37,9 +37,13 @@ def full(machine: Machine, name: str) -> Tried:
         words = machine.words(name, out)
         held = out.rename(out.with_name(f"{out.name}-held"))
         out.mkdir()
-        size = room + sum(-(-len(each) // BLOCK) * BLOCK for each in contents(held).values()) // 1024 + DIRECTORIES
-        mount = f'mount -t tmpfs -o size={size}k tmpfs "$0" && cp -r "$1/." "$0" && shift && exec "$@"'
-        yield machine.end(machine.start([*NAMESPACE, "sh", "-c", mount, str(out), str(held), *words]))
+        before, left = contents(held), out.with_name(f"{out.name}-left")
+        size = room + sum(-(-len(each) // BLOCK) * BLOCK for each in before.values()) // 1024 + DIRECTORIES
+        mount = f'mount -t tmpfs -o size={size}k tmpfs "$0" && cp -r "$1/." "$0" && shift && ("$@")'
+        look = 'status=$?; cp -r "$0" "$0-left"; exit $status'  # the mount is gone when this shell is
+        outcome = machine.end(machine.start([*NAMESPACE, "sh", "-c", f"{mount}; {look}", str(out), str(held), *words]))
+        is_changed = {name: contents(left).get(name) for name in before} != before
+        yield "lost" if outcome == "refused" and is_changed else left_clean(outcome, left)
 
 
 def read_only(machine: Machine, name: str) -> Tried:
