@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, distinct
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 from slamgauge.sights import positions_seen
@@ -27,7 +27,7 @@ def area_that_pays(recording: Recording) -> float | None:
         recording: known association; not of bearings alone.
     """
     assert recording.landmark is not None
-    if len(np.unique(recording.landmark)) < FEW:
+    if len(distinct(recording.landmark)) < FEW:
         return None
     radius = AREA * float(_distances(recording).max())
     full, compressed = work(recording, radius)

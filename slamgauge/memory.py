@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import math
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from slamgauge.errors import UserError
@@ -33,6 +36,17 @@ def require_memory(needed: float, what: str, remedy: str) -> None:
 def free_memory() -> float:
     """Bytes that are free on this machine, or all that limits allow this process if that is less, as far as is told."""
     return min(_available(), _limit())
+
+
+def give_back() -> None:
+    """Give what is free of this process's memory back to the system, before more is taken.
+
+    Figures refer to themselves in circles, which Python looks for now and then only, and glibc keeps freed arrays of up
+    to 32 MB for itself: together that is a third of what a run of a million steps takes.
+    """
+    gc.collect()
+    with suppress(AttributeError, TypeError):  # other C libraries have no such function, or cannot be asked
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _available() -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, chunks
 
 
 def wrap(angle: ArrayLike) -> Float:
@@ -46,6 +46,12 @@ def chain(start: ArrayLike, increments: ArrayLike) -> Float:
     """Poses (N+1, 3) of a path from `start` (3,) along body-frame `increments` (N, 3)."""
     start, increments = np.asarray(start, dtype=np.float64), np.asarray(increments, dtype=np.float64)
     headings = start[2] + np.concatenate([[0.0], np.cumsum(increments[:, 2])])
-    steps = np.einsum("nij,nj->ni", rotation(headings[:-1]), increments[:, :2])
-    positions = start[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    return np.column_stack([positions, wrap(headings)])
+    poses = np.zeros((len(headings), 3))
+    for rows in chunks(len(increments)):
+        turned = np.einsum("nij,nj->ni", rotation(headings[:-1][rows]), increments[rows, :2])
+        poses[1:][rows, :2] = turned
+    np.cumsum(poses[:, :2], axis=0, out=poses[:, :2])
+    poses[:, :2] += start[:2]
+    for rows in chunks(len(poses)):
+        poses[rows, 2] = wrap(headings[rows])
+    return poses

@@ -254,6 +254,7 @@ class Grading:
         from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
         from slamgauge.compare.storage.files import explained
         from slamgauge.compare.storage.result_files import OUTDATED, comparison_files
+        from slamgauge.memory import give_back
 
         if not self.asked:
             raise UserError("estimators: none given; name at least one, for example --estimators ekf,batch")
@@ -263,6 +264,7 @@ class Grading:
         files = comparison_files(estimators if recording.landmark is not None else with_stand_ins(estimators))
         with results_folder(self.out, files, METRICS, OUTDATED) as folder:
             comparison = compare_estimators(truth, recording, estimators, informed)
+            give_back()
             comparison = replace(comparison, failures=failures | comparison.failures)
             content = metrics(comparison, self.scenario, self.seed, self.scenario_text)
             done = print_result(content if self.as_json else table(comparison)) and not comparison.failures

@@ -104,7 +104,7 @@ def _limits(truth: Truth, shown: Mapping[str, Estimate], mapped: Mapping[str, Es
     sure += [estimate.poses[:, :2] for estimate in shown.values()]
     sure += [estimate.landmarks for estimate in mapped.values()]
     passing = [estimate.history.position for estimate in mapped.values() if estimate.history is not None]
-    return map_limits(np.concatenate(sure), np.concatenate([np.zeros((0, 2)), *passing]))
+    return map_limits(sure, passing)
 
 
 def _layout(low: Float, high: Float, title: str, keys: list[Line2D]) -> tuple[Figure, Axes, Text]:

@@ -59,9 +59,10 @@ def plot_errors(
     extents: dict[str, Float] = {}
     for name, estimate in shown.items():
         color, dashes = chosen[name]
-        errors = pose_errors(reference.poses, estimate.poses) * UNITS
-        bounds = _three_sigma(estimate)
-        extents[name] = np.nan_to_num(np.fmax(np.abs(errors), bounds)).max(axis=0)
+        errors, bounds = pose_errors(reference.poses, estimate.poses), _three_sigma(estimate)
+        errors *= UNITS
+        pairs = zip(errors.T, bounds.T, strict=True)
+        extents[name] = np.array([np.nan_to_num(np.fmax(np.abs(error), bound)).max() for error, bound in pairs])
         for panel, error, bound in zip(panels, errors.T, bounds.T, strict=True):
             rows = extreme_rows(error)
             panel.plot(times[rows], error[rows], color=color, linestyle=dashes, linewidth=0.8, label=name, zorder=3)
@@ -101,7 +102,10 @@ def _three_sigma(estimate: Estimate) -> Float:
     """Bounds (N+1, 3) [m, m, deg]; NaN, which is not drawn, where the estimator claims none."""
     if estimate.pose_covs is None:
         return np.full(estimate.poses.shape, np.nan)
-    return 3 * np.sqrt(np.diagonal(estimate.pose_covs, axis1=1, axis2=2).clip(min=0)) * UNITS
+    bounds = np.diagonal(estimate.pose_covs, axis1=1, axis2=2).clip(min=0)
+    np.sqrt(bounds, out=bounds)
+    bounds *= 3 * UNITS
+    return bounds
 
 
 def _finish(panel: Axes, label: str, times: Float, closures: Float, limit: float) -> None:

@@ -122,8 +122,7 @@ def _frame(ax: Axes, paths: Mapping[str, Float], others: list[Float]) -> None:
     ax.set_aspect("equal", adjustable="datalim")
     drift = paths[DEAD_RECKONING][:, :2]
     estimated = [poses for name, poses in paths.items() if name != DEAD_RECKONING] or [drift]
-    rest = np.concatenate([each[:, :2] for each in estimated + others])
-    low, high = map_limits(rest, drift)
+    low, high = map_limits([each[:, :2] for each in estimated + others], [drift])
     ax.set_xlim(low[0], high[0], auto=True)
     ax.set_ylim(low[1], high[1], auto=True)
     label_plane(ax)

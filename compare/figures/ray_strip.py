@@ -93,7 +93,7 @@ def _limits(truth: Truth, estimate: Estimate, frames: list[RayFrame]) -> tuple[F
     if truth.poses is not None:
         sure.append(truth.poses[:end, :2])
     sure.append(members if truth.landmarks is None else truth.landmarks)
-    return map_limits(np.concatenate(sure), members)
+    return map_limits(sure, [members])
 
 
 def _draw_robots(ax: Axes, truth: Truth, estimate: Estimate, style: Style, size: float, step: int) -> None:

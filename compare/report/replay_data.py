@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, distinct
 from slamgauge.compare.figures.error_panels import reference_of
 from slamgauge.compare.figures.map_limits import map_limits
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
@@ -81,8 +81,8 @@ def _data(results: Results, looks: Sequence[Look], shown: Int) -> dict[str, Any]
 def _estimate(
     estimate: Estimate, look: Look, recording: Recording, truth: Truth, reference: Float, sights: Sights, shown: Int
 ) -> dict[str, Any]:
-    errors, covs = pose_errors(reference, estimate.poses), estimate.pose_covs
-    nees = squared_mahalanobis(errors, pose_covs_of(estimate)) if truth.poses is not None else errors[:, 0] * np.nan
+    errors, covs = pose_errors(reference[shown], estimate.poses[shown]), pose_covs_of(estimate)[shown]
+    nees = squared_mahalanobis(errors, covs) if truth.poses is not None else errors[:, 0] * np.nan
     wrong = wrong_sights(truth, recording, estimate)
     given = recording.landmark if estimate.association is None else estimate.association
     return {
@@ -91,25 +91,27 @@ def _estimate(
         "dashes": list(look.dashes),
         "shown": look.shown,
         "poses": pack(estimate.poses[shown]),
-        "predicted": pack(_predicted(recording, estimate)[shown]),
-        "covs": None if covs is None else pack(triangle(covs[shown])),
-        "error": pack(distances(errors)[shown]),
-        "nees": pack(nees[shown]),
+        "predicted": pack(_predicted(recording, estimate, shown)),
+        "covs": None if estimate.pose_covs is None else pack(triangle(covs)),
+        "error": pack(distances(errors)),
+        "nees": pack(nees),
         "nis": pack(_nis(estimate)[shown]),
         "rows": packed_map(recording, estimate, shown),
         "association": None if given is None else pack(given[sights.observation], "i4"),
         "wrong": None if wrong is None else pack(wrong[sights.observation], "u1"),
         "wrongFrames": pack(
-            [] if wrong is None else np.unique(_frames_of(recording.observation_step[wrong], shown)), "i4"
+            [] if wrong is None else distinct(_frames_of(recording.observation_step[wrong], shown)), "i4"
         ),
     }
 
 
-def _predicted(recording: Recording, estimate: Estimate) -> Float:
-    """Where a filter takes the robot to be before it sees (N+1, 3); a smoothed estimate knows from the start."""
+def _predicted(recording: Recording, estimate: Estimate, shown: Int) -> Float:
+    """Where a filter takes the robot to be before it sees, at steps (T,); a smoothed estimate knows from the start."""
     if estimate.kind == "smoothed":
-        return estimate.poses
-    return np.concatenate([recording.prior_mean[None], compose(estimate.poses[:-1], recording.odometry)])
+        return estimate.poses[shown]
+    later = shown[shown > 0]
+    moved = compose(estimate.poses[later - 1], recording.odometry[later - 1])
+    return np.concatenate([np.repeat(recording.prior_mean[None], len(shown) - len(later), axis=0), moved])
 
 
 def _nis(estimate: Estimate) -> Float:
@@ -131,6 +133,4 @@ def _world(results: Results, truth: Truth) -> tuple[Float, Float]:
     paths = {name: each.poses for name, each in results.estimates.items()}
     drift = paths.pop(DEAD_RECKONING, None)
     known += list(paths.values()) or ([] if drift is None else [drift])
-    places = np.concatenate([each[:, :2] for each in known])
-    places = places[np.isfinite(places).all(axis=1)]
-    return map_limits(places, places[:0] if drift is None else drift[:, :2])
+    return map_limits([each[:, :2] for each in known], [] if drift is None else [drift[:, :2]])

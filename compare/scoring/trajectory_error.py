@@ -12,7 +12,8 @@ from slamgauge.se2 import between, rotation, wrap
 def pose_errors(reference: Float, poses: Float) -> Float:
     """Additive errors (n, 3) of `poses` (n, 3) in the world frame, [m, m, rad], heading wrapped."""
     errors = poses - reference
-    errors[:, 2] = wrap(errors[:, 2])
+    for rows in chunks(len(errors)):
+        errors[rows, 2] = wrap(errors[rows, 2])
     return errors
 
 

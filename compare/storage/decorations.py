@@ -8,6 +8,7 @@ from pathlib import Path
 
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.errors import UserError, failure_text
+from slamgauge.memory import give_back
 
 Drawing = Callable[[Path], object]  # writes its files into the folder that it is given
 
@@ -26,6 +27,7 @@ def decorate(out: Path, beside: str, drawings: Mapping[str, Drawing], writes: Se
         Whether all are there.
     """
     lost: list[str] = []
+    give_back()
     try:
         with staged_folder(out, writes, last="", beside=beside) as stage:
             for name, draw in drawings.items():

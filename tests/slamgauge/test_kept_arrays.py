@@ -13,10 +13,12 @@ import numpy as np
 import pytest
 
 from slamgauge import Estimate, Recording, arrays, evaluate, load_scenario, simulate
+from slamgauge.compare.figures.map_limits import map_limits
 from slamgauge.compare.scenarios.simulation import informed, simulate_informed
 from slamgauge.compare.storage.files import save
 from slamgauge.compare.storage.results_folder import load_results
 from slamgauge.ekf.estimators import ekf
+from slamgauge.se2 import chain
 from slamgauge.validation import as_covariances, as_floats, as_ints
 
 STEPS = 4000
@@ -86,6 +88,18 @@ def test_memory_of_a_long_run_is_what_is_kept_of_its_steps_and_observations(monk
     assert score.loop_closure is not None
     assert kept < STEPS * 33 + len(score.loop_closure) * 300  # NEES and sigmas of every step
     assert peak < kept + STEPS * 130 + 5e5
+
+
+def test_a_path_and_the_limits_of_its_map_take_hardly_more_than_the_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    increments = np.tile([0.1, 0.0, 1e-3], (200_000, 1))
+    whole = chain(np.ones(3), increments)
+    monkeypatch.setattr(arrays, "CHUNK", 500)
+    path, kept, peak = _traced(lambda: chain(np.ones(3), increments))
+    np.testing.assert_array_equal(path, whole)
+    assert kept == pytest.approx(len(path) * 24, rel=0.01)
+    assert peak < kept + len(path) * 8 + 3e5  # its headings, and what is worked on together
+    _, kept, peak = _traced(lambda: map_limits([path[:, :2], path[:, :2]], [path[:, :2]]))
+    assert peak < 1e5
 
 
 def test_nothing_depends_on_how_many_rows_are_worked_on_together(monkeypatch: pytest.MonkeyPatch) -> None:

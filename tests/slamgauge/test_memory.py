@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import platform
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +15,28 @@ def test_what_fits_is_let_through_and_what_does_not_is_a_line() -> None:
     memory.require_memory(1.0, "a byte", "none")
     with pytest.raises(UserError, match=r"^a map needs 1000000000\.0 GB of memory, and .* GB are free; take less$"):
         memory.require_memory(1e18, "a map", "take less")
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc alone is told to give back what it keeps")
+def test_what_is_freed_is_given_back_to_the_system() -> None:
+    """Of many small arrays the last ones stay, so that what is freed lies below them."""
+    program = """
+import numpy
+from pathlib import Path
+from slamgauge.memory import give_back
+
+def resident():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
+
+kept = [numpy.ones(12_500) for _ in range(2000)]  # 0.1 MB each
+for first in range(0, 2000, 100):
+    kept[first : first + 99] = [None] * 99
+before = resident()
+give_back()
+print(before - resident())
+"""
+    given_back = float(subprocess.run([sys.executable, "-c", program], check=True, capture_output=True).stdout)
+    assert 150.0 < given_back < 200.0  # MB
 
 
 def test_free_memory_is_what_the_system_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
