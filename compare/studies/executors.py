@@ -34,6 +34,7 @@ class _Processes(Executor):
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
+        self._others = set(multiprocessing.active_children())
         self._pool = self._begin()
 
     def _begin(self) -> ProcessPoolExecutor:
@@ -45,10 +46,16 @@ class _Processes(Executor):
         """Hand out a run, to new processes if the others are gone."""
         try:
             return self._pool.submit(fn, *args, **kwargs)
-        except BrokenExecutor:
+        except (BrokenExecutor, OSError):  # an OSError if one died while the next was being started
+            self.terminate()  # that one would wait for work for ever, and its pool for its end
             self._pool.shutdown()
             self._pool = self._begin()
             return self._pool.submit(fn, *args, **kwargs)
+
+    def terminate(self) -> None:
+        """End the processes, whatever they do."""
+        for worker in set(multiprocessing.active_children()) - self._others:
+            worker.terminate()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes."""
@@ -69,13 +76,11 @@ def local_processes(jobs: int) -> Generator[Executor]:
         UserError: a worker died, and the caller did not carry on without it.
     """
     pin_blas_threads()
-    others = set(multiprocessing.active_children())
     pool = _Processes(jobs)
     try:
         yield pool
     except BaseException as error:  # what is being computed will not be used any more
-        for worker in set(multiprocessing.active_children()) - others:
-            worker.terminate()
+        pool.terminate()
         if isinstance(error, BrokenExecutor):
             raise UserError("a worker process died (out of memory?); give the same command again") from None
         raise

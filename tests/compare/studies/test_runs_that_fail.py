@@ -5,9 +5,11 @@ from __future__ import annotations
 import errno
 import os
 import re
+import time
 from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from dataclasses import replace
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -140,6 +142,25 @@ def test_a_run_that_takes_its_worker_with_it_is_named_and_the_others_go_on(
     with local_processes(1) as executor:
         again = run_study(scenario, 4, 0, ("ekf", "riekf"), tmp_path, executor)
     assert (again.failures, again.estimators["ekf"].runs) == ((), 4)
+
+
+def test_a_worker_that_dies_while_the_next_one_is_started_costs_its_own_run_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What the next one is to be given is closed by then."""
+    start, refusals = SpawnProcess.start, [OSError("handle is closed")]
+
+    def refused_once(process: SpawnProcess) -> None:
+        if refusals:
+            raise refusals.pop()
+        start(process)
+
+    with local_processes(2) as executor:
+        own = executor.submit(time.sleep, 100.0)
+        monkeypatch.setattr(SpawnProcess, "start", refused_once)
+        assert executor.submit(abs, -3).result(60.0) == 3
+        assert isinstance(own.exception(60.0), BrokenExecutor)
+    assert not refusals
 
 
 def test_a_worker_that_a_cluster_gave_up_is_lost_and_other_errors_are_not() -> None:
