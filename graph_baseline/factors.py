@@ -12,7 +12,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.triangulation import triangulate_all
+from slamgauge.graph_baseline.triangulation import do_not_meet, triangulate_all
 from slamgauge.graph_baseline.undetermined import undetermined_variable
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, compose, rotation
@@ -107,6 +107,20 @@ def are_placed_best(recording: Recording, path: Float, among: Marks) -> Marks:
     """
     ids, _, sigmas = triangulate_all(recording.only(among), path)
     return np.isin(require_known_landmarks(recording), ids[np.argsort(sigmas, kind="stable")[: len(ids) // 2]])
+
+
+def are_at_odds(recording: Recording, path: Float) -> Marks:
+    """Which observations (M,) are of landmarks whose bearings say where they are, and do not meet from a path (N+1, 3).
+
+    With ranges there are none.
+    """
+    marks = np.zeros(len(recording.observation), dtype=bool)
+    if recording.sensor == "bearing":
+        ids = require_known_landmarks(recording)
+        for name in np.unique(ids):
+            rows = ids == name
+            marks[rows] = do_not_meet(recording, np.flatnonzero(rows), path)
+    return marks
 
 
 def are_seen_again(recording: Recording) -> Marks:

@@ -13,6 +13,7 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.graph_baseline.chain import carried_on, keyed
 from slamgauge.graph_baseline.descent import Approach, Merit, Minimum, approach, settle
 from slamgauge.graph_baseline.factors import (
+    are_at_odds,
     are_placed,
     are_placed_best,
     are_seen_again,
@@ -40,15 +41,20 @@ Starts = Callable[[Recording, Float], Iterable[Start]]  # of a recording and a p
 def placed_minimum(recording: Recording, path: Float, starts: Starts) -> tuple[Int, Minimum]:
     """The lowest minimum of all that is placed: from a path (N+1, 3) at first, in the end from the minimum itself.
 
-    What the minimum leaves out may still be placed by a minimum with it, far from the one without: it is tried with all
-    that several poses have seen, then with the landmark that is seen most.
+    Bearings that are at odds with the minimum without them may meet in a minimum with them, far from it: that is tried.
+    Where nothing is placed at all, it is tried with all landmarks that several poses have seen, then with the one that
+    is seen most.
 
     Returns:
         Association (M,), -1 for what bearings alone do not place, and the minimum without that.
     """
     taken, found = _minimum_of_placed(recording, are_placed(recording, path), path, starts)
-    again = are_seen_again(recording)
-    for hopeful in (again, of_most_frequent(require_known_landmarks(recording), again)):
+    if taken.any():
+        hopes = [are_at_odds(recording, found.poses)]
+    else:
+        again = are_seen_again(recording)
+        hopes = [again, of_most_frequent(require_known_landmarks(recording), again)]
+    for hopeful in hopes:
         if (hopeful & ~taken).any():
             with suppress(UndeterminedError):
                 more, other = _minimum_of_placed(recording, taken | hopeful, found.poses, starts)

@@ -32,6 +32,14 @@ def triangulate_all(recording: Recording, poses: Float) -> tuple[Int, Float, Flo
     return ids, landmarks, sigmas
 
 
+def do_not_meet(recording: Recording, rows: Int, poses: Float) -> bool:
+    """Whether the bearings in `rows` are sharp enough to place a landmark from `poses`, and yet do not place it."""
+    seen_from = poses[recording.observation_step[rows]]
+    found = triangulate(seen_from, recording.observation[rows, 0], recording.observation_cov[rows, 0, 0], SURE)
+    distance = float(np.hypot(*(found.landmark - seen_from[:, :2]).T).min())
+    return not found.placed and found.sigma < SURE * distance
+
+
 def triangulate_one(recording: Recording, rows: Int, poses: Float, sure: float = SURE) -> tuple[Float, float]:
     """The landmark (2,) and sigma [m], as in `triangulate_all`, that the bearings in `rows` are of."""
     landmark, bearings, variances = np.zeros(2), recording.observation[:, 0], recording.observation_cov[:, 0, 0]

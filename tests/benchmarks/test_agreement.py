@@ -264,6 +264,12 @@ def test_a_landmark_that_is_placed_only_by_the_minimum_with_it_is_mapped():
         assert set(estimator(each.recording).landmark_ids) == set(each.recording.landmark)
 
 
+def test_a_landmark_that_is_seen_without_parallax_waits_in_both_optima():
+    recording = draw(2033, 81).recording.first(22)
+    for estimator in (batch, isam2):
+        assert set(estimator(recording).landmark_ids) == {0, 3, 6, 7}
+
+
 @pytest.mark.parametrize("number", [161, 219])
 def test_valleys_and_bearings_that_place_less_than_the_path_said(number: int):
     """Batch has failed in these."""
