@@ -249,7 +249,7 @@ class Claims:
     """How many runs of each setting at first. Claims that are undecided then go on, to half as many more each time;
     verdicts hold wherever that ends."""
 
-    max_runs: int = 2000
+    max_runs: int = 3000
     """How many runs at most, if that is more than --runs."""
 
     seed: int = 0
