@@ -19,16 +19,16 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float, Marks
-from slamgauge.compare.scoring.betting import SHARES, location, smallest_effect
+from slamgauge.compare.scoring.betting import growth_of, location, smallest_effect
 from slamgauge.compare.scoring.sequential import growing
-from slamgauge.compare.studies.claim_evidence import ALPHA
-from slamgauge.compare.studies.claim_list import CLAIMS, SETTINGS, Claim, Figure
+from slamgauge.compare.studies.claim_evidence import log_threshold
+from slamgauge.compare.studies.claim_list import CLAIMS, SETTINGS, TESTS, Claim, Figure
 from slamgauge.compare.studies.claim_studies import ClaimStudies, sampled_settings
 from slamgauge.compare.studies.claims import log_ratios
 from slamgauge.compare.studies.executors import local_processes
 
 FIRST = 20  # runs until claims are looked at
-LOG_THRESHOLD = math.log(2 * sum(len(claim.others) for claim in CLAIMS) / ALPHA)
+LOG_THRESHOLD = log_threshold(TESTS)
 
 
 def main() -> None:
@@ -84,9 +84,8 @@ def judge(known: Float, claim: Claim, counts: Sequence[int], studies: int) -> tu
 
 def reached(known: Float, limit: float, counts: Sequence[int], studies: int, rng: np.random.Generator) -> Marks:
     """Whether bets on more than zero have reached the threshold, in every study at every look (studies, K)."""
-    growth = np.log1p(SHARES[:, None] * np.clip(known / limit, -1.0, 1.0))
     drawn = rng.integers(0, len(known), (studies, counts[-1]))
-    made = np.array([np.cumsum(each[drawn], axis=1)[:, np.array(counts) - 1] for each in growth])
+    made = np.array([np.cumsum(each[drawn], axis=1)[:, np.array(counts) - 1] for each in growth_of(known, limit)])
     return np.exp(made).mean(axis=0) >= math.exp(LOG_THRESHOLD)
 
 

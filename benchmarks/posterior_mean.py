@@ -31,10 +31,11 @@ from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.intervals import ratio_interval
 from slamgauge.compare.studies.run import run_seed
+from slamgauge.correlations import square_roots
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch
 from slamgauge.graph_baseline.free_noise import FreeNoise
-from slamgauge.graph_baseline.linearisation import LinearModel, linearise, whitened_residuals
+from slamgauge.graph_baseline.linearisation import linearise, whitened_residuals
 from slamgauge.graph_baseline.moving import driven
 from slamgauge.graph_baseline.smoother import NOT_DAMPED, damped_step
 from slamgauge.se2 import wrap
@@ -70,16 +71,13 @@ class Posterior:
         self._slot = np.unique(recording.landmark, return_inverse=True)[1]
         self._noise = FreeNoise(recording)
         self._model = linearise(recording, self._slot, poses, landmarks)
-        self._roots = [square_root(cov) for cov in (self._model.start_cov[None], self._model.W)]
+        self._roots = square_roots(np.concatenate([self._model.start_cov[None], self._model.W]))
 
     def draw(self, rng: np.random.Generator) -> Step:
         """A step of the linear model's Gaussian: where its minimum goes when all that was measured errs once more."""
-        model, (start, motion) = self._model, self._roots
-        again = model._replace(
-            start=start[0] @ rng.standard_normal(3),
-            c=np.einsum("nij,nj->ni", motion, rng.standard_normal(model.c.shape)),
-            r=rng.standard_normal(model.r.shape),
-        )
+        start, *motions = np.einsum("nij,nj->ni", self._roots, rng.standard_normal((len(self._roots), 3)))
+        seen = rng.standard_normal(self._model.r.shape)
+        again = self._model._replace(start=start, c=np.array(motions), r=seen)
         return damped_step(again, len(self._landmarks), NOT_DAMPED)
 
     def moved(self, step: Step) -> Step:
@@ -90,18 +88,13 @@ class Posterior:
         """Newest pose (3,) after a step, and how much more the exact posterior costs there than the linear model."""
         poses, landmarks = self.moved(step)
         exact = whitened_residuals(self._recording, self._slot, poses, landmarks)
-        return poses[-1], 0.5 * float(np.square(exact).sum() - np.square(self._linear(self._model, *step)).sum())
+        return poses[-1], 0.5 * float(np.square(exact).sum() - np.square(self._linear(*step)).sum())
 
-    @staticmethod
-    def _linear(model: LinearModel, dx: Float, dm: Float) -> Float:
+    def _linear(self, dx: Float, dm: Float) -> Float:
+        """What the linear model takes the whitened residuals (M, d) to be after a step."""
+        model = self._model
         by_pose = np.einsum("mdi,mi->md", model.Hx, dx[model.step])
         return model.r + by_pose + np.einsum("mdi,mi->md", model.Hm, dm[model.slot])
-
-
-def square_root(covs: Float) -> Float:
-    """Roots S (n, 3, 3) of positive semi-definite covariances S S'."""
-    values, axes = np.linalg.eigh(covs)
-    return axes * np.sqrt(np.maximum(values, 0.0))[:, None, :]
 
 
 class Walk:

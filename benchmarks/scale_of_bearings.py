@@ -15,9 +15,14 @@ from slamgauge.compare.studies.executors import pin_blas_threads
 pin_blas_threads()
 
 import argparse
+import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))  # Python may be told not to look there
+
 from referees.map_scale import too_large
 
 from slamgauge import Estimate, Recording, Truth, batch, load_scenario, simulate

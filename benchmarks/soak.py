@@ -17,6 +17,7 @@ pin_blas_threads()
 
 import argparse
 import os
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -24,6 +25,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))  # Python may be told not to look there
+
 from referees.map_scale import too_large
 
 from slamgauge import Recording, Truth, load_scenario, simulate

@@ -167,15 +167,15 @@ def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
         before = poses, landmarks
         poses, landmarks = _displaced(before, mixing.move(apart), merit.noise)
         mixing.moved(_apart((poses, landmarks), before))
+    if not smallest < RESOLVED:
+        raise UndeterminedError(_why_no_minimum(recording, landmark_ids, *best, smallest))
     ended = merit(*best)
-    if smallest < RESOLVED and ended <= cost + RISEN * (1.0 + cost):
-        return Minimum(*best, solve_at(recording, landmark_ids, *best), ended)
-    if smallest < RESOLVED:
+    if ended > cost + RISEN * (1.0 + cost):
         raise UndeterminedError(
             f"batch: no minimum, the last steps lead {ended - cost:.2g} nats uphill: the measurements leave a "
             "direction all but undetermined; add observations with smaller covariances or from other places"
         )
-    raise UndeterminedError(_why_no_minimum(recording, landmark_ids, *best, smallest))
+    return Minimum(*best, solve_at(recording, landmark_ids, *best), ended)
 
 
 def _apart(point: tuple[Float, Float], other: tuple[Float, Float]) -> Float:

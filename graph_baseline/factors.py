@@ -109,18 +109,14 @@ def are_placed_best(recording: Recording, path: Float, among: Marks) -> Marks:
     return np.isin(require_known_landmarks(recording), ids[np.argsort(sigmas, kind="stable")[: len(ids) // 2]])
 
 
-def are_at_odds(recording: Recording, path: Float) -> Marks:
+def are_at_odds(recording: Recording, path: Float, among: Marks) -> Marks:
     """Which observations (M,) are of landmarks whose bearings say where they are, and do not meet from a path (N+1, 3).
 
-    With ranges there are none.
+    Bearings alone; of the landmarks `among` them (M,).
     """
-    marks = np.zeros(len(recording.observation), dtype=bool)
-    if recording.sensor == "bearing":
-        ids = require_known_landmarks(recording)
-        for name in np.unique(ids):
-            rows = ids == name
-            marks[rows] = do_not_meet(recording, np.flatnonzero(rows), path)
-    return marks
+    ids = require_known_landmarks(recording)
+    found = [name for name in np.unique(ids[among]) if do_not_meet(recording, np.flatnonzero(ids == name), path)]
+    return np.isin(ids, found)
 
 
 def are_seen_again(recording: Recording) -> Marks:

@@ -50,7 +50,7 @@ def placed_minimum(recording: Recording, path: Float, starts: Starts) -> tuple[I
     """
     taken, found = _minimum_of_placed(recording, are_placed(recording, path), path, starts)
     if taken.any():
-        hopes = [are_at_odds(recording, found.poses)]
+        hopes = [are_at_odds(recording, found.poses, ~taken)]
     else:
         again = are_seen_again(recording)
         hopes = [again, of_most_frequent(require_known_landmarks(recording), again)]

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from statistics import NormalDist
 
 import numpy as np
 
@@ -25,12 +26,12 @@ from slamgauge.arrays import Float
 
 SHARES = 0.9 * 0.5 ** np.arange(6)  # from bold to cautious: the smaller an effect, the smaller the share that pays best
 POWER = 0.9  # with which an effect is found that is said to be
-_POWER_SIGMA = 1.2816  # a normal variable is above its mean less so many standard deviations with POWER
+_POWER_SIGMA = NormalDist().inv_cdf(POWER)  # a normal variable is above its mean less so many sigmas with POWER
 
 
 def log_wealth(values: Float, limit: float) -> float:
     """Logarithm of what bets that the location of `values` (R,) is above zero have made of 1."""
-    return _pooled(_growth(values, limit).sum(axis=1))
+    return _pooled(growth_of(values, limit).sum(axis=1))
 
 
 def location(values: Float, limit: float) -> float:
@@ -68,7 +69,7 @@ def smallest_effect(values: Float, limit: float, log_threshold: float, runs: int
 
 def _smallest_above(centred: Float, limit: float, log_threshold: float, runs: int) -> float:
     def too_small(effect: float) -> bool:
-        growth = _growth(centred + effect, limit)
+        growth = growth_of(centred + effect, limit)
         unlucky = runs * growth.mean(axis=1) - _POWER_SIGMA * math.sqrt(runs) * growth.std(axis=1)
         return _pooled(unlucky) < log_threshold
 
@@ -76,7 +77,7 @@ def _smallest_above(centred: Float, limit: float, log_threshold: float, runs: in
     return math.inf if too_small(largest) else _last(too_small, 0.0, largest)
 
 
-def _growth(values: Float, limit: float) -> Float:
+def growth_of(values: Float, limit: float) -> Float:
     """By how much the logarithm of wealth grows with each run (S, R), for each of the shares."""
     return np.log1p(SHARES[:, None] * np.clip(values / limit, -1.0, 1.0))
 

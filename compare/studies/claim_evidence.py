@@ -63,23 +63,27 @@ def weigh(log_ratios: Float, claim: Claim, tests: int, most: int) -> Evidence:
         tests: how many ratios are tested.
         most: how many runs there may be.
     """
-    runs, limit = len(log_ratios), math.log(claim.limit)
+    runs, limit, threshold = len(log_ratios), math.log(claim.limit), log_threshold(tests)
     if not runs:
         return NOTHING
-    log_threshold = math.log(2 * tests / ALPHA)  # each of two sides
     low, high = claim.asserted
     ends = [sign * (log_ratios - math.log(end)) for sign, end in ((1.0, low), (-1.0, high)) if 0.0 < end < math.inf]
     inside = min(log_wealth(each, limit) for each in ends)
     outside = max(log_wealth(-each, limit) for each in ends)
     return Evidence(
         effect=_ratio(location(log_ratios, limit)),
-        low=_ratio(lower_end(log_ratios, limit, log_threshold)),
-        high=_ratio(upper_end(log_ratios, limit, log_threshold)),
+        low=_ratio(lower_end(log_ratios, limit, threshold)),
+        high=_ratio(upper_end(log_ratios, limit, threshold)),
         p_value=min(1.0, 2 * tests * math.exp(-max(inside, outside, 0.0))),
         support=inside - outside,
         runs=runs,
-        decidable=_ratio(smallest_effect(log_ratios, limit, log_threshold, most)),
+        decidable=_ratio(smallest_effect(log_ratios, limit, threshold, most)),
     )
+
+
+def log_threshold(tests: int) -> float:
+    """Logarithm of the wealth that decides one of so many ratios, each to two sides."""
+    return math.log(2 * tests / ALPHA)
 
 
 def _ratio(logarithm: float) -> float | None:

@@ -296,3 +296,5 @@ CLAIMS = (
         LESS,
     ),
 )
+
+TESTS = sum(len(claim.others) for claim in CLAIMS)  # ratios that are looked at

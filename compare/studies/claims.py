@@ -14,7 +14,7 @@ import math
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,19 +38,11 @@ from slamgauge.compare.storage.result_files import CLAIMS as CLAIMS_FILE
 from slamgauge.compare.storage.result_files import CLAIMS_FILES
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.studies.claim_evidence import ALPHA, Evidence, weigh
-from slamgauge.compare.studies.claim_list import CLAIMS, FILTER, OPTIMUM, SETTINGS, Claim, Figure, ate
+from slamgauge.compare.studies.claim_list import CLAIMS, FILTER, OPTIMUM, SETTINGS, TESTS, Claim, Figure, ate
 from slamgauge.compare.studies.claim_studies import ClaimStudies, sampled_settings
 from slamgauge.errors import UserError
 
 Load = Callable[[str, str, int], Runs]  # of a setting and an estimator the first so many runs
-
-
-class Extent(NamedTuple):
-    """How many runs a claim is judged by: at `first`, `now`, and at `most`."""
-
-    first: int
-    now: int
-    most: int
 
 
 CERTAINTY = f"with {1 - ALPHA:.0%} probability no verdict is wrong and all intervals hold, after any number of runs"
@@ -126,12 +118,12 @@ def judge_claims(runs: int, seed: int, out: Path, executor: Executor, most: int 
     studies = ClaimStudies(sampled_settings(SETTINGS), seed, out, executor)
     studies.require_room(most)
     texts = {name: scenario_text(scenario) for name, scenario in studies.scenarios.items()}
-    judged: dict[str, Judgement] = {}
-    for count in growing(runs, most):
-        for claim in CLAIMS:
-            if claim.id not in judged or judged[claim.id].evidence.verdict == "undecided":
-                judged[claim.id] = judge(claim, studies.load, Extent(runs, count, most), texts[claim.figure.setting])
-    return Claims([judged[claim.id] for claim in CLAIMS], studies.failures)
+    judged = [judge(claim, studies.load, runs, most, texts[claim.figure.setting]) for claim in CLAIMS]
+    for count in growing(runs, most)[1:]:
+        for place, each in enumerate(judged):
+            if each.evidence.verdict == "undecided":
+                judged[place] = replace(each, evidence=evidence_for(each.claim, studies.load, count, most))
+    return Claims(judged, studies.failures)
 
 
 def studies_of_claims() -> list[tuple[Scenario, list[Asked]]]:
@@ -145,15 +137,19 @@ def write_claims(out: Path, claims: Claims) -> None:
         write_json(stage / CLAIMS_FILE, [each.to_json() for each in claims.judgements])
 
 
-def judge(claim: Claim, load: Load, extent: Extent, text: str) -> Judgement:
-    """The evidence for a claim, of several ratios that which supports it least; `text` is its scenario's."""
-    ratios = [log_ratios(claim.figure, other, load, extent.now) for other in claim.others]
-    tests = sum(len(each.others) for each in CLAIMS)
-    evidence = min((weigh(each, claim, tests, extent.most) for each in ratios), key=lambda each: each.support)
+def judge(claim: Claim, load: Load, runs: int, most: int, text: str) -> Judgement:
+    """What the first runs say of a claim, where there may be `most`; `text` is its scenario's."""
     setting = claim.figure.setting
-    optimum = mean(log_ratios(ate(setting, OPTIMUM), ate(setting), load, extent.first))
-    share = share_in_doubt(load(setting, OPTIMUM, extent.first), {})
-    return Judgement(claim, evidence, None if optimum is None else 1.0 - math.exp(optimum), share, text)
+    optimum = mean(log_ratios(ate(setting, OPTIMUM), ate(setting), load, runs))
+    avoidable = None if optimum is None else 1.0 - math.exp(optimum)
+    share = share_in_doubt(load(setting, OPTIMUM, runs), {})
+    return Judgement(claim, evidence_for(claim, load, runs, most), avoidable, share, text)
+
+
+def evidence_for(claim: Claim, load: Load, runs: int, most: int) -> Evidence:
+    """What the first runs say of the ratio of a claim; of several ratios, of that which supports it least."""
+    ratios = [log_ratios(claim.figure, other, load, runs) for other in claim.others]
+    return min((weigh(each, claim, TESTS, most) for each in ratios), key=lambda each: each.support)
 
 
 def log_ratios(above: Figure, below: Figure, load: Load, runs: int) -> Float:

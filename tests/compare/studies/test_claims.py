@@ -21,7 +21,7 @@ from slamgauge.compare.studies import claims as module
 from slamgauge.compare.studies.claim_evidence import ALPHA, Evidence
 from slamgauge.compare.studies.claim_evidence import weigh as weigh_for
 from slamgauge.compare.studies.claim_list import CLAIMS, SAME, SETTINGS, Claim, during, stored
-from slamgauge.compare.studies.claims import Claims, Extent, Judgement, claims_table, judge, judge_claims
+from slamgauge.compare.studies.claims import Claims, Judgement, claims_table, judge, judge_claims
 from slamgauge.compare.studies.summary import Summary
 
 ABOVE_ONE, BELOW_ONE, ALIKE = (1.0, math.inf), (0.0, 1.0), (1 / SAME, SAME)
@@ -50,7 +50,7 @@ def judged(claim: Claim, studies: dict[tuple[str, str], Runs]) -> Judgement:
     def load(setting: str, estimator: str, _: int) -> Runs:
         return studies[setting, estimator]
 
-    return judge(claim, load, Extent(50, 50, 50), "x = 1")
+    return judge(claim, load, 50, 50, "x = 1")
 
 
 def table(judgements: list[Judgement], failures: list[str]) -> list[str]:
@@ -191,6 +191,7 @@ def test_claims_go_on_until_they_are_decided(tmp_path: Path, monkeypatch: pytest
     scenarios = {name: kept.model_copy(update={"name": name}) for name in "abcd"}
     claims = [Claim(each, "0", "", "", stored("a", "x"), (stored(each, "x"),), ABOVE_ONE) for each in "bcd"]
     monkeypatch.setattr(module, "CLAIMS", claims)
+    monkeypatch.setattr(module, "TESTS", len(claims))
     monkeypatch.setattr(module, "sampled_settings", {SETTINGS: scenarios}.__getitem__)
     monkeypatch.setattr("slamgauge.compare.studies.claim_studies.run_study", carry_out)
     monkeypatch.setattr("slamgauge.compare.studies.claim_studies.load_runs", load)
