@@ -78,8 +78,8 @@ class Completion:
 def completion_script(shell: str) -> str:
     """The script by which a shell completes `slamgauge`, as tyro makes it of all commands, and files elsewhere.
 
-    To the shell an option and its help are a line: help of several lines becomes one, or its ends would be offered. Paths
-    are left to the shell, which knows better than tyro how folders and blanks are written.
+    To the shell an option and its help are a line: help of several lines becomes one, or its ends would be offered.
+    Paths are left to the shell, which knows better than tyro how folders and blanks are written.
     """
     command = [sys.executable, "-P", "-m", "slamgauge", "--tyro-print-completion", shell]
     lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.rstrip("\n").split("\n")
