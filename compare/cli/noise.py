@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import tyro
 
@@ -36,6 +37,9 @@ class Noise:
     systematic: bool = False
     """Look for systematic errors, too: odometry scale, turn per metre, offsets of range and bearing."""
 
+    heading: Literal["sensor", "odometry"] = "sensor"
+    """Whose straight ahead the start's heading is, where --systematic finds a bearing offset: the other is turned."""
+
     no_report: NoReport = False
 
     open: Open = False
@@ -58,7 +62,7 @@ class Noise:
         if self.write is not None:
             self._require_free(self.write)
         with results_folder(self.out, NOISE_FILES, last=NOISE) as folder:
-            noise = find_noise(recording, systematic=self.systematic)
+            noise = find_noise(recording, systematic=self.systematic, heading=self.heading)
             content = noise_json(noise)
             done = print_result(content if self.json else noise_table(noise))
             if folder is not None:

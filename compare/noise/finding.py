@@ -14,7 +14,7 @@ from slamgauge.compare.noise.lasting import larger, lasting, sights_counted_as_o
 from slamgauge.compare.noise.model import NoiseModel
 from slamgauge.compare.noise.outliers import Fit, fit
 from slamgauge.compare.noise.profile import ends
-from slamgauge.compare.noise.told import SYSTEMATIC, Told
+from slamgauge.compare.noise.told import SYSTEMATIC, Heading, Told
 from slamgauge.ekf.innovations import Innovations
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
@@ -37,6 +37,11 @@ class HeldOut(NamedTuple):
     log_likelihood_gain: float  # [nats]
     observations: int  # of the second half
 
+    @property
+    def loses(self) -> bool:
+        """Whether what was assumed is likelier there, and so kept."""
+        return self.log_likelihood_gain < 0.0
+
 
 @dataclass(frozen=True, eq=False)
 class Noise:
@@ -48,6 +53,7 @@ class Noise:
         parameters: sigmas by name: forward, lateral [m per step], turn [rad per step], range [m], bearing [rad] or
             position [m]; root mean squares over steps and observations.
         systematic: systematic errors by name, if they were asked for.
+        heading: whose straight ahead the headings of what is told are.
         values: of all that was fitted, by name: what tells of outliers among it.
         rates: share of outliers by channel that has a mixture.
         first_sights_left_out: how many the next ones contradict.
@@ -65,6 +71,7 @@ class Noise:
     assumed: Mapping[str, float]
     parameters: Mapping[str, Supported]
     systematic: Mapping[str, Supported]
+    heading: Heading
     values: Mapping[str, float]
     rates: Mapping[str, Supported]
     first_sights_left_out: int
@@ -82,12 +89,14 @@ class Noise:
         return 1.0 - float(np.prod([1.0 - rate.value for rate in self.rates.values()]))
 
 
-def find_noise(recording: Recording, *, systematic: bool = False) -> Noise:
+def find_noise(recording: Recording, *, systematic: bool = False, heading: Heading = "sensor") -> Noise:
     """The noise that the measurements of a recording support: maximum likelihood of the filter's innovations.
 
     Args:
         recording: `range-bearing` or `position`; without ids, landmarks are associated jointly (`jcbb`).
         systematic: whether to look for systematic errors, too: odometry scale, turn per metre, offsets of the sensor.
+        heading: whose straight ahead the heading of the start is, which the log cannot tell: where bearings have an
+            offset, the other's measurements are turned by it.
 
     Raises:
         UserError: the recording has bearings alone, no steps or no observations, or no landmark is seen twice.
@@ -101,7 +110,7 @@ def find_noise(recording: Recording, *, systematic: bool = False) -> Noise:
     values, local = found.values, _supported(found)
     after = diagnose(used, found.innovations, values)
     held_out = _held_out(used, before)
-    is_kept = held_out is not None and held_out.log_likelihood_gain < 0.0
+    is_kept = held_out is not None and held_out.loses
     correlation = 0.0 if is_kept else lasting(after)
     counted = sights_counted_as_one(used, values, correlation) if correlation else 1.0
     return Noise(
@@ -110,6 +119,7 @@ def find_noise(recording: Recording, *, systematic: bool = False) -> Noise:
         parameters={name: local(name) for name in model.told.sigmas},
         systematic={name: local(name) for name in SYSTEMATIC if systematic},
         values=values,
+        heading=heading,
         rates={law.channel: local(f"{law.channel} rate") for law in used.laws if law.kind == "mixture"},
         first_sights_left_out=len(known.observation) - len(used.recording.observation),
         left_without_id=len(recording.observation) - len(known.observation),
@@ -118,7 +128,7 @@ def find_noise(recording: Recording, *, systematic: bool = False) -> Noise:
         log_likelihood_gain=_total(found.innovations) - _total(before),
         held_out=held_out,
         sights_counted_as_one=counted,
-        told=recording if is_kept else Told(recording).under(larger(used, values, counted)),
+        told=recording if is_kept else Told(recording).under(larger(used, values, counted), heading),
     )
 
 

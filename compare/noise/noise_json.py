@@ -33,6 +33,7 @@ def noise_json(noise: Noise) -> dict[str, Any]:
             name: {"value": found.value, **_ends(found), "unit": UNITS[name]}
             for name, found in noise.systematic.items()
         },
+        "heading": noise.heading,
         "nis_by_channel": {
             channel: _nis(noise.before.nis[channel], after) for channel, after in noise.after.nis.items()
         },

@@ -6,13 +6,15 @@
   far by `turn_per_metre`, ranges and bearings are too large by their offsets. What the odometry has of them is a share
   of its motion averaged over some steps: a share of each increment would be one of its noise, too, and such a scale
   comes out wrong by (noise / motion)^2 of a step, 9 % in the practical's scenarios (errors in variables).
+* Bearings that are too large by an offset and a robot that drives that much to the right of its heading are one and
+  the same: a heading is the sensor's straight ahead, or the odometry's.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -21,10 +23,11 @@ from slamgauge.arrays import Float
 from slamgauge.compare.noise.odometry_form import odometry_form
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording, Sensor
-from slamgauge.se2 import wrap
+from slamgauge.se2 import rotation, wrap
 
 ODOMETRY = ("forward", "lateral", "turn")
 CHANNELS: dict[Sensor, tuple[str, ...]] = {"range-bearing": ("range", "bearing"), "position": ("position",)}
+Heading = Literal["sensor", "odometry"]
 SYSTEMATIC = ("odometry_scale", "turn_per_metre", "range_offset", "bearing_offset")
 UNITS = {
     "forward": "m per step",
@@ -96,9 +99,20 @@ class Told:
             odometry, odometry_cov, observation, self.recording.observation_cov * np.outer(factor, factor)
         )
 
-    def under(self, values: Mapping[str, float]) -> Recording:
-        """The recording of these measurements."""
-        return replace(self.recording, **self.measurements(values)._asdict())
+    def under(self, values: Mapping[str, float], heading: Heading = "odometry") -> Recording:
+        """The recording of these measurements; `heading` says whose straight ahead its headings are.
+
+        Under the sensor's, bearings stay as they are, and increments and their noise are turned by the offset.
+        """
+        offset = values.get("bearing_offset", 0.0)
+        if heading == "odometry" or offset == 0.0:
+            return replace(self.recording, **self.measurements(values)._asdict())
+        measured = self.measurements({**values, "bearing_offset": 0.0})
+        turn = np.eye(3)
+        turn[:2, :2] = rotation(offset)
+        odometry = measured.odometry @ turn.T
+        turned = measured._replace(odometry=odometry, odometry_cov=turn @ measured.odometry_cov @ turn.T)
+        return replace(self.recording, **turned._asdict())
 
     def _corrected(self, values: Mapping[str, float]) -> tuple[Float, Float]:
         """Increments and observations without systematic errors."""

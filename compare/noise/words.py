@@ -18,6 +18,7 @@ from slamgauge.compare.scoring.text_page import Grid, Page
 
 LEVEL = 0.95
 MANY = 5  # landmarks that are named at most
+THERE_IS = "there is one"
 HEADINGS = ("noise", "found", "95 % interval", "verdict", "assumed")
 
 
@@ -40,7 +41,14 @@ def _with_unit(name: str) -> str:
 
 def lines(noise: Noise) -> list[str]:
     """The sentences under the table."""
-    return [*_outliers(noise), *_nis(noise), *_landmarks(noise.after), *_whiteness(noise), *_gain(noise)]
+    return [
+        *_outliers(noise),
+        *_heading(noise),
+        *_nis(noise),
+        *_landmarks(noise.after),
+        *_whiteness(noise),
+        *_gain(noise),
+    ]
 
 
 def _figure(value: float) -> str:
@@ -72,7 +80,7 @@ def verdict(found: Supported, assumed: float) -> str:
 
 def systematic_verdict(found: Supported) -> str:
     """Whether a systematic error is one: its interval is without 0."""
-    return "none to be seen" if found.low <= 0.0 <= found.high else "there is one"
+    return "none to be seen" if found.low <= 0.0 <= found.high else THERE_IS
 
 
 def _outliers(noise: Noise) -> Iterator[str]:
@@ -88,6 +96,19 @@ def _outliers(noise: Noise) -> Iterator[str]:
         yield f"first sights left out, which the next ones contradict: {noise.first_sights_left_out}"
     if noise.left_without_id:
         yield f"observations that find no landmark, and are left out: {noise.left_without_id}"
+
+
+def _heading(noise: Noise) -> Iterator[str]:
+    offset = noise.systematic.get("bearing_offset")
+    is_kept = noise.held_out is not None and noise.held_out.loses
+    if offset is not None and systematic_verdict(offset) == THERE_IS and not is_kept:
+        other = "odometry" if noise.heading == "sensor" else "sensor"
+        turned = "odometry is" if noise.heading == "sensor" else "bearings are"
+        yield (
+            f"sensor and odometry disagree by {offset.value:+.3g} rad on where straight ahead is, and the log cannot "
+            f"tell whose the start's heading is: taken for the {noise.heading}'s, {turned} turned "
+            f"(--heading {other}: the other)"
+        )
 
 
 def _nis(noise: Noise) -> Iterator[str]:
@@ -136,7 +157,8 @@ def _gain(noise: Noise) -> Iterator[str]:
         yield "held out: one half of the log tells too little to be fitted alone"
     else:
         gain, count = noise.held_out
+        kept = "; it loses there, and the noise assumed is kept" if noise.held_out.loses else ""
         yield (
             f"held out: the first half's noise gains {gain:+.1f} nats on the {count} observations of the second "
-            f"({gain / count:+.3f} each)" + ("; it loses there, and the noise assumed is kept" if gain < 0.0 else "")
+            f"({gain / count:+.3f} each){kept}"
         )

@@ -100,6 +100,7 @@ def noise() -> Schema:
             "outliers": by_name(record(outliers), "by channel that has any"),
             "student_t_dof": by_name(number(), "degrees of freedom, by channel with heavy tails"),
             "systematic": by_name(record(systematic), "with --systematic"),
+            "heading": one_of(["sensor", "odometry"], "whose straight ahead the start's heading is taken for"),
             "nis_by_channel": by_name(nis),
             "nis_by_landmark": by_name(by_name(nis), "by channel and id"),
             "quantiles": by_name(record(quantiles), "by channel"),

@@ -156,6 +156,10 @@ def test_systematic_errors_are_found():
         assert found.systematic[name].low < error < found.systematic[name].high
         assert found.systematic[name].low > 0.0
     np.testing.assert_allclose(found.told.odometry[:, 0].mean(), recording.odometry[:, 0].mean(), rtol=0.01)
+    np.testing.assert_array_equal(found.told.observation[:, 1], observation[:, 1])
+    said = str(noise_table(found))
+    assert "sensor and odometry disagree by +0.04" in said
+    assert "taken for the sensor's, odometry is turned (--heading odometry: the other)" in said
 
 
 def test_without_ids_landmarks_are_associated_inside():

@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgauge import Recording, UserError, load_scenario, simulate
+from slamgauge import Recording, UserError, load_scenario, riekf, simulate
 from slamgauge.compare.noise.model import Law, NoiseModel
 from slamgauge.compare.noise.odometry_form import odometry_form
 from slamgauge.compare.noise.told import SYSTEMATIC, Told
+from slamgauge.se2 import rotation, wrap
 
 
 def recording_of(*overrides: str) -> Recording:
@@ -75,6 +76,22 @@ def test_systematic_errors_are_taken_out_of_the_measurements():
     found = told.under(dict.fromkeys(told.sigmas, 1.0) | errors)
     np.testing.assert_allclose(found.odometry, recording.odometry, atol=1e-12)
     np.testing.assert_allclose(found.observation, recording.observation, atol=1e-12)
+
+
+def test_whose_straight_ahead_a_heading_is_turns_the_map_and_nothing_else():
+    """About the start, by the offset: increments with their noise are turned, or bearings are."""
+    recording = recording_of()
+    told = Told(recording)
+    values = told.begin | dict(zip(SYSTEMATIC, (0.03, 0.02, 0.1, 0.2), strict=True)) | {"lateral": 0.01}
+    sensors, odometrys = told.under(values, "sensor"), told.under(values, "odometry")
+    np.testing.assert_array_equal(sensors.observation[:, 1], recording.observation[:, 1])
+    ours, theirs = riekf(sensors), riekf(odometrys)
+    start = recording.prior_mean[:2]
+    np.testing.assert_allclose(ours.poses[:, :2], start + (theirs.poses[:, :2] - start) @ rotation(0.2).T, atol=1e-9)
+    np.testing.assert_allclose(wrap(ours.poses[:, 2] - theirs.poses[:, 2]), 0.0, atol=1e-9)
+    assert ours.nis is not None
+    assert theirs.nis is not None
+    np.testing.assert_allclose(ours.nis, theirs.nis, rtol=1e-6)
 
 
 def test_a_position_is_corrected_as_range_and_bearing_are():
