@@ -28,7 +28,8 @@ NEAR = 1e-6  # relative decrease of the cost after which Newton steps alone go o
 TOO_NEAR = 1e-4  # m
 RISEN = 1e-3  # relative increase of the cost with which Newton steps have left for another stationary point
 NEGLIGIBLE = 1e-8  # of a standard deviation
-RESOLVED = 1e-3  # of a standard deviation: a step of rounding that is taken for the last
+RESOLVED = 1e-3  # of a standard deviation: a step of rounding that is taken for the last, where the recording fits
+MISFIT = 10.0  # times that at most, where residuals are larger than stated: a step's rounding grows with them
 PATIENCE = 6  # Newton steps in a row that may be longer than one before
 HOPELESS = 1e6  # standard deviations: Newton steps diverge
 EXACT = 1e-9  # m or rad
@@ -167,7 +168,8 @@ def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
         before = poses, landmarks
         poses, landmarks = _displaced(before, mixing.move(apart), merit.noise)
         mixing.moved(_apart((poses, landmarks), before))
-    if not smallest < RESOLVED:
+    misfit = np.sqrt(2.0 * cost / max(recording.observation.size, 1))
+    if not smallest < RESOLVED * np.clip(misfit, 1.0, MISFIT):
         raise UndeterminedError(_why_no_minimum(recording, landmark_ids, *best, smallest))
     ended = merit(*best)
     if ended > cost + RISEN * (1.0 + cost):

@@ -309,6 +309,16 @@ def test_batch_finds_the_minimum_of_sharp_ranges_that_lies_far_from_dead_reckoni
     assert estimate.chi_square is not None and estimate.chi_square < 100
 
 
+def test_where_nothing_fits_rounding_may_be_as_much_larger_as_residuals_are():
+    """Steps come to no less than a thousandth of a sigma as stated, and residuals are hundreds of it."""
+    each = draw(2035, 38)
+    estimate = batch(each.recording)
+    model = Model(each.recording)
+    minimum = lowest(model, [of_estimate(model, estimate)])
+    assert minimum is not None and estimate.chi_square is not None
+    assert estimate.chi_square / 2 <= minimum.cost * (1 + 1e-9)
+
+
 def test_newton_steps_do_not_end_uphill():
     """Three bearings of one landmark from two poses: the cost falls towards infinity, and is stationary elsewhere."""
     recording = placed_only(draw(2030, 1264).recording.first(1), np.array([0]))
