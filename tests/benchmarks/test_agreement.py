@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -15,6 +16,7 @@ from optimum import ExactProblem, square_root
 from random_recordings import random_recording
 from referees.extended import DIGITS_GAINED, extended
 from referees.filters import PAIRS, difference, judge_filters, judge_minimum
+from referees.kept import Kept
 from referees.least_squares import Model, NoMinimumError, placed_only
 from referees.optima import judge_optima, lowest, of_estimate, own_starts, stated_check
 from referees.recordings import MOTIONS, PRIORS, SENSORS, Drawn, draw
@@ -307,6 +309,21 @@ def test_batch_finds_the_minimum_of_sharp_ranges_that_lies_far_from_dead_reckoni
     each = draw(2031, 20)
     estimate = batch(each.recording)
     assert estimate.chi_square is not None and estimate.chi_square < 100
+
+
+def test_what_is_kept_is_judged_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A line that was cut short is judged again, and so is what other code has judged, or another seed is asked for."""
+    path = tmp_path / "kept.jsonl"
+    made = [Judged(3, number, 5, ("tag",), [Outcome("batch", "agrees", math.inf)], 0.5) for number in range(3)]
+    for each in made[:2]:
+        Kept(path, 3).keep(each)
+    assert Kept(path, 3).judged == made[:2]
+    assert not Kept(path, 4).judged
+    path.write_text(path.read_text()[:-20])
+    Kept(path, 3).keep(made[2])
+    assert Kept(path, 3).judged == [made[0], made[2]]
+    monkeypatch.setattr("referees.kept.code", lambda: "other")
+    assert not Kept(path, 3).judged
 
 
 def test_where_nothing_fits_rounding_may_be_as_much_larger_as_residuals_are():

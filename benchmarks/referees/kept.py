@@ -1,0 +1,49 @@
+"""What has been judged, kept in a file of JSON lines, so that a long run can be interrupted and resumed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+
+from referees.verdicts import Judged, Outcome
+
+ROOT = Path(__file__).parents[2]
+JUDGING = ("slamgauge", "ekf", "graph_baseline", "benchmarks/referees", "tests/reference")
+
+
+class Kept:
+    """The judged recordings of a file, one line each, written as soon as they are there.
+
+    Lines that other code has judged do not count, nor does one that was cut short.
+    """
+
+    def __init__(self, path: Path, seed: int) -> None:
+        self._path = path
+        self.judged: list[Judged] = []
+        for line in path.read_text().splitlines() if path.exists() else ():
+            try:
+                content = json.loads(line)
+            except json.JSONDecodeError:
+                continue
+            if content.pop("code") == code() and content["seed"] == seed:
+                outcomes, tags = [Outcome(**each) for each in content.pop("outcomes")], tuple(content.pop("tags"))
+                self.judged.append(Judged(**content, tags=tags, outcomes=outcomes))
+
+    def keep(self, judged: Judged) -> None:
+        """Write one more, on a line of its own."""
+        is_cut = self._path.exists() and not self._path.read_bytes().endswith(b"\n")
+        with self._path.open("a") as file:
+            file.write("\n" * is_cut + json.dumps({"code": code(), **asdict(judged)}) + "\n")
+
+
+@cache
+def code() -> str:
+    """Digest of all code that has a say in what is judged."""
+    digest = hashlib.sha256()
+    for folder in JUDGING:
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
