@@ -7,95 +7,40 @@ quoted here is reproducible.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
-import gtsam
 import numpy as np
 import pytest
 from exact_graph import as_values, exact_graph, marginals, solve_graph
-from gtsam.symbol_shorthand import L, X
-from numpy.typing import ArrayLike
 from optimum import ExactProblem
 from random_recordings import random_recording
+from small_problems import (
+    Answer,
+    answer,
+    assert_same_covariances,
+    cost_of,
+    optimum,
+    pose_difference,
+    problem,
+    sights_from_the_start,
+    sigmas_of,
+)
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float
 from slamgauge.ekf import dead_reckoning, ekf, riekf
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import UndeterminedError, batch, cost, hindsight, isam2
-from slamgauge.graph_baseline.factors import require_known_landmarks
-from slamgauge.graph_baseline.gtsam_graph import LENT_SLIP, build_graph
-from slamgauge.graph_baseline.undetermined import explained
+from slamgauge.graph_baseline import batch, cost, isam2
+from slamgauge.graph_baseline.gtsam_graph import build_graph
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, compose, rotation, wrap
-from slamgauge.truth import Truth
+from slamgauge.se2 import between, compose, rotation
 
 Estimator = Callable[[Recording], Estimate]
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 SLIP = pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])
 SEEDS = pytest.mark.parametrize("seed", range(3))
 OPTIMA = pytest.mark.parametrize("estimator", [batch, isam2])
-
-
-class Answer(NamedTuple):
-    """The arrays of an estimate that all of these tests need."""
-
-    poses: Float
-    pose_covs: Float
-    ids: Int
-    landmarks: Float
-    landmark_covs: Float
-
-
-def answer(estimate: Estimate) -> Answer:
-    """With landmarks in increasing id order."""
-    assert estimate.pose_covs is not None
-    assert estimate.landmark_covs is not None
-    order = np.argsort(estimate.landmark_ids)
-    return Answer(
-        estimate.poses,
-        estimate.pose_covs,
-        estimate.landmark_ids[order],
-        estimate.landmarks[order],
-        estimate.landmark_covs[order],
-    )
-
-
-@functools.cache
-def problem(seed: int, sensor: str, slip: bool, fixed: bool = False) -> tuple[Truth, Recording]:
-    sigmas = (0.0, 0.0, 0.0) if fixed else (0.1, 0.1, 0.02)
-    return random_recording(seed, sensor=sensor, slip=slip, steps=25, landmarks=5, prior_sigmas=sigmas)
-
-
-@functools.cache
-def optimum(seed: int, sensor: str, slip: bool, fixed: bool = False) -> Answer:
-    return answer(batch(problem(seed, sensor, slip, fixed)[1]))
-
-
-def cost_of(recording: Recording, at: Answer) -> float:
-    return cost(recording, at.poses, at.ids, at.landmarks)
-
-
-def sigmas_of(covs: Float) -> Float:
-    """Standard deviations (n, d); 1 where there is none, so that what is fixed is compared as it is."""
-    variances = np.diagonal(covs, axis1=1, axis2=2)
-    return np.sqrt(np.where(variances > 1e-30, variances, 1.0))
-
-
-def pose_difference(poses: Float, reference: Answer) -> Float:
-    """(N+1, 3) in standard deviations of `reference`."""
-    difference = poses - reference.poses
-    difference[:, 2] = wrap(difference[:, 2])
-    return difference / sigmas_of(reference.pose_covs)
-
-
-def assert_same_covariances(actual: Float, expected: Float, tolerance: float) -> None:
-    sigma = sigmas_of(expected)
-    unit = sigma[:, :, None] * sigma[:, None, :]
-    np.testing.assert_allclose(actual / unit, expected / unit, rtol=0, atol=tolerance)
 
 
 # --- scipy ---------------------------------------------------------------------------------------
@@ -274,21 +219,6 @@ def test_the_priors_covariance_is_in_the_world_frame(estimator: Estimator) -> No
     np.testing.assert_allclose(answer(estimator(recording)).pose_covs[0], prior_cov, atol=1e-9)
 
 
-def sights_from_the_start(prior_mean: list[float], prior_cov: Float) -> Recording:
-    return Recording(
-        stamps=np.zeros(1),
-        prior_mean=np.array(prior_mean),
-        prior_cov=prior_cov,
-        odometry=np.zeros((0, 3)),
-        odometry_cov=np.zeros((0, 3, 3)),
-        sensor="range-bearing",
-        observation_step=np.zeros(1, dtype=np.int64),
-        observation=np.array([[2.0, 0.3]]),
-        observation_cov=np.diag([0.01, 0.01])[None],
-        landmark=np.array([3]),
-    )
-
-
 # --- the causal optimum --------------------------------------------------------------------------
 
 
@@ -327,184 +257,3 @@ def test_isam2_ends_with_batchs_standard_deviations() -> None:
         incremental, smoothed = answer(isam2(recording)), answer(batch(recording))
         ratio = sigmas_of(incremental.pose_covs)[-1] / sigmas_of(smoothed.pose_covs)[-1]
         np.testing.assert_allclose(ratio, 1.0, atol=0.01)
-
-
-# --- what cannot be solved -----------------------------------------------------------------------
-
-
-def altered(row: int, value: ArrayLike, array: Float) -> Float:
-    array = array.copy()
-    array[row] = value
-    return array
-
-
-@OPTIMA
-def test_a_recording_that_is_no_graph_is_refused_in_one_line(estimator: Estimator) -> None:
-    with pytest.raises(ValueError, match=r"^landmark: .*needs known association") as caught:
-        estimator(replace(problem(0, "range-bearing", True)[1], landmark=None))
-    assert "\n" not in str(caught.value)
-
-
-def hardly_seen(bearing_variance: float) -> Recording:
-    """Landmark 5 is seen once only, at about 3 m, its bearing with a huge variance."""
-    _, recording = random_recording(0, steps=10, landmarks=3)
-    assert recording.landmark is not None
-    row = int(np.flatnonzero(recording.landmark == 5)[3])
-    keep = (recording.landmark != 5) | (np.arange(len(recording.landmark)) == row)
-    covs = altered(row, np.diag([0.01, bearing_variance]), recording.observation_cov)
-    return replace(
-        recording,
-        observation_step=recording.observation_step[keep],
-        observation=recording.observation[keep],
-        observation_cov=covs[keep],
-        landmark=recording.landmark[keep],
-    )
-
-
-@pytest.mark.parametrize(
-    ("key", "start", "remedy"), [(L(5), "landmark 5: ", "add sights"), (X(7), "pose 7: ", "smaller variances")]
-)
-def test_what_gtsam_finds_undetermined_is_named_with_a_remedy(key: int, start: str, remedy: str) -> None:
-    """A graph that knows only how far a variable is from the origin."""
-    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    graph.add(gtsam.PriorFactorPose2(X(0), gtsam.Pose2(), gtsam.noiseModel.Isotropic.Sigma(3, 0.1)))
-    values.insert(X(0), gtsam.Pose2())
-    distance = gtsam.noiseModel.Isotropic.Sigma(1, 0.1)
-    if key == L(5):
-        graph.add(gtsam.RangeFactor2D(X(0), key, 2.0, distance))
-        values.insert(key, np.array([2.0, 1.0]))
-    else:
-        graph.add(gtsam.RangeFactorPose2(X(0), key, 2.0, distance))
-        values.insert(key, gtsam.Pose2(2.0, 1.0, 0.0))
-    with pytest.raises(UndeterminedError) as caught, explained():
-        gtsam.GaussNewtonOptimizer(graph, values).optimize()
-    message = str(caught.value)
-    assert message.startswith(start)
-    assert remedy in message
-    assert "\n" not in message
-    assert isinstance(caught.value, ValueError)
-
-
-def misjudged(estimator: Estimator, bearing_variance: float) -> float:
-    """How far the landmark's sigma is from what its only sight says, relatively; 0 if the recording is refused."""
-    recording = hardly_seen(bearing_variance)
-    try:
-        found = answer(estimator(recording))
-    except UndeterminedError:
-        return 0.0
-    distance = recording.observation[list(recording.landmark if recording.landmark is not None else []).index(5), 0]
-    own = found.landmark_covs[found.ids.tolist().index(5)]
-    return abs(math.sqrt(float(np.trace(own)) / bearing_variance) / distance - 1)
-
-
-@OPTIMA
-@pytest.mark.parametrize("bearing_variance", [1e2, 1e6, 1e10])
-def test_a_landmark_that_is_hardly_determined_has_the_covariance_that_its_sight_gives(
-    estimator: Estimator, bearing_variance: float
-) -> None:
-    assert misjudged(estimator, bearing_variance) < 0.01
-
-
-def test_ranges_from_several_places_determine_a_landmark() -> None:
-    recording = problem(0, "range-bearing", True)[1]
-    assert recording.landmark is not None
-    covs = recording.observation_cov.copy()
-    covs[recording.landmark == 5] = np.diag([0.01, 1e20])
-    ranges_only = replace(recording, observation_cov=covs)
-    reference = ExactProblem(ranges_only)
-    expected = reference.covariances(reference.solve(reference.start()))[1]
-    assert expected.max() < 0.2
-    assert_same_covariances(answer(batch(ranges_only)).landmark_covs, expected, 1e-6)
-
-
-@pytest.mark.parametrize(("estimator", "tolerance"), [(batch, 1e-9), (isam2, (LENT_SLIP * 0.1) ** 2)])
-def test_a_start_on_a_known_line_is_a_legal_prior(estimator: Estimator, tolerance: float) -> None:
-    """Batch is exact; iSAM2 lends the fixed direction a share of the largest standard deviation, 0.1 m."""
-    prior_cov = np.diag([0.01, 0.0, 1e-4])
-    recording = sights_from_the_start(prior_mean=[0.3, -0.2, 0.4], prior_cov=prior_cov)
-    np.testing.assert_allclose(answer(estimator(recording)).pose_covs[0], prior_cov, atol=tolerance)
-
-
-@pytest.mark.parametrize(("estimator", "tolerance"), [(batch, 1e-6), (isam2, 0.1)])
-def test_motion_noise_may_be_singular_in_any_direction(estimator: Estimator, tolerance: float) -> None:
-    """The limit of a vanishing variance, in standard deviations; iSAM2 lends that direction a slip."""
-    recording = problem(0, "range-bearing", True)[1]
-    leaning = np.outer([0.03, 0.02, 0.01], [0.03, 0.02, 0.01]) + np.diag([0.0, 0.0, 1e-4])
-    singular = replace(recording, odometry_cov=np.tile(leaning, (recording.steps, 1, 1)))
-    nearly = replace(singular, odometry_cov=singular.odometry_cov + 1e-14 * np.eye(3))
-    limit, actual = answer(batch(nearly)), answer(estimator(singular))
-    assert np.abs(pose_difference(actual.poses, limit)[-1]).max() < tolerance
-
-
-@OPTIMA
-def test_a_landmark_beyond_double_precision_is_refused_or_right(estimator: Estimator) -> None:
-    assert max(misjudged(estimator, 10.0**power) for power in range(11, 31)) < 0.1
-
-
-@pytest.mark.parametrize(
-    "estimator",
-    [
-        isam2,
-        batch,
-    ],
-)
-def test_without_observations_the_optimum_is_dead_reckoning(estimator: Estimator) -> None:
-    recording = problem(0, "range-bearing", True)[1]
-    blind = replace(
-        recording,
-        observation_step=np.zeros(0, dtype=np.int64),
-        observation=np.zeros((0, 2)),
-        observation_cov=np.zeros((0, 2, 2)),
-        landmark=np.zeros(0, dtype=np.int64),
-    )
-    np.testing.assert_allclose(between(dead_reckoning(blind).poses, answer(estimator(blind)).poses), 0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize("seen", [(0,), (1,), (0, 3), (4,)])
-def test_isam2_takes_few_sights_and_many_stretches_without(seen: tuple[int, ...]) -> None:
-    recording = problem(0, "range-bearing", True)[1]
-    sparse = recording.only(np.isin(recording.observation_step, seen) & (require_known_landmarks(recording) == 0))
-    last = answer(batch(sparse))
-    off = between(last.poses, answer(isam2(sparse)).poses)[-1]
-    assert (np.abs(off) < 0.02 * np.sqrt(np.diag(last.pose_covs[-1]))).all()
-
-
-def test_the_grown_start_is_for_what_the_noise_does_not_explain(monkeypatch: pytest.MonkeyPatch) -> None:
-    grown: list[int] = []
-    original = hindsight.grown
-
-    def counted(recording: Recording) -> tuple[Float, Float]:
-        grown.append(recording.steps)
-        return original(recording)
-
-    monkeypatch.setattr(hindsight, "grown", counted)
-    recording = problem(0, "range-bearing", True)[1]
-    for factor in (1.0, 10.0):  # a cost below what the noise explains leaves no lower one to be found
-        batch(replace(recording, observation_cov=recording.observation_cov * factor))
-    assert not grown
-    batch(replace(recording, observation_cov=recording.observation_cov * 0.1))
-    assert len(grown) == 1
-
-
-def test_a_landmark_on_the_robot_is_named() -> None:
-    rng = np.random.default_rng(0)
-    steps = np.arange(11)
-    observation = np.column_stack([np.abs(5.0 - steps), np.where(steps < 5, 0.0, np.pi)])
-    observation += rng.normal(0.0, [0.1, 0.05], (11, 2))
-    observation[5] = 1e-3, 2.0
-    through = Recording(
-        sensor="range-bearing",
-        stamps=steps.astype(np.float64),
-        odometry=np.tile([1.0, 0.0, 0.0], (10, 1)),
-        odometry_cov=np.tile(np.diag([0.01, 0.01, 0.001]), (10, 1, 1)),
-        observation_step=steps,
-        observation=observation,
-        observation_cov=np.tile(np.diag([0.01, 0.0025]), (11, 1, 1)),
-        landmark=np.full(11, 7),
-        prior_mean=np.zeros(3),
-        prior_cov=np.diag([0.01, 0.01, 0.001]),
-    )
-    with pytest.raises(
-        UndeterminedError, match=r"^batch: no minimum, landmark 7 comes to lie .* m from pose 5 that sees it"
-    ):
-        batch(through)

@@ -1,0 +1,132 @@
+"""The scene of an animation: what is drawn at a moment."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.colors import to_rgba
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+from rays_by_hand import BIRTHS, LANDMARKS, estimate_with_rays, half_loop
+
+from slamgauge.compare.figures.animation_scene import Scene
+from slamgauge.compare.figures.sightings import NEVER, first_seen, sight_lines
+from slamgauge.compare.storage.results_folder import Results
+from slamgauge.estimate import Estimate
+from slamgauge.truth import Truth
+
+WITH_RAYS = estimate_with_rays()
+
+GUEST = replace(WITH_RAYS, rays=None, history=None)
+
+SMOOTHED = replace(GUEST, kind="smoothed")
+
+
+# --- who was seen when -------------------------------------------------------------------------
+
+
+def test_landmarks_are_first_seen_where_their_first_observation_is():
+    _, recording = half_loop()
+    assert first_seen(recording, GUEST).tolist() == [*BIRTHS]
+    nameless = replace(recording, landmark=None)
+    assert first_seen(nameless, GUEST).tolist() == [0, 0, 0]
+    given = np.full(len(recording.observation), -1)
+    given[recording.observation_step >= 100] = 1
+    assert first_seen(nameless, replace(GUEST, association=given)).tolist() == [NEVER, 100, NEVER]
+
+
+def test_lines_of_sight_lead_from_the_robot_to_what_it_sees():
+    truth, recording = half_loop()
+    assert truth.poses is not None
+    lines = sight_lines(truth, recording, GUEST, 80, 90)
+    np.testing.assert_array_equal(lines[:, 0], np.tile(truth.poses[90, :2], (3, 1)))
+    np.testing.assert_array_equal(lines[:, 1], LANDMARKS)
+    blind = sight_lines(Truth(), recording, GUEST, 80, 90)
+    np.testing.assert_array_equal(blind[:, 0], np.tile(GUEST.poses[90, :2], (3, 1)))
+    np.testing.assert_array_equal(blind[:, 1], LANDMARKS + 0.2)
+    assert len(sight_lines(Truth(), replace(recording, landmark=None), GUEST, 80, 90)) == 0
+
+
+def test_a_scan_between_two_frames_is_shown_once():
+    truth, recording = half_loop()
+    assert truth.poses is not None
+    kept = recording.observation_step == 85
+    assert truth.association is not None
+    sparse, told = recording.only(kept), replace(truth, association=truth.association[kept])
+    assert sight_lines(told, sparse, GUEST, 80, 90)[0, 0].tolist() == truth.poses[85, :2].tolist()
+    assert len(sight_lines(told, sparse, GUEST, 90, 100)) == 0
+
+
+# --- the scene ---------------------------------------------------------------------------------
+
+
+def scene_of(estimates: dict[str, Estimate], mapped: list[str]) -> Scene:
+    results = Results("a title", *half_loop(), estimates)
+    return Scene(results, estimates, {name: estimates[name] for name in mapped})
+
+
+def lines_of(scene: Scene, color: str) -> list[Line2D]:
+    return [
+        line for line in scene.figure.axes[0].lines if line.get_color() == color and len(np.asarray(line.get_xdata()))
+    ]
+
+
+def test_paths_end_where_the_robots_are():
+    scene = scene_of({"ekf": WITH_RAYS, "batch": SMOOTHED}, ["ekf"])
+    for step in (10, 200):
+        scene.show(step)
+        for color, poses in (("#CC3311", WITH_RAYS.poses), ("#882288", SMOOTHED.poses)):
+            path = lines_of(scene, color)[0]
+            np.testing.assert_array_equal(path.get_xydata(), poses[: step + 1, :2])
+        patches = [each for each in scene.figure.axes[0].patches if isinstance(each, Polygon)]
+        (robot,) = (each for each in patches if each.get_facecolor() == to_rgba("#CC3311"))
+        nose = np.asarray(robot.get_xy())[0] - WITH_RAYS.poses[step, :2]
+        assert np.arctan2(nose[1], nose[0]) == pytest.approx(WITH_RAYS.poses[step, 2])
+
+
+def test_the_map_is_the_history_or_what_was_seen_of_the_last_map():
+    scene = scene_of({"ekf": WITH_RAYS, "isam2": GUEST}, ["ekf", "isam2"])
+    scene.show(30)
+    shown = [
+        len(np.asarray(each.get_offsets()))
+        for each in scene.figure.axes[0].collections
+        if isinstance(each, EllipseCollection)
+    ]
+    assert sorted(shown) == [0, 0, 1, 1, 5]  # points; the truth's robot; two robots; members of two rays
+    np.testing.assert_array_equal(lines_of(scene, "#CC9900")[1].get_xydata(), LANDMARKS[:2] + 0.2)
+    scene.show(BIRTHS[2])
+    np.testing.assert_array_equal(lines_of(scene, "#CC9900")[1].get_xydata(), LANDMARKS + 0.2)
+
+
+def test_the_time_and_the_lines_of_sight_move():
+    scene = scene_of({"isam2": GUEST}, ["isam2"])
+    (sight,) = (each for each in scene.figure.axes[0].collections if isinstance(each, LineCollection))
+    for step, time, lines in ((0, "t = 0.0 s", 1), (90, "t = 9.0 s", 3)):
+        scene.show(step)
+        assert [text.get_text() for text in scene.figure.texts] == [time]
+        assert len(sight.get_segments()) == lines
+
+
+def test_a_scan_is_not_shown_again_in_later_frames():
+    truth, recording = half_loop()
+    assert truth.association is not None
+    kept = recording.observation_step == 85
+    told = replace(truth, association=truth.association[kept])
+    scene = Scene(Results("a title", told, recording.only(kept), {"a": GUEST}), {"a": GUEST}, {"a": GUEST})
+    (sight,) = (each for each in scene.figure.axes[0].collections if isinstance(each, LineCollection))
+    for step, lines in ((80, 0), (90, 3), (100, 0)):
+        scene.show(step)
+        assert len(sight.get_segments()) == lines
+
+
+def test_scales_are_equal_and_everything_is_inside():
+    ax = scene_of({"ekf": WITH_RAYS}, ["ekf"]).figure.axes[0]
+    box = ax.get_window_extent()
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    assert (right - left) / box.width == pytest.approx((top - bottom) / box.height)
+    places = np.concatenate([WITH_RAYS.poses[:, :2], LANDMARKS])
+    assert left < places[:, 0].min() < places[:, 0].max() < right
+    assert bottom < places[:, 1].min() < places[:, 1].max() < top

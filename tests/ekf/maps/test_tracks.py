@@ -1,0 +1,162 @@
+"""The bookkeeping of tracks: probation, ids that are never used again, and what was merged."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamgauge.ekf import SlamFilter
+from slamgauge.ekf.maps.tracks import GONE, Tracks
+from slamgauge.ekf.settings.association import MapManagement
+
+
+class World:
+    """Tracks over a real filter; every sight is exact, so that a landmark is where it was put."""
+
+    def __init__(self, management: MapManagement | None) -> None:
+        self.slam = SlamFilter("position", np.zeros(3), np.zeros((3, 3)))
+        self.tracks = Tracks(self.slam.map, management)
+        self.places: dict[int, tuple[float, float]] = {}
+
+    def scan(self, *seen: int, new: tuple[tuple[float, float], ...] = ()) -> list[int]:
+        """Close a scan in which the ids `seen` were seen and landmarks `new` mapped; returns the new ids."""
+        born = self.tracks.new_ids.take(len(new))
+        self.slam.map.add(born, np.array(new).reshape(-1, 2), np.tile(1e-4 * np.eye(2), (len(new), 1, 1)))
+        self.places.update(zip(born.tolist(), new, strict=True))
+        self.tracks.close_scan(np.array([*seen, *born.tolist()], dtype=np.int64))
+        self.check()
+        return born.tolist()
+
+    def check(self) -> None:
+        """Ids and slots belong together."""
+        ids = self.tracks.ids.tolist()
+        assert ids == self.slam.landmark_ids.tolist()
+        assert len(set(ids)) == len(ids) == len(self.tracks.confirmed)
+        places = np.array([self.places[i] for i in ids]).reshape(-1, 2)
+        np.testing.assert_allclose(self.slam.landmarks, places, rtol=0, atol=1e-9)
+        known = np.arange(len(self.places))
+        standing = self.tracks.standing(known)
+        np.testing.assert_array_equal(self.tracks.standing(standing), standing)
+        assert set(standing.tolist()) - {GONE} <= set(self.confirmed)
+        np.testing.assert_array_equal(standing[self.confirmed], self.confirmed)
+
+    @property
+    def confirmed(self) -> list[int]:
+        return self.tracks.ids[self.tracks.confirmed].tolist()
+
+    def standing(self, *ids: int) -> list[int]:
+        return self.tracks.standing(np.array(ids, dtype=np.int64)).tolist()
+
+
+def test_without_management_every_track_is_a_landmark_at_once_and_stays_one() -> None:
+    world = World(None)
+    assert world.scan(new=((1.0, 0.0), (1.0, 0.0))) == [0, 1]
+    for _ in range(20):
+        world.scan()
+    assert world.confirmed == [0, 1]
+    assert world.standing(1, GONE, 0) == [1, GONE, 0]
+
+
+def test_a_track_is_confirmed_by_its_last_sight_of_probation_and_deleted_without_it() -> None:
+    world = World(MapManagement(sights=3, probation=5))
+    early, late, never = world.scan(new=((1.0, 0.0), (2.0, 0.0), (3.0, 0.0)))
+    world.scan(early)
+    assert world.confirmed == []
+    assert world.standing(early, late, never) == [GONE, GONE, GONE]
+    world.scan(early, late, never)
+    assert world.confirmed == [early]
+    world.scan()
+    assert sorted(world.tracks.ids.tolist()) == [early, late, never]  # four scans: still on probation
+    world.scan(late)
+    assert sorted(world.confirmed) == [early, late]
+    assert sorted(world.tracks.ids.tolist()) == [early, late]
+    assert world.standing(never, late, GONE, early) == [GONE, late, GONE, early]
+    for _ in range(10):
+        world.scan()
+    assert sorted(world.confirmed) == [early, late]  # once confirmed, for good
+
+
+def test_ids_are_never_used_again_and_probation_counts_from_each_tracks_own_birth() -> None:
+    world = World(MapManagement(sights=2, probation=3))
+    assert world.scan(new=((1.0, 0.0), (2.0, 0.0))) == [0, 1]
+    assert world.scan(new=((3.0, 0.0),)) == [2]
+    world.scan()
+    assert world.tracks.ids.tolist() == [2]
+    world.scan()
+    assert world.tracks.ids.tolist() == []
+    assert world.scan(new=((1.0, 0.0),)) == [3]
+    assert world.standing(0, 1, 2, 3) == [GONE] * 4
+    world.scan(3)
+    assert world.standing(0, 1, 2, 3) == [GONE, GONE, GONE, 3]
+
+
+def test_tracks_that_fail_together_are_all_deleted_and_no_other() -> None:
+    world = World(MapManagement(sights=2, probation=2))
+    world.scan(new=((1.0, 0.0), (2.0, 0.0), (3.0, 0.0), (4.0, 0.0)))
+    world.scan(1)  # leaves slots 0, 2 and 3, the last among them
+    assert world.tracks.ids.tolist() == [1]
+    assert world.standing(0, 1, 2, 3) == [GONE, 1, GONE, GONE]
+
+
+def test_merged_ids_are_their_oldest_survivors_even_through_chains() -> None:
+    world = World(MapManagement(sights=2, probation=20))
+    world.scan(new=((1.0, 0.0), (5.0, 0.0)))  # 0 waits on probation, 1 is another
+    world.scan(1, new=((1.0, 0.0),))
+    world.scan(new=((1.0, 0.0),))
+    world.scan(2)
+    assert world.standing(0, 1, 2, 3) == [GONE, 1, 2, GONE]
+    world.scan(3)
+    assert world.standing(0, 1, 2, 3) == [GONE, 1, 2, 2]  # the younger went
+    world.scan(0)
+    assert world.standing(0, 1, 2, 3) == [0, 1, 0, 0]
+    assert sorted(world.tracks.ids.tolist()) == [0, 1]
+    assert world.scan(new=((9.0, 0.0),)) == [4]
+
+
+def test_what_one_scan_has_seen_as_two_is_never_merged_nor_is_what_was_merged_with_one_of_them() -> None:
+    world = World(MapManagement(sights=1, probation=20))
+    world.scan(new=((1.0, 0.0), (1.0, 0.0)))
+    for _ in range(3):
+        world.scan(0)
+        world.scan(1)
+    assert sorted(world.confirmed) == [0, 1]
+    # 3 is seen beside 2, which merges into 0; so 3 is not 0 either, and may only be 1
+    apart = World(MapManagement(sights=3, probation=20))
+    apart.scan(new=((1.0, 0.0),))
+    apart.scan(new=((1.0, 0.0), (1.0, 0.0)))
+    apart.scan(0)
+    apart.scan(0)
+    apart.scan(1)
+    apart.scan(1)
+    assert apart.standing(0, 1, 2) == [0, 0, GONE]
+    for _ in range(3):
+        apart.scan(2)
+        apart.scan(0)
+    assert apart.standing(0, 1, 2) == [0, 0, 2]
+
+
+def test_ids_stay_with_their_landmarks_whatever_slots_do() -> None:
+    """Random lives of tracks; `World.check` looks at every scan, and what has gone never comes back."""
+    rng = np.random.default_rng(7)
+    merged = deleted = 0
+    for _ in range(10):
+        world = World(MapManagement(sights=3, probation=6))
+        gone: set[int] = set()
+        survivors: dict[int, int] = {}
+        for _ in range(40):
+            places = tuple((float(rng.integers(0, 6)), 0.0) for _ in range(int(rng.integers(0, 3))))
+            alive = world.tracks.ids
+            world.scan(*alive[rng.random(len(alive)) < 0.4].tolist(), new=places)
+            now = set(world.tracks.ids.tolist())
+            ended = set(world.places) - now
+            assert gone <= ended
+            for i in ended - gone:
+                survivors[i] = world.standing(i)[0]
+            for i, survivor in survivors.items():
+                standing = world.standing(i)[0]
+                assert standing in ({GONE} if survivor == GONE else {survivor, *world.standing(survivor)})
+                assert standing == GONE or (standing < i and world.places[standing] == world.places[i])
+            gone = ended
+        deleted += list(survivors.values()).count(GONE)
+        merged += len(survivors) - list(survivors.values()).count(GONE)
+    assert merged > 20
+    assert deleted > 20
