@@ -9,7 +9,8 @@ is run on recordings that were accepted. `silently altered` is what was accepted
 that the file states, as far as that can be told (`fuzzing/targets.py`).
 
 Cases run in a process of limited memory [GB], which is started again when it dies or takes too long [s]. `--only`
-carries one out and tells all of it. Exit status 1 if anything is a traceback, a hang, a crash or altered.
+carries one out and tells all of it. Exit status 1 if anything is a traceback, a hang, a crash or altered. An interrupt
+ends with the table so far.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ from tqdm import tqdm
 
 from slamgauge.compare.scoring.text_table import aligned
 
+INTERRUPTED = 130
+
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -46,16 +49,26 @@ def main() -> int:
     bad: list[tuple[int, Tried]] = []
     all_names = names()  # made here, so that no process has to make them again
     carried = carry_out_all(options.seed, cases, options.seconds, int(1e9 * options.memory))
-    for case, tried in tqdm(carried, total=len(cases), disable=None):
-        counts[tried.target, tried.outcome] += 1
-        if tried.outcome not in (REFUSED, ACCEPTED):
-            bad.append((case, tried))
+    status = 0
+    try:
+        for case, tried in tqdm(carried, total=len(cases), disable=None):
+            counts[tried.target, tried.outcome] += 1
+            if tried.outcome not in (REFUSED, ACCEPTED):
+                bad.append((case, tried))
+                tqdm.write(_told(case, tried), file=sys.stderr)
+    except KeyboardInterrupt:
+        status = INTERRUPTED
+        print("interrupted")
     print(_table(all_names, counts))
     for case, tried in bad[: options.worst]:
-        print(f"case {case}: {tried.target}: {tried.outcome}: {tried.detail}")
+        print(_told(case, tried))
     if options.only is not None and not bad:
         print(*counts)
-    return 1 if bad else 0
+    return status or int(bool(bad))
+
+
+def _told(case: int, tried: Tried) -> str:
+    return f"case {case}: {tried.target}: {tried.outcome}: {tried.detail}"
 
 
 def _table(all_names: list[str], counts: Counter[tuple[str, str]]) -> str:
