@@ -185,6 +185,9 @@ class Budget:
 
     filter: FilterName = "ekf"
 
+    lag: int | None = None
+    """Add the rung of a smoother of so many steps (fixed-lag), between optimum and filter."""
+
     runs: int = 20
     """How many runs."""
 
@@ -218,10 +221,10 @@ class Budget:
         from slamgauge.compare.studies.budget import budget_table, error_budget, rungs_of
 
         scenario = sampled_scenario(self.scenario, self.set)
-        require_time_for_runs(self.runs, [(scenario, rungs_of(self.filter))], self.jobs, agreed=self.yes)
+        require_time_for_runs(self.runs, [(scenario, rungs_of(self.filter, self.lag))], self.jobs, agreed=self.yes)
         staged = results_folder(self.out, BUDGET_FILES, last=BUDGET)
         with staged as folder, carried_by(self.jobs) as executor:
-            budget = error_budget(scenario, self.filter, self.runs, self.seed, executor)
+            budget = error_budget(scenario, self.filter, self.runs, self.seed, executor, self.lag)
             printed = print_result(budget.to_json() if self.json else budget_table(budget))
             if folder is not None:
                 write_json(folder / BUDGET, budget.to_json())

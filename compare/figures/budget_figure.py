@@ -7,6 +7,7 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from slamgauge.compare.estimators.registry import FIXED_LAG
 from slamgauge.compare.figures.plot_style import PRINT, TRUTH_COLOR, WRAPPED
 from slamgauge.compare.figures.sheet import save_printed, sheet
 from slamgauge.compare.scoring.optimum_notes import MARK
@@ -14,7 +15,14 @@ from slamgauge.compare.storage.names import math_text
 from slamgauge.compare.studies.budget import ErrorBudget, doubts, verdict
 
 BASE, COST, GAIN = "#777777", "#CC3311", "#009988"
-LABELS = ("hindsight\noptimum", "+ causal\nonly", "+ assumed\nnoise", "+ own asso-\nciations", "+ lineari-\nsation")
+LABELS = {
+    "hindsight optimum": "hindsight\noptimum",
+    "causal optimum": "+ causal\nonly",
+    "assumed noise": "+ assumed\nnoise",
+    "own associations": "+ own asso-\nciations",
+    FIXED_LAG: "+ fixed\nlag",
+    "linearisation": "+ lineari-\nsation",
+}
 
 
 def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
@@ -41,7 +49,8 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
         last = len(budget.rungs)
         axes.bar(last, before, width=0.6, color=TRUTH_COLOR)
         axes.annotate(f"{before:.4f}", (last, before), (0, 3), textcoords="offset points", ha="center", fontsize=size)
-        axes.set_xticks(range(last + 1), [*LABELS, f"= {budget.filter}"], rotation=90 if page.is_narrow else 0)
+        labels = [*(LABELS[rung.name] for rung in budget.rungs), f"= {budget.filter}"]
+        axes.set_xticks(range(last + 1), labels, rotation=90 if page.is_narrow else 0)
         axes.set(ylabel="mean squared position error [m²]")
         axes.margins(y=0.12)
         axes.set_ylim(bottom=0)

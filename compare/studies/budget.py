@@ -1,8 +1,8 @@
 """The error budget: a filter's mean squared error split rung by rung, each rung run on the same measurements.
 
 hindsight optimum -> causal optimum -> with the noise the filter assumes -> with the associations it makes
--> the filter itself. What a rung adds to the mean squared position error is what it costs. The associations
-are those that stand at the end, after deletion and merging.
+-> if asked for, a smoother of the last steps alone -> the filter itself. What a rung adds to the mean squared
+position error is what it costs. The associations are those that stand at the end, after deletion and merging.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.asked import Asked, ask
 from slamgauge.compare.estimators.loading import load
-from slamgauge.compare.estimators.registry import CAUSAL, FILTERS, HINDSIGHT
+from slamgauge.compare.estimators.registry import CAUSAL, FILTERS, FIXED_LAG, HINDSIGHT
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario, sampled
 from slamgauge.compare.scenarios.scenario_text import scenario_text
@@ -48,6 +48,7 @@ RUNGS = {
     "causal optimum": "for knowing only the past",
     "assumed noise": "for believing other noise than there is",
     "own associations": "for taking landmarks for others",
+    FIXED_LAG: "for leaving what is older than the lag as it was",
     "linearisation": "for being a filter: its own linearisation",
 }
 BYTES = 1000  # of what is known of a run
@@ -70,6 +71,7 @@ class Rung:
 class ErrorBudget:
     """The budget of one filter on one scenario; `costliest` is the rung above the first that adds most.
 
+    Its rungs are those of `RUNGS`, that of the fixed lag where one was asked for.
     `fit` is chi2/dof of the hindsight optimum, `rays` what became of the rays of a bearing-only filter, both in the
     mean over runs; `scenario_text` is the scenario as a TOML file.
     """
@@ -146,7 +148,7 @@ def read_budget(folder: Path) -> ErrorBudget:
 
 
 class RungErrors(NamedTuple):
-    """One run of a budget: mean squared errors (5,) [m^2], a rung each, their optima's checks (5,), and the rays.
+    """One run of a budget: mean squared errors (n,) [m^2], a rung each, their optima's checks (n,), and the rays.
 
     `fit` is chi2/dof of the hindsight optimum, NaN where it does not tell.
     """
@@ -158,17 +160,22 @@ class RungErrors(NamedTuple):
 
 
 def error_budget(
-    scenario: Scenario | str | Path, filter_name: str, runs: int, seed: int, executor: Executor
+    scenario: Scenario | str | Path,
+    filter_name: str,
+    runs: int,
+    seed: int,
+    executor: Executor,
+    lag: int | None = None,
 ) -> ErrorBudget:
     """The budget of a filter, one's own by its address too, over `runs` runs whose seeds are spawned from `seed`.
 
-    Intervals are bootstrapped over runs.
+    With a `lag` [steps] the smoother of so many steps is a rung, too. Intervals are bootstrapped over runs.
 
     Raises:
         UserError: bad names or numbers, or an estimator that failed, with the run.
     """
     scenario = sampled(scenario)
-    asked = ask([filter_name])[0]
+    asked = rungs_of(filter_name, lag)[-1]
     if asked.name and asked.name not in FILTERS:
         raise UserError(
             f"filter: {filter_name!r} is not a filter whose error can be split; use {', '.join(FILTERS)}, or your own"
@@ -183,7 +190,7 @@ def error_budget(
     try:
         for run in tracked(range(runs), runs, "run", scenario.name, leave=True):
             for ahead in range(run + len(pending), min(run + IN_FLIGHT, runs)):
-                pending.append(executor.submit(rung_errors, scenario, run_seed(seed, ahead), asked))
+                pending.append(executor.submit(rung_errors, scenario, run_seed(seed, ahead), asked, lag))
             results.append(pending.popleft().result())
     finally:
         for future in pending:
@@ -194,25 +201,37 @@ def error_budget(
 
 
 def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Float, fits: Float) -> ErrorBudget:
-    """The budget of mean squared errors (runs, 5) [m^2], a column per rung, of checks likewise, and of fits (runs,).
+    """The budget of mean squared errors (runs, n) [m^2], a column per rung, of checks likewise, and of fits (runs,).
 
-    Checks and fits that are not told are NaN.
+    Five columns are all rungs but that of a fixed lag. Checks and fits that are not told are NaN.
     """
+    names = [name for name in RUNGS if name != FIXED_LAG or table.shape[1] == len(RUNGS)]
     increments = np.diff(table, axis=1, prepend=0.0)
     rungs = tuple(
         Rung(name, float(errors.mean()), bootstrap_interval(added), share_of_doubt(check))
-        for name, errors, added, check in zip(RUNGS, table.T, increments.T, checks.T, strict=True)
+        for name, errors, added, check in zip(names, table.T, increments.T, checks.T, strict=True)
     )
     costliest = max(rungs[1:], key=lambda rung: rung.increment_m2.mean).name
     return ErrorBudget(scenario, filter_name, len(table), rungs, costliest, mean_interval(fits))
 
 
-def rungs_of(chosen: str | Asked) -> list[Asked]:
-    """The estimators of a run: the optima of the rungs, and the filter."""
-    return [*ask([HINDSIGHT]), *3 * ask([CAUSAL]), *ask([chosen])]
+def rungs_of(chosen: str | Asked, lag: int | None = None) -> list[Asked]:
+    """The estimators of a run: the optima of the rungs, the smoother of so many steps if there is one, the filter.
+
+    Raises:
+        UserError: an unknown name, or a lag of no step.
+    """
+    smoothers = [] if lag is None else [_of_lag(lag)]
+    return [*ask([HINDSIGHT]), *3 * ask([CAUSAL]), *ask([*smoothers, chosen])]
 
 
-def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked) -> RungErrors:
+def _of_lag(lag: int) -> str:
+    if lag < 1:
+        raise UserError(f"lag: {lag} steps leave no window; give at least 1")
+    return f"{FIXED_LAG}-{lag}"
+
+
+def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | None = None) -> RungErrors:
     """What the rungs make of one run; those that coincide are run once."""
     (asked,) = ask([chosen])
     truth, recording, told = simulate_informed(scenario, seed)
@@ -232,9 +251,11 @@ def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked) -> RungError
             associating = assuming
         else:
             associating = _run(CAUSAL, recording.associated(own))
+        associated = recording.associated(trusted if own is None else own)
+        windows = [] if lag is None else [_run(_of_lag(lag), associated)]
     except UserError as error:
         raise UserError(f"run with seed {seed}: {error}") from error
-    rungs = (hindsight, causal, assuming, associating, estimate)
+    rungs = (hindsight, causal, assuming, associating, *windows, estimate)
     errors = np.array([_mse(truth, each) for each in rungs])
     checks = np.array([each.optimum_check for each in rungs], dtype=np.float64)
     fit = chi_square_per_dof(truth, told, hindsight)

@@ -14,10 +14,11 @@ from matplotlib.figure import Figure
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.loading import load_estimators
+from slamgauge.compare.estimators.registry import FIXED_LAG
 from slamgauge.compare.figures.budget_figure import save_budget_figure
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.studies.budget import RUNGS, budget_table, error_budget, rung_errors, summarise_budget
+from slamgauge.compare.studies.budget import RUNGS, budget_table, error_budget, rung_errors, rungs_of, summarise_budget
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -29,7 +30,7 @@ SHORT = ["start=sampled", "trajectory.duration=10"]
 def test_rungs_that_coincide_are_zero_and_increments_add_up() -> None:
     with ThreadPoolExecutor(1) as executor:
         budget = error_budget(load_scenario("q1-long-dense", SHORT), "ekf", 4, 0, executor)
-    assert [rung.name for rung in budget.rungs] == list(RUNGS)
+    assert [rung.name for rung in budget.rungs] == [name for name in RUNGS if name != FIXED_LAG]
     assert budget.rungs[2].increment_m2 == (0.0, 0.0, 0.0)
     assert budget.rungs[3].increment_m2 == (0.0, 0.0, 0.0)
     total = sum(rung.increment_m2.mean for rung in budget.rungs[1:])
@@ -80,6 +81,25 @@ def test_a_filter_without_ids_pays_for_its_associations_alone() -> None:
     assert errors[2] == errors[1]
     assert errors[3] > errors[2]
     assert errors[4] != errors[3]
+
+
+def test_a_window_that_holds_everything_costs_nothing_and_a_short_one_does() -> None:
+    """Of bearings alone, whose landmarks a short window never places."""
+    scenario = load_scenario("q4-three-landmarks", ["start=sampled", "trajectory.duration=4"])
+    steps = simulate(scenario, 0)[1].steps
+    held, short = (rung_errors(scenario, 0, "riekf", lag)[0] for lag in (steps + 1, 2))
+    assert len(held) == len(RUNGS)
+    assert held[4] == pytest.approx(held[3], rel=1e-3)
+    assert short[4] > 1.001 * short[3]
+    np.testing.assert_array_equal(np.delete(held, 4), np.delete(short, 4))
+
+
+def test_the_rung_of_a_lag_stands_where_one_was_asked_for() -> None:
+    with ThreadPoolExecutor(1) as executor:
+        budget = error_budget(load_scenario("q1-short-dense", SHORT), "ekf", 2, 0, executor, lag=3)
+    assert [rung.name for rung in budget.rungs] == list(RUNGS)
+    with pytest.raises(UserError, match="lag: 0 steps leave no window"):
+        rungs_of("ekf", 0)
 
 
 def test_the_costliest_rung_is_named_with_its_share() -> None:
