@@ -13,6 +13,7 @@ from slamgauge.ekf.association import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.compressed import CompressedFilter
 from slamgauge.ekf.filter import SlamFilter
+from slamgauge.ekf.given_ids import GivenIds
 from slamgauge.ekf.history import History
 from slamgauge.ekf.large_maps import area_that_pays
 from slamgauge.ekf.maps.checks import without_rounding
@@ -151,15 +152,12 @@ def _run(
     steps = recording.steps
     poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
     nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1)
-    members, given, seen = np.zeros(steps + 1, np.int64), np.empty(len(recording.observation), np.int64), 0
-    history = History(steps, frames)
+    members, given, history = np.zeros(steps + 1, np.int64), GivenIds(recording), History(steps, frames)
     for step, result in enumerate(drive(slam, recording)):
         nis[step], nis_dof[step], seconds[step] = result
         poses[step], pose_covs[step] = slam.pose, slam.pose_cov
         members[step] = slam.member_count
-        associated = slam.associated
-        given[seen : seen + len(associated)] = associated
-        seen += len(associated)
+        given.note(slam.associated)
         history.keep(step, slam)
     pose_covs = without_rounding("pose_covs", pose_covs)
     freeze(poses, pose_covs, nis, nis_dof, seconds)
@@ -170,7 +168,7 @@ def _run(
         landmark_ids=slam.landmark_ids,
         landmarks=slam.landmarks,
         landmark_covs=without_rounding("landmark_covs", slam.landmark_covs),
-        association=recording.own_ids(slam.standing(given)),
+        association=recording.own_ids(slam.standing(given.all())),
         nis=nis,
         nis_dof=nis_dof,
         seconds=seconds,

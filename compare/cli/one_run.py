@@ -183,7 +183,7 @@ class Evaluate:
         from slamgauge.compare.estimators.asked import ask
         from slamgauge.compare.estimators.demand import require_time_for_recording
         from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
-        from slamgauge.compare.storage.files import load_recording, load_truth, with_own_ids
+        from slamgauge.compare.storage.files import load_recording, load_truth
         from slamgauge.compare.storage.names import shown
         from slamgauge.ekf.settings.association import Association as FilterAssociation
         from slamgauge.ekf.settings.robustness import Robustness
@@ -192,7 +192,7 @@ class Evaluate:
         recording = load_recording(self.recording)
         beside = self.recording.with_name("truth.npz")
         path = self.truth or (beside if beside.exists() else None)
-        truth = None if path is None else with_own_ids(load_truth(path), recording)
+        truth = None if path is None else load_truth(path, recording)
         title = shown(f"{self.recording.parent.resolve().name}/{self.recording.name}")
         require(FilterAssociation, "gate", self.gate)
         settings = (
@@ -269,10 +269,11 @@ class Grading:
             content = metrics(comparison, self.scenario, self.seed, self.scenario_text)
             done = print_result(content if self.as_json else table(comparison)) and not comparison.failures
             if folder is not None and self.out is not None:
-                from slamgauge.compare.figures.publishing import write_comparison
+                from slamgauge.compare.scoring.comparison_files import write_comparison
 
                 with explained(self.out, "written"):
                     write_comparison(folder, comparison, content)
+                comparison, content = replace(comparison, scores={}), {}  # pictures need the estimates alone
         if self.out is not None:
             from slamgauge.compare.figures.publishing import draw_comparison
 

@@ -59,15 +59,15 @@ def plot_errors(
     extents: dict[str, Float] = {}
     for name, estimate in shown.items():
         color, dashes = chosen[name]
-        errors, bounds = pose_errors(reference.poses, estimate.poses), _three_sigma(estimate)
-        errors *= UNITS
-        pairs = zip(errors.T, bounds.T, strict=True)
-        extents[name] = np.array([np.nan_to_num(np.fmax(np.abs(error), bound)).max() for error, bound in pairs])
-        for panel, error, bound in zip(panels, errors.T, bounds.T, strict=True):
-            rows = extreme_rows(error)
-            panel.plot(times[rows], error[rows], color=color, linestyle=dashes, linewidth=0.8, label=name, zorder=3)
+        errors, extents[name] = pose_errors(reference.poses, estimate.poses), np.zeros(len(panels))
+        for axis, panel in enumerate(panels):
+            rows = extreme_rows(errors[:, axis])
+            error = UNITS[axis] * errors[rows, axis]
+            panel.plot(times[rows], error, color=color, linestyle=dashes, linewidth=0.8, label=name, zorder=3)
+            bound = _three_sigma(estimate, axis)
             rows = extreme_rows(bound)
             at, bound = times[rows], bound[rows]
+            extents[name][axis] = np.nan_to_num(np.fmax.reduce([*np.abs(error), *bound]))
             if name == filled:
                 panel.fill_between(at, -bound, bound, color=color, alpha=0.15, linewidth=0, zorder=1)
             panel.plot(at, bound, at, -bound, color=color, linewidth=0.5, alpha=0.8, zorder=2)
@@ -98,14 +98,11 @@ def reference_of(truth: Truth | None, recording: Recording, estimates: Mapping[s
     return Reference("±3σ alone: no truth, no optimum", np.full((recording.steps + 1, 3), np.nan))
 
 
-def _three_sigma(estimate: Estimate) -> Float:
-    """Bounds (N+1, 3) [m, m, deg]; NaN, which is not drawn, where the estimator claims none."""
+def _three_sigma(estimate: Estimate, axis: int) -> Float:
+    """Bounds (N+1,) of a coordinate [m] or [deg]; NaN, which is not drawn, where the estimator claims none."""
     if estimate.pose_covs is None:
-        return np.full(estimate.poses.shape, np.nan)
-    bounds = np.diagonal(estimate.pose_covs, axis1=1, axis2=2).clip(min=0)
-    np.sqrt(bounds, out=bounds)
-    bounds *= 3 * UNITS
-    return bounds
+        return np.full(len(estimate.poses), np.nan)
+    return 3 * UNITS[axis] * np.sqrt(estimate.pose_covs[:, axis, axis].clip(min=0))
 
 
 def _finish(panel: Axes, label: str, times: Float, closures: Float, limit: float) -> None:

@@ -19,6 +19,7 @@ LineStyle = str | tuple[int, tuple[float, ...]]
 
 TRUTH_COLOR = "#000000"
 MARK_COLOR = "#777777"  # loop closures and other marks that are no data
+MOST_AT_ONCE = 20_000  # points of a line: one that goes round a thousand times takes 100 MB if it is drawn at once
 NARROW, WIDE = 0.6, 2.5  # decades of a logarithmic axis: below and above its ticks are not at 1, 2, 5
 
 
@@ -28,6 +29,7 @@ PRINT: dict[Any, Any] = {
     "figure.constrained_layout.use": False,  # who needs it asks for it
     "text.parse_math": False,  # names of others may hold dollars; numbers on axes are plain (`logarithmic`)
     "svg.hashsalt": "slamgauge",  # the same run gives the same file
+    "agg.path.chunksize": MOST_AT_ONCE,
 }
 WRAPPED: dict[str, Any] = {"wrap": True, "parse_math": True}  # what is wrapped is read for formulas: `math_text`
 LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 2.6, "handletextpad": 0.6, "columnspacing": 1.2}

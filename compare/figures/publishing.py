@@ -16,7 +16,7 @@ from slamgauge.compare.figures.sweep_figure import save_sweep_figure
 from slamgauge.compare.scoring.comparison import Comparison
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.storage.decorations import Drawing, decorate
-from slamgauge.compare.storage.files import save, write_json, write_tum
+from slamgauge.compare.storage.files import write_json
 from slamgauge.compare.storage.result_files import (
     BENCH,
     BENCH_PICTURES,
@@ -25,7 +25,6 @@ from slamgauge.compare.storage.result_files import (
     METRICS,
     NOISE,
     NOISE_PICTURES,
-    RECORDING,
     REPORT,
     RUN_PICTURES,
     STUDY_PICTURES,
@@ -33,28 +32,11 @@ from slamgauge.compare.storage.result_files import (
     SWEEP,
     SWEEP_FILES,
     SWEEP_PICTURES,
-    TRUTH,
 )
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.studies.budget import ErrorBudget
 from slamgauge.compare.studies.summary import Summary
 from slamgauge.compare.studies.sweep import Sweep
-
-
-def write_comparison(folder: Path, comparison: Comparison, content: dict[str, Any]) -> None:
-    """Write recording, truth, estimates, TUM trajectories and metrics into an existing, empty folder."""
-    recording, truth = comparison.recording, comparison.truth
-    save(folder / RECORDING, recording)
-    if truth is not None:
-        save(folder / TRUTH, truth)
-    (folder / "estimates").mkdir()
-    (folder / "trajectories").mkdir()
-    for name, estimate in comparison.estimates.items():
-        save(folder / "estimates" / f"{name}.npz", estimate)
-        write_tum(folder / "trajectories" / f"{name}.tum", recording.stamps, estimate.poses)
-    if truth is not None and truth.poses is not None:
-        write_tum(folder / "trajectories" / "truth.tum", recording.stamps, truth.poses)
-    write_json(folder / METRICS, content)
 
 
 def draw_comparison(out: Path, comparison: Comparison, title: str) -> bool:

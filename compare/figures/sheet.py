@@ -6,7 +6,7 @@ import re
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from io import StringIO
+from io import BytesIO
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -18,8 +18,8 @@ INCHES: dict[Width, float] = {"column": 3.4, "page": 7.0}  # of a paper in two c
 ENTRY = 1.1  # [in] of a legend
 NARROW = 4.0  # [in]: below it panels stand one above the other
 
-_PATH = re.compile(r' d="[^"]*"')
-_DIGITS = re.compile(r"(\.\d\d)\d+")
+_PATH = re.compile(rb' d="[^"]*"')
+_DIGITS = re.compile(rb"(\.\d\d)\d+")
 
 
 class Sheet(NamedTuple):
@@ -67,14 +67,14 @@ def save_printed(figure: Figure, path: Path) -> None:
     """Write `path` with the endings that the sheet says (png at 200 dpi); the same figure gives the same files."""
     for each in sheet().formats:
         if each == "svg":
-            svg = StringIO()
+            svg = BytesIO()
             figure.savefig(svg, format="svg", metadata={"Date": None})
-            path.with_suffix(".svg").write_text(_thinned(svg.getvalue()), encoding="utf-8")
+            path.with_suffix(".svg").write_bytes(_PATH.sub(_thinned, svg.getvalue()))
         else:
             undated = {"CreationDate": None} if each == "pdf" else {}
             figure.savefig(path.with_suffix(f".{each}"), dpi=200, metadata=undated)
 
 
-def _thinned(svg: str) -> str:
-    """The coordinates of its paths in hundredths of a point."""
-    return _PATH.sub(lambda path: _DIGITS.sub(r"\1", path.group()), svg)
+def _thinned(path: re.Match[bytes]) -> bytes:
+    """A path of an SVG with its coordinates in hundredths of a point; line by line, as matches take most."""
+    return b"".join(_DIGITS.sub(rb"\1", line) for line in path.group().splitlines(keepends=True))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, chunks
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
@@ -18,9 +18,12 @@ def first_seen(recording: Recording, estimate: Estimate) -> Int:
     seen = recording.landmark if estimate.association is None else estimate.association
     if seen is None:
         return np.zeros(len(ids), np.int64)
-    met = seen[:, None] == ids
-    steps = np.append(recording.observation_step, NEVER)
-    return steps[np.where(met.any(axis=0), met.argmax(axis=0), len(seen))] if len(seen) else np.full(len(ids), NEVER)
+    steps = np.full(len(ids), NEVER)
+    for rows in reversed([*chunks(len(seen))]):
+        names, first = np.unique(seen[rows], return_index=True)
+        met = np.isin(ids, names)
+        steps[met] = recording.observation_step[rows][first[np.searchsorted(names, ids[met])]]
+    return steps
 
 
 def sight_lines(truth: Truth, recording: Recording, estimate: Estimate, after: int, step: int) -> Float:

@@ -146,16 +146,17 @@ def closure_table(metrics: dict[str, Any]) -> Table:
     """Errors and sigmas on both sides of every loop closure."""
     keys = ("error_before_m", "error_after_m", "sigma_before_m", "sigma_after_m")
     titles = ("error before [m]", "after [m]", "sigma before [m]", "after [m]")
+    entries = metrics["estimators"].items()
+    closures = [(name, each) for name, entry in entries for each in entry.get("loop_closure") or ()]
+    every = max(-(-len(closures) // MOST_CLOSURES), 1)
     rows = [
         [Cell(name), Cell(str(closure["step"]), closure["step"])]
         + [Cell(cell(closure[key], "{:.3f}"), sized(closure[key])) for key in keys]
-        for name, entry in metrics["estimators"].items()
-        for closure in entry.get("loop_closure") or ()
+        for name, closure in closures[::every]
     ]
-    every = max(-(-len(rows) // MOST_CLOSURES), 1)
     which = "each loop closure" if every == 1 else f"1 in {every} loop closures"
     heads = [Head("estimator", words=True), Head("step"), *map(Head, titles)]
-    return Table("closures", f"Position error and its sigma before and after {which}", heads, rows[::every])
+    return Table("closures", f"Position error and its sigma before and after {which}", heads, rows)
 
 
 def legend(results: Results) -> str:

@@ -47,25 +47,24 @@ def relative_errors(truth: Truth, _recording: Recording, estimate: Estimate) -> 
     way = np.concatenate([[0.0], np.hypot(*np.diff(reference[:, :2], axis=0).T).cumsum()])[: len(reference)]
     found: list[dict[str, float | None]] = []
     for distance in _distances(float(way[-1]) if len(way) else 0.0):
-        begin, end = _pieces(way, distance)
-        errors = np.empty((2, len(begin)))
-        for some in chunks(len(begin)):
-            errors[:, some] = _of_pieces(reference, poses, begin[some], end[some])
-        found.append(RelativeError(distance, rms(errors[0]), rms(errors[1]), len(begin))._asdict())
+        end = _ends(way, distance)
+        errors = np.empty((2, len(end)))
+        for begin in chunks(len(end)):
+            errors[:, begin] = _of_pieces(reference, poses, begin, end[begin])
+        found.append(RelativeError(distance, rms(errors[0]), rms(errors[1]), len(end))._asdict())
     return found
 
 
-def _of_pieces(reference: Float, poses: Float, begin: Int, end: Int) -> tuple[Float, Float]:
+def _of_pieces(reference: Float, poses: Float, begin: slice, end: Int) -> tuple[Float, Float]:
     """Errors of the pieces (n,) from pose `begin` to pose `end`: [m], and of the turn [rad]."""
     errors = between(poses[begin], poses[end]) - between(reference[begin], reference[end])
     return np.hypot(*errors[:, :2].T), wrap(errors[:, 2])
 
 
-def _pieces(way: Float, distance: float) -> tuple[Int, Int]:
-    """First and last pose (n,) of every piece of a length [m], where `way` (N,) [m] is how far each pose is along."""
+def _ends(way: Float, distance: float) -> Int:
+    """Last pose (n,) of every piece of a length [m], which begin at poses 0..n-1; pose k (N,) is `way[k]` [m] along."""
     end = np.searchsorted(way, way + distance * (1 - 1e-9))
-    begin = np.flatnonzero(end < len(way))
-    return begin, end[begin]
+    return end[: np.searchsorted(end, len(way))]
 
 
 def _distances(way: float) -> Iterator[float]:

@@ -171,6 +171,7 @@ def evaluate(
 
 def _path_figures(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, Any]:
     poses, reference, covs = estimate.poses, _true_poses(truth, estimate), pose_covs_of(estimate)
+    aligned = rms(np.linalg.norm(aligned_errors(poses[:, :2], reference[:, :2]), axis=1))  # what takes most comes first
     errors = pose_errors(reference, poses)
     off = distances(errors)
     nees = squared_mahalanobis(errors, covs)
@@ -178,7 +179,7 @@ def _path_figures(truth: Truth, recording: Recording, estimate: Estimate) -> dic
     sigmas = np.sqrt((covs[:, 0, 0] + covs[:, 1, 1]).clip(min=0))
     return {
         "ate_m": rms(off),
-        "ate_aligned_m": rms(np.linalg.norm(aligned_errors(poses[:, :2], reference[:, :2]), axis=1)),
+        "ate_aligned_m": aligned,
         "heading_rmse_rad": rms(errors[:, 2]),
         "final_position_error_m": number(off[-1]),
         "final_heading_error_rad": number(abs(errors[-1, 2])),

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
-from dataclasses import MISSING, fields, is_dataclass, replace
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slamgauge.arrays import Float, chunks
-from slamgauge.compare.storage.npz_file import read_npz
+from slamgauge.compare.storage.npz_file import NONE_KNOWN, read_npz
 from slamgauge.compare.storage.triangles import upper_triangles
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, MapHistory, RayLog
@@ -21,7 +22,6 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
 Record = TypeVar("Record", Recording, Truth, Estimate)
-Answer = TypeVar("Answer", Truth, Estimate)
 
 LONGEST_WORD = 40  # characters
 RECORDS_WITHIN: set[type[object]] = {RayLog, MapHistory}  # records that are fields of an `Estimate`
@@ -75,27 +75,26 @@ def load_recording(path: str | Path) -> Recording:
     return _load(path, Recording)
 
 
-def load_truth(path: str | Path) -> Truth:
-    """The truth of an npz file; `UserError` with path and remedy if it holds none."""
-    return _load(path, Truth)
+def load_truth(path: str | Path, recording: Recording | None = None) -> Truth:
+    """The truth of an npz file; `UserError` with path and remedy if it holds none.
+
+    Its association is the recording's own array of ids where they are the same.
+    """
+    return _load(path, Truth, recording)
 
 
-def load_estimate(path: str | Path) -> Estimate:
-    """The estimate of an npz file; `UserError` with path and remedy if it holds none."""
-    return _load(path, Estimate)
+def load_estimate(path: str | Path, recording: Recording | None = None) -> Estimate:
+    """The estimate of an npz file; `UserError` with path and remedy if it holds none.
+
+    Its association is the recording's own array of ids where they are the same.
+    """
+    return _load(path, Estimate, recording)
 
 
 def load_recording_or_estimate(path: str | Path) -> Recording | Estimate:
     """Whichever of the two an npz file holds; `UserError` with path and remedy if it holds neither."""
     values = _read(path)
     return _made(path, Estimate if "kind" in values else Recording, values)
-
-
-def with_own_ids(record: Answer, recording: Recording) -> Answer:
-    """The same truth or estimate, whose association is the recording's own array of ids where they are the same."""
-    if record.association is None:
-        return record
-    return replace(record, association=recording.own_ids(record.association))
 
 
 def write_tum(path: str | Path, stamps: Float, poses: Float, covs: Float | None = None) -> None:
@@ -115,7 +114,7 @@ def write_tum(path: str | Path, stamps: Float, poses: Float, covs: Float | None 
     with explained(path, "written"), Path(path).open("w", encoding="ascii") as file:
         for rows in chunks(len(poses)):
             table = _tum_rows(stamps[rows], poses[rows], None if covs is None else covs[rows])
-            file.writelines(f"{' '.join(map(repr, row))}\n" for row in table.tolist())
+            file.writelines(f"{' '.join(map(repr, row.tolist()))}\n" for row in table)
 
 
 def _tum_rows(stamps: Float, poses: Float, covs: Float | None) -> Float:
@@ -129,8 +128,9 @@ def _tum_rows(stamps: Float, poses: Float, covs: Float | None) -> Float:
 
 def write_json(path: Path, content: object) -> None:
     """Write JSON as all our results are written; `UserError` if the file cannot be written."""
-    with explained(path, "written"):
-        path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    with explained(path, "written"), path.open("w", encoding="utf-8") as file:
+        json.dump(content, file, indent=2, allow_nan=False)  # piece by piece: a long run has megabytes of loop closures
+        file.write("\n")
 
 
 def read_json(path: Path, command: str) -> Any:
@@ -147,8 +147,9 @@ def read_json(path: Path, command: str) -> Any:
         raise UserError(f"{path}: not what `slamgauge {command}` writes; run it again") from None
 
 
-def _load(path: str | Path, kind: type[Record]) -> Record:
-    return _made(path, kind, _read(path))
+def _load(path: str | Path, kind: type[Record], recording: Recording | None = None) -> Record:
+    ids = None if recording is None else recording.landmark
+    return _made(path, kind, _read(path, {} if ids is None else {"association": ids}))
 
 
 def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str = "") -> Any:
@@ -182,6 +183,6 @@ def _word(path: str | Path, field: str, value: Any) -> str:
     return word
 
 
-def _read(path: str | Path) -> dict[str, Any]:
+def _read(path: str | Path, known: Mapping[str, NDArray[Any]] = NONE_KNOWN) -> dict[str, Any]:
     with explained(path, "read"):
-        return read_npz(Path(path))
+        return read_npz(Path(path), known)

@@ -15,6 +15,7 @@ import tokenize
 import warnings
 import zipfile
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,6 +34,8 @@ TOGETHER = 1 << 20  # bytes that are unpacked at a time
 LAST_RECORD = 22  # bytes
 MANY = 0xFFFF  # members, or more: then another record counts them
 COPIES = 3.0  # of the arrays, alive at once while a record of them is checked
+
+NONE_KNOWN: Mapping[str, NDArray[Any]] = {}
 
 _BROKEN = (  # what a damaged or foreign file raises
     ValueError,
@@ -66,9 +69,20 @@ class _Header(NamedTuple):
         """Whether it may be a matrix that stands for all rows, which needs no room for all of them."""
         return len(self.shape) == 3 and self.shape[0] > 1 and not self.is_fortran
 
+    def may_be(self, array: NDArray[Any] | None) -> bool:
+        """Whether it may be one that is there already, which needs no room either."""
+        if array is None or self.is_fortran or not array.flags.c_contiguous:
+            return False
+        return (array.dtype, array.shape) == (self.dtype, self.shape) and array.size > 0
 
-def read_npz(path: Path) -> dict[str, NDArray[Any]]:
+
+def read_npz(path: Path, known: Mapping[str, NDArray[Any]] = NONE_KNOWN) -> dict[str, NDArray[Any]]:
     """The arrays of an npz file by name, read-only.
+
+    Args:
+        path: of the file.
+        known: arrays that are there already, by the names under which the file may have the same: then they are
+            returned themselves.
 
     Raises:
         UserError: no such file, a damaged one, one of other things than plain arrays, or one that memory cannot hold.
@@ -80,16 +94,17 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
             _require_whole_directory(path, members)
             if len({member.filename for member in members}) < len(members):
                 raise _OddError("a name stands in it twice")
-            headers = [_header(archive, member) for member in members]
-            arrays, size = {}, sum(head.size for head in headers if not head.may_be_one)
-            for member, head in zip(members, headers, strict=True):
+            headers = {member.filename.removesuffix(".npy"): _header(archive, member) for member in members}
+            spared = {name for name, head in headers.items() if head.may_be_one or head.may_be(known.get(name))}
+            arrays, size = {}, sum(head.size for name, head in headers.items() if name not in spared)
+            for member, (name, head) in zip(members, headers.items(), strict=True):
                 _require_room(path, size)
-                array = _one_for_all(archive, member, head) if head.may_be_one else None
+                array = _spared(archive, member, head, known.get(name)) if name in spared else None
                 if array is None:
-                    size += head.size if head.may_be_one else 0
+                    size += head.size if name in spared else 0
                     _require_room(path, size)
                     array = _array(archive, member, head)
-                arrays[member.filename.removesuffix(".npy")] = array
+                arrays[name] = array
             return arrays
     except (UserError, OSError) as error:
         if not isinstance(error, OSError) or error.errno != errno.EINVAL:  # that is a place which no file has
@@ -140,6 +155,26 @@ def _header(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> _Header:
 def _require_room(path: Path, size: int) -> None:
     """Refuse arrays of so many bytes if memory does not hold what is made of them."""
     require_memory(COPIES * size, f"{path}: reading it", "close other programs, or give a part of it")
+
+
+def _spared(
+    archive: zipfile.ZipFile, member: zipfile.ZipInfo, header: _Header, known: NDArray[Any] | None
+) -> NDArray[Any] | None:
+    """The array if it needs no room of its own, else None."""
+    if known is None or not header.may_be(known):
+        return _one_for_all(archive, member, header)
+    return known if _is_the_same(archive, member, header, known) else None
+
+
+def _is_the_same(archive: zipfile.ZipFile, member: zipfile.ZipInfo, header: _Header, array: NDArray[Any]) -> bool:
+    """Whether the file has the numbers of an array of that type and shape."""
+    numbers = array.reshape(-1).view(np.uint8).data
+    with archive.open(member) as stream:
+        stream.read(header.start)
+        for first in range(0, len(numbers), TOGETHER):
+            if stream.read(TOGETHER) != bytes(numbers[first : first + TOGETHER]):
+                return False
+        return not stream.read()  # to the end, where its sum is checked
 
 
 def _one_for_all(archive: zipfile.ZipFile, member: zipfile.ZipInfo, header: _Header) -> NDArray[Any] | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, read_json, with_own_ids
+from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, read_json
 from slamgauge.compare.storage.names import shown
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -42,9 +42,9 @@ def load_results(folder: Path) -> Results:
     if not names:
         raise UserError(f"{path}: tells of no estimators; run the command again with at least one")
     recording = load_recording(folder / "recording.npz")
-    truth = with_own_ids(load_truth(folder / "truth.npz"), recording) if (folder / "truth.npz").exists() else None
+    truth = load_truth(folder / "truth.npz", recording) if (folder / "truth.npz").exists() else None
     require_same_run(truth, recording)
-    estimates = {name: with_own_ids(load_estimate(folder / "estimates" / f"{name}.npz"), recording) for name in names}
+    estimates = {name: load_estimate(folder / "estimates" / f"{name}.npz", recording) for name in names}
     for name, estimate in estimates.items():
         if len(estimate.poses) != recording.steps + 1:
             raise UserError(

@@ -17,12 +17,13 @@ from matplotlib.figure import Figure
 from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.from_results import drawings_of
-from slamgauge.compare.figures.publishing import write_comparison, write_study, write_sweep
+from slamgauge.compare.figures.publishing import write_study, write_sweep
 from slamgauge.compare.figures.robust_limits import robust_limits
 from slamgauge.compare.figures.sheet import INCHES, Sheet, Width, printed_on
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.scoring.comparison import metrics
+from slamgauge.compare.scoring.comparison_files import write_comparison
 from slamgauge.compare.studies.budget import RUNGS, summarise_budget
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.study import load_runs, run_study

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from rays_by_hand import BIRTHS, LANDMARKS, estimate_with_rays, half_loop
 
+from slamgauge import arrays, load_scenario, simulate
 from slamgauge.compare.figures.animation_scene import Scene
 from slamgauge.compare.figures.sightings import NEVER, first_seen, sight_lines
 from slamgauge.compare.storage.results_folder import Results
@@ -36,6 +38,26 @@ def test_landmarks_are_first_seen_where_their_first_observation_is():
     given = np.full(len(recording.observation), -1)
     given[recording.observation_step >= 100] = 1
     assert first_seen(nameless, replace(GUEST, association=given)).tolist() == [NEVER, 100, NEVER]
+
+
+def test_first_sights_do_not_depend_on_how_many_are_looked_at_together(monkeypatch: pytest.MonkeyPatch):
+    """All observations against all landmarks at once take half a gigabyte in a run of a million steps."""
+    recording = simulate(load_scenario("q1-long-dense", ["trajectory.duration=20"]), 0)[1]
+    assert recording.landmark is not None
+    ids = np.arange(40)
+    places = Estimate(kind="filtered", poses=np.zeros((201, 3)), landmark_ids=ids, landmarks=np.zeros((40, 2)))
+    sights = [recording.observation_step[recording.landmark == each] for each in ids]
+    expected = [int(steps[0]) if len(steps) else NEVER for steps in sights]
+    assert NEVER in expected
+    for together in (7, len(recording.landmark)):
+        monkeypatch.setattr(arrays, "CHUNK", together)
+        assert first_seen(recording, places).tolist() == expected
+    monkeypatch.setattr(arrays, "CHUNK", 50)
+    tracemalloc.start()
+    first_seen(recording, places)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < len(recording.landmark) * len(ids) / 2
 
 
 def test_lines_of_sight_lead_from_the_robot_to_what_it_sees():

@@ -1,6 +1,10 @@
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
+import pytest
 
 from slamgauge.compare.figures.thinning import MOST_POSES, MOST_VALUES, even_rows, extreme_rows
 
@@ -25,3 +29,28 @@ def test_a_long_curve_keeps_its_peaks_its_ends_and_its_gaps() -> None:
     assert len(rows) <= MOST_VALUES + 2
     assert {0, 4_321, 700_000, 1_000_002} <= {*rows.tolist()}
     assert np.isnan(values[rows]).any()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the largest resident memory is told by /proc")
+def test_a_path_that_goes_round_a_thousand_times_is_drawn_piece_by_piece() -> None:
+    """At once it takes 90 MB: Agg holds all pixels that a line meets."""
+    program = """
+import tempfile
+import numpy, matplotlib
+from pathlib import Path
+from matplotlib.figure import Figure
+from slamgauge.compare.figures.plot_style import PRINT
+from slamgauge.compare.figures.sheet import Sheet, printed_on, save_printed
+
+def draw(poses):
+    with matplotlib.rc_context(PRINT), printed_on(Sheet(formats=["png"])), tempfile.TemporaryDirectory() as folder:
+        figure = Figure(figsize=(7.0, 4.6))
+        figure.subplots().plot(numpy.cos(poses), numpy.sin(poses))
+        save_printed(figure, Path(folder) / "figure")
+    return int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])
+
+before = draw(numpy.arange(10.0))
+print((draw(numpy.linspace(0.0, 2000.0 * numpy.pi, 100_000)) - before) / 1e3)
+"""
+    taken = float(subprocess.run([sys.executable, "-c", program], check=True, capture_output=True).stdout)
+    assert 2.0 < taken < 40.0  # MB

@@ -18,9 +18,10 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
 from slamgauge import compare_estimators, load_estimators, load_scenario, simulate
-from slamgauge.compare.figures.publishing import draw_comparison, write_comparison
+from slamgauge.compare.figures.publishing import draw_comparison
 from slamgauge.compare.report.publishing import publish_report
 from slamgauge.compare.scoring.comparison import metrics
+from slamgauge.compare.scoring.comparison_files import write_comparison
 
 NAMED = "<script>alert(1)</script>"
 GUEST = 'own "<b>&amp;'

@@ -141,6 +141,26 @@ def test_a_directory_that_lost_members_is_refused(tmp_path: Path):
         read_npz(path)
 
 
+def test_an_array_that_is_there_already_is_returned_itself_if_it_is_the_same(tmp_path: Path):
+    ids = np.arange(300_000)  # more than is compared at a time
+    np.savez_compressed(tmp_path / "a.npz", ids=ids, other=ids + 1, fortran=np.asfortranarray(np.ones((2, 2))))
+    read = read_npz(tmp_path / "a.npz", {"ids": ids, "fortran": np.ones((2, 2))})
+    assert read["ids"] is ids
+    np.testing.assert_array_equal(read["fortran"], np.ones((2, 2)))
+    for unlike in (np.append(ids[:-1], 0), ids[:-1], ids.astype(np.int32), ids.astype(np.float64)):
+        np.testing.assert_array_equal(read_npz(tmp_path / "a.npz", {"ids": unlike})["ids"], ids)
+
+
+def test_flipped_bits_are_found_beside_what_is_there_already(tmp_path: Path):
+    path, ids = tmp_path / "a.npz", np.arange(1000)
+    np.savez(path, ids=ids)
+    content = bytearray(path.read_bytes())
+    content[content.index(ids[5:8].tobytes())] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=SAID):
+        read_npz(path, {"ids": ids})
+
+
 def test_flipped_bits_are_found(tmp_path: Path):
     """Of arrays alone: what the directory says beside (dates, versions) may be anything."""
     path, rng, refusals = tmp_path / "a.npz", np.random.default_rng(0), 0
