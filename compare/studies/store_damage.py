@@ -112,8 +112,11 @@ def _damage(path: Path) -> str:
             tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
             if not {"study", "outcome"} <= tables:
                 return "its tables are not there" if tables else ""
-            if _lacks_checksums(connection):
+            columns = ", ".join(_columns(connection))
+            if columns == COLUMNS:  # begun before there were checksums
                 return ""
+            if columns != f"{COLUMNS}, checksum":
+                return "the columns of its tables are not what they were"
             found = next((row for row in readable_rows(connection) if row != with_checksum(row[:-1])), None)
         except sqlite3.DatabaseError as error:
             if getattr(error, "sqlite_errorcode", 0) & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
@@ -160,7 +163,12 @@ def _decoded(text: bytes) -> str:
 
 
 def _lacks_checksums(connection: sqlite3.Connection) -> bool:
-    return all(column[1] != "checksum" for column in connection.execute("PRAGMA table_info(outcome)"))
+    return "checksum" not in _columns(connection)
+
+
+def _columns(connection: sqlite3.Connection) -> list[str]:
+    """Names of what a row has."""
+    return [column[1] for column in connection.execute("PRAGMA table_info(outcome)")]
 
 
 def _lacking(kept: Iterable[tuple[int, str]]) -> str:

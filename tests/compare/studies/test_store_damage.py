@@ -152,6 +152,17 @@ def test_a_store_from_before_checksums_gets_them(
         assert connection.execute("SELECT count(*) FROM outcome WHERE length(checksum) = 64").fetchone() == (12,)
 
 
+def test_a_store_whose_checksums_have_another_name_is_none_from_before_them(
+    scenario: Scenario, thread: ThreadPoolExecutor, whole: Path
+) -> None:
+    """One byte of the table's text; rows would be believed unchecked."""
+    put(whole.parent, whole.read_bytes().replace(b"checksum TEXT", b"checkstm TEXT"))
+    with pytest.raises(UserError, match=r"is damaged \(the columns of its tables are not what they were\)"):
+        load_runs(scenario, RUNS, 0, NAMES, whole.parent)
+    with pytest.raises(UserError, match=r"and cannot be mended; move it away or"):
+        run_study(scenario, RUNS, 0, NAMES, whole.parent, thread)
+
+
 def test_a_damaged_store_from_before_checksums_is_refused(
     scenario: Scenario, thread: ThreadPoolExecutor, whole: Path
 ) -> None:
