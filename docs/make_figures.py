@@ -6,7 +6,7 @@ PAGE is a file, all of `docs/` and README.md by default. Its blocks of commands 
 the page's own under `build/pages/`. A block without a language that follows one of commands at once becomes what they
 print. The reader's `my_filter.py` is examples/own_estimator.py. Remarks before a block or a picture say more:
 
-    <!-- by hand -->              commands that are not run: they install, wait for others, or need what is nowhere
+    <!-- by hand -->              commands that this leaves out: they install, wait for others, or need what is nowhere
     <!-- needs NAME -->           commands that need a file of --data; without it they, and what they printed, stay
     <!-- as NAME -->              a block that is a file of this name before the commands after it are run
     <!-- picture PATH -->         the picture that follows is this file of the page's folder

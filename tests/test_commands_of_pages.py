@@ -2,17 +2,21 @@
 
 `docs/make_figures.py` knows the blocks of a page and what remarks say of them. Here shipped scenarios last three
 seconds, studies have two runs, sweeps a value, in a thread instead of processes, and pictures are empty.
-Of commands with the same options one is run, and those whose results a later one takes. Benchmarks are left out:
-`tests/benchmarks` runs each at its smallest size; and what a remark says is done by hand.
+Of commands with the same options one is run, and those whose results a later one takes. Logs of real robots are made-up
+ones under their names. Benchmarks are left out, `tests/benchmarks` runs each at its smallest size, and so is what
+installs. Those that wait for others, in shells of their own, are run together at the end.
 """
 
 from __future__ import annotations
 
+import os
 import re
 import runpy
 import shlex
+import socket
 import subprocess
 import sys
+import webbrowser
 from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -21,6 +25,7 @@ from typing import Any
 
 import pytest
 from matplotlib.figure import Figure
+from published_logs import write_published_logs
 
 from slamgauge.compare.cli.main import COMMANDS, main
 from slamgauge.compare.scenarios import scenario
@@ -30,6 +35,7 @@ ROOT = Path(__file__).parents[1]
 MADE = runpy.run_path(str(ROOT / "docs/make_figures.py"))
 PAGES = {path.name: path for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
 LASTS = 3.0  # s, every scenario
+ELSEWHERE = re.compile(rf"{re.escape(MADE['CHECK'])}|^pip install|^dask|^openssl|--scheduler", re.MULTILINE)
 SAVE = Figure.savefig
 SMALLER = (
     *MADE["SMALL"],
@@ -62,7 +68,7 @@ def unrendered(figure: Figure, target: Any, **how: Any) -> None:
     elif isinstance(target, Path):
         target.write_bytes(b"")
     else:
-        target.write("<svg/>")
+        target.write(b"<svg/>")
 
 
 @pytest.fixture
@@ -80,11 +86,13 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(Figure, "savefig", unrendered)
     work = tmp_path / "page"
     work.mkdir()
+    write_published_logs(work)
     for folder in ("examples", "benchmarks"):
         (work / folder).symlink_to(ROOT / folder)
     (work / "my_filter.py").symlink_to(ROOT / "examples/own_estimator.py")
     monkeypatch.chdir(work)
     monkeypatch.setenv("HOME", str(tmp_path))  # where completion goes
+    monkeypatch.setattr(webbrowser, "open", bool)
     monkeypatch.setenv("SHELL", "/bin/bash")  # a terminal has one, a machine for checks may not
     return work
 
@@ -96,8 +104,8 @@ def form_of(words: list[str]) -> tuple[str, ...]:
 
 def is_needed(words: list[str], page: str) -> bool:
     """Whether a command has a form that none had before, or results that another command of its page names."""
-    out = words[words.index("--out") + 1] if "--out" in words else ""
-    return form_of(words) not in FORMS or (out != "" and len(re.findall(rf"(?<![\w/-]){out}\b", page)) > 1)
+    written = [words[words.index(option) + 1] for option in ("--out", "--write") if option in words]
+    return form_of(words) not in FORMS or any(len(re.findall(rf"(?<![\w/-]){out}\b", page)) > 1 for out in written)
 
 
 def carry_out(line: str, expected: set[int], page: str) -> None:
@@ -115,9 +123,7 @@ def carry_out(line: str, expected: set[int], page: str) -> None:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_every_command_of_a_page(page: str, small: Path):
-    found = [
-        each for each in blocks(PAGES[page]) if each[0] not in ("by hand", "needs") and MADE["CHECK"] not in each[2]
-    ]
+    found = [each for each in blocks(PAGES[page]) if not ELSEWHERE.search(each[2])]
     shown = "\n".join(block for mark, _, block in found if mark != "as")
     for mark, name, block in found:
         if mark == "as":
@@ -145,6 +151,38 @@ def test_the_first_two_commands_of_the_readme_lead_to_the_page_of_ones_own_filte
     assert main(shlex.split(second)[1:]) == 0
     page = (small / "graded/report.html").read_text(encoding="utf-8")
     assert "<strong>my_filter.py:estimate</strong>: RMS position error" in page
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "tls"])
+def test_the_cluster_of_a_page(scheme: str, tmp_path: Path):
+    """Its scheduler, its workers and its study, at once as in shells of their own; certificates first."""
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        port = str(found.getsockname()[1])
+    here = {"8786": port, "scheduler-host": "127.0.0.1", "0.0.0.0": "127.0.0.1", "--nworkers 2": "--nworkers 1"}
+    here |= {"--runs 20": "--runs 2 --set trajectory.duration=3", "host 127.0.0.1 ": "host 127.0.0.1 --no-dashboard "}
+    shown = [block for mark, _, block in blocks(PAGES["your_filter.md"]) if mark == "by hand"]
+    of_tls = next(place for place, block in enumerate(shown) if "openssl" in block)
+    env = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    waiting: list[subprocess.Popen[bytes]] = []
+    results: list[str] = []
+    try:
+        for block in shown[of_tls:] if scheme == "tls" else shown[:of_tls]:
+            text = re.sub("|".join(map(re.escape, here)), lambda found: here[found[0]], block)
+            if text.startswith("dask"):
+                command = shlex.split(text.replace("\\\n", " "))
+                waiting.append(subprocess.Popen(command, cwd=tmp_path, env=env, stderr=subprocess.DEVNULL))
+                continue
+            done = subprocess.run(["bash", "-euc", text], cwd=tmp_path, env=env, capture_output=True, check=False)
+            assert done.returncode == 0, done.stderr.decode()
+            results += re.findall(r"--out (\S+)", text)
+    finally:
+        for each in waiting:
+            each.terminate()
+            each.wait()
+    assert len(waiting) == 2
+    assert [(tmp_path / out / "summary.json").exists() for out in results] == [True]
 
 
 def test_pages_show_every_command():

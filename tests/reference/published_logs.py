@@ -1,0 +1,67 @@
+"""Small made-up stand-ins for the published logs that pages import, under the names that they have there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from robot_logs import DLR, FREIBURG, G2O, MRCLAM
+from scipy.io import savemat
+
+from slamgauge import Recording, Truth, load_scenario, simulate
+
+SHORT = ("trajectory.duration=6", "trajectory.step=0.1")
+
+
+def write_published_logs(folder: Path) -> None:
+    """Write them all: `dataset2.mat`, `victoria_park.txt`, `graph.g2o`, `landmarks.txt`, `data`, `MRCLAM_Dataset1`."""
+    truth, recording = simulate(load_scenario("q1-short-dense", SHORT), 1)
+    savemat(folder / "dataset2.mat", lost_in_the_woods(truth, recording))
+    (folder / "victoria_park.txt").write_text(victoria_park(recording))
+    (folder / "graph.g2o").write_text(G2O["graph.g2o"])
+    (folder / "landmarks.txt").write_text(DLR["log.txt"])
+    for name, files in (("data", FREIBURG), ("MRCLAM_Dataset1", MRCLAM)):
+        (folder / name).mkdir()
+        for file, text in files.items():
+            (folder / name / file.replace("Robot2", "Robot1")).write_text(text)
+
+
+def lost_in_the_woods(truth: Truth, recording: Recording) -> dict[str, object]:
+    """The variables of the MATLAB file: columns of steps, a column for each landmark; 0 m is not seen."""
+    assert truth.poses is not None and truth.landmarks is not None and recording.landmark is not None
+    steps = recording.steps
+    ranges, bearings = np.zeros((2, steps, len(truth.landmarks)))
+    seen = recording.observation_step < steps
+    at = recording.observation_step[seen], recording.landmark[seen]
+    ranges[at], bearings[at] = recording.observation[seen].T
+    x, y, heading = truth.poses[:-1].T[:, :, None]
+    return {
+        "t": 0.1 * np.arange(steps)[:, None],
+        "v": recording.odometry[:, :1] / 0.1,
+        "om": recording.odometry[:, 2:] / 0.1,
+        "d": 0.0,
+        "x_true": x,
+        "y_true": y,
+        "th_true": heading,
+        "true_valid": np.ones((steps, 1), dtype=np.uint8),
+        "r": ranges,
+        "b": bearings,
+        "l": truth.landmarks,
+        "r_var": 0.01,
+        "b_var": 0.001,
+        "v_var": 0.01,
+        "om_var": 0.01,
+    }
+
+
+def victoria_park(recording: Recording) -> str:
+    """Edges between poses, and positions of trees in the frame of the pose that sees them."""
+    assert recording.landmark is not None
+    edges = [
+        f"ODOMETRY {k} {k + 1} {dx} {dy} {turn} 1e-4 0 0 4e-6 0 4e-6"
+        for k, (dx, dy, turn) in enumerate(recording.odometry.tolist())
+    ]
+    reach, bearing = recording.observation.T
+    places = np.column_stack([reach * np.cos(bearing), reach * np.sin(bearing)]).tolist()
+    rows = zip(recording.observation_step.tolist(), recording.landmark.tolist(), places, strict=True)
+    return "\n".join([*edges, *(f"LANDMARK {step} {name} {x} {y} 0.4 0 0.4" for step, name, (x, y) in rows)])
