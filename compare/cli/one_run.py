@@ -92,7 +92,7 @@ class Run:
 
     def _grade(self, scenario: Scenario, out: Path) -> int:
         from slamgauge.compare.estimators.asked import ask
-        from slamgauge.compare.estimators.demand import require_time_for_recording
+        from slamgauge.compare.estimators.demand import require_means_for_recording
         from slamgauge.compare.scenarios.scenario_text import scenario_text
         from slamgauge.compare.scenarios.simulation import simulate_informed
         from slamgauge.compare.storage.manifest import require_free
@@ -101,7 +101,7 @@ class Run:
         asked = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
         require_free(out, comparison_files(each.label for each in asked))
         truth, recording, told = simulate_informed(scenario, self.seed)
-        require_time_for_recording(told, asked, agreed=self.yes)
+        require_means_for_recording(told, asked, agreed=self.yes)
         title = f"{scenario.name}, seed {self.seed}"
         grading = Grading(
             asked,
@@ -181,7 +181,7 @@ class Evaluate:
 
     def _grade(self) -> int:
         from slamgauge.compare.estimators.asked import ask
-        from slamgauge.compare.estimators.demand import require_time_for_recording
+        from slamgauge.compare.estimators.demand import require_means_for_recording
         from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
         from slamgauge.compare.storage.files import load_recording, load_truth
         from slamgauge.compare.storage.names import shown
@@ -202,7 +202,7 @@ class Evaluate:
         )
         stored = {label: _as_it_lies(path, recording) for label, path in self._stored().items()}
         named = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
-        require_time_for_recording(recording, named, agreed=self.yes)
+        require_means_for_recording(recording, named, agreed=self.yes)
         asked = ask([*named, *ask(stored)])
         grading = Grading(asked, self.out, self.json, title, *settings)
         return grading.grade(truth, recording)

@@ -15,6 +15,7 @@ from slamgauge.recording import Recording
 DAY = 86_400.0  # s
 FILTER, OPTIMUM = 3e-5, 1e-3  # s a step with few landmarks, all else than the update of the map included
 PAIR = 2.5e-8  # s a step for every pair of landmarks: that of a filter with 1000 (docs/performance.md)
+ESTIMATE_BYTES = 165  # of an estimate and its score, a step (docs/performance.md)
 SERIES_BYTES = 88  # of a run and estimator, a step: 11 figures
 
 
@@ -49,11 +50,17 @@ def seconds_of(steps: int, landmarks: int, asked: Sequence[Asked]) -> float:
     return steps * (graphs * OPTIMUM + (len(asked) - graphs) * FILTER + len(asked) * PAIR * landmarks**2)
 
 
-def require_time_for_recording(recording: Recording, asked: Sequence[Asked], *, agreed: bool) -> None:
-    """Refuse estimators that would take days for a recording; see `require_time`."""
+def require_means_for_recording(recording: Recording, asked: Sequence[Asked], *, agreed: bool) -> None:
+    """Refuse estimators whose estimates memory does not hold, or that would take days; see `require_time`.
+
+    Raises:
+        UserError: either.
+    """
     landmarks = 0 if recording.landmark is None else len(distinct(recording.landmark))
-    what = f"estimators: {len(asked)} of {recording.steps} steps and {landmarks} landmarks"
-    require_time(seconds_of(recording.steps, landmarks, asked), what, "give fewer, or a shorter run", agreed=agreed)
+    what, remedy = f"estimators: {len(asked)} of {recording.steps} steps", "give fewer, or a shorter run"
+    require_memory(float(ESTIMATE_BYTES) * recording.steps * len(asked), f"{what}: what they estimate", remedy)
+    seconds = seconds_of(recording.steps, landmarks, asked)
+    require_time(seconds, f"{what} and {landmarks} landmarks", remedy, agreed=agreed)
 
 
 def require_time(seconds: float, what: str, remedy: str, *, agreed: bool) -> None:

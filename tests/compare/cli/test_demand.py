@@ -76,6 +76,22 @@ def test_a_run_and_a_recording_that_take_days(
     assert main(["evaluate", str(tmp_path / "r.npz"), "--estimators", "dead-reckoning", "--yes"]) == 0
 
 
+def test_estimates_that_memory_does_not_hold_are_refused_before_the_first(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recording of 628 steps, and room for the estimates of one filter, not for those of three."""
+    save(tmp_path / "r.npz", simulate("q1-short-dense", 0)[1])
+    evaluate = ["evaluate", str(tmp_path / "r.npz"), "--yes", "--estimators"]
+    monkeypatch.setattr("slamgauge.compare.storage.npz_file.COPIES", 0.0)  # it is read
+    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 2e5)
+    assert main([*evaluate, "ekf,riekf,fej-ekf"]) == 2
+    said = (
+        r"slamgauge: estimators: 3 of 628 steps: what they estimate needs 0.0 GB of memory, [^\n]*; give fewer[^\n]*\n"
+    )
+    assert _matches(said, capsys.readouterr().err)
+    assert main([*evaluate, "dead-reckoning"]) == 0
+
+
 def test_a_run_that_memory_does_not_hold_is_refused_by_its_steps_or_its_sights(monkeypatch: pytest.MonkeyPatch) -> None:
     for free, said in ((1e4, "a run of 628 steps among"), (4e5, r"a run of \d{4} observations")):
         monkeypatch.setattr("slamgauge.memory.free_memory", lambda free=free: free)
