@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
+
+import lighter
 import pytest
 
 from slamgauge import compiling
@@ -18,3 +21,15 @@ def whole_lines(monkeypatch: pytest.MonkeyPatch):
 def silent_compiler(monkeypatch: pytest.MonkeyPatch):
     """How long kernels take to load is the machine's affair; `slamgauge/test_compiling.py` tests what is said of it."""
     monkeypatch.setattr(compiling, "ANNOUNCE_AFTER", 3600.0)
+
+
+@pytest.fixture
+def studies_in_a_thread() -> Generator[None]:
+    with lighter.studies_in_a_thread():
+        yield
+
+
+@pytest.fixture
+def empty_pictures() -> Generator[None]:
+    with lighter.empty_pictures():
+        yield

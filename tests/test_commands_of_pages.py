@@ -17,26 +17,21 @@ import socket
 import subprocess
 import sys
 import webbrowser
-from collections.abc import Generator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
-from matplotlib.figure import Figure
 from published_logs import write_published_logs
 
 from slamgauge.compare.cli.main import COMMANDS, main
 from slamgauge.compare.scenarios import scenario
-from slamgauge.compare.studies import executors
+
+pytestmark = pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
 
 ROOT = Path(__file__).parents[1]
 MADE = runpy.run_path(str(ROOT / "docs/make_figures.py"))
 PAGES = {path.name: path for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
 LASTS = 3.0  # s, every scenario
 ELSEWHERE = re.compile(rf"{re.escape(MADE['CHECK'])}|^pip install|^dask|^openssl|--scheduler", re.MULTILINE)
-SAVE = Figure.savefig
 SMALLER = (
     *MADE["SMALL"],
     (re.compile(r"slamgauge bench.*?(?= --out|$)"), "slamgauge bench --landmarks 5 --estimators ekf"),
@@ -56,21 +51,6 @@ def blocks(page: Path) -> list[tuple[str, str, str]]:
     ]
 
 
-@contextmanager
-def in_a_thread(_: int) -> Generator[ThreadPoolExecutor]:
-    with ThreadPoolExecutor(1) as executor:
-        yield executor
-
-
-def unrendered(figure: Figure, target: Any, **how: Any) -> None:
-    if how.get("format") == "rgba":  # a frame of an animation
-        SAVE(figure, target, **how)
-    elif isinstance(target, Path):
-        target.write_bytes(b"")
-    else:
-        target.write(b"<svg/>")
-
-
 @pytest.fixture
 def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder for the commands of a page, with what a reader has, and everything small."""
@@ -82,8 +62,6 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (tmp_path / "scenarios" / f"{name}.toml").write_text(text)
     shipped = {path.stem: path for path in (tmp_path / "scenarios").iterdir()}
     monkeypatch.setattr(scenario, "_shipped", lambda: shipped)
-    monkeypatch.setattr(executors, "local_processes", in_a_thread)
-    monkeypatch.setattr(Figure, "savefig", unrendered)
     work = tmp_path / "page"
     work.mkdir()
     write_published_logs(work)

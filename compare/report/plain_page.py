@@ -24,7 +24,11 @@ def plain_page(
     back: str = "",
     verbatim: Sequence[str] = (),
 ) -> str:
-    """A page; `lead` is what is told first, each with whom it is about, `verbatim` lines of a program's record."""
+    """A page; `lead` is what is told first, each with whom it is about, `verbatim` lines of a program's record.
+
+    What several tables have in a column is explained once, and nothing of a table without rows, which is not shown.
+    """
+    columns = [(head.title, head.help) for each in tables if each.rows for head in each.columns if head.help]
     return render(
         "plain.html",
         kind=kind,
@@ -33,7 +37,7 @@ def plain_page(
         notes=notes,
         tables=tables,
         pictures=pictures,
-        glossary=[*glossary, *((head.title, head.help) for each in tables for head in each.columns if head.help)],
+        glossary=[*dict.fromkeys([*glossary, *columns])],
         origin=origin,
         back=back,
         verbatim=verbatim,

@@ -183,6 +183,7 @@ def test_metrics_have_every_key(stored: Path):
     assert metrics["estimators"]["isam2"]["ratio_to_optimum"] == metrics["estimators"]["batch"]["ratio_to_optimum"] == 1
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_the_seed_decides_everything(stored: Path, tmp_path: Path):
     again, other = tmp_path / "again", tmp_path / "other"
     assert run("run", "q1-long-sparse", "--set", *SHORT, "--seed", 3, "--out", again) == 0
@@ -193,6 +194,7 @@ def test_the_seed_decides_everything(stored: Path, tmp_path: Path):
     assert np.abs(poses[0] - poses[1]).max() > 0.01
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_run_prints_a_table_and_keeps_talk_off_standard_output(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
@@ -208,6 +210,7 @@ def test_run_prints_a_table_and_keeps_talk_off_standard_output(
     assert json.loads(capsys.readouterr().out) == metrics_of(tmp_path / "results/q1-long-sparse-seed-0")
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_evaluate_reproduces_the_run(stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     before = metrics_of(stored)
     assert run("evaluate", stored / "recording.npz", "--out", tmp_path / "again", "--json") == 0
@@ -245,6 +248,7 @@ def estimate(recording):
 """
 
 
+@pytest.mark.usefixtures("empty_pictures")
 def test_ones_own_estimator_gets_a_row(
     stored: Path, tmp_path: Path, module: Module, capsys: pytest.CaptureFixture[str]
 ):

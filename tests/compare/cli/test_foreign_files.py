@@ -14,6 +14,8 @@ from slamgauge.compare.storage.manifest import MANIFEST, owned
 from slamgauge.compare.studies import claims
 from slamgauge.compare.studies.claim_list import CLAIMS
 
+pytestmark = pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
+
 PARK = "ODOMETRY 0 1 1 0 0.5 1e-4 0 0 4e-6 0 4e-6\nLANDMARK 0 2 6 8 0.4 0 0.4\n"
 SHORT = ("--set", "trajectory.duration=3")
 STUDY = ("study", "q2-long-dense", *SHORT, "--runs", "1", "--jobs", "1", "--estimators", "ekf,isam2")

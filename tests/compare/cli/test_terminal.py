@@ -7,10 +7,13 @@ import re
 import subprocess
 import sys
 
+import lighter
 import pytest
 
 from slamgauge.compare.cli import terminal
 from slamgauge.compare.cli.main import COMMANDS, main
+
+pytestmark = pytest.mark.usefixtures("empty_pictures")
 
 COMMAND = [sys.executable, "-m", "slamgauge"]
 STUDY = ["study", "q1-short-dense", "--set", "trajectory.duration=1", "--runs", "2", "--jobs", "1"]
@@ -21,7 +24,8 @@ ESTIMATORS = ["--estimators", "dead-reckoning,ekf,isam2,batch"]
 def study(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """A command whose runs are all there already."""
     command = [*STUDY, *ESTIMATORS, "--out", str(tmp_path_factory.mktemp("study") / "out")]
-    assert main(command) == 0
+    with lighter.studies_in_a_thread(), lighter.empty_pictures():
+        assert main(command) == 0
     return command
 
 

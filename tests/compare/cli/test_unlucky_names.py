@@ -20,6 +20,7 @@ COMMANDS = {
 }
 
 
+@pytest.mark.usefixtures("studies_in_a_thread")
 @pytest.mark.parametrize(
     ("command", "name"), [*(("run", name) for name in NAMES), *((each, NAMES[0]) for each in ("study", "budget"))]
 )

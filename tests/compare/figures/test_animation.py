@@ -180,6 +180,7 @@ def test_videos_are_what_they_are_called(folder: Path, form: str, begins: bytes)
     assert not (folder / "animation.gif").exists()
 
 
+@pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
 def test_the_worst_run_of_a_study_is_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):

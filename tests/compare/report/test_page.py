@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 from slamgauge import UserError
+from slamgauge.compare.report.content import Cell, Head, Table
 from slamgauge.compare.report.packing import pack
 from slamgauge.compare.report.page import ASSETS, MODULES, json_text, program, render
+from slamgauge.compare.report.plain_page import plain_page
 from slamgauge.compare.report.publishing import publish_report
 from slamgauge.compare.report.run_page import closure_table
 
@@ -93,6 +95,15 @@ def test_what_cannot_be_printed_is_written_out() -> None:
     text = render("base.html", kind="k", title="a\x1bb\udcff", origin=[], glossary=[])
     assert r"a\x1bb\udcff" in text
     assert text.encode()
+
+
+def test_a_column_of_several_tables_is_explained_once_and_none_of_a_table_that_is_not_shown() -> None:
+    found, left = Head("found", "the likeliest value"), Head("left", "what is not shown")
+    row = [Cell("1")]
+    tables = [Table("a", "A", [found], [row]), Table("b", "B", [found], [row]), Table("c", "C", [left], [])]
+    text = plain_page(kind="k", title="t", lead=[], tables=tables, origin=[])
+    assert text.count("<dd>the likeliest value</dd>") == 1
+    assert "what is not shown" not in text
 
 
 def test_modules_define_no_name_twice_and_import_what_stands_before_them() -> None:

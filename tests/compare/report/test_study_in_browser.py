@@ -8,6 +8,7 @@ from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import lighter
 import numpy as np
 import pytest
 
@@ -155,7 +156,7 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two short runs at each of two scales, the optimum in a store of its own."""
     folder = tmp_path_factory.mktemp("sweeps") / "sweep"
     words = ("study", "q1-short-dense", "--runs", "2", "--jobs", "1", "--estimators", "ekf,isam2", "--out", str(folder))
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, lighter.studies_in_a_thread():
         patch.setattr("slamgauge.compare.figures.publishing.decorate", undecorated)
         assert main([*words, "--set", "trajectory.duration=3", "--sweep", "assumed.scale=1,2"]) == 0
     return folder

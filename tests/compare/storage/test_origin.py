@@ -22,6 +22,7 @@ def test_the_text_of_a_scenario_makes_the_same_one(name: str, tmp_path: Path):
     assert load_scenario(tmp_path / f"{name}.toml") == scenario
 
 
+@pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
 def test_metrics_and_summary_carry_version_command_and_scenario(tmp_path: Path):
     run = ["run", "q1-short-dense", "--estimators", "ekf", *SHORT, "--out", str(tmp_path / "a run")]
     study = ["study", "q1-short-dense", "--runs", "2", "--estimators", "ekf", "--jobs", "1", *SHORT]

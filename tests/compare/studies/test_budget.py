@@ -129,6 +129,7 @@ def test_an_estimator_that_fails_is_named_with_the_seed(monkeypatch: pytest.Monk
         error_budget(load_scenario("q1-long-dense", SHORT), "ekf", 2, 0, executor)
 
 
+@pytest.mark.usefixtures("studies_in_a_thread")
 def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["budget", "q1-long-dense", "--set", "trajectory.duration=3", "--runs", "2", "--jobs", "1"]
     assert main([*words, "--out", str(tmp_path / "budget")]) == 0

@@ -210,6 +210,7 @@ def test_claims_go_on_until_they_are_decided(tmp_path: Path, monkeypatch: pytest
     assert [each.evidence.verdict for each in once] == ["holds", "undecided", "undecided"]
 
 
+@pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """On two settings and three runs; a second call runs nothing again and says the same."""
     few = [claim for claim in CLAIMS if claim.id in ("q1-sparse-error", "q1-sigma-grows")]

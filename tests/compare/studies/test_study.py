@@ -239,6 +239,7 @@ def test_no_scheduler_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert error.startswith("slamgauge: scheduler tcp://127.0.0.1:1: ")
 
 
+@pytest.mark.usefixtures("studies_in_a_thread")
 def test_the_command_prints_the_table_and_writes_summary_and_figures(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

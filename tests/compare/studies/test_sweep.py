@@ -148,6 +148,7 @@ def test_below_the_table_stands_what_is_wrong_and_at_which_values(tmp_path: Path
     assert "mine:" not in str(sweep_table(replace(sweep, summaries=failed)))
 
 
+@pytest.mark.usefixtures("studies_in_a_thread")
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     arguments = ("study", "q3-scale-1", "--runs", "2", "--jobs", "1", "--estimators", "ekf,isam2")
     sweep = ("--sweep", "assumed.scale=0.1,10", "--set", "trajectory.duration=2", "--out", str(tmp_path))
