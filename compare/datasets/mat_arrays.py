@@ -24,7 +24,7 @@ from slamgauge.memory import require_memory
 
 BEGINNING = b"MATLAB 5.0 MAT-file"
 HEADER, TAG = 128, 8  # bytes
-ORDERS = {b"IM": "<", b"MI": ">"}  # the last two of the header
+ORDERS = {b"\x00\x01IM": "<", b"\x01\x00MI": ">"}  # the version and the order of bytes, which end the header
 INT8, INT32, UINT32, MATRIX, COMPRESSED = 1, 5, 6, 14, 15
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 FULL = range(6, 16)  # classes of matrices: double, single and whole numbers
@@ -58,7 +58,7 @@ def read_mat(path: Path, names: Collection[str]) -> dict[str, Float]:
         raise UserError(f"{path}: not a MATLAB 5 file; save it with -v7")
     matrices: dict[str, Float] = {}
     try:
-        order = ORDERS.get(bytes(whole[HEADER - 2 : HEADER]), "")
+        order = ORDERS.get(bytes(whole[HEADER - 4 : HEADER]), "")
         for content in _matrices(path, whole, order):
             parts = list(islice(_elements(content, order), PARTS))
             name = _name(parts)

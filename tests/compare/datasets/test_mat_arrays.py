@@ -77,3 +77,15 @@ def test_a_matrix_that_is_there_twice_is_refused(tmp_path: Path):
     path.write_bytes(whole + whole[128:])
     with pytest.raises(UserError, match="field t stands in it twice; save it again"):
         read_mat(path, ["t"])
+
+
+@pytest.mark.parametrize("at", range(124, 128))
+def test_a_header_that_ends_otherwise_is_refused(tmp_path: Path, at: int):
+    """The version, and how bytes are ordered."""
+    path = tmp_path / "m.mat"
+    savemat(path, {"t": np.eye(2)})
+    whole = bytearray(path.read_bytes())
+    whole[at] ^= 0x3D
+    path.write_bytes(whole)
+    with pytest.raises(UserError, match=rf"^{path}: damaged or cut short; copy the file again$"):
+        read_mat(path, ["t"])
