@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import pty
 import select
-import shutil
 import subprocess
 import sys
 import time
 from pathlib import Path
 
 import pytest
+from programs import program
 
 from slamgauge.compare.cli.main import main
 
@@ -54,8 +54,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def install(shell: str, home: Path, capsys: pytest.CaptureFixture[str]) -> Path:
-    if shutil.which(shell) is None:
-        pytest.skip(f"there is no {shell}")
+    program(shell, shell)
     assert main(["completion", "--shell", shell]) == 0
     script = home / PLACES[shell]
     assert str(script) in capsys.readouterr().err

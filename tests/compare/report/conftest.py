@@ -1,19 +1,18 @@
 """A browser for pages, and pages for the browser.
 
-Debian's chromium, its driver and its TypeScript, as CONTRIBUTING.md names them; where they are not, tests that need
-them are skipped, except where SLAMGAUGE_PROGRAMS=required says that they must be there, as `.ci/run` does.
+Debian's chromium and its driver (see `programs`).
 """
 
 from __future__ import annotations
 
 import json
 import os
-import shutil
 from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from programs import program
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
@@ -60,17 +59,6 @@ class Reader:
         messages = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
         asked = [each["params"]["request"]["url"] for each in messages if each["method"] == "Network.requestWillBeSent"]
         return [url for url in asked if not url.startswith("data:")]
-
-
-def program(package: str, *names: str) -> str:
-    """The path of the first program of these names; the test is skipped, or fails, where there is none."""
-    found = next(filter(None, map(shutil.which, names)), None)
-    if found is not None:
-        return found
-    lacking = f"no {names[0]} on the PATH; install Debian's package {package}"
-    if os.environ.get("SLAMGAUGE_PROGRAMS") == "required":
-        pytest.fail(lacking)
-    pytest.skip(lacking)
 
 
 @pytest.fixture(scope="session")

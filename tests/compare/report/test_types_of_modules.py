@@ -6,9 +6,9 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from slamgauge.compare.report.page import MODULES
+from programs import program
 
-from .conftest import program
+from slamgauge.compare.report.page import MODULES
 
 ASSETS = Path(__file__).parents[3] / "compare/report/assets"
 CHECK = "-p", "jsconfig.json", "--noEmit", "--pretty", "false"
