@@ -23,7 +23,8 @@ class Kept:
     def __init__(self, path: Path, seed: int) -> None:
         self._path = path
         self.judged: list[Judged] = []
-        for line in path.read_text().splitlines() if path.exists() else ():
+        text = path.read_text() if path.exists() else ""
+        for line in text.splitlines():
             try:
                 content = json.loads(line)
             except json.JSONDecodeError:
@@ -32,11 +33,16 @@ class Kept:
                 outcomes, tags = [Outcome(**each) for each in content.pop("outcomes")], tuple(content.pop("tags"))
                 self.judged.append(Judged(**content, tags=tags, outcomes=outcomes))
 
+        if text and not text.endswith("\n"):
+            self._write("\n")
+
     def keep(self, judged: Judged) -> None:
         """Write one more, on a line of its own."""
-        is_cut = self._path.exists() and not self._path.read_bytes().endswith(b"\n")
+        self._write(json.dumps({"code": code(), **asdict(judged)}) + "\n")
+
+    def _write(self, text: str) -> None:
         with self._path.open("a") as file:
-            file.write("\n" * is_cut + json.dumps({"code": code(), **asdict(judged)}) + "\n")
+            file.write(text)
 
 
 @cache

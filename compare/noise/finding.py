@@ -37,11 +37,6 @@ class HeldOut(NamedTuple):
     log_likelihood_gain: float  # [nats]
     observations: int  # of the second half
 
-    @property
-    def loses(self) -> bool:
-        """Whether what was assumed is likelier there, and so kept."""
-        return self.log_likelihood_gain < 0.0
-
 
 @dataclass(frozen=True, eq=False)
 class Noise:
@@ -84,6 +79,11 @@ class Noise:
     told: Recording
 
     @property
+    def keeps_assumed(self) -> bool:
+        """Whether what is told is what was assumed, since that is likelier where nothing was fitted."""
+        return _loses(self.held_out)
+
+    @property
     def outlier_rate(self) -> float:
         """Share of observations with an outlier in one of their channels; 0 with Gaussian or Student's t tails."""
         return 1.0 - float(np.prod([1.0 - rate.value for rate in self.rates.values()]))
@@ -110,7 +110,7 @@ def find_noise(recording: Recording, *, systematic: bool = False, heading: Headi
     values, local = found.values, _supported(found)
     after = diagnose(used, found.innovations, values)
     held_out = _held_out(used, before)
-    is_kept = held_out is not None and held_out.loses
+    is_kept = _loses(held_out)
     correlation = 0.0 if is_kept else lasting(after)
     counted = sights_counted_as_one(used, values, correlation) if correlation else 1.0
     return Noise(
@@ -159,6 +159,10 @@ def _supported(found: Fit) -> Callable[[str], Supported]:
 
 def _total(innovations: Innovations) -> float:
     return float(innovations.log_likelihood.sum())
+
+
+def _loses(held_out: HeldOut | None) -> bool:
+    return held_out is not None and held_out.log_likelihood_gain < 0.0
 
 
 def _held_out(model: NoiseModel, before: Innovations) -> HeldOut | None:

@@ -100,8 +100,7 @@ def _outliers(noise: Noise) -> Iterator[str]:
 
 def _heading(noise: Noise) -> Iterator[str]:
     offset = noise.systematic.get("bearing_offset")
-    is_kept = noise.held_out is not None and noise.held_out.loses
-    if offset is not None and systematic_verdict(offset) == THERE_IS and not is_kept:
+    if offset is not None and systematic_verdict(offset) == THERE_IS and not noise.keeps_assumed:
         other = "odometry" if noise.heading == "sensor" else "sensor"
         turned = "odometry is" if noise.heading == "sensor" else "bearings are"
         yield (
@@ -157,7 +156,7 @@ def _gain(noise: Noise) -> Iterator[str]:
         yield "held out: one half of the log tells too little to be fitted alone"
     else:
         gain, count = noise.held_out
-        kept = "; it loses there, and the noise assumed is kept" if noise.held_out.loses else ""
+        kept = "; it loses there, and the noise assumed is kept" if noise.keeps_assumed else ""
         yield (
             f"held out: the first half's noise gains {gain:+.1f} nats on the {count} observations of the second "
             f"({gain / count:+.3f} each){kept}"
