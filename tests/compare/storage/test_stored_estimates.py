@@ -12,34 +12,39 @@ from slamgauge.compare.storage.files import save, write_tum
 from slamgauge.compare.storage.stored_estimates import load_stored
 from slamgauge.ekf import ekf
 from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate
 
 _, RECORDING = random_recording(0, steps=10)
-ESTIMATE = ekf(RECORDING)
 
 
-def test_tum_with_and_without_covariances(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def estimate() -> Estimate:
+    return ekf(RECORDING)
+
+
+def test_tum_with_and_without_covariances(estimate: Estimate, tmp_path: Path) -> None:
     path = tmp_path / "mine.tum"
-    write_tum(path, RECORDING.stamps, ESTIMATE.poses)
+    write_tum(path, RECORDING.stamps, estimate.poses)
     bare = load_stored(path, RECORDING)
-    np.testing.assert_allclose(bare.poses, ESTIMATE.poses, atol=1e-12)
+    np.testing.assert_allclose(bare.poses, estimate.poses, atol=1e-12)
     assert bare.pose_covs is None
-    assert ESTIMATE.pose_covs is not None
+    assert estimate.pose_covs is not None
     lines = path.read_text().splitlines()
     upper = np.triu_indices(3)
     for size, at in ((3, upper), (6, np.triu_indices(6))):
         covs = np.zeros((len(lines), size, size))
         rows = [0, 1, size - 1]
-        covs[np.ix_(range(len(lines)), rows, rows)] = ESTIMATE.pose_covs
+        covs[np.ix_(range(len(lines)), rows, rows)] = estimate.pose_covs
         more = [f"{line} {' '.join(map(repr, cov[at].tolist()))}" for line, cov in zip(lines, covs, strict=True)]
         path.write_text("# t x y z qx qy qz qw\n" + "\n".join(reversed(more)))
         found = load_stored(path, RECORDING).pose_covs
         assert found is not None
-        np.testing.assert_allclose(found, ESTIMATE.pose_covs, atol=1e-15)
+        np.testing.assert_allclose(found, estimate.pose_covs, atol=1e-15)
 
 
-def test_ours(tmp_path: Path) -> None:
-    save(tmp_path / "estimate.npz", ESTIMATE)
-    assert load_stored(tmp_path / "estimate.npz", RECORDING) == ESTIMATE
+def test_ours(estimate: Estimate, tmp_path: Path) -> None:
+    save(tmp_path / "estimate.npz", estimate)
+    assert load_stored(tmp_path / "estimate.npz", RECORDING) == estimate
 
 
 @pytest.mark.parametrize(
