@@ -132,6 +132,13 @@ def among_mapped(estimate: Estimate, association: Int) -> Estimate:
     return replace(estimate, association=np.where(mapped, association, -1))
 
 
+def in_frame_of_start(recording: Recording) -> Recording:
+    """The recording as if it began at the origin, towards x."""
+    if not recording.prior_mean.any():
+        return recording
+    return replace(recording, prior_mean=np.zeros(3), prior_cov=prior_cov_in_body(recording))
+
+
 def relative_to_start(
     estimator: Callable[Concatenate[Recording, Rest], Estimate],
 ) -> Callable[Concatenate[Recording, Rest], Estimate]:
@@ -140,10 +147,9 @@ def relative_to_start(
     @wraps(estimator)
     def relative(recording: Recording, /, *rest: Rest.args, **named: Rest.kwargs) -> Estimate:
         start = recording.prior_mean
+        found = estimator(in_frame_of_start(recording), *rest, **named)
         if not start.any():
-            return estimator(recording, *rest, **named)
-        here = replace(recording, prior_mean=np.zeros(3), prior_cov=prior_cov_in_body(recording))
-        found = estimator(here, *rest, **named)
+            return found
         turn = np.eye(3)
         turn[:2, :2] = rotation(start[2])
         assert found.pose_covs is not None and found.landmark_covs is not None

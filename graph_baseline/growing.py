@@ -169,6 +169,8 @@ class GrowingOptimum:
             taken_in |= placed
             self._mapped.doubt_all()
             self._settle(anew=True)
+        if self._newest <= SHORT:
+            self._mapped.doubt_all()
         if self.settled and self._mapped.leave_out(self._newest):
             self._settle(anew=True)
 

@@ -62,7 +62,7 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
         if (taken >= 0).all():
             return _estimate(recording, taken, found)
     with suppress(UndeterminedError):
-        path = _causal(recording)[0]
+        path = grown_step_by_step(recording)[0]
     return optimum_from(recording, path)
 
 
@@ -85,13 +85,18 @@ def _estimate(recording: Recording, taken: Int, found: Minimum) -> Estimate:
     )
 
 
-def _causal(recording: Recording) -> tuple[Float, Float]:
+def grown_step_by_step(recording: Recording) -> tuple[Float, Float]:
     """Poses and landmarks of the optimum that grew step by step."""
     growing = GrowingOptimum(recording)
     for _ in range(recording.steps + 1):
         growing.add_step()
         if not growing.settled:
             raise UndeterminedError("batch: the first steps have no minimum of their own; check ids and covariances")
+    return start_of(growing, recording)
+
+
+def start_of(growing: GrowingOptimum, recording: Recording) -> tuple[Float, Float]:
+    """Poses (N+1, 3) and landmarks (L, 2) of a growing optimum; what it has not mapped is where it is seen."""
     poses, found = growing.path_and_map()
     landmarks = landmarks_at_first_sight(recording, poses)
     landmarks[np.isin(first_sights(recording)[0], growing.landmark_ids)] = found
@@ -104,7 +109,7 @@ def _starts(recording: Recording, path: Float) -> Iterator[Start]:
     yield lambda: searched(recording, path)
     yield lambda: softened(recording, path)
     if np.array_equal(path, odometry):
-        yield lambda: _causal(recording)
+        yield lambda: grown_step_by_step(recording)
     else:
         yield lambda: searched(recording, odometry)
     yield lambda: grown(recording)

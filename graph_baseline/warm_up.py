@@ -9,6 +9,7 @@ import numpy as np
 from slamgauge.compiling import announced
 from slamgauge.graph_baseline import chord, elimination, recursions
 from slamgauge.graph_baseline.models import POSITION, Measured
+from slamgauge.triangulation import triangulate
 
 
 @functools.cache
@@ -27,6 +28,7 @@ def compile_graphs_once() -> None:
         chord.pull_poses(measured, linear, 0, step)
         chord.move(measured, linear, place, 0, 1, step)
         one = np.zeros((1, 3, 3))
+        triangulate(np.zeros((1, 3)), np.zeros(1), np.ones(1), 1.0)
         recursions.run_covariances(np.eye(3), one[:0], one[:0], one, *np.zeros((5, 1, 3, 3)))
         recursions.run_maps(one, one)
         recursions.run_adjoints(one, one, one)

@@ -22,8 +22,11 @@ def wrap(angle: ArrayLike) -> Float:
 
 def rotation(heading: ArrayLike) -> Float:
     """Rotation matrices (..., 2, 2) that take body-frame vectors at `heading` [rad] to the world."""
-    c, s = np.cos(heading), np.sin(heading)
-    return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
+    turn = np.empty((*np.shape(heading), 2, 2))
+    turn[..., 0, 0] = turn[..., 1, 1] = np.cos(heading)
+    turn[..., 1, 0] = np.sin(heading)
+    turn[..., 0, 1] = -turn[..., 1, 0]
+    return turn
 
 
 def compose(pose: ArrayLike, increment: ArrayLike) -> Float:

@@ -8,8 +8,10 @@ leaves out is held against what the true path places well and the referee can ma
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from unittest.mock import patch
 
 import numpy as np
 
@@ -19,7 +21,11 @@ from referees.verdicts import COST_BAR, STEP_BAR, Outcome, attempt
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import riekf
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import batch, isam2
+from slamgauge.graph_baseline import batch, hindsight, isam2
+from slamgauge.graph_baseline.factors import in_frame_of_start
+from slamgauge.graph_baseline.growing import GrowingOptimum
+from slamgauge.graph_baseline.undetermined import UndeterminedError
+from slamgauge.recording import Recording
 from slamgauge.se2 import chain, wrap
 
 WELL_PLACED = 0.05  # sigma over distance of a landmark that its bearings from the true path place beyond question
@@ -188,12 +194,12 @@ def _judge_isam2(drawn: Drawn, model: Model, minimum: Minimum | None) -> Outcome
         return Outcome("isam2", "failed", math.inf, estimate, count, count)
     steps = _Steps()
     warm: tuple[Model, Float] | None = None
-    for k in range(drawn.recording.steps + 1):
-        whole = model if k == drawn.recording.steps else None
-        part = whole or _prefix(drawn, k)
-        if part is None:
-            continue
-        warm = _judge_step(drawn, part, warm, estimate, steps, minimum if whole else None)
+    with grown_once(drawn.recording):
+        for k in range(drawn.recording.steps + 1):
+            whole = model if k == drawn.recording.steps else None
+            part = whole or _prefix(drawn, k)
+            if part is not None:
+                warm = _judge_step(drawn, part, warm, estimate, steps, minimum if whole else None)
     if not steps.compared:
         return Outcome("isam2", "undecided", math.nan, "the referee found no minimum at any step")
     verdict = "worse" if steps.off else "agrees"
@@ -202,6 +208,31 @@ def _judge_isam2(drawn: Drawn, model: Model, minimum: Minimum | None) -> Outcome
     note = f"worst at step {steps.at} of {drawn.recording.steps}, {steps.off} of {steps.compared} off"
     note += ", nothing says so" * bool(unflagged)
     return Outcome("isam2", verdict, steps.worst, note, steps.compared, steps.off, unflagged)
+
+
+@contextmanager
+def grown_once(recording: Recording) -> Generator[None, None, None]:
+    """Within, batch on the first steps of a bearing-only recording takes its start from one growth along all of it.
+
+    It would grow the same start itself, anew for each first part.
+    """
+    starts: list[tuple[Float, Float]] = []
+    if recording.sensor == "bearing":
+        here = in_frame_of_start(recording)
+        growing = GrowingOptimum(here)
+        for k in range(recording.steps + 1):
+            growing.add_step()
+            if not growing.settled:
+                break
+            starts.append(hindsight.start_of(growing, here.first(k)))
+
+    def grown(part: Recording) -> tuple[Float, Float]:
+        if part.steps < len(starts):
+            return starts[part.steps]
+        raise UndeterminedError("the first steps have no minimum of their own")
+
+    with patch.object(hindsight, "grown_step_by_step", grown if starts else hindsight.grown_step_by_step):
+        yield
 
 
 def _prefix(drawn: Drawn, steps: int) -> Model | None:

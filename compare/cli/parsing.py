@@ -32,6 +32,7 @@ ABOUT = (
 )
 BAD_INPUT = 2  # exit status
 OWN = ("-h", "--help", "--tyro-print-completion")  # options of tyro that are no command's
+TOO_LONG = re.compile(r"Exceeds the limit \((\d+) digits\).*")  # of numbers; Python's advice is for programmers
 REPEATED = ("For full helptext", "Argument helptext")  # what follows is told by --help
 
 
@@ -86,6 +87,7 @@ def _mistake(kind: Any, program: str, words: Sequence[str], told: str) -> str:
             )
     lines = [line.strip("│| ") for line in told.splitlines() if re.search(r"\w", line)][1:]  # in tyro's box
     said = " ".join(takewhile(lambda line: not line.startswith(REPEATED), lines))
+    said = TOO_LONG.sub(r"has more than \1 digits, give fewer", said)
     return f"{said.rstrip('.')}; `{program} --help` tells more"
 
 

@@ -1,4 +1,7 @@
-"""What a request will take, from its numbers alone, before any work begins: memory is refused, days are asked for."""
+"""What a request will take, from its numbers alone, before any work begins: memory is refused, days are asked for.
+
+Hours of one recording are told: nothing else says how far its estimators have come.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,10 @@ from slamgauge.compare.estimators.registry import entry_of
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.errors import UserError
 from slamgauge.memory import require_memory
+from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 
-DAY = 86_400.0  # s
+LONG, DAY = 600.0, 86_400.0  # s
 FILTER, OPTIMUM = 3e-5, 1e-3  # s a step with few landmarks, all else than the update of the map included
 PAIR = 2.5e-8  # s a step for every pair of landmarks: that of a filter with 1000 (docs/performance.md)
 ESTIMATE_BYTES = 165  # of an estimate and its score, a step (docs/performance.md)
@@ -53,6 +57,8 @@ def seconds_of(steps: int, landmarks: int, asked: Sequence[Asked]) -> float:
 def require_means_for_recording(recording: Recording, asked: Sequence[Asked], *, agreed: bool) -> None:
     """Refuse estimators whose estimates memory does not hold, or that would take days; see `require_time`.
 
+    What takes long is told.
+
     Raises:
         UserError: either.
     """
@@ -60,7 +66,10 @@ def require_means_for_recording(recording: Recording, asked: Sequence[Asked], *,
     what, remedy = f"estimators: {len(asked)} of {recording.steps} steps", "give fewer, or a shorter run"
     require_memory(float(ESTIMATE_BYTES) * recording.steps * len(asked), f"{what}: what they estimate", remedy)
     seconds = seconds_of(recording.steps, landmarks, asked)
-    require_time(seconds, f"{what} and {landmarks} landmarks", remedy, agreed=agreed)
+    work = f"{what} and {landmarks} landmarks"
+    require_time(seconds, work, remedy, agreed=agreed)
+    if seconds > LONG:
+        tell_once(f"{work} take some {seconds / 3600.0:.1f} h; {remedy}, for less")
 
 
 def require_time(seconds: float, what: str, remedy: str, *, agreed: bool) -> None:

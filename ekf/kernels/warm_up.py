@@ -16,6 +16,7 @@ from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.slots import find_slots
 from slamgauge.ekf.kernels.weighing import weigh
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
+from slamgauge.triangulation import triangulate
 
 
 @functools.cache
@@ -64,6 +65,7 @@ def compile_bearings_once() -> None:
         map_edits.remove_landmark(belief, 0)
         corrections.retract_standard(belief, work)
         corrections.retract_right_invariant(belief, work)
+        triangulate(np.zeros((1, 3)), np.zeros(1), np.ones(1), 1.0)
 
 
 def _robot_and_landmark() -> tuple[Belief, Workspace]:

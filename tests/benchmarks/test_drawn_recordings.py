@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from referees.least_squares import Model, placed_only
-from referees.optima import judge_optima, lowest, of_estimate
+from referees.optima import grown_once, judge_optima, lowest, of_estimate
 from referees.recordings import draw
 from referees.verdicts import COST_BAR
 
 from slamgauge.graph_baseline import batch, isam2
 from slamgauge.graph_baseline.descent import approach, settle
-from slamgauge.graph_baseline.factors import first_sights, landmarks_at_first_sight, prior_cov_in_body
+from slamgauge.graph_baseline.factors import first_sights, in_frame_of_start, landmarks_at_first_sight
 from slamgauge.graph_baseline.search import is_low
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.se2 import chain
@@ -88,10 +86,24 @@ def test_where_nothing_fits_rounding_may_be_as_much_larger_as_residuals_are():
     assert estimate.chi_square / 2 <= minimum.cost * (1 + 1e-9)
 
 
+def test_a_landmark_that_new_bearings_cease_to_place_leaves_both_optima():
+    """It had been placed well, and the causal optimum did not look at it again."""
+    recording = draw(2036, 303).recording.first(61)
+    assert set(isam2(recording).landmark_ids) == set(batch(recording).landmark_ids)
+
+
+def test_batch_on_first_steps_is_the_same_where_their_path_is_grown_once():
+    recording = draw(2036, 40).recording
+    with grown_once(recording):
+        found = [batch(recording.first(k)).poses for k in (4, 9)]
+    for k, poses in zip((4, 9), found, strict=True):
+        np.testing.assert_array_equal(poses, batch(recording.first(k)).poses)
+
+
 def test_newton_steps_do_not_end_uphill():
     """Three bearings of one landmark from two poses: the cost falls towards infinity, and is stationary elsewhere."""
     recording = placed_only(draw(2030, 1264).recording.first(1), np.array([0]))
-    here = replace(recording, prior_mean=np.zeros(3), prior_cov=prior_cov_in_body(recording))
+    here = in_frame_of_start(recording)
     poses = np.array([[0.0, 0.0, 0.0], [0.5841, 0.0050, -0.0436]])
     near = approach(here, np.array([0]), poses, np.array([[-45.0, 84.0]]))
     with pytest.raises(UndeterminedError, match="nats uphill"):

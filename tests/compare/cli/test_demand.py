@@ -76,6 +76,17 @@ def test_a_run_and_a_recording_that_take_days(
     assert main(["evaluate", str(tmp_path / "r.npz"), "--estimators", "dead-reckoning", "--yes"]) == 0
 
 
+def test_a_run_that_takes_hours_says_so_and_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(demand, "LONG", 1e-3)
+    monkeypatch.setattr(demand, "tell_once", demand.tell_once.__wrapped__)  # whatever was told before
+    run = ["run", "q1-short-dense", "--set", "trajectory.duration=3", "--no-report", "--out", str(tmp_path / "out")]
+    assert main([*run, "--estimators", "dead-reckoning"]) == 0
+    said = r"slamgauge: estimators: 1 of 30 steps and \d+ landmarks take some 0.0 h; give fewer, or a shorter run, for "
+    assert re.match(said, capsys.readouterr().err)
+
+
 def test_estimates_that_memory_does_not_hold_are_refused_before_the_first(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

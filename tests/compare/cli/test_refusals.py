@@ -134,6 +134,7 @@ def test_misspelt_commands_and_options_are_refused(capsys: pytest.CaptureFixture
         ("run", "q1-long-dense", "--sead", "1"): "--sead: no option of `slamgauge run`; did you mean --seed?",
         ("import", "csv", "log", "--set=a.b=1", "--ouut", "x"): "--ouut: no option of `slamgauge import`; did you mean",
         ("run", "q1-long-dense", "--seed", "x"): "Error parsing --seed: ",
+        ("run", "q1-long-dense", "--seed", "9" * 5000): "Error parsing --seed: has more than 4300 digits, give fewer",
         ("run", "q1-long-dense", "more"): "Unrecognized options: more; `slamgauge run --help` tells more",
         ("--versoin",): "--versoin: no option of `slamgauge`; did you mean --version?",
     }
