@@ -31,7 +31,10 @@ from slamgauge.errors import UserError
 from .conftest import short
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
-HEAD = "import os, signal, sys\nfrom slamgauge import dead_reckoning\n"
+HEAD = """import os, signal, sys
+from slamgauge import Estimate, chain
+def dead_reckoning(recording): return Estimate("filtered", chain(recording.prior_mean, recording.odometry))
+"""  # ours would first load a compiler, in every process
 
 Made = Callable[..., Isolated]
 
@@ -187,10 +190,10 @@ def ended(pid: int) -> bool:
             "its process ended with status 3 before the run was done (it pri",
         ),
         ("os.kill(os.getpid(), signal.SIGSEGV)", "its process was ended by SIGSEGV"),
-        ("exit()", "it raised SystemExit: None (mine.py, line 4); mend it and run again"),
+        ("exit()", "it raised SystemExit: None (mine.py, line 5); mend it and run again"),
         ("return recording", "returned a Recording; return a slamgauge.Estimate"),
         ("for fd in range(3, 50):\n    try: os.close(fd)\n    except OSError: pass", "its process "),
-        ("raise ValueError('\\x1b[31m\\x00 red')", "it raised ValueError: [31m red (mine.py, line 4); mend it and run"),
+        ("raise ValueError('\\x1b[31m\\x00 red')", "it raised ValueError: [31m red (mine.py, line 5); mend it and run"),
         ("input()", "it raised EOFError"),
     ],
 )
