@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from time import perf_counter
 
@@ -13,7 +14,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.demand import require_room, tell_if_long
 from slamgauge.graph_baseline.factors import among_mapped, relative_to_start, require_known_landmarks
 from slamgauge.graph_baseline.growing import GrowingOptimum, Leap
-from slamgauge.graph_baseline.hindsight import batch, optimum_from
+from slamgauge.graph_baseline.hindsight import batch, optimum_from, optimum_of_bearings
 from slamgauge.graph_baseline.search import chi_square_of
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
@@ -87,25 +88,26 @@ def _with_map(recording: Recording, estimate: Estimate, growing: GrowingOptimum)
 
 
 def _farthest_off(recording: Recording, path: Float, estimate: Estimate, leaps: list[Leap]) -> float:
-    """How far off (see `_off`) the last pose is, and each before a leap to a path that its step might have had."""
-    farthest = _off(recording, path, estimate)
-    for path_after, landmark_ids in leaps:
-        if len(landmark_ids):
-            part = recording.first(len(path_after) - 2)
-            ids = require_known_landmarks(part)
-            part = part.associated(np.where(np.isin(ids, landmark_ids), ids, -1))
-            farthest = max(farthest, _off(part, path_after[:-1], estimate))
+    """How far off (see `_off`) the last pose is, and each before a leap: its step might have known better."""
+    try:
+        farthest = _off(optimum_from(recording, path), estimate)
+    except UndeterminedError:
+        return np.inf
+    for before, after in leaps:
+        if len(before):
+            part = recording.first(len(before) - 1)
+            with suppress(UndeterminedError):
+                farthest = max(farthest, _off(optimum_from(part, after[:-1]), estimate))
+            if recording.sensor == "bearing":
+                with suppress(UndeterminedError):
+                    farthest = max(farthest, _off(optimum_of_bearings(part, lambda before=before: before), estimate))
     return farthest
 
 
-def _off(recording: Recording, path: Float, estimate: Estimate) -> float:
-    """How far the last pose of a recording and its sigmas are from `batch` begun at a path, in its sigmas."""
-    try:
-        optimum = optimum_from(recording, path)
-    except UndeterminedError:
-        return np.inf
+def _off(optimum: Estimate, estimate: Estimate) -> float:
+    """How far an optimum's last pose and its sigmas are from those of an estimate, in sigmas of the optimum."""
+    last = len(optimum.poses) - 1
     assert optimum.pose_covs is not None and estimate.pose_covs is not None
-    last = recording.steps
     sigma, own = (np.sqrt(np.diag(covs[last])) for covs in (optimum.pose_covs, estimate.pose_covs))
     apart = estimate.poses[last] - optimum.poses[last]
     apart[2] = wrap(apart[2])

@@ -41,7 +41,7 @@ PATIENCE = 0.7  # of what is expected to be missed remains expected after a sett
 SETTLED = 0.003  # sigmas of the newest pose, and of all that was observed: what a chord step may leave
 RATE = 0.2  # no chord step is trusted to leave less of itself
 SLOW = 0.6  # of a chord step is left for the next: linearise anew
-STALE = 0.3  # relative change of the observations' Jacobians times reach: linearise anew
+STALE = 0.1  # relative change of the observations' Jacobians times reach: linearise anew
 LOWER = 1.0 - 1e-6  # of the squared residuals: another minimum
 MAX_STEPS = 12
 PASSES = 2  # of the newest scan, the second linearised where the first has led
@@ -51,10 +51,13 @@ EXACT = 1e-9  # m or rad: a smaller standard deviation measures nothing
 
 
 class Leap(NamedTuple):
-    """Where a search has led: a path (k+1, 3), and the landmarks (L,) that were mapped before."""
+    """A step that a search has led elsewhere, or that has changed the map of a short path.
 
-    path: Float
-    landmark_ids: Int
+    The path before (k, 3) and after it (k+1, 3); of one that is not short, before is without the last pose of after.
+    """
+
+    before: Float
+    after: Float
 
 
 class GrowingOptimum:
@@ -83,6 +86,7 @@ class GrowingOptimum:
         self.unsettled_steps = 0  # steps without: their pose is dead reckoning from the last that had one
         self._seek_at = self._doubt_at = 0
         self._chi_square, self._freedom = 0.0, 0  # of the last minimum
+        self._has_leapt = False  # whether a search has led the newest step elsewhere
         self.leaps: list[Leap] = []
 
     # --- what has been found ---------------------------------------------------------------------
@@ -123,6 +127,8 @@ class GrowingOptimum:
         """
         k = self._newest = self._newest + 1
         poses, at = self._place.poses, self._linear.at
+        before, mapped = poses[: min(k, SHORT + 1)].copy(), self._mapped.ids
+        self._has_leapt = False
         at.poses[k] = poses[k] = compose(poses[k - 1], self._measured.motion[k]) if k else self._measured.start
         if not self.settled:
             self._take_in(self._place, k)
@@ -131,6 +137,10 @@ class GrowingOptimum:
         else:
             self._take_in_step()
         self.unsettled_steps += not self.settled
+        waits = self._recording.sensor == "bearing" and k <= SHORT
+        if self._has_leapt or (waits and not np.array_equal(mapped, self._mapped.ids)):
+            after = poses[: k + 1].copy()
+            self.leaps.append(Leap(before if k <= SHORT else after[:-1], after))
 
     def finish(self) -> None:
         """Go to the minimum, with all matrices taken there."""
@@ -326,7 +336,7 @@ class GrowingOptimum:
 
     def _move_to(self, taken: Int, found: Minimum) -> bool:
         """Go to a minimum that a search has found; whether its matrices determine all landmarks."""
-        self.leaps.append(Leap(found.poses, self._mapped.ids))
+        self._has_leapt = True
         self._place.poses[: self._newest + 1] = found.poses
         self._mapped.map_alone(self._newest, np.unique(taken[taken >= 0]), found.landmarks)
         self._mapped.doubt_all()

@@ -15,7 +15,7 @@ places more of them than dead reckoning does.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 import numpy as np
@@ -54,15 +54,20 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
     if association is not None:
         return among_mapped(batch(recording.associated(association)), association)
     require_room(recording, "batch")
-    path = chain(recording.prior_mean, recording.odometry)
     if recording.sensor != "bearing":
-        return optimum_from(recording, path)
+        return optimum_from(recording, chain(recording.prior_mean, recording.odometry))
+    return optimum_of_bearings(recording, lambda: grown_step_by_step(recording)[0])
+
+
+def optimum_of_bearings(recording: Recording, grown: Callable[[], Float]) -> Estimate:
+    """`batch` of bearings alone, with the path (N+1, 3) of the causal optimum."""
+    path = chain(recording.prior_mean, recording.odometry)
     with suppress(UndeterminedError):
         taken, found = placed_minimum(recording, path, _starts)
         if (taken >= 0).all():
             return _estimate(recording, taken, found)
     with suppress(UndeterminedError):
-        path = grown_step_by_step(recording)[0]
+        path = grown()
     return optimum_from(recording, path)
 
 

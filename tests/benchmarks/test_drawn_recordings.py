@@ -92,6 +92,12 @@ def test_a_landmark_that_new_bearings_cease_to_place_leaves_both_optima():
     assert set(isam2(recording).landmark_ids) == set(batch(recording).landmark_ids)
 
 
+def test_a_causal_optimum_that_lacked_a_landmark_which_batch_had_mapped_says_so():
+    """At step 4: batch maps another than the growing optimum, which finds it a step later."""
+    check = isam2(draw(2038, 174).recording.first(6)).optimum_check
+    assert check is not None and check > 1.0
+
+
 def test_batch_on_first_steps_is_the_same_where_their_path_is_grown_once():
     recording = draw(2036, 40).recording
     with grown_once(recording):
