@@ -14,7 +14,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.demand import require_room, tell_if_long
 from slamgauge.graph_baseline.factors import among_mapped, relative_to_start, require_known_landmarks
 from slamgauge.graph_baseline.growing import GrowingOptimum, Leap
-from slamgauge.graph_baseline.hindsight import batch, optimum_from, optimum_of_bearings
+from slamgauge.graph_baseline.hindsight import batch, optimum_from, optimum_near, optimum_of_bearings
 from slamgauge.graph_baseline.search import chi_square_of
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
@@ -83,14 +83,16 @@ def _with_map(recording: Recording, estimate: Estimate, growing: GrowingOptimum)
         association=association,
         chi_square=chi_square,
         chi_square_dof=freedom,
-        optimum_check=np.inf if growing.unsettled_steps else _farthest_off(recording, path, estimate, growing.leaps),
+        optimum_check=np.inf
+        if growing.unsettled_steps
+        else _farthest_off(recording, path, landmarks, estimate, growing.leaps),
     )
 
 
-def _farthest_off(recording: Recording, path: Float, estimate: Estimate, leaps: list[Leap]) -> float:
+def _farthest_off(recording: Recording, path: Float, landmarks: Float, estimate: Estimate, leaps: list[Leap]) -> float:
     """How far off (see `_off`) the last pose is, and each before a leap: its step might have known better."""
     try:
-        farthest = _off(optimum_from(recording, path), estimate)
+        farthest = _off(optimum_near(recording, path, landmarks), estimate)
     except UndeterminedError:
         return np.inf
     for before, after in leaps:

@@ -89,24 +89,26 @@ def step_noise(start: Float, motion: Float, end: Float, w: Float, B: Float) -> N
 @inner
 def observe(measured: Measured, row: int, pose: Float, m: Float, r: Float, Hx: Float, Hm: Float) -> None:
     """Whitened residual h - z (d,) and Jacobians (d, 3), (d, 2) of an observation of the landmark m from a pose."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
     ex, ey = m[0] - pose[0], m[1] - pose[1]
-    x, y = c * ex + s * ey, c * ey - s * ex
     z, whitener = measured.value[row], measured.whitener[row]
-    squared = x * x + y * y
-    distance = math.sqrt(squared)
+    r0, r1, a00, a01, a10, a11 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # residuals, and their gradients by m
     if measured.sensor == POSITION:
-        r0, r1, a00, a01, a10, a11 = x - z[0], y - z[1], 1.0, 0.0, 0.0, 1.0
-    elif measured.sensor == RANGE_BEARING:
-        r0, r1 = distance - z[0], wrap(math.atan2(y, x) - z[1])
-        a00, a01, a10, a11 = x / distance, y / distance, -y / squared, x / squared
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        r0, r1, a00, a01, a10, a11 = c * ex + s * ey - z[0], c * ey - s * ex - z[1], c, s, -s, c
     else:
-        r0, r1, a00, a01, a10, a11 = wrap(math.atan2(y, x) - z[0]), 0.0, -y / squared, x / squared, 0.0, 0.0
+        squared = ex * ex + ey * ey
+        bearing = math.atan2(ey, ex) - pose[2]
+        across_x, across_y = -ey / squared, ex / squared
+        if measured.sensor == BEARING:
+            r0, a00, a01 = wrap(bearing - z[0]), across_x, across_y
+        else:
+            distance = math.sqrt(squared)
+            r0, r1 = distance - z[0], wrap(bearing - z[1])
+            a00, a01, a10, a11 = ex / distance, ey / distance, across_x, across_y
     for i in range(len(z)):
         w0 = whitener[i, 0]
         w1 = whitener[i, 1] if i == 1 else 0.0
         r[i] = w0 * r0 + w1 * r1
-        ax, ay = w0 * a00 + w1 * a10, w0 * a01 + w1 * a11
-        Hm[i, 0], Hm[i, 1] = ax * c - ay * s, ax * s + ay * c
+        Hm[i, 0], Hm[i, 1] = w0 * a00 + w1 * a10, w0 * a01 + w1 * a11
         Hx[i, 0], Hx[i, 1] = -Hm[i, 0], -Hm[i, 1]
         Hx[i, 2] = Hm[i, 0] * ey - Hm[i, 1] * ex
