@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from unittest.mock import patch
 
 import numpy as np
+from scipy.special import chdtrc
 
 from referees.least_squares import MAX_ITERATIONS, Minimum, Model, NoMinimumError, placed_only
 from referees.recordings import Drawn
@@ -29,6 +30,8 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import chain, wrap
 
 WELL_PLACED = 0.05  # sigma over distance of a landmark that its bearings from the true path place beyond question
+PLACED = 0.3  # the same from the path of a minimum, which the landmark then is part of
+UNLIKELY = 5e-4  # probability of larger residuals by true noise, below which they are none of it
 SMALLEST_SIGMA = 1e-6  # m or rad; what is known better, or exactly, counts as known that well
 PERTURBED = 3  # starts
 PREFIX_ITERATIONS = 50
@@ -128,31 +131,54 @@ def _in_sigmas(model: Model, poses: Float, others: Float, covs: Float) -> float:
 
 
 def _judge_map(drawn: Drawn, batched: Estimate) -> Outcome:
-    """Whether bearings that the true path places well are left out, and the referee finds a minimum with them."""
+    """Whether bearings that the true path places well are left out, and the referee can map them.
+
+    It can if it finds a minimum with them in which they place the landmark, and which the stated noise explains where
+    it explains the one without them: what does not is an outlier by what is stated.
+    """
     left = np.setdiff1d(_well_placed(drawn), batched.landmark_ids)
     if not len(left):
         return Outcome("batch mapped", "agrees")
-    with_each = (Model(placed_only(drawn.recording, np.union1d(batched.landmark_ids, [name]))) for name in left)
-    solved = sum(lowest(model, starts(model, drawn.truth.poses, batched)) is not None for model in with_each)
+    solved = sum(_can_map(drawn, batched, int(name)) for name in left)
     note = f"{len(left)} landmarks are not mapped though the true path places them; the referee can map {solved}"
     return Outcome("batch mapped", "worse" if solved else "undecided", solved, note)
 
 
+def _can_map(drawn: Drawn, batched: Estimate, name: int) -> bool:
+    model = Model(placed_only(drawn.recording, np.union1d(batched.landmark_ids, [name])))
+    minimum = lowest(model, starts(model, drawn.truth.poses, batched))
+    if minimum is None:
+        return False
+    landmark = model.landmarks(minimum.unknowns)[np.searchsorted(model.ids, name)]
+    without = Model(placed_only(drawn.recording, batched.landmark_ids))
+    assert batched.chi_square is not None
+    is_outlier = _is_explained(without, batched.chi_square) and not _is_explained(model, 2.0 * minimum.cost)
+    placed = _placed(model.recording, name, landmark, model.poses(minimum.unknowns), PLACED)
+    return placed and not is_outlier
+
+
+def _is_explained(model: Model, chi_square: float) -> bool:
+    freedom = model.recording.observation.size - 2 * len(model.ids)
+    return freedom == 0 or float(chdtrc(freedom, chi_square)) > UNLIKELY
+
+
 def _well_placed(drawn: Drawn) -> Int:
-    """Landmarks whose bearings from the true path place them."""
+    """Landmarks whose bearings from the true path place them beyond question."""
     truth, recording = drawn.truth, drawn.recording
     assert truth.poses is not None and truth.landmarks is not None and recording.landmark is not None
-    found: list[int] = []
-    for name in np.unique(recording.landmark).tolist():
-        rows = recording.landmark == name
-        offset = truth.landmarks[name] - truth.poses[recording.observation_step[rows], :2]
-        squared = (offset**2).sum(axis=1)
-        across = np.column_stack([-offset[:, 1], offset[:, 0]]) / squared[:, None]
-        information = across.T @ (across / recording.observation_cov[rows, 0])
-        weakest = float(np.linalg.eigvalsh(information)[0])
-        if weakest * WELL_PLACED**2 * float(squared.min()) > 1.0:
-            found.append(name)
-    return np.array(found, dtype=np.int64)
+    names = np.unique(recording.landmark).tolist()
+    placed = [_placed(recording, name, truth.landmarks[name], truth.poses, WELL_PLACED) for name in names]
+    return np.array(names, dtype=np.int64)[np.array(placed, dtype=bool)]
+
+
+def _placed(recording: Recording, name: int, landmark: Float, poses: Float, share: float) -> bool:
+    """Whether a landmark's bearings from a path place it to a share of its smallest distance."""
+    rows = recording.landmark == name
+    offset = landmark - poses[recording.observation_step[rows], :2]
+    squared = (offset**2).sum(axis=1)
+    across = np.column_stack([-offset[:, 1], offset[:, 0]]) / squared[:, None]
+    information = across.T @ (across / recording.observation_cov[rows, 0])
+    return float(np.linalg.eigvalsh(information)[0]) * share**2 * float(squared.min()) > 1.0
 
 
 # --- isam2 -----------------------------------------------------------------------------------------
