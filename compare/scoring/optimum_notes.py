@@ -89,14 +89,14 @@ def distance_from_hindsight(name: str, check: float | None) -> str | None:
         return None
     if math.isinf(check):
         return f"{name} has steps whose optimum was not found, or that of the whole recording was not"
-    return f"{name} is {check:.2g} sigma from the optimum of the whole recording"
+    return f"{name} is {check:.2g} sigma from the optimum at a checked step"
 
 
 def distance_in_runs(name: str, share: float | None) -> str | None:
     """The same of many runs: in which share of them."""
     if not share:
         return None
-    off = f"{name} is more than {CHECK_LIMIT:g} sigma from the optimum of the whole recording"
+    off = f"{name} is more than {CHECK_LIMIT:g} sigma from the optimum at a checked step"
     return f"{off} in {share:.1%} of the runs"
 
 

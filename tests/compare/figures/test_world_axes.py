@@ -136,6 +136,6 @@ def test_an_optimum_in_doubt_is_named_in_the_figure(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         save_figure(tmp_path / name, None, recording, {"isam2": each}, "a title")
         texts[name] = (tmp_path / name / "figure.svg").read_text(encoding="utf-8")
-    said = "isam2 is 0.31 sigma from the optimum of the whole recording"
+    said = "isam2 is 0.31 sigma from the optimum at a checked step"
     assert [said in texts[name] for name in ("sure", "doubtful")] == [False, True]
     assert ["difference to isam2? and" in texts[name] for name in ("sure", "doubtful")] == [False, True]

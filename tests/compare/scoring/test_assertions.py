@@ -111,11 +111,10 @@ def test_a_ratio_to_an_optimum_in_doubt_is_no_ground_to_pass() -> None:
     assert_error_bounds(doubtful, max_ate_m=1.0)
     begins = "1 error bound(s) failed:\n  ratio_to_optimum cannot be evaluated, as the optimum is"
     assert failure(doubtful, max_ratio_to_optimum=1.2) == (
-        f"{begins} 0.31 sigma from the optimum of the whole recording: give max_ate_m instead"
+        f"{begins} 0.31 sigma from the optimum at a checked step: give max_ate_m instead"
     )
     assert failure([sure, replace(sure, yardstick_check_sigma=math.inf)], max_ratio_to_optimum=1.2) == (
-        f"{begins} more than 0.05 sigma from the optimum of the whole recording in 50.0% of the runs: "
-        "give max_ate_m instead"
+        f"{begins} more than 0.05 sigma from the optimum at a checked step in 50.0% of the runs: give max_ate_m instead"
     )
 
 

@@ -161,7 +161,7 @@ def test_figures_relative_to_an_optimum_in_doubt_are_marked(title: str):
     [
         (None, []),
         (CHECK_LIMIT, []),
-        (0.312, ["isam2 is 0.31 sigma from the optimum of the whole recording: figures relative to it are marked ?"]),
+        (0.312, ["isam2 is 0.31 sigma from the optimum at a checked step: figures relative to it are marked ?"]),
         (
             math.inf,
             [
@@ -178,4 +178,4 @@ def test_a_note_says_why_figures_are_marked(check: float | None, said: list[str]
 def test_a_graph_under_a_filters_associations_is_named_and_marks_nothing():
     comparison = compared()
     comparison.estimates["isam2@ekf"] = replace(CAUSAL, optimum_check=2.0)
-    assert notes(comparison) == ["isam2@ekf is 2 sigma from the optimum of the whole recording"]
+    assert notes(comparison) == ["isam2@ekf is 2 sigma from the optimum at a checked step"]

@@ -164,7 +164,7 @@ def test_rungs_that_are_optima_in_doubt_are_marked_and_named(tmp_path: Path, sav
     assert [line.count("?") for line in lines[:6]] == [0, 0, 0, 0, 1, 1]
     assert "linearisation: 1.7500? m^2, 44%? of the whole." in lines[-2]
     note = (
-        "own associations: isam2 is more than 0.05 sigma from the optimum of the whole recording in 50.0% of the runs: "
+        "own associations: isam2 is more than 0.05 sigma from the optimum at a checked step in 50.0% of the runs: "
         "figures relative to it are marked ?"
     )
     assert lines[-1] == note

@@ -251,7 +251,7 @@ def test_what_rests_on_an_optimum_in_doubt_is_marked():
     lines = table(both, [])
     assert [line.count("?") for line in lines[1:3]] == [1, 3]  # avoidable; ratio and verdict too
     assert lines[-1] == (
-        "q3-scale-1, q3-scale-0.1: isam2 is more than 0.05 sigma from the optimum of the whole recording "
+        "q3-scale-1, q3-scale-0.1: isam2 is more than 0.05 sigma from the optimum at a checked step "
         "in 50.0% of the runs: figures relative to it are marked ?"
     )
     assert [each.to_json()["optimum_check_share"] for each in both] == [0.5, 0.5]

@@ -24,7 +24,7 @@ from slamgauge.recording import Recording
 
 EMPTY = "empty: x hindsight: batch is not among the estimators that ran"
 NOTE = (
-    "isam2 is more than 0.05 sigma from the optimum of the whole recording in 50.0% of the runs: "
+    "isam2 is more than 0.05 sigma from the optimum at a checked step in 50.0% of the runs: "
     "figures relative to it are marked ?"
 )
 
