@@ -21,6 +21,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.kernels.one_by_one import Gates
 from slamgauge.ekf.maps.checks import require_robustness, require_sensor, rows_of
+from slamgauge.ekf.maps.joining import robot_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import Matcher, update_nearest
 from slamgauge.ekf.maps.rules import Correction, Rule, sequential_of
@@ -72,16 +73,26 @@ class AssociatingFilter(PointFilter):
         self._associated: Int = np.zeros(0, dtype=np.int64)
         self._quantiles = np.zeros(1)
         self._watch = Watch(self._map.rule)
+        self._mean_robot: tuple[Float, Float] | None = None
 
     @property
     def pose(self) -> Float:
         """(3,) x, y [m], heading [rad] in the world frame."""
-        return self._map.pose
+        return self._robot[0].copy()
 
     @property
     def pose_cov(self) -> Float:
         """(3, 3) covariance of the additive pose error in the world frame."""
-        return self._map.pose_cov
+        return self._robot[1].copy()
+
+    @property
+    def _robot(self) -> tuple[Float, Float]:
+        """Pose and covariance; the mean over what landmarks may be where that is undecided."""
+        if self._mean_robot is None:
+            matchings = self._tracks.matchings
+            alone = matchings is None
+            self._mean_robot = (self._map.pose, self._map.pose_cov) if alone else robot_of(self._map, matchings)
+        return self._mean_robot
 
     @property
     def landmark_ids(self) -> Int:
@@ -110,6 +121,7 @@ class AssociatingFilter(PointFilter):
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
         """Move by a body-frame increment; see `SlamFilter.predict`."""
         self._map.predict(increment, cov)
+        self._mean_robot = None
         self._associated = self._associated[:0]
 
     def update(self, observations: Observations) -> tuple[float, int]:
@@ -130,6 +142,7 @@ class AssociatingFilter(PointFilter):
         associate = self._jointly if self._association.method == "jcbb" else self._one_by_one
         self._associated, nis, dof = associate(values, covs)
         self._tracks.close_scan(self._associated)
+        self._mean_robot = None
         return self._watch.noted((nis, dof))
 
     def _one_by_one(self, values: Float, covs: Float) -> tuple[Int, float, int]:
@@ -139,9 +152,11 @@ class AssociatingFilter(PointFilter):
 
     def _jointly(self, values: Float, covs: Float) -> tuple[Int, float, int]:
         pairs, count = self._matcher.compatible(values, covs, self._widest_gate)
+        management, doubtful = self._association.map_management, np.zeros(len(values), dtype=bool)
+        if management is not None:
+            count = self._matcher.located(count, management.vagueness, self._tracks.recent)
         gate, limit = self._association.gate, self._association.node_limit
         slots = self._matcher.jointly_compatible(count, gate, self._joint_gates(len(values)), limit)
-        management, doubtful = self._association.map_management, np.zeros(len(values), dtype=bool)
         if management is not None:
             slots[self._matcher.ambiguous(count, gate, management.margin, limit, slots)] = NONE
             doubtful[pairs.observation[:count][np.isin(pairs.slot[:count], slots, invert=True)]] = True

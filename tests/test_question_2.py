@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from questions import Expected, graded_scores, scores
 
-from slamgauge import Score, assert_error_bounds
+from slamgauge import Association, MapManagement, Score, assert_error_bounds, load_scenario, riekf, simulate
+from slamgauge.compare.studies.run import run_seed
 
 FILTERS = ("ekf", "riekf")
 RUNS = 40  # without the optimum; seeds 0 ..
@@ -123,3 +124,12 @@ def test_joint_compatibility_costs_hardly_any_accuracy(scenario: str):
 def test_yet_the_textbook_filter_stays_too_sure_of_itself():
     with pytest.raises(AssertionError, match="too sure"):
         assert_error_bounds(scores("q2-long-dense", FILTERS, RUNS, JCBB)["ekf"], nees_level=LEVEL)
+
+
+@pytest.mark.parametrize("run", [17, 22])
+def test_a_loop_closes_with_the_right_landmarks_though_the_position_is_known_badly(run: int) -> None:
+    """Pair by pair, landmarks of the sparse map were merged with their neighbours in these runs."""
+    truth, recording = simulate(load_scenario("q2-long-sparse", ["start=sampled"]), run_seed(100, run))
+    estimate = riekf(recording, Association("jcbb", map_management=MapManagement()))
+    assert truth.landmarks is not None
+    assert len(estimate.landmark_ids) == len(truth.landmarks)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.ekf.kernels.compatibility import NONE, Pairs
+from slamgauge.ekf.kernels.compatibility import NONE, Pairs, keep_pairs
 from slamgauge.ekf.maps.ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import Matcher
@@ -109,11 +109,5 @@ def _keep_nearest_members(pairs: Pairs, count: int, owners: Int) -> int:
     leads = np.diff(observation[order], prepend=NONE) != 0
     leads |= np.diff(owner[order], prepend=NONE) != 0
     kept = order[leads]
-    pairs.innovation[: 2 * len(kept)] = pairs.innovation[: 2 * count].reshape(-1, 2)[kept].ravel()
-    pairs.jacobian[: 2 * len(kept)] = pairs.jacobian[: 2 * count].reshape(-1, 2, 5)[kept].reshape(-1, 5)
-    pairs.slot[: len(kept)] = pairs.slot[kept]
-    pairs.owner[: len(kept)] = owner[kept]
-    pairs.distance[: len(kept)] = distance[kept]
-    pairs.observation[: len(kept)] = observation[kept]
-    pairs.by_distance[: len(kept)] = np.lexsort((pairs.distance[: len(kept)], pairs.observation[: len(kept)]))
-    return len(kept)
+    pairs.owner[:count] = owners[pairs.slot[:count]]
+    return keep_pairs(pairs, kept)

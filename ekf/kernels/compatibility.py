@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compiled import kernel
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import noise, squared_distance
@@ -135,6 +135,38 @@ def is_within_reach(reach: Reach, belief: Belief, landmark: int, lever: float, g
     own = math.sqrt(max(cov[landmark, landmark] + cov[landmark + 1, landmark + 1], 0.0))
     spread = reach.robot + own + lever * reach.heading
     return (reach.measured - expected) ** 2 <= gate * (spread * spread + reach.noise)
+
+
+@kernel
+def find_located(cov: Float, covs: Float, pairs: Pairs, count: int, vagueness: float, recent: Marks) -> Int:
+    """Which of the first `count` pairs have a landmark whose place relative to the robot is known.
+
+    It is if the landmark has a mark in `recent` (L,), or if the variance H P H' of the expected observation, in terms
+    of the noise R, does not exceed `vagueness`: tr(R^-1 H P H') <= vagueness. That of a landmark seen once, from here,
+    is 2.
+    """
+    expected = np.empty((2, 2))
+    located = np.empty(count, np.int64)
+    found = 0
+    for c in range(count):
+        pair_covariance(cov, pairs, c, c, expected)
+        R = covs[pairs.observation[c]]
+        trace = R[1, 1] * expected[0, 0] - 2.0 * R[0, 1] * expected[0, 1] + R[0, 0] * expected[1, 1]
+        if recent[pairs.slot[c]] or trace <= vagueness * (R[0, 0] * R[1, 1] - R[0, 1] ** 2):
+            located[found] = c
+            found += 1
+    return located[:found]
+
+
+def keep_pairs(pairs: Pairs, kept: Int) -> int:
+    """Keep the pairs `kept` (k,) alone, in that order, and return how many these are."""
+    count = len(kept)
+    pairs.innovation[: 2 * count] = pairs.innovation.reshape(-1, 2)[kept].ravel()
+    pairs.jacobian[: 2 * count] = pairs.jacobian.reshape(-1, 2, 5)[kept].reshape(-1, 5)
+    for each in (pairs.observation, pairs.slot, pairs.owner, pairs.distance):
+        each[:count] = each[kept]
+    pairs.by_distance[:count] = np.lexsort((pairs.distance[:count], pairs.observation[:count]))
+    return count
 
 
 @kernel

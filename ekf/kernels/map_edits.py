@@ -17,8 +17,6 @@ from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.linear import Room, take_in_linear
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace
 
-NOTHING = (-1, -1)
-
 
 @kernel
 def remove_landmark(belief: Belief, slot: int) -> None:
@@ -56,28 +54,30 @@ def equate_landmarks(belief: Belief, a: int, b: int, work: Workspace) -> bool:
 
 
 @kernel
-def find_duplicate(belief: Belief, slots: Int, apart: Marks, gate: float, distance: float) -> tuple[int, int]:
-    """Slots of two landmarks, one of them in `slots`, that are statistically one; NOTHING if there are none.
+def find_duplicates(belief: Belief, slots: Int, apart: Marks, gate: float) -> Int:
+    """Pairs (p, 2) of a landmark in `slots` and another one that are statistically one.
 
-    Their difference d, with covariance C, passes d' C^-1 d <= gate, and is known: three standard deviations
-    do not exceed `distance` [m]. Pairs with a mark in `apart` (L, L) are known to be two.
+    Their difference d, with covariance C, passes d' C^-1 d <= gate. Pairs with a mark in `apart` (L, L) are known to
+    be two. That no eigenvalue of C exceeds the square of both standard deviations added up spares most pairs.
     """
     state, cov = belief.state, belief.cov
+    landmarks = (belief.size - 3) // 2
+    found, count = np.empty((len(slots) * landmarks, 2), np.int64), 0
     for a in slots:
         la = 3 + 2 * a
-        for b in range((belief.size - 3) // 2):
+        own = math.sqrt(cov[la, la] + cov[la + 1, la + 1])
+        for b in range(landmarks):
             lb = 3 + 2 * b
             dx, dy = state[la] - state[lb], state[la + 1] - state[lb + 1]
-            if apart[a, b] or a == b or 9.0 * (dx * dx + dy * dy) > gate * distance * distance:
+            spread = own + math.sqrt(cov[lb, lb] + cov[lb + 1, lb + 1])
+            if apart[a, b] or a == b or dx * dx + dy * dy > gate * spread * spread:
                 continue
             low, high = min(la, lb), max(la, lb)
             xx = cov[la, la] + cov[lb, lb] - 2.0 * cov[low, high]
             yy = cov[la + 1, la + 1] + cov[lb + 1, lb + 1] - 2.0 * cov[low + 1, high + 1]
             xy = cov[la, la + 1] + cov[lb, lb + 1] - cov[low, high + 1] - cov[low + 1, high]
-            largest = (xx + yy) / 2.0 + (((xx - yy) / 2.0) ** 2 + xy * xy) ** 0.5
             determinant = xx * yy - xy * xy
-            if determinant <= 0.0 or 9.0 * largest > distance * distance:
-                continue
-            if (dx * dx * yy - 2.0 * dx * dy * xy + dy * dy * xx) / determinant <= gate:
-                return a, b
-    return NOTHING
+            if determinant > 0.0 and dx * dx * yy - 2.0 * dx * dy * xy + dy * dy * xx <= gate * determinant:
+                found[count, 0], found[count, 1] = a, b
+                count += 1
+    return found[:count]

@@ -295,9 +295,25 @@ class LandmarkMap:
             self.rule.retract(self.belief, work)
         self.remove(gone)
 
-    def find_duplicate(self, slots: Int, apart: Marks, gate: float, distance: float) -> tuple[int, int]:
-        """Slots of two landmarks that are statistically one; see `kernels.map_edits.find_duplicate`."""
-        return map_edits.find_duplicate(self.belief, slots, apart, gate, distance)
+    def find_duplicates(self, slots: Int, apart: Marks, gate: float) -> Int:
+        """Slots (p, 2) of landmarks that are statistically one; see `kernels.map_edits.find_duplicates`."""
+        return map_edits.find_duplicates(self.belief, slots, apart, gate)
+
+    def robot_if_one(self, pairs: Int) -> tuple[Float, Float]:
+        """Pose (3,) and covariance (3, 3) if the landmarks in the slots of `pairs` (p, 2) are one each; see `merge`."""
+        belief, (slots, places) = self.belief, np.unique(pairs, return_inverse=True)
+        columns = np.concatenate([np.arange(ROBOT), (ROBOT + 2 * slots[:, None] + [0, 1]).ravel()])
+        state = belief.state[columns]
+        point = state if belief.point is belief.state else belief.point[columns]
+        points = belief.points[slots]
+        concerned = Belief(state, point, self.block(columns), points, len(columns), belief.form)
+        work = allocate(1, len(columns), self.rule.block)
+        for a, b in places.reshape(-1, 2).tolist():
+            if map_edits.equate_landmarks(concerned, a, b, work):
+                self.rule.retract(concerned, work)
+        pose = state[:3].copy()
+        pose[:2] += self.origin
+        return pose, concerned.cov[:3, :3].copy()
 
     # --- for the modules of this room ------------------------------------------------------------
 

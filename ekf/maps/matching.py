@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.ekf.kernels.compatibility import Pairs, allocate_pairs, find_compatible
+from slamgauge.ekf.kernels.compatibility import Pairs, allocate_pairs, find_compatible, find_located, keep_pairs
 from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.linearisation import describe
 from slamgauge.ekf.kernels.one_by_one import Gates, update_one_by_one
@@ -40,6 +40,14 @@ class Matcher:
             self._pairs = allocate_pairs(-2 * count)
             count = find_compatible(self._map.code, self._map.belief, *scan, gate, self._pairs)
         return self._pairs, count
+
+    def located(self, count: int, vagueness: float, recent: Marks) -> int:
+        """Keep those of the first `count` pairs of `compatible` whose landmarks the robot knows the place of.
+
+        See `kernels.compatibility.find_located`. Returns how many these are.
+        """
+        cov = self._map.belief.cov
+        return keep_pairs(self._pairs, find_located(cov, self._covs, self._pairs, count, vagueness, recent))
 
     def jointly_compatible(self, count: int, gate: float, quantiles: Float, node_limit: int) -> Int:
         """Slots (m,) of the best joint association of the first `count` pairs of `compatible`, -1 for none.

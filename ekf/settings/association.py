@@ -23,10 +23,14 @@ class MapManagement:
         new_gate: an observation within this squared Mahalanobis distance of a landmark that the scan has not
             given to another observation may be that landmark's outlier, and starts no track. The default is
             exceeded once in a million (chi-square, 2 degrees of freedom).
-        merge_gate: two landmarks never seen in one scan are merged when the squared Mahalanobis distance
+        vagueness: a scan tells by itself a landmark that was seen in the last `probation` scans, or whose place
+            relative to the robot is known to this many times the noise of an observation (variances; see
+            `kernels.compatibility.find_located`). What it sees of others begins tracks, which are joined with them.
+        merge_gate: two landmarks never seen in one scan may be one when the squared Mahalanobis distance
             of their difference from zero is below this (again, one in a million of true doubles fails that), ...
-        merge_distance: ... and three standard deviations of the difference do not exceed this [m]: what is
-            known worse may well be two.
+        certainty: ... and are joined when of all ways to match the tracks of a scan with landmarks, by weight, at
+            least this share agrees on it (see `maps.joining`), ...
+        new_density: ... where landmarks that were never seen before are this dense [1/m^2].
     """
 
     sights: int = setting(5, lambda n: n >= 1, "{} confirm no track; choose at least 1")
@@ -34,7 +38,9 @@ class MapManagement:
     margin: float = setting(6.0, lambda m: m >= 0.0, "{} is no distance; choose it at least 0")
     new_gate: float = setting(27.6, lambda g: g >= 0.0, "{} is no squared distance; choose it at least 0")
     merge_gate: float = setting(27.6, lambda g: g >= 0.0, "{} is no squared distance; choose it at least 0")
-    merge_distance: float = setting(1.0, lambda d: d >= 0.0, "{} m is no distance; choose it at least 0")
+    vagueness: float = setting(6.0, lambda v: v > 0.0, "{} lets nothing be known; choose it above 0")
+    certainty: float = setting(0.99, lambda c: 0.5 < c <= 1.0, "{} is no certainty; choose it above 0.5, at most 1")
+    new_density: float = setting(1e-5, lambda d: d > 0.0, "{} is no density; choose it above 0")
 
     def __post_init__(self) -> None:
         check(self)

@@ -246,7 +246,7 @@ def test_an_outlier_of_a_landmark_not_seen_otherwise_starts_no_track(method: str
 @pytest.mark.parametrize("gate", [9.0, 30.0])
 def test_an_ambiguous_observation_neither_corrects_nor_maps(gate: float) -> None:
     association = Association("jcbb", gate, MapManagement())
-    slam = before_landmarks([[2.0, 0.0], [2.5, 0.0], [0.0, 5.0]], association, spread=0.3)
+    slam = before_landmarks([[2.0, 0.0], [2.4, 0.0], [0.0, 5.0]], association, spread=0.15)
     before = slam.pose, slam.pose_cov, slam.landmarks
     assert look(slam, [[2.0, 0.0]]).tolist() == [NONE]
     for actual, expected in zip((slam.pose, slam.pose_cov, slam.landmarks), before, strict=True):

@@ -23,7 +23,7 @@ from textbook_association import (
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.association import AssociatingFilter
 from slamgauge.ekf.filter import SlamFilter
-from slamgauge.ekf.kernels.compatibility import NONE, Pairs, allocate_pairs, find_compatible
+from slamgauge.ekf.kernels.compatibility import NONE, Pairs, allocate_pairs, find_compatible, find_located
 from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.models import SENSOR_CODES
 from slamgauge.ekf.kernels.one_by_one import Gates
@@ -280,3 +280,24 @@ def test_ambiguous_is_what_one_step_away_explains_nearly_as_well(sensor: str, se
             assert mark_ambiguous(*arguments, limit, slots, fewer) <= limit
             assert not (fewer & ~marks).any()
     assert 3 < marked < 200
+
+
+@SENSORS
+def test_located_are_landmarks_seen_lately_or_known_to_some_times_the_noise(sensor: str) -> None:
+    rng = np.random.default_rng(4)
+    outcomes = {"known": 0, "recent": 0, "neither": 0}
+    for _ in range(50):
+        x, P = random_belief(rng, 6)
+        R = random_covariances(rng, 2, np.array([0.3, 0.3 if sensor == "position" else 0.1]))
+        z = predicted(sensor, x, np.array([0, 1]))
+        pairs, count = found(sensor, x, x, P, z, R, 1e4)
+        recent, vagueness = rng.random(6) < 0.3, 10 ** rng.uniform(-1, 2)
+        scan = dense_scan(sensor, x, x, P, z, R)
+        located = set(find_located(upper(P), R, pairs, count, vagueness, recent).tolist())
+        for pair in range(count):
+            slot, row = pairs.slot[pair], pairs.observation[pair]
+            H = scan.jacobian[row, slot]
+            known = np.trace(np.linalg.solve(R[row], H @ P @ H.T)) <= vagueness
+            assert (pair in located) == (known or recent[slot])
+            outcomes["known" if known else "recent" if recent[slot] else "neither"] += 1
+    assert min(outcomes.values()) > 10, outcomes

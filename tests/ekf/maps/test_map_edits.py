@@ -18,7 +18,7 @@ from textbook import (
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.kernels.map_edits import NOTHING, equate_landmarks, find_duplicate
+from slamgauge.ekf.kernels.map_edits import equate_landmarks, find_duplicates
 from slamgauge.ekf.kernels.workspace import CORRECTION, allocate
 from slamgauge.ekf.maps.rules import RULES, Correction
 from slamgauge.recording import Observations
@@ -236,13 +236,13 @@ def test_duplicates_are_those_that_numpy_finds() -> None:
     rng = np.random.default_rng(6)
     outcomes = {"found": 0, "none": 0, "not by place alone": 0}
     for _ in range(300):
-        n, gate, distance = 6, float(rng.choice([4.0, 9.0])), float(rng.choice([0.5, 1.0, 3.0]))
+        n, gate = 6, float(rng.choice([4.0, 9.0]))
         root = rng.normal(size=(15, 15)) * 10 ** rng.uniform(-2, -0.5, (15, 1))
         P, x = root @ root.T, np.concatenate([np.zeros(3), rng.uniform(-1, 1, 2 * n)])
         slots = np.sort(rng.permutation(n)[: int(rng.integers(0, 4))])
         apart = rng.random((n, n)) < 0.3
         apart |= apart.T
-        near: list[tuple[int, int]] = []
+        near: list[list[int]] = []
         for a in slots.tolist():
             for b in range(n):
                 M = np.zeros((2, 15))
@@ -251,11 +251,10 @@ def test_duplicates_are_those_that_numpy_finds() -> None:
                 d, C = M @ x, M @ P @ M.T
                 if a == b or d @ np.linalg.inv(C) @ d > gate:
                     continue
-                if apart[a, b] or 3.0 * np.sqrt(np.linalg.eigvalsh(C)[-1]) > distance:
+                if apart[a, b]:
                     outcomes["not by place alone"] += 1
                     continue
-                near.append((a, b))
-        found = find_duplicate(belief_of(x, np.triu(P)), slots, apart, gate, distance)
-        assert found == (near[0] if near else NOTHING)
+                near.append([a, b])
+        assert find_duplicates(belief_of(x, np.triu(P)), slots, apart, gate).tolist() == near
         outcomes["found" if near else "none"] += 1
     assert min(outcomes.values()) > 30, outcomes
