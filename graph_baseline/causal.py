@@ -13,7 +13,7 @@ from slamgauge.correlations import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.demand import require_room, tell_if_long
 from slamgauge.graph_baseline.factors import among_mapped, relative_to_start, require_known_landmarks
-from slamgauge.graph_baseline.growing import GrowingOptimum, Leap
+from slamgauge.graph_baseline.growing import SHORT, GrowingOptimum, Leap
 from slamgauge.graph_baseline.hindsight import batch, optimum_from, optimum_near, optimum_of_bearings
 from slamgauge.graph_baseline.search import chi_square_of
 from slamgauge.graph_baseline.undetermined import UndeterminedError
@@ -95,14 +95,19 @@ def _farthest_off(recording: Recording, path: Float, landmarks: Float, estimate:
         farthest = _off(optimum_near(recording, path, landmarks), estimate)
     except UndeterminedError:
         return np.inf
-    for before, after in leaps:
-        if len(before):
-            part = recording.first(len(before) - 1)
+    ids = require_known_landmarks(recording)
+    for before, after, landmark_ids in leaps:
+        part = recording.first(len(before) - 1) if len(before) else None
+        if part is None or (recording.steps > SHORT and not len(landmark_ids)):
+            continue
+        if recording.steps > SHORT:  # a landmark more or less for a step is not worth a doubt
+            rows = ids[: len(part.observation)]
+            part = part.associated(np.where(np.isin(rows, landmark_ids), rows, -1))
+        with suppress(UndeterminedError):
+            farthest = max(farthest, _off(optimum_from(part, after[:-1]), estimate))
+        if recording.sensor == "bearing" and recording.steps <= SHORT:
             with suppress(UndeterminedError):
-                farthest = max(farthest, _off(optimum_from(part, after[:-1]), estimate))
-            if recording.sensor == "bearing":
-                with suppress(UndeterminedError):
-                    farthest = max(farthest, _off(optimum_of_bearings(part, lambda before=before: before), estimate))
+                farthest = max(farthest, _off(optimum_of_bearings(part, lambda before=before: before), estimate))
     return farthest
 
 

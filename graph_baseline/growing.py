@@ -51,13 +51,15 @@ EXACT = 1e-9  # m or rad: a smaller standard deviation measures nothing
 
 
 class Leap(NamedTuple):
-    """A step that a search has led elsewhere, or that has changed the map of a short path.
+    """A step that a search has led elsewhere, or that has changed the map of a short recording.
 
-    The path before (k, 3) and after it (k+1, 3); of one that is not short, before is without the last pose of after.
+    The path before (k, 3) and after it (k+1, 3), and the landmarks (L,) that were mapped before; where the path is not
+    short, before is without the last pose of after.
     """
 
     before: Float
     after: Float
+    landmark_ids: Int
 
 
 class GrowingOptimum:
@@ -137,10 +139,10 @@ class GrowingOptimum:
         else:
             self._take_in_step()
         self.unsettled_steps += not self.settled
-        waits = self._recording.sensor == "bearing" and k <= SHORT
+        waits = self._recording.sensor == "bearing" and self._recording.steps <= SHORT
         if self._has_leapt or (waits and not np.array_equal(mapped, self._mapped.ids)):
             after = poses[: k + 1].copy()
-            self.leaps.append(Leap(before if k <= SHORT else after[:-1], after))
+            self.leaps.append(Leap(before if k <= SHORT else after[:-1], after, mapped))
 
     def finish(self) -> None:
         """Go to the minimum, with all matrices taken there."""

@@ -13,6 +13,7 @@ from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, isam2
+from slamgauge.graph_baseline.factors import require_known_landmarks
 from slamgauge.graph_baseline.growing import GrowingOptimum, Leap
 from slamgauge.graph_baseline.linearisation import linearise
 from slamgauge.graph_baseline.smoother import Damping, damped_step
@@ -121,13 +122,14 @@ def test_a_step_before_a_leap_is_flagged_where_its_pose_was_off(
 ) -> None:
     """The pose of step 20 is put off by some sigmas, and a search leads to the right path at step 21."""
     recording = random_recording(3, steps=30)[1]
+    ids = np.unique(require_known_landmarks(recording))
     add_step, newest_pose = GrowingOptimum.add_step, GrowingOptimum.newest_pose
 
     def leaping(growing: GrowingOptimum) -> None:
         add_step(growing)
         path = growing.path_and_map()[0]
         if len(path) == 22:
-            growing.leaps.append(Leap(path[:-1], path))
+            growing.leaps.append(Leap(path[:-1], path, ids))
 
     def off(growing: GrowingOptimum) -> Float:
         is_wrong = len(growing.path_and_map()[0]) == 21
