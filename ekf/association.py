@@ -90,8 +90,9 @@ class AssociatingFilter(PointFilter):
         """Pose and covariance; the mean over what landmarks may be where that is undecided."""
         if self._mean_robot is None:
             matchings = self._tracks.matchings
-            alone = matchings is None
-            self._mean_robot = (self._map.pose, self._map.pose_cov) if alone else robot_of(self._map, matchings)
+            self._mean_robot = self._map.pose, self._map.pose_cov
+            if matchings is not None:
+                self._mean_robot = robot_of(self._map, matchings)
         return self._mean_robot
 
     @property

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from itertools import pairwise
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +15,8 @@ from slamgauge.correlations import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.demand import require_room, tell_if_long
 from slamgauge.graph_baseline.factors import among_mapped, relative_to_start, require_known_landmarks
-from slamgauge.graph_baseline.growing import SHORT, GrowingOptimum, Leap
-from slamgauge.graph_baseline.hindsight import batch, optimum_from, optimum_near, optimum_of_bearings
+from slamgauge.graph_baseline.growing import SHORT, GrowingOptimum
+from slamgauge.graph_baseline.hindsight import batch, optimum_from, optimum_of_bearings
 from slamgauge.graph_baseline.search import chi_square_of
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
@@ -47,19 +49,34 @@ def isam2(recording: Recording, association: Int | None = None) -> Estimate:
     growing = GrowingOptimum(recording)
     steps = recording.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
+    watched: list[_Known] | None = [] if recording.sensor == "bearing" and steps <= SHORT else None
     for k in range(steps + 1):
         start = perf_counter()
         growing.add_step()
         poses[k], pose_covs[k] = growing.newest_pose(), growing.newest_cov()
         seconds[k] = perf_counter() - start
+        if watched is not None:
+            watched.append(_known(growing))
     growing.finish()
     estimate = Estimate(
         kind="filtered", poses=poses, pose_covs=without_negative_eigenvalues(pose_covs), seconds=seconds
     )
-    return _with_map(recording, estimate, growing)
+    return _with_map(recording, estimate, growing, watched or [])
 
 
-def _with_map(recording: Recording, estimate: Estimate, growing: GrowingOptimum) -> Estimate:
+class _Known(NamedTuple):
+    """What was known after a step: the path (k+1, 3), the landmarks (L,) that were mapped, and the leaps so far."""
+
+    path: Float
+    landmark_ids: Int
+    leaps: int
+
+
+def _known(growing: GrowingOptimum) -> _Known:
+    return _Known(growing.path_and_map()[0], growing.landmark_ids, len(growing.leaps))
+
+
+def _with_map(recording: Recording, estimate: Estimate, growing: GrowingOptimum, watched: list[_Known]) -> Estimate:
     """The estimate with the map of the last step, and how it compares with `batch`; with batch's map if it has none."""
     if not growing.settled:
         last = batch(recording)
@@ -83,32 +100,43 @@ def _with_map(recording: Recording, estimate: Estimate, growing: GrowingOptimum)
         association=association,
         chi_square=chi_square,
         chi_square_dof=freedom,
-        optimum_check=np.inf
-        if growing.unsettled_steps
-        else _farthest_off(recording, path, landmarks, estimate, growing.leaps),
+        optimum_check=np.inf if growing.unsettled_steps else _farthest_off(recording, path, estimate, growing, watched),
     )
 
 
-def _farthest_off(recording: Recording, path: Float, landmarks: Float, estimate: Estimate, leaps: list[Leap]) -> float:
-    """How far off (see `_off`) the last pose is, and each before a leap: its step might have known better."""
+def _farthest_off(
+    recording: Recording, path: Float, estimate: Estimate, growing: GrowingOptimum, watched: list[_Known]
+) -> float:
+    """How far off (see `_off`) the last pose is, and each whose step might have known better.
+
+    These are the steps before a leap to a path that they might have had, and in short recordings of bearings those
+    before each change of the map. An optimum that is not found is infinitely far, but for those of changes: where a
+    landmark is about to be placed there need not be any.
+    """
+    farthest = _off_unless_lost(recording, path, estimate)
+    for path_after, landmark_ids in growing.leaps:
+        if len(landmark_ids):
+            part = recording.first(len(path_after) - 2)
+            ids = require_known_landmarks(part)
+            part = part.associated(np.where(np.isin(ids, landmark_ids), ids, -1))
+            farthest = max(farthest, _off_unless_lost(part, path_after[:-1], estimate))
+    for before, after in pairwise(watched):
+        if after.leaps > before.leaps or not np.array_equal(after.landmark_ids, before.landmark_ids):
+            part = recording.first(len(before.path) - 1)
+            with suppress(UndeterminedError):
+                farthest = max(farthest, _off(optimum_from(part, after.path[:-1]), estimate))
+            with suppress(UndeterminedError):
+                grown = optimum_of_bearings(part, lambda before=before: before.path)
+                farthest = max(farthest, _off(grown, estimate))
+    return farthest
+
+
+def _off_unless_lost(recording: Recording, path: Float, estimate: Estimate) -> float:
+    """`_off` from `batch` begun at a path; infinite if that has no minimum."""
     try:
-        farthest = _off(optimum_near(recording, path, landmarks), estimate)
+        return _off(optimum_from(recording, path), estimate)
     except UndeterminedError:
         return np.inf
-    ids = require_known_landmarks(recording)
-    for before, after, landmark_ids in leaps:
-        part = recording.first(len(before) - 1) if len(before) else None
-        if part is None or (recording.steps > SHORT and not len(landmark_ids)):
-            continue
-        if recording.steps > SHORT:  # a landmark more or less for a step is not worth a doubt
-            rows = ids[: len(part.observation)]
-            part = part.associated(np.where(np.isin(rows, landmark_ids), rows, -1))
-        with suppress(UndeterminedError):
-            farthest = max(farthest, _off(optimum_from(part, after[:-1]), estimate))
-        if recording.sensor == "bearing" and recording.steps <= SHORT:
-            with suppress(UndeterminedError):
-                farthest = max(farthest, _off(optimum_of_bearings(part, lambda before=before: before), estimate))
-    return farthest
 
 
 def _off(optimum: Estimate, estimate: Estimate) -> float:

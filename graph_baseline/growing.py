@@ -51,14 +51,9 @@ EXACT = 1e-9  # m or rad: a smaller standard deviation measures nothing
 
 
 class Leap(NamedTuple):
-    """A step that a search has led elsewhere, or that has changed the map of a short recording.
+    """Where a search has led: a path (k+1, 3), and the landmarks (L,) that were mapped before."""
 
-    The path before (k, 3) and after it (k+1, 3), and the landmarks (L,) that were mapped before; where the path is not
-    short, before is without the last pose of after.
-    """
-
-    before: Float
-    after: Float
+    path: Float
     landmark_ids: Int
 
 
@@ -88,7 +83,6 @@ class GrowingOptimum:
         self.unsettled_steps = 0  # steps without: their pose is dead reckoning from the last that had one
         self._seek_at = self._doubt_at = 0
         self._chi_square, self._freedom = 0.0, 0  # of the last minimum
-        self._has_leapt = False  # whether a search has led the newest step elsewhere
         self.leaps: list[Leap] = []
 
     # --- what has been found ---------------------------------------------------------------------
@@ -129,8 +123,6 @@ class GrowingOptimum:
         """
         k = self._newest = self._newest + 1
         poses, at = self._place.poses, self._linear.at
-        before, mapped = poses[: min(k, SHORT + 1)].copy(), self._mapped.ids
-        self._has_leapt = False
         at.poses[k] = poses[k] = compose(poses[k - 1], self._measured.motion[k]) if k else self._measured.start
         if not self.settled:
             self._take_in(self._place, k)
@@ -139,10 +131,6 @@ class GrowingOptimum:
         else:
             self._take_in_step()
         self.unsettled_steps += not self.settled
-        waits = self._recording.sensor == "bearing" and self._recording.steps <= SHORT
-        if self._has_leapt or (waits and not np.array_equal(mapped, self._mapped.ids)):
-            after = poses[: k + 1].copy()
-            self.leaps.append(Leap(before if k <= SHORT else after[:-1], after, mapped))
 
     def finish(self) -> None:
         """Go to the minimum, with all matrices taken there."""
@@ -338,7 +326,7 @@ class GrowingOptimum:
 
     def _move_to(self, taken: Int, found: Minimum) -> bool:
         """Go to a minimum that a search has found; whether its matrices determine all landmarks."""
-        self._has_leapt = True
+        self.leaps.append(Leap(found.poses, self._mapped.ids))
         self._place.poses[: self._newest + 1] = found.poses
         self._mapped.map_alone(self._newest, np.unique(taken[taken >= 0]), found.landmarks)
         self._mapped.doubt_all()

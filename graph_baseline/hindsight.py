@@ -76,18 +76,6 @@ def optimum_from(recording: Recording, path: Float) -> Estimate:
     return _estimate(recording, *placed_minimum(recording, path, _starts))
 
 
-def optimum_near(recording: Recording, path: Float, landmarks: Float) -> Estimate:
-    """`batch`, whose first start with ranges is a path (N+1, 3) and a map (L, 2) near the optimum."""
-    if recording.sensor == "bearing":
-        return optimum_from(recording, path)
-
-    def starts(recording: Recording, path: Float) -> Iterator[Start]:
-        yield lambda: (path, landmarks)
-        yield from _starts(recording, path)
-
-    return _estimate(recording, *placed_minimum(recording, path, starts))
-
-
 def _estimate(recording: Recording, taken: Int, found: Minimum) -> Estimate:
     return Estimate(
         kind="smoothed",

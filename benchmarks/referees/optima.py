@@ -117,8 +117,13 @@ def _judge_batch(model: Model, minimum: Minimum | None, batched: Estimate | str)
 
 def fit(model: Model, minimum: Minimum) -> str:
     """Chi-square of the optimum over its degrees of freedom, in words."""
-    freedom = model.recording.observation.size - 2 * len(model.ids)
+    freedom = _freedom(model)
     return f"chi2/dof {2 * minimum.cost / freedom:.3g}" if freedom else "no degrees of freedom"
+
+
+def _freedom(model: Model) -> int:
+    """Rows of the observations, less the unknowns of their landmarks."""
+    return model.recording.observation.size - 2 * len(model.ids)
 
 
 def _in_sigmas(model: Model, poses: Float, others: Float, covs: Float) -> float:
@@ -158,7 +163,7 @@ def _can_map(drawn: Drawn, batched: Estimate, name: int) -> bool:
 
 
 def _is_explained(model: Model, chi_square: float) -> bool:
-    freedom = model.recording.observation.size - 2 * len(model.ids)
+    freedom = _freedom(model)
     return freedom == 0 or float(chdtrc(freedom, chi_square)) > UNLIKELY
 
 

@@ -129,7 +129,7 @@ def test_a_step_before_a_leap_is_flagged_where_its_pose_was_off(
         add_step(growing)
         path = growing.path_and_map()[0]
         if len(path) == 22:
-            growing.leaps.append(Leap(path[:-1], path, ids))
+            growing.leaps.append(Leap(path, ids))
 
     def off(growing: GrowingOptimum) -> Float:
         is_wrong = len(growing.path_and_map()[0]) == 21
