@@ -34,9 +34,10 @@ class Tracks:
         self.matchings: Matchings | None = None
         self._sights: Int = np.zeros(0, dtype=np.int64)  # of each slot
         self._birth: Int = self._sights  # scan
-        self._last: Int = self._sights  # scan after the one that saw it last
+        self._last: Int = self._sights  # step that saw it last
         self._apart = np.zeros((0, 0), dtype=bool)  # pairs that one scan has seen as two
         self._scan = 0
+        self._step, self._step_of_scan = 0, 0  # since the first scan; the last one's
         self._fate: Int = self._sights  # of each id ever given: itself, the id that it was merged into, or GONE
 
     @property
@@ -51,9 +52,16 @@ class Tracks:
 
     @property
     def recent(self) -> Marks:
-        """(L,) whether the track in each slot was seen in the last scans, as many as probation takes."""
+        """(L,) whether the track in each slot was seen as lately as probation takes, at the rate of the scans so far.
+
+        Where the robot has seen nothing for long, the last scans are none to go by.
+        """
         assert self._management is not None
-        return self._scan - self._last < self._management.probation
+        return (self._step - self._last) * (self._scan - 1) <= self._management.probation * self._step_of_scan
+
+    def open_step(self) -> None:
+        """The robot moves on."""
+        self._step += self._scan > 0
 
     def close_scan(self, associated: Int) -> None:
         """Note the tracks of a scan, the new ones among them; then delete and join in the map what the rules say."""
@@ -61,7 +69,8 @@ class Tracks:
         slots = np.flatnonzero(np.isin(self.ids, associated))
         self._sights[slots] += 1
         self._scan += 1
-        self._last[slots] = self._scan
+        self._step_of_scan = self._step
+        self._last[slots] = self._step
         if self._management is None:
             return
         self._apart[np.ix_(slots, slots)] = True
@@ -77,7 +86,7 @@ class Tracks:
         self._fate = np.concatenate([self._fate, born])
         self._sights = np.concatenate([self._sights, np.zeros(len(born), dtype=np.int64)])
         self._birth = np.concatenate([self._birth, np.full(len(born), self._scan)])
-        self._last = np.concatenate([self._last, np.full(len(born), self._scan)])
+        self._last = np.concatenate([self._last, np.full(len(born), self._step)])
         if self._management is not None:
             self._apart = np.pad(self._apart, (0, len(born)))
 

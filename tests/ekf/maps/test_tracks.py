@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.maps.tracks import GONE, Tracks
@@ -25,6 +26,11 @@ class World:
         self.tracks.close_scan(np.array([*seen, *born.tolist()], dtype=np.int64))
         self.check()
         return born.tolist()
+
+    def walk(self, steps: int) -> None:
+        """Move on without a scan."""
+        for _ in range(steps):
+            self.tracks.open_step()
 
     def check(self) -> None:
         """Ids and slots belong together."""
@@ -87,6 +93,23 @@ def test_ids_are_never_used_again_and_probation_counts_from_each_tracks_own_birt
     assert world.standing(0, 1, 2, 3) == [GONE] * 4
     world.scan(3)
     assert world.standing(0, 1, 2, 3) == [GONE, GONE, GONE, 3]
+
+
+@pytest.mark.parametrize("rate", [1, 20])
+def test_what_was_seen_before_a_long_blind_stretch_is_not_recent_whatever_the_rate_of_scans(rate: int) -> None:
+    world = World(MapManagement(sights=1, probation=4))
+    world.walk(100)  # before the first scan is no rate
+    world.scan(new=((1.0, 0.0), (2.0, 0.0)))
+    for _ in range(4):
+        world.walk(rate)
+        assert world.tracks.recent.tolist() == [True, True]
+        world.scan(1)
+    world.walk(rate)
+    assert world.tracks.recent.tolist() == [False, True]  # 0 was seen five scans ago
+    world.walk(3 * rate)
+    assert world.tracks.recent.tolist() == [False, True]
+    world.walk(1)
+    assert world.tracks.recent.tolist() == [False, False]  # 1 more than four scans' time ago
 
 
 def test_tracks_that_fail_together_are_all_deleted_and_no_other() -> None:
