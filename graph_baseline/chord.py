@@ -43,8 +43,9 @@ def allocate_chord(poses: int, landmarks: int) -> Chord:
 def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, chord: Chord) -> tuple[float, float]:
     """Leave in `chord` the defects of all steps and the gradient by the landmarks, of the exact cost at `place`.
 
-    Returns the relative change of the observations' Jacobians since they were taken in, and the sum of squared
-    residuals, exact where there are no defects: there a step's noise is W l, and its square l' W l.
+    Returns the relative change of Jacobians since they were taken in, of the observations' by their landmarks or, if
+    that is more, of the newest pose's by the headings before; and the sum of squared residuals, exact where there are
+    no defects: there a step's noise is W l, and its square l' W l.
     """
     poses, places = place
     chord.landmark[:] = 0.0
@@ -53,7 +54,14 @@ def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, 
     w, B, t, Qt = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(3)
     l0, l1, l2 = 0.0, 0.0, 0.0
     moved, norm, squares = 0.0, 0.0, 0.0
+    turned, length = 0.0, 0.0
+    lever = np.zeros(2)  # from pose k - 1 to the newest, as taken in
     for k in range(newest, -1, -1):
+        if k > 0:
+            lever += linear.lever[k]
+            fx, fy = poses[k - 1, 1] - poses[newest, 1], poses[newest, 0] - poses[k - 1, 0]
+            turned += (fx - lever[0]) ** 2 + (fy - lever[1]) ** 2
+            length += fx * fx + fy * fy
         if k < newest:
             l2 += (poses[k, 1] - poses[k + 1, 1]) * l0 + (poses[k + 1, 0] - poses[k, 0]) * l1
         for row in range(measured.first[k], measured.first[k + 1]):
@@ -81,7 +89,8 @@ def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, 
         for i in range(3):
             squares += t[i] * Qt[i]
             chord.defect[k, i] = B[i, 0] * Qt[0] + B[i, 1] * Qt[1] + B[i, 2] * Qt[2] - w[i]
-    return math.sqrt(moved / norm) if norm > 0.0 else 0.0, squares
+    seen, walked = moved / norm if norm > 0.0 else 0.0, turned / length if length > 0.0 else 0.0
+    return math.sqrt(max(seen, walked)), squares
 
 
 @kernel

@@ -24,7 +24,7 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 
 MAX_STEPS = 200
-NEAR = 1e-6  # relative decrease of the cost after which Newton steps alone go on
+NEAR = 1e-6  # decrease of the cost, relative to what true noise makes of it, after which Newton steps alone go on
 TOO_NEAR = 1e-4  # m
 RISEN = 1e-3  # relative increase of the cost with which Newton steps have left for another stationary point
 NEGLIGIBLE = 1e-8  # of a standard deviation
@@ -86,7 +86,7 @@ def approach(
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     merit = Merit(recording, slot)
     poses = merit.noise.followed(poses)
-    cost, factor = merit(poses, landmarks), 0.0
+    cost, factor, near = merit(poses, landmarks), 0.0, NEAR * (1.0 + recording.observation.size / 2.0)
     for _ in range(most):
         model = linearise(recording, slot, poses, landmarks)
         scale = _mean_information(model, len(landmarks))
@@ -99,7 +99,7 @@ def approach(
             break
         decrease, cost, (poses, landmarks) = cost - found, found, tried
         factor = WEAKER * factor if factor > UNDAMPED else 0.0
-        if decrease <= NEAR * (1.0 + cost):
+        if decrease <= near:
             break
     return Approach(poses, landmarks, cost, merit)
 

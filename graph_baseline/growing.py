@@ -4,7 +4,7 @@ A step takes its scan in and moves the newest pose and the map by the linear pro
 The rest of the path stays behind, and what the linear problem misses is not seen. Both are mended by chord steps over
 the whole path, which end where the gradient of the exact cost is zero: at every scan while the path is short, later as
 often as it takes to keep small what is missed, which grows with the square of how far the newest pose is moved. All is
-linearised anew where the observations' Jacobians have moved, or a chord step takes too little away. A minimum that
+linearised anew where the Jacobians have moved, or a chord step takes too little away. A minimum that
 undamped steps do not find is sought from several starts (`search`), and so is a lower one where the cost has risen by
 more than noise explains.
 
@@ -41,7 +41,7 @@ PATIENCE = 0.7  # of what is expected to be missed remains expected after a sett
 SETTLED = 0.003  # sigmas of the newest pose, and of all that was observed: what a chord step may leave
 RATE = 0.2  # no chord step is trusted to leave less of itself
 SLOW = 0.6  # of a chord step is left for the next: linearise anew
-STALE = 0.1  # relative change of the observations' Jacobians times reach: linearise anew
+STALE = 0.1  # relative change of Jacobians times reach: linearise anew
 LOWER = 1.0 - 1e-6  # of the squared residuals: another minimum
 MAX_STEPS = 12
 PASSES = 2  # of the newest scan, the second linearised where the first has led

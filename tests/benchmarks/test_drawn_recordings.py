@@ -12,7 +12,7 @@ from referees.verdicts import COST_BAR
 from slamgauge.graph_baseline import batch, isam2
 from slamgauge.graph_baseline.descent import approach, settle
 from slamgauge.graph_baseline.factors import first_sights, in_frame_of_start, landmarks_at_first_sight
-from slamgauge.graph_baseline.search import is_low
+from slamgauge.graph_baseline.search import grown, is_low
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.se2 import chain
 
@@ -84,6 +84,27 @@ def test_where_nothing_fits_rounding_may_be_as_much_larger_as_residuals_are():
     minimum = lowest(model, [of_estimate(model, estimate)])
     assert minimum is not None and estimate.chi_square is not None
     assert estimate.chi_square / 2 <= minimum.cost * (1 + 1e-9)
+
+
+def test_damped_steps_go_on_to_a_minimum_where_nothing_fits():
+    """What is left above it seems little beside residuals of hundreds of sigmas, and Newton steps from there stray."""
+    recording = in_frame_of_start(draw(2040, 1540).recording)
+    ids = first_sights(recording)[0]
+    found = settle(recording, ids, approach(recording, ids, *grown(recording)))
+    model = Model(recording)
+    minimum = lowest(model, [model.unknowns(model.relative(found.poses), model.relative(found.landmarks))])
+    assert minimum is not None
+    assert found.cost <= minimum.cost * (1 + 1e-9)
+
+
+def test_a_scan_that_turns_a_long_blind_path_is_taken_in_anew():
+    """The headings of the blind poses had turned under the newest one, and steps with them as they were fell short."""
+    recording = draw(2040, 1957).recording
+    optimum, estimate = batch(recording.first(23)), isam2(recording)
+    assert optimum.pose_covs is not None and estimate.pose_covs is not None
+    sigma, own = (np.sqrt(np.diag(each[23])) for each in (optimum.pose_covs, estimate.pose_covs))
+    np.testing.assert_allclose(estimate.poses[23] / sigma, optimum.poses[23] / sigma, rtol=0, atol=5e-3)
+    np.testing.assert_allclose(own, sigma, rtol=0.02)
 
 
 def test_a_landmark_that_new_bearings_cease_to_place_leaves_both_optima():
