@@ -37,7 +37,8 @@ from slamgauge.graph_baseline import batch
 from slamgauge.graph_baseline.free_noise import FreeNoise
 from slamgauge.graph_baseline.linearisation import linearise, whitened_residuals
 from slamgauge.graph_baseline.moving import driven
-from slamgauge.graph_baseline.smoother import NOT_DAMPED, damped_step
+from slamgauge.graph_baseline.scans import NOT_DAMPED
+from slamgauge.graph_baseline.smoother import damped_step
 from slamgauge.se2 import wrap
 
 BURN_IN = 0.25  # of the samples, before them; the walk's stride is fitted meanwhile

@@ -21,7 +21,8 @@ from slamgauge.errors import UserError
 from slamgauge.graph_baseline.demand import require_room
 from slamgauge.graph_baseline.factors import MAX_LANDMARK_SIGMA, are_seen_again
 from slamgauge.graph_baseline.linearisation import LinearModel, linearise
-from slamgauge.graph_baseline.smoother import NOT_DAMPED, compressed_scans, filter_covariances, filter_maps, solve
+from slamgauge.graph_baseline.scans import NOT_DAMPED, compressed_scans, filter_covariances, filter_maps
+from slamgauge.graph_baseline.smoother import solve
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation
@@ -77,9 +78,11 @@ def model_at_truth(truth: Truth, recording: Recording) -> tuple[LinearModel, int
 def causal_covariances(model: LinearModel, landmarks: int) -> Float:
     """Covariances (N+1, 3, 3) of each pose given the scans up to it, of landmarks numbered by first sight."""
     compile_graphs_once()
-    G, X = compressed_scans(model, landmarks, NOT_DAMPED)
+    G, X = compressed_scans(model, landmarks, NOT_DAMPED, 2 * landmarks)
     P, updated, carry, gain, whitener = filter_covariances(model, G)
-    A = filter_maps(model, X, carry, gain)
+    start = np.zeros((3, 2 * landmarks + 1))
+    start[:, -1] = model.start
+    A = filter_maps(start, model.c, X, carry, gain)
     innovation = whitener @ (G @ A + X)
     A -= P @ (whitener @ G).swapaxes(1, 2) @ innovation  # with the pose's own scan
     own = model.Hm.swapaxes(1, 2) @ model.Hm

@@ -46,9 +46,9 @@ def shorten(model: LinearModel) -> Chain:
         none = np.zeros(0, dtype=np.int64)
         return Chain(model, key, Between(none, none, *(np.zeros((0, *shape)) for shape in ((2,), (2,), (3,), (3, 3)))))
     segment = np.searchsorted(key, np.arange(1, steps + 1)) - 1  # of the step that leads to pose 1, 2, ...
-    lever = _sums_within(segment, key, model.F[:, :2, 2])  # (N, 2): from the key before to pose 1, 2, ...
+    lever = sums_within(segment, key, model.F[:, :2, 2])  # (N, 2): from the key before to pose 1, 2, ...
     c = _carried(segment, key, lever, model.c)
-    W = _carried_covariances(segment, key, lever, model.W)
+    W = carried_covariances(segment, key, lever, model.W)
     last = key[1:] - 1  # the steps that lead to keys
     F = np.tile(np.eye(3), (len(last), 1, 1))
     F[:, :2, 2] = lever[last]
@@ -60,7 +60,7 @@ def shorten(model: LinearModel) -> Chain:
     )
 
 
-def _sums_within(segment: Int, key: Int, rows: Float) -> Float:
+def sums_within(segment: Int, key: Int, rows: Float) -> Float:
     """Running sums (N, ...) of the rows (N, ...), begun anew after every key."""
     total = np.concatenate([np.zeros((1, *rows.shape[1:])), np.cumsum(rows, axis=0)])
     return total[1:] - total[key[segment]]
@@ -68,19 +68,19 @@ def _sums_within(segment: Int, key: Int, rows: Float) -> Float:
 
 def _carried(segment: Int, key: Int, lever: Float, c: Float) -> Float:
     """(N, 3): what the steps since the key add up to at pose 1, 2, ...: the sum of [I, e_kj; 0, 1] c_k."""
-    sums = _sums_within(segment, key, c)
-    sums[:, :2] += lever * sums[:, 2:] - _sums_within(segment, key, lever * c[:, 2:])
+    sums = sums_within(segment, key, c)
+    sums[:, :2] += lever * sums[:, 2:] - sums_within(segment, key, lever * c[:, 2:])
     return sums
 
 
-def _carried_covariances(segment: Int, key: Int, lever: Float, W: Float) -> Float:
+def carried_covariances(segment: Int, key: Int, lever: Float, W: Float) -> Float:
     """(N, 3, 3): the same of covariances, the sum of [I, e_kj; 0, 1] W_k [I, e_kj; 0, 1]'.
 
     With e_kj = lever_j - lever_k it is a polynomial in lever_j, whose coefficients are running sums.
     """
     back = W.copy()  # carried back to the key
     shear(back, -lever)
-    sums = _sums_within(segment, key, back)
+    sums = sums_within(segment, key, back)
     shear(sums, lever)
     return sums
 
@@ -103,10 +103,10 @@ def keyed(recording: Recording) -> tuple[Recording, Int]:
     path = chain([0.0, 0.0, 0.0], recording.odometry)
     segment = np.searchsorted(key, np.arange(1, steps + 1)) - 1
     moved = np.diff(path[:, :2], axis=0)
-    lever = _sums_within(segment, key, np.column_stack([-moved[:, 1], moved[:, 0]]))
+    lever = sums_within(segment, key, np.column_stack([-moved[:, 1], moved[:, 0]]))
     turn = np.zeros((steps, 3, 3))
     turn[:, :2, :2], turn[:, 2, 2] = rotation(path[1:, 2]), 1.0
-    noise = _carried_covariances(segment, key, lever, turn @ recording.odometry_cov @ turn.swapaxes(1, 2))
+    noise = carried_covariances(segment, key, lever, turn @ recording.odometry_cov @ turn.swapaxes(1, 2))
     last = key[1:] - 1
     short = replace(
         recording,

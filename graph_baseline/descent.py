@@ -18,7 +18,8 @@ from slamgauge.graph_baseline.free_noise import FreeNoise
 from slamgauge.graph_baseline.linearisation import LinearModel, linearise, whitened_residuals
 from slamgauge.graph_baseline.mixing import Mixing
 from slamgauge.graph_baseline.moving import displaced, driven
-from slamgauge.graph_baseline.smoother import NOT_DAMPED, Damping, Solution, damped_step, solve_at
+from slamgauge.graph_baseline.scans import NOT_DAMPED, Damping
+from slamgauge.graph_baseline.smoother import Solution, damped_step, solve_at
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap

@@ -25,10 +25,11 @@ from slamgauge.graph_baseline import chord, elimination
 from slamgauge.graph_baseline.descent import Minimum
 from slamgauge.graph_baseline.elimination import Place
 from slamgauge.graph_baseline.factors import require_known_landmarks
+from slamgauge.graph_baseline.fronts import EXHAUSTED
 from slamgauge.graph_baseline.mapped import MappedLandmarks
 from slamgauge.graph_baseline.models import measured_of
 from slamgauge.graph_baseline.search import Start, explained_by_noise, grown, placed_minimum, searched, softened
-from slamgauge.graph_baseline.smoother import EXHAUSTED, own_blocks_of_inverse
+from slamgauge.graph_baseline.smoother import own_blocks_of_inverse
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 from slamgauge.recording import Recording

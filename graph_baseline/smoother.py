@@ -6,11 +6,12 @@ information Lambda, the Schur complement of the poses; one pass back (modified B
 inverts no covariance) smooths the chain. Then cov(m) = Lambda^-1, cov(x_k) = P_k + A_k Lambda^-1 A_k'.
 Singular motion noise and a fixed start are exact: no covariance of a pose is ever inverted.
 
-A scan of m observations meets its pose through three numbers only, so it is first compressed to three
-equations G dx + X dm + g = unit noise; what else it says is about its landmarks alone.
-
 Cost: O(N L^2) in two symmetric products, and recursions of 3 x 3 matrices; no matrix larger than (3N, 2L).
 Source: Bierman, "Factorization methods for discrete sequential estimation" (1977), chapter X.
+
+A long path through a large map is cut into pieces (`pieces`), each with the few landmarks that it sees. The poses at
+the cuts then join the landmarks as unknowns, and a piece tells of its last pose as a scan would that sees it without
+noise; Lambda is sparse, and is factorised as such (`fronts`).
 """
 
 from __future__ import annotations
@@ -19,21 +20,31 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import solve_triangular
 
 from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.chain import Chain, shear, shorten
 from slamgauge.graph_baseline.factors import least_known_landmark, require_known_landmarks
+from slamgauge.graph_baseline.fronts import Factor, covariance_roots, factorised, minimise
 from slamgauge.graph_baseline.linearisation import LinearModel, linearise
-from slamgauge.graph_baseline.recursions import run_adjoints, run_covariances, run_maps
+from slamgauge.graph_baseline.pieces import Piece, plan
+from slamgauge.graph_baseline.recursions import run_adjoints
+from slamgauge.graph_baseline.scans import (
+    NOT_DAMPED,
+    Damping,
+    chunks,
+    compressed_scans,
+    filter_covariances,
+    filter_maps,
+    gram,
+    landmarks_alone,
+    own_information,
+    subtract_scans,
+    transposed,
+)
 from slamgauge.graph_baseline.undetermined import undetermined_variable
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
-
-CHUNK = 128  # steps whose rows, a few megabytes, are handled together
-
-
-EXHAUSTED = 1e-12  # share of a landmark's information that rounding hides
 
 
 class Solution(NamedTuple):
@@ -45,27 +56,23 @@ class Solution(NamedTuple):
     landmark_covs: Float  # (L, 2, 2)
 
 
-class Damping(NamedTuple):
-    """Information that holds poses with scans, landmarks and motions where they are (Levenberg and Marquardt)."""
-
-    pose: Float  # (3,) [1/m^2, 1/m^2, 1/rad^2]
-    landmark: float  # [1/m^2]
-    motion: float  # over what the noise of start and motions says of itself
-
-
-NOT_DAMPED = Damping(np.zeros(3), 0.0, 0.0)
-
-
 class Elimination(NamedTuple):
-    """The keys of a chain as affine maps of (dm, 1), and what the landmarks know."""
+    """The keys of a piece as affine maps of (u, 1), u its n unknowns."""
 
-    A: Float  # (K, 3, 2L+1) predicted
-    P: Float  # (K, 3, 3) their covariances, given the landmarks
+    A: Float  # (K, 3, n+1) predicted
+    P: Float  # (K, 3, 3) their covariances, given the unknowns
     updated: Float  # (K, 3, 3) the same with the key's own scan
-    adjoint: Float  # (K, 3, 2L+1) smoothed A: A - P adjoint
+    adjoint: Float  # (K, 3, n+1) smoothed A: A - P adjoint
     adjoint_cov: Float  # (K, 3, 3) smoothed P: P - P adjoint_cov P
-    factor: Float  # (2L, 2L) lower triangular: information of the landmarks
-    dm: Float  # (2L,)
+
+
+class Eliminated(NamedTuple):
+    """All pieces, and what they know of the unknowns."""
+
+    pieces: list[Piece]
+    poses: list[Elimination]
+    factor: Factor
+    unknowns: Float  # (n+1,) where the cost is least: landmarks (L, 2), poses at cuts (J, 3), and the constant 1
 
 
 def solve_at(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> Solution:
@@ -87,16 +94,15 @@ def solve(model: LinearModel, landmarks: int) -> Solution:
     Raises:
         numpy.linalg.LinAlgError: the observations do not determine the landmarks.
     """
-    chain = shorten(model)
-    eliminated = _eliminate(chain, landmarks, NOT_DAMPED)
-    pose_covs = np.empty((len(model.F) + 1, 3, 3))
-    for poses, A, P in _smoothed_maps(chain, eliminated):
-        maps = A[:, :, :-1].reshape(3 * len(A), 2 * landmarks)
-        spread = solve_triangular(eliminated.factor, maps.T, lower=True, check_finite=False, overwrite_b=True)
-        spread = spread.T.reshape(len(A), 3, 2 * landmarks)
-        pose_covs[poses] = P + spread @ _transposed(spread)
-    dx, dm = _newton_step(chain, eliminated)
-    return Solution(dx, dm, pose_covs, own_blocks_of_inverse(eliminated.factor))
+    eliminated = _eliminate(shorten(model), landmarks, NOT_DAMPED)
+    pose_covs, landmark_covs = np.empty((len(model.F) + 1, 3, 3)), np.empty((landmarks, 2, 2))
+    for number, root in covariance_roots(eliminated.factor, np.zeros((0, 0))):
+        piece = eliminated.pieces[number]
+        landmark_covs[piece.slots] = _own_blocks(root[: 2 * len(piece.slots)])
+        for poses, A, P in _smoothed_maps(piece.chain, eliminated.poses[number]):
+            spread = (A[:, :, :-1].reshape(3 * len(A), len(root)) @ root).reshape(len(A), 3, -1)
+            pose_covs[poses] = P + spread @ transposed(spread)
+    return Solution(*_newton_step(eliminated, len(pose_covs), landmarks), pose_covs, landmark_covs)
 
 
 def damped_step(model: LinearModel, landmarks: int, damping: Damping) -> tuple[Float, Float]:
@@ -110,38 +116,65 @@ def damped_step(model: LinearModel, landmarks: int, damping: Damping) -> tuple[F
             start=share * model.start, start_cov=share * model.start_cov, c=share * model.c, W=share * model.W
         )
     )
-    return _newton_step(chain, _eliminate(chain, landmarks, damping))
+    return _newton_step(_eliminate(chain, landmarks, damping), len(model.F) + 1, landmarks)
 
 
-def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Elimination:
+def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Eliminated:
     compile_graphs_once()
-    model = chain.model
-    G, X = compressed_scans(model, landmarks, damping)
-    joint = _landmarks_alone(model, landmarks)
-    joint[np.diag_indices(2 * landmarks)] += damping.landmark
-    own = np.diag(joint)[:-1].copy()
-    _subtract_scans(joint, X, model)
+    planned = plan(chain, landmarks)
+    held, own, unknowns = np.zeros(planned.unknowns), np.zeros(planned.unknowns), np.zeros(planned.unknowns + 1)
+    held[: 2 * landmarks] = damping.landmark
+    own[: 2 * landmarks] = held[: 2 * landmarks] + own_information(chain.model, landmarks)
+    poses: dict[int, Elimination] = {}
+
+    def told(number: int) -> Float:
+        poses[number], information = _poses_eliminated(planned.pieces[number], damping)
+        return information
+
+    factor, _ = factorised(planned.front, told, held, own)
+    unknowns[-1] = 1.0
+    minimise(factor, unknowns)
+    return Eliminated(planned.pieces, [poses[number] for number in range(len(poses))], factor, unknowns)
+
+
+def _poses_eliminated(piece: Piece, damping: Damping) -> tuple[Elimination, Float]:
+    """The poses of a piece, and the information (n+1, n+1) that they leave of its n unknowns and the constant."""
+    model, width = piece.chain.model, 2 * len(piece.slots)
+    first, last = slice(width, width + 3 * piece.begins), slice(len(piece.columns) - 3 * piece.ends, -1)
+    G, X = compressed_scans(model, len(piece.slots), damping, len(piece.columns))
+    joint = landmarks_alone(model, len(piece.slots), len(piece.columns))
+    subtract_scans(joint, X, model)
+    if piece.ends:  # its last pose is seen as it is
+        G[-1], X[-1, :, last] = np.eye(3), -np.eye(3)
     P, updated, carry, gain, whitener = filter_covariances(model, G)
-    A = filter_maps(model, X, carry, gain)
+    if piece.ends:
+        updated[-1] = 0.0
+        whitener[-1] = solve_triangular(np.linalg.cholesky(P[-1]), np.eye(3), lower=True, check_finite=False)
+    start = np.zeros((3, len(joint)))
+    start[:, first] = np.eye(3)[:, : 3 * piece.begins]
+    start[:, -1] = model.start
+    A = filter_maps(start, model.c, X, carry, gain)
     observed = whitener @ G
-    for steps in _chunks(len(A)):
+    for steps in chunks(len(A)):
         innovation = whitener[steps] @ (G[steps] @ A[steps] + X[steps])
-        joint += _gram(innovation)
-        X[steps] = _transposed(observed[steps]) @ innovation
-    adjoint_cov = _transposed(observed) @ observed
+        joint += gram(innovation)
+        X[steps] = transposed(observed[steps]) @ innovation
+    adjoint_cov = transposed(observed) @ observed
     run_adjoints(carry, X, adjoint_cov)
-    factor = np.asarray(np.linalg.cholesky(joint[:-1, :-1]), dtype=np.float64)
-    if (np.square(np.diag(factor)) < EXHAUSTED * own).any():
-        raise np.linalg.LinAlgError("what poses leave of a landmark's information is rounding")
-    dm = -cho_solve((factor, True), joint[:-1, -1])
-    return Elimination(A, P, updated, X, adjoint_cov, factor, dm)
+    return Elimination(A, P, updated, X, adjoint_cov), joint
 
 
-def _newton_step(chain: Chain, eliminated: Elimination) -> tuple[Float, Float]:
+def _newton_step(eliminated: Eliminated, poses: int, landmarks: int) -> tuple[Float, Float]:
     """The step of all poses (N+1, 3) and landmarks (L, 2)."""
-    at = np.append(eliminated.dm, 1.0)
+    dx = np.empty((poses, 3))
+    for piece, of_piece in zip(eliminated.pieces, eliminated.poses, strict=True):
+        _move_poses(piece.chain, of_piece, eliminated.unknowns[np.append(piece.columns, -1)], dx)
+    return dx, eliminated.unknowns[: 2 * landmarks].reshape(-1, 2)
+
+
+def _move_poses(chain: Chain, eliminated: Elimination, at: Float, dx: Float) -> None:
+    """Fill `dx` (N+1, 3) for a piece's poses, where (u, 1) is `at`."""
     predicted, adjoint = eliminated.A @ at, eliminated.adjoint @ at
-    dx = np.empty((chain.key[-1] + 1, 3))
     dx[chain.key] = predicted - np.einsum("kij,kj->ki", eliminated.P, adjoint)
     between = chain.between
     if len(between.pose):
@@ -151,17 +184,16 @@ def _newton_step(chain: Chain, eliminated: Elimination) -> tuple[Float, Float]:
         pull = adjoint[between.key]
         pull[:, 2] += (between.lever_to * pull[:, :2]).sum(axis=1)
         dx[between.pose] = start + between.c - np.einsum("kij,kj->ki", P, pull)
-    return dx, eliminated.dm.reshape(-1, 2)
 
 
 def _smoothed_maps(chain: Chain, eliminated: Elimination) -> Iterator[tuple[Int, Float, Float]]:
     """Poses (n,), chunk by chunk, their smoothed maps (n, 3, 2L+1), and covariances (n, 3, 3) given the landmarks."""
-    for part in _chunks(len(chain.key)):
+    for part in chunks(len(chain.key)):
         P, adjoint = eliminated.P[part], eliminated.adjoint[part]
         later = _carried_back(chain.model.F, eliminated.adjoint_cov, part)
         yield chain.key[part], eliminated.A[part] - P @ adjoint, _smoothed_covariances(eliminated.updated[part], later)
     between = chain.between
-    for part in _chunks(len(between.pose)):
+    for part in chunks(len(between.pose)):
         key, lever = between.key[part], between.lever_to[part]
         P = _predicted_between(chain, eliminated, part)
         A = eliminated.A[key]
@@ -180,13 +212,13 @@ def _carried_back(F: Float, adjoint_cov: Float, part: slice) -> Float:
     """What the scans after a pose say of its covariance (n, 3, 3)."""
     back = np.zeros_like(adjoint_cov[part])
     move = F[part]
-    back[: len(move)] = _transposed(move) @ adjoint_cov[part.start + 1 : part.start + 1 + len(move)] @ move
+    back[: len(move)] = transposed(move) @ adjoint_cov[part.start + 1 : part.start + 1 + len(move)] @ move
     return back
 
 
 def _smoothed_covariances(P: Float, adjoint_cov: Float) -> Float:
     smoothed = P - P @ adjoint_cov @ P
-    return (smoothed + _transposed(smoothed)) / 2
+    return (smoothed + transposed(smoothed)) / 2
 
 
 def _predicted_between(chain: Chain, eliminated: Elimination, part: slice) -> Float:
@@ -197,100 +229,13 @@ def _predicted_between(chain: Chain, eliminated: Elimination, part: slice) -> Fl
     return P + between.W[part]
 
 
-def _chunks(steps: int) -> list[slice]:
-    """Slices that cover the steps."""
-    return [slice(first, first + CHUNK) for first in range(0, steps, CHUNK)]
-
-
 def own_blocks_of_inverse(factor: Float) -> Float:
     """Diagonal blocks (L, 2, 2) of (factor factor')^-1."""
-    root = solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False)
-    even, odd = root[:, 0::2], root[:, 1::2]
-    xx, xy, yy = ((one * other).sum(axis=0) for one, other in ((even, even), (even, odd), (odd, odd)))
+    return _own_blocks(solve_triangular(factor, np.eye(len(factor)), trans=1, lower=True, check_finite=False))
+
+
+def _own_blocks(root: Float) -> Float:
+    """Diagonal blocks (l, 2, 2) of the covariance RR' whose root is R (2l, n)."""
+    x, y = root[0::2], root[1::2]
+    xx, xy, yy = ((one * other).sum(axis=1) for one, other in ((x, x), (x, y), (y, y)))
     return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
-
-
-def compressed_scans(model: LinearModel, landmarks: int, damping: Damping) -> tuple[Float, Float]:
-    """Three equations a scan, G dx + X (dm, 1) = unit noise: G (N+1, 3, 3), X (N+1, 3, 2L+1).
-
-    They are the first of its equations, turned so that the others leave the pose out; damping makes three of them.
-    """
-    poses, (count, dim) = len(model.F) + 1, model.r.shape
-    first = np.searchsorted(model.step, np.arange(poses + 1))
-    place = np.arange(count) - first[model.step]  # within the scan
-    held = np.diag(np.sqrt(damping.pose))
-    G, X = np.empty((poses, 3, 3)), np.zeros((poses, 3, 2 * landmarks + 1))
-    by_landmark = X[:, :, :-1].reshape(poses, 3, landmarks, 2).swapaxes(1, 2)
-    for part in _chunks(poses):
-        scans = len(G[part])
-        rows = slice(first[part.start], first[part.start + scans])
-        step, at = model.step[rows], (model.step[rows] - part.start, place[rows])
-        by_pose = np.zeros((scans, int(place[rows].max(initial=-1)) + 1, dim, 3))
-        by_pose[at] = model.Hx[rows]
-        Q, G[part] = np.linalg.qr(np.concatenate([np.tile(held, (scans, 1, 1)), by_pose.reshape(scans, -1, 3)], axis=1))
-        to_rows = _transposed(Q[:, 3:].reshape(by_pose.shape)[at])
-        np.add.at(by_landmark, (step, model.slot[rows]), to_rows @ model.Hm[rows])
-        X[part, :, -1:] = _sum_by(at[0], to_rows @ model.r[rows, :, None], scans)
-    return G, X
-
-
-def _landmarks_alone(model: LinearModel, landmarks: int) -> Float:
-    """Information (2L+1, 2L+1) of all observations on (dm, 1), the poses held fixed."""
-    joint = np.zeros((2 * landmarks + 1, 2 * landmarks + 1))
-    own = joint[:-1, :-1].reshape(landmarks, 2, landmarks, 2)
-    index = np.arange(landmarks)
-    by_landmark = _transposed(model.Hm)
-    own[index, :, index, :] = _sum_by(model.slot, by_landmark @ model.Hm, landmarks)
-    joint[:-1, -1] = _sum_by(model.slot, by_landmark @ model.r[:, :, None], landmarks).ravel()
-    return joint
-
-
-def _subtract_scans(joint: Float, X: Float, model: LinearModel) -> None:
-    """Subtract X'X, chunk by chunk on the columns of the landmarks that the chunk has seen."""
-    for steps in _chunks(len(X)):
-        begin, end = np.searchsorted(model.step, [steps.start, steps.stop])
-        seen = np.unique(model.slot[begin:end])
-        columns = np.append((2 * seen[:, None] + np.arange(2)).ravel(), len(joint) - 1)
-        joint[np.ix_(columns, columns)] -= _gram(X[steps][:, :, columns])
-
-
-def filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Float, Float, Float]:
-    """Kalman filter of a pose given the landmarks.
-
-    Returns:
-        Predicted and updated covariances P (N+1, 3, 3), carry F (I - K G), gain F K, and whitener L^-1 of the
-        innovations' covariance L L'.
-    """
-    P, updated, carry, gain, whitener = np.empty((5, len(G), 3, 3))
-    run_covariances(model.start_cov, model.F, model.W, np.ascontiguousarray(G), P, updated, carry, gain, whitener)
-    return P, updated, carry, gain, whitener
-
-
-def filter_maps(model: LinearModel, X: Float, carry: Float, gain: Float) -> Float:
-    """Predicted poses as affine maps A (N+1, 3, 2L+1) of (dm, 1)."""
-    A = np.empty_like(X)
-    A[0] = 0.0
-    A[0, :, -1] = model.start
-    np.matmul(-gain[:-1], X[:-1], out=A[1:])
-    A[1:, :, -1] += model.c
-    run_maps(carry, A)
-    return A
-
-
-def _sum_by(group: Int, rows: Float, groups: int) -> Float:
-    """Sums (groups, a, b) of the matrices `rows` (M, a, b) that share a group."""
-    entries = rows.shape[1] * rows.shape[2]
-    sums = np.empty((groups, entries))
-    for column, values in enumerate(rows.reshape(len(rows), entries).T):
-        sums[:, column] = np.bincount(group, values, groups)
-    return sums.reshape(groups, *rows.shape[1:])
-
-
-def _gram(blocks: Float) -> Float:
-    """Sum of B'B over the blocks (n, 3, width)."""
-    rows = blocks.reshape(-1, blocks.shape[2])
-    return rows.T @ rows
-
-
-def _transposed(matrices: Float) -> Float:
-    return matrices.swapaxes(-1, -2)

@@ -16,7 +16,8 @@ from slamgauge.graph_baseline import batch, isam2
 from slamgauge.graph_baseline.factors import require_known_landmarks
 from slamgauge.graph_baseline.growing import GrowingOptimum, Leap
 from slamgauge.graph_baseline.linearisation import linearise
-from slamgauge.graph_baseline.smoother import Damping, damped_step
+from slamgauge.graph_baseline.scans import Damping
+from slamgauge.graph_baseline.smoother import damped_step
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 

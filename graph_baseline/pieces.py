@@ -1,0 +1,133 @@
+"""A chain cut into pieces, each with the few landmarks that its scans see.
+
+A piece begins with a pose that is an unknown, as its landmarks are, and ends with the one that the next begins with;
+the first begins with the prior. What its motions and scans say of the last pose has a covariance of full rank: a chain
+is cut only where the motions since the last cut leave no direction of the pose without noise, nor one with so little
+that its inverse would hide the rest.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.graph_baseline.chain import Between, Chain, carried_covariances, shear, sums_within
+from slamgauge.graph_baseline.fronts import Front, dissected, multiply_adds
+
+LANDMARKS = 64  # of a piece: with the scan that sees more it ends
+LEAST = 1e-9  # of the variance of dead reckoning, in any direction: less noise of a piece's motions is none
+OVERHEAD = 5e7  # multiply-adds in the time that a piece takes whatever its size
+
+
+class Piece(NamedTuple):
+    """Keys of a chain from one cut to the next, both included; the scan of the last is told by the next piece."""
+
+    chain: Chain  # its own keys, poses and landmarks; the keys' poses keep their numbers
+    slots: Int  # (l,) its landmarks
+    begins: bool  # with a pose that is an unknown
+    ends: bool
+    columns: Int  # numbers of its unknowns: of its landmarks, its first pose, its last pose
+
+
+class Plan(NamedTuple):
+    """Pieces, and the tree in which they meet; unknowns are the landmarks (L, 2), then the poses at cuts (J, 3)."""
+
+    pieces: list[Piece]
+    front: Front
+    unknowns: int
+
+
+def plan(chain: Chain, landmarks: int) -> Plan:
+    """The pieces of a chain, or all of it as one, whichever takes less work."""
+    whole = _planned(chain, landmarks, np.zeros(0, dtype=np.int64))
+    if landmarks <= 2 * LANDMARKS or len(np.unique(chain.model.slot)) < landmarks:
+        return whole
+    cut = _planned(chain, landmarks, cuts(chain))
+    return min((whole, cut), key=work)
+
+
+def work(planned: Plan) -> float:
+    """Multiply-adds, to a small factor."""
+    alone = sum(6.0 * len(each.chain.key) * len(each.columns) ** 2 + OVERHEAD for each in planned.pieces)
+    return alone + multiply_adds(planned.front)
+
+
+def cuts(chain: Chain) -> Int:
+    """Keys (J,) at which to cut, without the first and the last."""
+    first = np.searchsorted(chain.model.step, np.arange(len(chain.key) + 1)).tolist()
+    slot = chain.model.slot.tolist()
+    found: list[int] = []
+    seen = set[int]()
+    for k in range(len(chain.key) - 1):
+        if len(seen) > LANDMARKS:
+            found.append(k)
+            seen = set()
+        seen.update(slot[first[k] : first[k + 1]])
+    cut = np.array(found, dtype=np.int64)
+    while not (noisy := _is_noisy(chain, cut)).all():
+        cut = cut[noisy]
+    return cut
+
+
+def _is_noisy(chain: Chain, cut: Int) -> np.ndarray:
+    """Whether the motions since the cut before leave no direction of the pose at each cut (J,) without noise."""
+    model = chain.model
+    lever = model.F[:, :2, 2]
+
+    def noise_since(key: Int) -> Float:
+        segment = np.searchsorted(key, np.arange(1, len(lever) + 1)) - 1
+        since = sums_within(segment, key, lever)
+        return carried_covariances(segment, key, since, model.W)[cut - 1]
+
+    start = np.tile(model.start_cov, (len(cut), 1, 1))
+    shear(start, np.cumsum(lever, axis=0)[cut - 1])
+    all_noise = start + noise_since(np.array([0, len(lever)]))
+    sigma = np.sqrt(np.diagonal(all_noise, axis1=1, axis2=2))
+    sigma[sigma == 0.0] = np.inf
+    share = noise_since(np.concatenate([[0], cut, [len(lever)]])) / (sigma[:, :, None] * sigma[:, None, :])
+    return np.linalg.eigvalsh(share)[:, 0] > LEAST
+
+
+def _planned(chain: Chain, landmarks: int, cut: Int) -> Plan:
+    ends = np.concatenate([[0], cut, [len(chain.key) - 1]])
+    if len(cut) == 0:
+        pieces = [Piece(chain, np.arange(landmarks), False, False, np.arange(2 * landmarks))]
+    else:
+        pieces = [_piece(chain, landmarks, ends, number) for number in range(len(cut) + 1)]
+    lever = np.concatenate([np.zeros((1, 2)), np.cumsum(chain.model.F[:, :2, 2], axis=0)])  # (-y, x) of each key
+    front = dissected([piece.columns for piece in pieces], (lever[ends[:-1]] + lever[ends[1:]]) / 2)
+    return Plan(pieces, front, 2 * landmarks + 3 * len(cut))
+
+
+def _piece(chain: Chain, landmarks: int, ends: Int, number: int) -> Piece:
+    first, last = ends[number : number + 2].tolist()
+    model, begins, finishes = chain.model, number > 0, number < len(ends) - 2
+    rows = slice(*np.searchsorted(model.step, [first, last if finishes else last + 1]).tolist())
+    slots, slot = np.unique(model.slot[rows], return_inverse=True)
+    moves = slice(first, last)
+    own = model._replace(
+        F=model.F[moves],
+        c=model.c[moves],
+        W=model.W[moves],
+        Hx=model.Hx[rows],
+        Hm=model.Hm[rows],
+        r=model.r[rows],
+        step=model.step[rows] - first,
+        slot=slot,
+    )
+    if begins:
+        own = own._replace(start=np.zeros(3), start_cov=np.zeros((3, 3)))
+    places = slice(*np.searchsorted(chain.between.key, [first + 1, last + 1]).tolist())
+    between = Between(*(each[places] for each in chain.between))
+    poses = np.arange(2 * landmarks + 3 * (number - 1), 2 * landmarks + 3 * (number + 1))
+    return Piece(
+        Chain(own, chain.key[first : last + 1], between._replace(key=between.key - first)),
+        slots,
+        begins,
+        finishes,
+        np.concatenate(
+            [(2 * slots[:, None] + np.arange(2)).ravel(), poses[0 if begins else 3 : None if finishes else 3]]
+        ),
+    )
