@@ -57,7 +57,7 @@ def model_at_truth(truth: Truth, recording: Recording) -> tuple[LinearModel, int
         raise UserError("truth: the bound needs all true poses, landmarks and associations; simulate a scenario")
     assert truth.landmark_ids is not None
     assert truth.misleading is not None
-    require_room(recording, "bound")
+    require_room(recording, "bound", dense=True)
     named = np.where(truth.misleading, -1, truth.association)
     is_named = recording.landmark is not None and np.array_equal(named, recording.landmark)
     seen = recording if is_named else recording.associated(named)

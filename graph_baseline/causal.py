@@ -44,7 +44,7 @@ def isam2(recording: Recording, association: Int | None = None) -> Estimate:
     """
     if association is not None:
         return among_mapped(isam2(recording.associated(association)), association)
-    require_room(recording, "isam2")
+    require_room(recording, "isam2", dense=True)
     tell_if_long(recording)
     growing = GrowingOptimum(recording)
     steps = recording.steps

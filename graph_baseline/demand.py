@@ -4,25 +4,55 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamgauge.graph_baseline.factors import first_sights
-from slamgauge.memory import require_memory
+from slamgauge.graph_baseline.chain import shorten
+from slamgauge.graph_baseline.factors import first_sights, landmarks_at_first_sight, require_known_landmarks
+from slamgauge.graph_baseline.fronts import largest, numbers_kept
+from slamgauge.graph_baseline.linearisation import linearise
+from slamgauge.graph_baseline.pieces import Plan, plan
+from slamgauge.memory import free_memory, require_memory
 from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
+from slamgauge.se2 import chain
 
 LONG = 600.0  # s
 RATE = 5e8  # multiply-adds of factors of the landmarks' information in a second, all else that a step takes included
-MAPS, MATRICES = 10.0, 6.0  # arrays alive at once: of all poses' maps, of the landmarks' information
+MAPS, KEPT_MAPS = 10.0, 2.0  # arrays alive at once: of the maps of a piece's poses, of those of all pieces'
+KEYS, ROWS = 150.0, 20.0  # numbers for each pose with a scan, and for each row of an observation
+MATRICES = 6.0  # the same of the information of a front, or of all landmarks
 
 
-def require_room(recording: Recording, name: str) -> None:
-    """Refuse a recording whose poses' maps (K, 3, 2L+1), K with scans, and information (2L, 2L) do not fit.
+def require_room(recording: Recording, name: str, *, dense: bool = False) -> None:
+    """Refuse a recording that does not fit.
 
-    Both optima need them: the causal one is held against the other in the end.
+    Args:
+        recording: known association.
+        name: of the optimum.
+        dense: whether it has the information (2L, 2L) of all landmarks as one matrix, whatever their number.
+
+    Raises:
+        UserError: memory does not hold it.
     """
     landmarks, scans = _counts(recording)
     needed = 8.0 * (MAPS * 3 * scans * 2 * landmarks + MATRICES * (2 * landmarks) ** 2)
-    what = f"{name} of {landmarks} landmarks in {scans} scans"
-    require_memory(needed, what, "leave it out or give a part of them")
+    if not dense and needed > free_memory():
+        needed = bytes_of(_plan_of(recording))
+    require_memory(needed, f"{name} of {landmarks} landmarks in {scans} scans", "leave it out or give a part of them")
+
+
+def bytes_of(planned: Plan) -> float:
+    """What it takes to solve a linear problem so, with every covariance."""
+    maps = [3.0 * len(piece.chain.key) * (len(piece.columns) + 1) for piece in planned.pieces]
+    working = MAPS * max(maps) + MATRICES * largest(planned.front) ** 2
+    small = sum(KEYS * len(piece.chain.key) + ROWS * piece.chain.model.r.size for piece in planned.pieces)
+    return 8.0 * (working + KEPT_MAPS * sum(maps) + numbers_kept(planned.front) + small)
+
+
+def _plan_of(recording: Recording) -> Plan:
+    ids = first_sights(recording)[0]
+    slot = np.searchsorted(ids, require_known_landmarks(recording))
+    path = chain(recording.prior_mean, recording.odometry)
+    model = linearise(recording, slot, path, landmarks_at_first_sight(recording, path))
+    return plan(shorten(model), len(ids))
 
 
 def tell_if_long(recording: Recording) -> None:

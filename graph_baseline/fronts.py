@@ -22,9 +22,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from slamgauge.arrays import Float, Int, Marks
+from slamgauge.arrays import Float, Int
 
 EXHAUSTED = 1e-12  # share of a landmark's information that rounding hides
+MOVED = 300.0  # multiply-adds in the time that a number of a front takes to be put in place
 
 
 class Front(NamedTuple):
@@ -32,8 +33,9 @@ class Front(NamedTuple):
 
     parts: tuple[Front, ...]  # none: a piece
     piece: int  # its number, the first of its pieces
-    columns: Int  # (n,) numbers of the unknowns, increasing
-    done: Marks  # (n,) those that no other piece speaks of
+    columns: Int  # (n,) numbers of the unknowns
+    done: int  # f, so many of them, the first, are eliminated: no other piece speaks of them
+    places: tuple[Int, ...]  # where a piece's unknowns, or those that each part shares, stand among them
 
 
 class Factor(NamedTuple):
@@ -42,28 +44,33 @@ class Factor(NamedTuple):
     front: Front
     parts: tuple[Factor, ...]
     root: Float  # (f, f) lower triangular
-    rest: Float  # (s + 1, f) of the shared unknowns, and of the constant
+    rest: Float  # (f, s + 1) of the shared unknowns, and of the constant
 
 
 def dissected(columns: list[Int], place: Float) -> Front:
-    """The tree of pieces that speak of unknowns `columns`, each increasing, and lie at `place` (pieces, 2)."""
+    """The tree of pieces that speak of unknowns `columns` each and lie at `place` (pieces, 2)."""
     speakers = np.bincount(np.concatenate(columns))
     return _joined(columns, place, speakers, np.arange(len(columns)))[0]
 
 
 def _joined(columns: list[Int], place: Float, speakers: Int, pieces: Int) -> tuple[Front, Int]:
     """The front of some pieces, and how many of these speak of each unknown that it shares with others."""
+    parts: tuple[Front, ...] = ()
     if len(pieces) == 1:
-        parts = ()
-        unknowns, count = columns[pieces[0]], np.ones(len(columns[pieces[0]]), dtype=np.int64)
+        told = [columns[pieces[0]]]
+        counts = [np.ones(len(told[0]), dtype=np.int64)]
     else:
         halves = [_joined(columns, place, speakers, half) for half in _halves(place, pieces)]
-        parts = tuple(front for front, _ in halves)
-        shared = np.concatenate([front.columns[~front.done] for front in parts])
-        unknowns, at = np.unique(shared, return_inverse=True)
-        count = np.bincount(at, np.concatenate([each for _, each in halves]), len(unknowns)).astype(np.int64)
-    done = count == speakers[unknowns]
-    return Front(parts, int(pieces[0]), unknowns, done), count[~done]
+        parts, counts = tuple(part for part, _ in halves), [count for _, count in halves]
+        told = [part.columns[part.done :] for part in parts]
+    unknowns, at = np.unique(np.concatenate(told), return_inverse=True)
+    count = np.bincount(at, np.concatenate(counts), len(unknowns)).astype(np.int64)
+    complete = count == speakers[unknowns]
+    order = np.argsort(~complete, kind="stable")
+    rank = np.argsort(order)[at]
+    places = tuple(np.split(rank, np.cumsum([len(each) for each in told])[:-1]))
+    done = int(complete.sum())
+    return Front(parts, int(pieces[0]), unknowns[order], done, places), count[order[done:]]
 
 
 def _halves(place: Float, pieces: Int) -> tuple[Int, Int]:
@@ -74,8 +81,21 @@ def _halves(place: Float, pieces: Int) -> tuple[Int, Int]:
 
 
 def multiply_adds(front: Front) -> float:
-    """Of its factor, all parts included, to a small factor."""
-    return len(front.columns) ** 2 * float(front.done.sum()) + sum(map(multiply_adds, front.parts))
+    """Of its factor and its roots, all parts included, to a small factor."""
+    size = len(front.columns)
+    shared = size - front.done
+    alone = size**2 * front.done + shared**2 * size + MOVED * size**2
+    return alone + sum(map(multiply_adds, front.parts))
+
+
+def largest(front: Front) -> int:
+    """Unknowns of the largest front."""
+    return max(len(front.columns), *map(largest, front.parts), 0)
+
+
+def numbers_kept(front: Front) -> float:
+    """Numbers of the factor, all parts included."""
+    return len(front.columns) * float(front.done) + sum(map(numbers_kept, front.parts))
 
 
 def factorised(front: Front, told: Callable[[int], Float], held: Float, own: Float) -> tuple[Factor, Float]:
@@ -90,62 +110,54 @@ def factorised(front: Front, told: Callable[[int], Float], held: Float, own: Flo
     Raises:
         numpy.linalg.LinAlgError: an unknown is not determined, or only by rounding.
     """
-    parts: tuple[Factor, ...] = ()
-    if front.parts:
-        parts, joint = _assembled(front, told, held, own)
-    else:
-        joint = told(front.piece)
-    done, eliminated = np.append(front.done, False), front.columns[front.done]
-    information = joint[np.ix_(done, done)]
-    information[np.diag_indices(len(eliminated))] += held[eliminated]
-    root = np.asarray(np.linalg.cholesky(information), dtype=np.float64)
+    parts: list[Factor] = []
+    size, done = len(front.columns), front.done
+    joint = np.zeros((size + 1, size + 1))
+    for number, place in enumerate(front.places):
+        if front.parts:
+            part, left = factorised(front.parts[number], told, held, own)
+            parts.append(part)
+        else:
+            left = told(front.piece)
+        at = np.append(place, size)
+        joint[np.ix_(at, at)] += left
+    eliminated = front.columns[:done]
+    joint[np.arange(done), np.arange(done)] += held[eliminated]
+    root = np.asarray(np.linalg.cholesky(joint[:done, :done]), dtype=np.float64)
     if (np.square(np.diag(root)) < EXHAUSTED * own[eliminated]).any():
         raise np.linalg.LinAlgError("what is left of an unknown's information is rounding")
-    rest = solve_triangular(root, joint[np.ix_(done, ~done)], lower=True, check_finite=False).T
-    return Factor(front, parts, root, rest), joint[np.ix_(~done, ~done)] - rest @ rest.T
-
-
-def _assembled(front: Front, told: Callable[[int], Float], held: Float, own: Float) -> tuple[tuple[Factor, ...], Float]:
-    """The factors of a front's parts, and the sum (n + 1, n + 1) of what they leave."""
-    joint = np.zeros((len(front.columns) + 1, len(front.columns) + 1))
-    factors: list[Factor] = []
-    for part in front.parts:
-        factor, left = factorised(part, told, held, own)
-        at = np.append(_places(front, part), len(front.columns))
-        joint[np.ix_(at, at)] += left
-        factors.append(factor)
-    return tuple(factors), joint
+    rest = solve_triangular(root, joint[:done, done:], lower=True, check_finite=False)
+    return Factor(front, tuple(parts), root, rest), joint[done:, done:] - rest.T @ rest
 
 
 def minimise(factor: Factor, unknowns: Float) -> None:
     """Fill `unknowns` (all, and the constant 1 behind them) with the minimum, from the last front to the pieces."""
     front = factor.front
-    shared = np.append(front.columns[~front.done], len(unknowns) - 1)
-    pull = unknowns[shared] @ factor.rest
-    unknowns[front.columns[front.done]] = -solve_triangular(factor.root, pull, trans=1, lower=True, check_finite=False)
+    shared = np.append(front.columns[front.done :], len(unknowns) - 1)
+    pull = factor.rest @ unknowns[shared]
+    unknowns[front.columns[: front.done]] = -solve_triangular(
+        factor.root, pull, trans=1, lower=True, check_finite=False
+    )
     for part in factor.parts:
         minimise(part, unknowns)
 
 
-def covariance_roots(factor: Factor, shared: Float) -> Iterator[tuple[int, Float]]:
-    """The pieces' numbers, and roots R (n, r) of the covariance RR' of each one's unknowns.
+def covariance_roots(factor: Factor, shared: Float) -> Iterator[tuple[int, Int, Float]]:
+    """The pieces' numbers; where each one's unknowns stand in its front; of this the root R (n, n), upper triangular.
+
+    RR' is the covariance of the front's unknowns.
 
     Args:
         factor: of a front.
-        shared: (s, r) a root of what it shares; (0, 0) of the last front.
+        shared: (s, s) the root of what it shares; (0, 0) of the last front.
     """
-    front = factor.front
-    right = np.hstack([np.eye(len(factor.root)), -factor.rest[:-1].T @ shared])
-    roots = np.zeros((len(front.columns), right.shape[1]))
-    roots[front.done] = solve_triangular(factor.root, right, trans=1, lower=True, check_finite=False)
-    roots[~front.done, len(factor.root) :] = shared
+    front, done = factor.front, factor.front.done
+    right = np.hstack([np.eye(done), -factor.rest[:, :-1] @ shared])
+    root = np.zeros((len(front.columns), len(front.columns)))
+    root[:done] = solve_triangular(factor.root, right, trans=1, lower=True, check_finite=False)
+    root[done:, done:] = shared
     if not factor.parts:
-        yield front.piece, roots
-    for part in factor.parts:
-        rows = roots[_places(front, part.front)]
-        yield from covariance_roots(part, np.linalg.qr(rows.T, mode="r").T)
-
-
-def _places(front: Front, part: Front) -> Int:
-    """Where the unknowns that a part shares stand among the front's."""
-    return np.searchsorted(front.columns, part.columns[~part.done])
+        yield front.piece, front.places[0], root
+    for part, place in zip(factor.parts, front.places, strict=bool(factor.parts)):
+        triangle = np.asarray(np.linalg.qr(root[place[::-1]].T, mode="r"), dtype=np.float64)
+        yield from covariance_roots(part, triangle.T[::-1, ::-1])

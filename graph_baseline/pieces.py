@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.chain import Between, Chain, carried_covariances, shear, sums_within
+from slamgauge.arrays import Int, Marks
+from slamgauge.graph_baseline.chain import Between, Chain, carried_covariances, sums_within
 from slamgauge.graph_baseline.fronts import Front, dissected, multiply_adds
 
 LANDMARKS = 64  # of a piece: with the scan that sees more it ends
-LEAST = 1e-9  # of the variance of dead reckoning, in any direction: less noise of a piece's motions is none
-OVERHEAD = 5e7  # multiply-adds in the time that a piece takes whatever its size
+LEAST = 1e-8  # of the variances of start and motions so far, in any direction: less noise of a piece is none
+OVERHEAD = 1.5e7  # multiply-adds in the time that a piece takes whatever its size
 
 
 class Piece(NamedTuple):
@@ -41,10 +41,10 @@ class Plan(NamedTuple):
 
 def plan(chain: Chain, landmarks: int) -> Plan:
     """The pieces of a chain, or all of it as one, whichever takes less work."""
-    whole = _planned(chain, landmarks, np.zeros(0, dtype=np.int64))
+    whole = plan_of(chain, landmarks, np.zeros(0, dtype=np.int64))
     if landmarks <= 2 * LANDMARKS or len(np.unique(chain.model.slot)) < landmarks:
         return whole
-    cut = _planned(chain, landmarks, cuts(chain))
+    cut = plan_of(chain, landmarks, cuts(chain))
     return min((whole, cut), key=work)
 
 
@@ -66,31 +66,27 @@ def cuts(chain: Chain) -> Int:
             seen = set()
         seen.update(slot[first[k] : first[k + 1]])
     cut = np.array(found, dtype=np.int64)
-    while not (noisy := _is_noisy(chain, cut)).all():
-        cut = cut[noisy]
+    while not (noisy := _is_noisy(chain, cut)).all():  # of cuts in a row that are none, every second may be one
+        number = np.arange(len(cut))
+        in_row = number - np.maximum.accumulate(np.where(noisy, number, -1))
+        cut = cut[in_row % 2 == 0]
     return cut
 
 
-def _is_noisy(chain: Chain, cut: Int) -> np.ndarray:
+def _is_noisy(chain: Chain, cut: Int) -> Marks:
     """Whether the motions since the cut before leave no direction of the pose at each cut (J,) without noise."""
     model = chain.model
-    lever = model.F[:, :2, 2]
-
-    def noise_since(key: Int) -> Float:
-        segment = np.searchsorted(key, np.arange(1, len(lever) + 1)) - 1
-        since = sums_within(segment, key, lever)
-        return carried_covariances(segment, key, since, model.W)[cut - 1]
-
-    start = np.tile(model.start_cov, (len(cut), 1, 1))
-    shear(start, np.cumsum(lever, axis=0)[cut - 1])
-    all_noise = start + noise_since(np.array([0, len(lever)]))
-    sigma = np.sqrt(np.diagonal(all_noise, axis1=1, axis2=2))
-    sigma[sigma == 0.0] = np.inf
-    share = noise_since(np.concatenate([[0], cut, [len(lever)]])) / (sigma[:, :, None] * sigma[:, None, :])
-    return np.linalg.eigvalsh(share)[:, 0] > LEAST
+    key = np.concatenate([[0], cut, [len(model.F)]])
+    segment = np.searchsorted(key, np.arange(1, len(model.F) + 1)) - 1
+    lever = sums_within(segment, key, model.F[:, :2, 2])
+    noise = carried_covariances(segment, key, lever, model.W)[cut - 1]
+    variance = np.diag(model.start_cov) + np.cumsum(np.diagonal(model.W, axis1=1, axis2=2), axis=0)[cut - 1]
+    sigma = np.sqrt(np.where(variance > 0.0, variance, np.inf))
+    return np.linalg.eigvalsh(noise / (sigma[:, :, None] * sigma[:, None, :]))[:, 0] > LEAST
 
 
-def _planned(chain: Chain, landmarks: int, cut: Int) -> Plan:
+def plan_of(chain: Chain, landmarks: int, cut: Int) -> Plan:
+    """The pieces of a chain that is cut at the keys (J,)."""
     ends = np.concatenate([[0], cut, [len(chain.key) - 1]])
     if len(cut) == 0:
         pieces = [Piece(chain, np.arange(landmarks), False, False, np.arange(2 * landmarks))]
@@ -120,10 +116,11 @@ def _piece(chain: Chain, landmarks: int, ends: Int, number: int) -> Piece:
     if begins:
         own = own._replace(start=np.zeros(3), start_cov=np.zeros((3, 3)))
     places = slice(*np.searchsorted(chain.between.key, [first + 1, last + 1]).tolist())
-    between = Between(*(each[places] for each in chain.between))
+    pose, key, lever_from, lever_to, c, W = chain.between
+    between = Between(pose[places], key[places] - first, lever_from[places], lever_to[places], c[places], W[places])
     poses = np.arange(2 * landmarks + 3 * (number - 1), 2 * landmarks + 3 * (number + 1))
     return Piece(
-        Chain(own, chain.key[first : last + 1], between._replace(key=between.key - first)),
+        Chain(own, chain.key[first : last + 1], between),
         slots,
         begins,
         finishes,

@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import get_blas_funcs, solve_triangular
 
 from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.chain import Chain, shear, shorten
@@ -45,6 +45,8 @@ from slamgauge.graph_baseline.scans import (
 from slamgauge.graph_baseline.undetermined import undetermined_variable
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
+
+(multiply_triangular,) = get_blas_funcs(("trmm",), dtype=np.float64)
 
 
 class Solution(NamedTuple):
@@ -96,11 +98,12 @@ def solve(model: LinearModel, landmarks: int) -> Solution:
     """
     eliminated = _eliminate(shorten(model), landmarks, NOT_DAMPED)
     pose_covs, landmark_covs = np.empty((len(model.F) + 1, 3, 3)), np.empty((landmarks, 2, 2))
-    for number, root in covariance_roots(eliminated.factor, np.zeros((0, 0))):
-        piece = eliminated.pieces[number]
-        landmark_covs[piece.slots] = _own_blocks(root[: 2 * len(piece.slots)])
+    for number, place, root in covariance_roots(eliminated.factor, np.zeros((0, 0))):
+        piece, order = eliminated.pieces[number], np.argsort(place)
+        landmark_covs[piece.slots] = _own_blocks(root[place[: 2 * len(piece.slots)]])
         for poses, A, P in _smoothed_maps(piece.chain, eliminated.poses[number]):
-            spread = (A[:, :, :-1].reshape(3 * len(A), len(root)) @ root).reshape(len(A), 3, -1)
+            maps = A[:, :, order].reshape(3 * len(A), len(order))
+            spread = multiply_triangular(1.0, root.T, maps.T, lower=1, overwrite_b=1).T.reshape(A[:, :, :-1].shape)
             pose_covs[poses] = P + spread @ transposed(spread)
     return Solution(*_newton_step(eliminated, len(pose_covs), landmarks), pose_covs, landmark_covs)
 
