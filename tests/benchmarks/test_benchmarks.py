@@ -86,6 +86,12 @@ SMALLEST = {
         "landmarks filter median [ms] mean [ms] p95 [ms] worst [ms] difference memory/P",
         "20 compressed ",
     ),
+    "large_optima": (  # 7 s
+        "--landmarks 20,40",
+        "landmarks scans seen batch [s] one [s] pieces front memory [GB] chi2/dof",
+        "20 ",
+        "from 20 to 37: batch landmarks^",
+    ),
     "memory_traffic": ("--landmarks 20", "landmarks k MB moved of it P at bandwidth", "20 12 "),  # 2 s
     "noise_intervals": (  # 10 s
         "--recordings 2 --outliers 1 --seed 3 --jobs 1",
