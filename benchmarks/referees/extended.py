@@ -117,7 +117,8 @@ class _Filter:
     def _correct_iterated(self, columns: list[int], values: Long, R: Long) -> None:
         """Damped Gauss-Newton on d'P^-1 d + v'R^-1 v with d = P y, so that P may be singular."""
         start, P = self.x, self.P
-        at, y = start.copy(), np.zeros_like(start)
+        at: Long = start.copy()
+        y: Long = np.zeros_like(start)
         noise = _cholesky(R)
 
         def cost(x: Long, y: Long) -> Any:
@@ -125,14 +126,13 @@ class _Filter:
             return (y @ P @ y + white @ white) / 2
 
         before = cost(at, y)
-        H = self._jacobian(columns, at)
         for _ in range(MAX_PASSES):
             H = self._jacobian(columns, at)
             factor = _cholesky(H @ P @ H.T + R)
             error = self._innovation(at, columns, values) - H @ (start - at)
             y_next = H.T @ _backward(factor, _forward(factor, error))
-            share = np.longdouble(1)
-            tried, y_tried = start + P @ y_next, y_next
+            share, y_tried = 1.0, y_next
+            tried: Long = start + P @ y_next
             while not cost(tried, y_tried) <= before and share > SHORTEST:
                 share = share / 2
                 y_tried = y + share * (y_next - y)
