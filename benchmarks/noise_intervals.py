@@ -1,11 +1,12 @@
 """Do the intervals of `slamgauge noise` hold the truth; a table of the sigmas, one of recordings with outliers.
 
-    python benchmarks/noise_intervals.py [--recordings 200] [--outliers 40] [--seed 1] [--jobs 2]
+    python benchmarks/noise_intervals.py [--recordings 200] [--outliers 40] [--duration SECONDS] [--seed 1] [--jobs 2]
 
 Recordings of `q1-long-dense` and `q1-short-dense` in turn, simulated with .5, 1 or 2 times the practical's noise, of
 motion and of the sensor each, in every third with 3 or 6 mm of lateral noise a step; what is assumed is off by up to a
 factor of 1.65 for each sigma. Found over true: how many of the 95 % intervals hold 1, and the median. Then --outliers
-recordings with 2 % and as many with 10 % of the ranges drawn evenly from 0 to 10 m. Seconds are those of one core.
+recordings with 2 % and as many with 10 % of the ranges drawn evenly from 0 to 10 m. All last as long as their scenario
+says, or --duration. Seconds are those of one core.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ class Case(NamedTuple):
     number: int
     seed: int
     outlier_rate: float
+    duration: float | None  # s; None: the scenario's
 
 
 class Result(NamedTuple):
@@ -59,11 +61,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--recordings", type=int, default=200)
     parser.add_argument("--outliers", type=int, default=40)
+    parser.add_argument("--duration", type=float)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
-    clean = [Case(number, options.seed, 0.0) for number in range(options.recordings)]
-    dirty = [Case(number, options.seed, rate) for rate in RATES for number in range(options.outliers)]
+    seed, duration = options.seed, options.duration
+    clean = [Case(number, seed, 0.0, duration) for number in range(options.recordings)]
+    dirty = [Case(number, seed, rate, duration) for rate in RATES for number in range(options.outliers)]
     with local_processes(options.jobs) as executor:
         found = [*executor.map(find, [*clean, *dirty])]
     titles = "".join(f"{title:>{width}}" for title, width in COLUMNS.items())
@@ -98,6 +102,7 @@ def made(case: Case) -> tuple[Recording, dict[str, float], float]:
         [
             *("start=sampled", f"motion.sigma_speed={0.3 * motion}", f"motion.sigma_yaw_rate_deg={3 * motion}"),
             *(f"sensor.sigma_range={0.1 * sensor}", f"sensor.sigma_bearing_deg={5 * sensor}"),
+            *([] if case.duration is None else [f"trajectory.duration={case.duration}"]),
         ],
     )
     _, recording = simulate(scenario, int(rng.integers(2**31)))

@@ -42,8 +42,8 @@ SMALLEST = {
         "truth 0 0 1 0 ",
     ),
     "chart_libraries": ("", "library bytes complaints start [ms]", "slamgauge "),  # 5 s
-    "class_of_thirty": (  # 25 s
-        "--graded 2 --runs 2 --scenario q1-short-dense --timeout 15 --jobs 1",
+    "class_of_thirty": (  # 15 s
+        "--graded 2 --runs 2 --scenario q1-short-dense --timeout 8 --jobs 1",
         "submission verdict ATE [m] x ekf",
         "(ekf) reference ",
         "2 graded, 6 named with their reasons",
@@ -67,7 +67,7 @@ SMALLEST = {
         "foreign export 2 2 0 0 0 0 0",
         "tracebacks, hangs, crashes and losses: 0",
     ),
-    "kill_a_study": ("--runs 12 --kills 3", "killed with", "the same summary after 3 kills; 12 runs"),
+    "kill_a_study": ("--runs 6 --kills 2", "killed with", "the same summary after 2 kills; 6 runs"),
     "fixed_lag": (  # 4 s
         "--scenario q4-three-landmarks --lags 2 --runs 1 --jobs 1",
         "estimator RMSE [m] x bound NEES/3 mapped step [ms] failed",
@@ -94,7 +94,7 @@ SMALLEST = {
     ),
     "memory_traffic": ("--landmarks 20", "landmarks k MB moved of it P at bandwidth", "20 12 "),  # 2 s
     "noise_intervals": (  # 10 s
-        "--recordings 2 --outliers 1 --seed 3 --jobs 1",
+        "--recordings 2 --outliers 1 --duration 15 --seed 3 --jobs 1",
         "recordings sigma number held too low too high median interval",
         "q1-short-dense range 1 ",
         "both bearing 2 ",
