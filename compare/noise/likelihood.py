@@ -11,7 +11,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
 
 from slamgauge.arrays import Float
 from slamgauge.compare.noise.model import NoiseModel
@@ -84,6 +83,7 @@ class Likelihood:
 
     def maximum(self, start: Float, iterations: int = ITERATIONS) -> Float:
         """Where it is largest, from `start` on, or as near as that many iterations come."""
+        from scipy.optimize import minimize  # here: slow to start, and figures need this module's names alone
 
         def cost(parameters: Float) -> float:
             return -self.value(parameters)

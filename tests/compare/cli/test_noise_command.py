@@ -15,7 +15,7 @@ from slamgauge.compare.cli.main import main
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    settings = ["trajectory.duration=20", "start=sampled", "assumed.scale=4"]
+    settings = ["trajectory.duration=10", "start=sampled", "assumed.scale=4"]
     path = tmp_path_factory.mktemp("log") / "log.npz"
     save(path, simulate(load_scenario("q1-short-dense", settings), 2)[1])
     return path

@@ -24,7 +24,7 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
-SHORT = ["start=sampled", "trajectory.duration=10"]
+SHORT = ["start=sampled", "trajectory.duration=4"]
 
 
 def test_rungs_that_coincide_are_zero_and_increments_add_up() -> None:
@@ -75,8 +75,8 @@ def test_wrong_associations_are_charged_to_the_associations(monkeypatch: pytest.
 
 def test_a_filter_without_ids_pays_for_its_associations_alone() -> None:
     """At gate 100 on measurements that the optimum sees with their true noise and associations."""
-    errors = rung_errors(load_scenario("q2-gate-100", ["start=sampled", "trajectory.duration=30"]), 2, "ekf")[0]
-    honest = rung_errors(load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=30"]), 2, "ekf")[0]
+    errors = rung_errors(load_scenario("q2-gate-100", ["start=sampled", "trajectory.duration=12"]), 2, "ekf")[0]
+    honest = rung_errors(load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=12"]), 2, "ekf")[0]
     np.testing.assert_array_equal(errors[:3], honest[:3])
     assert errors[2] == errors[1]
     assert errors[3] > errors[2]
