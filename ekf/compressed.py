@@ -30,6 +30,7 @@ from slamgauge.ekf.maps.checks import (
     require_ids,
     require_radius,
     require_robustness,
+    require_room,
     require_sensor,
     rows_of,
     start_of,
@@ -38,6 +39,8 @@ from slamgauge.ekf.maps.rules import WHOLE_SCAN, Rule
 from slamgauge.ekf.online import PointFilter
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.recording import OBSERVATION_DIM, Observations
+
+ROWS = 128  # of the map's covariance that are settled together
 
 
 class CompressedFilter(PointFilter):
@@ -50,13 +53,20 @@ class CompressedFilter(PointFilter):
         area_radius: landmarks within this distance [m] of the robot form its area, which it leaves a
             third of that distance away; one and a half times the sensor's range serves well.
         robust: how updates are guarded against outliers.
+        landmarks: how many to make room for at first; the filter grows beyond that by itself.
 
     Raises:
-        UserError: a sensor that does not exist or fit, an invalid prior, or an invalid radius.
+        UserError: a sensor that does not exist or fit, an invalid prior, radius, or number of landmarks.
     """
 
     def __init__(
-        self, sensor: str, prior_mean: ArrayLike, prior_cov: ArrayLike, area_radius: float, robust: Robustness = PLAIN
+        self,
+        sensor: str,
+        prior_mean: ArrayLike,
+        prior_cov: ArrayLike,
+        area_radius: float,
+        robust: Robustness = PLAIN,
+        landmarks: int = 32,
     ) -> None:
         require_sensor(sensor, ("range-bearing", "position"))
         require_radius(area_radius)
@@ -64,7 +74,10 @@ class CompressedFilter(PointFilter):
         self._area_radius = area_radius
         self._robust = require_robustness(robust)
         self._ids: Int = np.zeros(0, dtype=np.int64)
-        self._origin, self._mean, self._cov = start_of(prior_mean, prior_cov)
+        self._origin, self._mean, start_cov = start_of(prior_mean, prior_cov)
+        room = 3 + 2 * require_room(landmarks)
+        self._room = np.zeros((room, room))
+        self._room[:3, :3] = start_cov
         self._enter_area(self._ids)
 
     @property
@@ -91,14 +104,20 @@ class CompressedFilter(PointFilter):
     @property
     def landmark_covs(self) -> Float:
         """(L, 2, 2) their covariances [m^2]; settles the account of the area."""
-        first = np.arange(3, 3 + 2 * len(self.landmark_ids), 2)
-        return self.cov[first[:, None, None] + np.arange(2)[:, None], first[:, None, None] + np.arange(2)]
+        self._settle(self._local.landmark_ids)
+        first = np.arange(3, len(self._mean), 2)[:, None, None]
+        return self._cov[first + np.arange(2)[:, None], first + np.arange(2)]
 
     @property
     def cov(self) -> Float:
         """(3 + 2L, 3 + 2L) covariance of robot and landmarks; settles the account of the area."""
         self._settle(self._local.landmark_ids)
         return self._cov.copy()
+
+    @property
+    def _cov(self) -> Float:
+        """(3 + 2L, 3 + 2L) as it was on entry to the area; a view of all that there is room for."""
+        return self._room[: len(self._mean), : len(self._mean)]
 
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
         """Move by a body-frame increment; see `SlamFilter.predict`."""
@@ -179,19 +198,29 @@ class CompressedFilter(PointFilter):
     def _settle(self, seen: Int) -> None:
         """Bring the whole map up to date, and enter the area around the robot."""
         area, old = self._area, len(self._mean)
-        rest = np.setdiff1d(np.arange(old), area, assume_unique=True)
         added = self._local.landmark_ids[self._entered :]
-        P_AB = self._cov[np.ix_(area, rest)]
-        C = np.triu(self._C) + np.triu(self._C, 1).T
         size = old + 2 * len(added)
         now = np.concatenate([area, np.arange(old, size)])
-        mean, cov = np.zeros(size), np.zeros((size, size))
-        mean[rest] = self._mean[rest] + P_AB.T @ self._vector
+        known = self._cov[area]
+        C = np.triu(self._C) + np.triu(self._C, 1).T
+        for first in range(0, old, ROWS):  # those of the area, too: they are overwritten
+            rows = slice(first, min(first + ROWS, old))
+            self._cov[rows] += (C @ known[:, rows]).T @ known
+        mean = np.append(self._mean + known.T @ self._vector, np.zeros(size - old))
         mean[now] = np.concatenate([self._local.pose, self._local.landmarks.ravel()])
-        cov[np.ix_(rest, rest)] = self._cov[np.ix_(rest, rest)] + P_AB.T @ C @ P_AB
-        cov[np.ix_(now, rest)] = self._T @ P_AB
-        cov[np.ix_(rest, now)] = cov[np.ix_(now, rest)].T
+        self._mean = mean
+        self._make_room(size)
+        cov = self._cov
+        cov[now, :old] = self._T @ known
+        cov[:old, now] = cov[now, :old].T
         cov[np.ix_(now, now)] = self._local.cov
-        self._mean, self._cov = mean, cov
         self._ids = np.concatenate([self._ids, added])
         self._enter_area(seen)
+
+    def _make_room(self, size: int) -> None:
+        """Room for a covariance of `size` entries, and for a fourth more: what is not used costs no memory."""
+        used = len(self._room)
+        if size > used:
+            room = np.zeros((size + size // 4, size + size // 4))
+            room[:used, :used] = self._room
+            self._room = room

@@ -197,4 +197,4 @@ def online_filter(
     if radius is None:
         return SlamFilter(recording.sensor, *start, landmarks=landmarks, robust=robust)
     tell_once(f"{landmarks} landmarks: ekf works area by area (CompressedFilter), which gives the same for less work")
-    return CompressedFilter(recording.sensor, recording.prior_mean, recording.prior_cov, radius, robust)
+    return CompressedFilter(recording.sensor, recording.prior_mean, recording.prior_cov, radius, robust, landmarks)

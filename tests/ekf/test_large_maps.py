@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
 from slamgauge.ekf import CompressedFilter, SlamFilter, ekf, riekf
-from slamgauge.ekf.estimators import online_filter
+from slamgauge.ekf.estimators import drive, online_filter
 from slamgauge.ekf.large_maps import area_that_pays
 from slamgauge.ekf.maps.rules import CORRECTIONS
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR
@@ -88,6 +89,21 @@ def test_the_estimate_is_that_of_the_full_filter(monkeypatch: pytest.MonkeyPatch
     estimate = ekf(recording)
     for name in ("poses", "pose_covs", "landmarks", "landmark_covs", "nis"):
         np.testing.assert_allclose(getattr(estimate, name), getattr(full, name), atol=1e-9, err_msg=name)
+
+
+def test_the_compressed_filter_needs_little_beyond_the_covariance() -> None:
+    """Twice the map, twice as much: what it settles is not copied."""
+    beyond: list[float] = []
+    for landmarks in (100, 200, 400):
+        recording = along_a_road(landmarks, 3.0, 0.5)
+        tracemalloc.start()
+        slam = CompressedFilter("range-bearing", recording.prior_mean, recording.prior_cov, 4.5, landmarks=landmarks)
+        for _ in drive(slam, recording):
+            pass
+        assert slam.landmark_covs.shape == (landmarks, 2, 2)
+        beyond.append(tracemalloc.get_traced_memory()[1] - 8.0 * (3 + 2 * landmarks) ** 2)
+        tracemalloc.stop()
+    assert 0.0 < beyond[0] < beyond[1] < beyond[2] < 2.5 * beyond[1]
 
 
 def test_memory_that_is_not_there_is_told_before_work_begins(monkeypatch: pytest.MonkeyPatch) -> None:
