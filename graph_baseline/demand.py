@@ -8,7 +8,7 @@ from slamgauge.graph_baseline.chain import shorten
 from slamgauge.graph_baseline.factors import first_sights, landmarks_at_first_sight, require_known_landmarks
 from slamgauge.graph_baseline.fronts import largest, numbers_kept
 from slamgauge.graph_baseline.linearisation import linearise
-from slamgauge.graph_baseline.pieces import Plan, plan
+from slamgauge.graph_baseline.pieces import Plan, plan, work
 from slamgauge.memory import free_memory, require_memory
 from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
@@ -17,6 +17,7 @@ from slamgauge.se2 import chain
 LONG = 600.0  # s
 RATE = 5e8  # multiply-adds of factors of the landmarks' information in a second, all else that a step takes included
 MAPS, KEPT_MAPS = 10.0, 2.0  # arrays alive at once: of the maps of a piece's poses, of those of all pieces'
+SOLUTIONS, SPEED = 15.0, 3e10  # linear problems that a descent solves; multiply-adds of theirs in a second
 KEYS, ROWS = 150.0, 20.0  # numbers for each pose with a scan, and for each row of an observation
 MATRICES = 6.0  # the same of the information of a front, or of all landmarks
 
@@ -37,6 +38,11 @@ def require_room(recording: Recording, name: str, *, dense: bool = False) -> Non
     if not dense and needed > free_memory():
         needed = bytes_of(_plan_of(recording))
     require_memory(needed, f"{name} of {landmarks} landmarks in {scans} scans", "leave it out or give a part of them")
+
+
+def seconds_in_hindsight(recording: Recording) -> float:
+    """What `batch` takes for a recording of known association, to the order of magnitude [s]."""
+    return SOLUTIONS * work(_plan_of(recording)) / SPEED
 
 
 def bytes_of(planned: Plan) -> float:

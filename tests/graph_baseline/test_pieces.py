@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fields import lanes
 from random_recordings import random_recording
 
 from slamgauge.arrays import Float
@@ -23,40 +24,9 @@ from slamgauge.graph_baseline.scans import NOT_DAMPED, Damping
 from slamgauge.graph_baseline.smoother import Solution, damped_step, solve
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain, rotation
+from slamgauge.se2 import chain
 
 BAR = 1e-9  # of a standard deviation, and of a variance
-
-
-def lanes(*, sensor: str = "range-bearing", slip: bool = True, lanes: int = 4, length: int = 30) -> Recording:
-    """A field driven through in lanes: each scan sees what lies within 2.5 m, each lane what its neighbours see."""
-    turns = np.zeros((lanes * length, 3))
-    turns[:, 0] = 1.0
-    for lane in range(1, lanes):
-        turns[lane * length - 1 : lane * length + 1, 2] = np.pi / 2 if lane % 2 else -np.pi / 2
-    turns[::length, 0] = 3.0
-    path = chain(np.zeros(3), turns)
-    rng = np.random.default_rng(0)
-    low, high = path[:, :2].min(axis=0), path[:, :2].max(axis=0)
-    places = rng.uniform(low - 1.0, high + 1.0, (2 * len(path), 2))
-    offset = places - path[:, None, :2]
-    step, landmark = np.nonzero(np.abs(np.hypot(offset[..., 0], offset[..., 1]) - 1.5) < 1.0)
-    delta = np.einsum("nji,nj->ni", rotation(path[step, 2]), offset[step, landmark])
-    polar = np.column_stack([np.hypot(*delta.T), np.arctan2(delta[:, 1], delta[:, 0])])
-    exact = {"range-bearing": polar, "position": delta, "bearing": polar[:, 1:]}[sensor]
-    sigma = {"range-bearing": [0.1, 0.02], "position": [0.1, 0.1], "bearing": [0.02]}[sensor]
-    return Recording(
-        stamps=np.arange(len(path), dtype=np.float64),
-        prior_mean=np.zeros(3),
-        prior_cov=np.diag([0.01, 0.01, 1e-4]),
-        odometry=turns + rng.normal(size=turns.shape) * [0.02, 0.01 * slip, 0.005],
-        odometry_cov=np.tile(np.diag([0.02, 0.01 * slip, 0.005]) ** 2, (len(turns), 1, 1)),
-        sensor=sensor,  # pyright: ignore[reportArgumentType]
-        observation_step=step,
-        observation=exact + rng.normal(size=exact.shape) * sigma,
-        observation_cov=np.tile(np.diag(sigma) ** 2, (len(step), 1, 1)),
-        landmark=landmark,
-    )
 
 
 def model_of(recording: Recording) -> tuple[LinearModel, int]:

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
+from fields import lanes
 
 from slamgauge import load_scenario, save, simulate
 from slamgauge.compare.cli.main import main
@@ -85,6 +86,18 @@ def test_a_run_that_takes_hours_says_so_and_goes_on(
     assert main([*run, "--estimators", "dead-reckoning"]) == 0
     said = r"slamgauge: estimators: 1 of 30 steps and \d+ landmarks take some 0.0 h; give fewer, or a shorter run, for "
     assert re.match(said, capsys.readouterr().err)
+
+
+def test_the_hindsight_optimum_of_a_map_seen_a_part_at_a_time_is_not_said_to_be_long(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By landmarks and steps alone it would take as long as a filter whose covariance is dense."""
+    recording = lanes(lanes=16, length=60)
+    steps = demand.seconds_for(recording, ask(["batch"])[0])
+    monkeypatch.setattr(demand, "LONG", 1.0)
+    pieces, full = (demand.seconds_for(recording, ask([name])[0]) for name in ("batch", "ekf"))
+    assert steps > full > 20.0
+    assert 0.3 < pieces < 5.0  # it takes some 2 s
 
 
 def test_estimates_that_memory_does_not_hold_are_refused_before_the_first(
