@@ -122,7 +122,7 @@ class AssociatingFilter(PointFilter):
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
         """Move by a body-frame increment; see `SlamFilter.predict`."""
         self._map.predict(increment, cov)
-        self._tracks.open_step()
+        self._tracks.clock.open_step()
         self._mean_robot = None
         self._associated = self._associated[:0]
 

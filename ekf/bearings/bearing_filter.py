@@ -126,7 +126,8 @@ class BearingFilter:
         return self._associated
 
     def standing(self, ids: Int) -> Int:
-        """What has become of ids given earlier: -1 where the landmark has been deleted, or is not confirmed yet."""
+        """What has become of ids given earlier: joined ones have their survivor's, deleted or unconfirmed ones -1."""
+        ids = ids if self._association is None else self._association.survivors(ids)
         return np.where(are_among(ids, self.landmark_ids), ids, NONE)
 
     def ray_log(self, members: Int) -> RayLog | None:
@@ -137,6 +138,8 @@ class BearingFilter:
         """Move by a body-frame increment; see `SlamFilter.predict`."""
         self._map.predict(increment, cov)
         self._step += 1
+        if self._association is not None:
+            self._association.clock.open_step()
         self._associated = self._associated[:0]
 
     def update(self, observations: Observations, gate: float | None = None) -> tuple[float, int]:
@@ -173,9 +176,20 @@ class BearingFilter:
             result = self._take_in(ids.tolist(), values, covs)
             self._associated = ids.copy()
             if self._association is not None:
-                for landmark in self._association.false_starts({*self._provisional.counts, *self._points}):
-                    self._forget(landmark)
+                self._tidy(self._association)
         return self._watch.noted(result)
+
+    def _tidy(self, association: RayAssociation) -> None:
+        """Forget the landmarks that association gives up, and join those that it takes for one."""
+        for landmark in association.given_up({*self._provisional.counts}, {*self._points}):
+            self._forget(landmark)
+        while pairs := association.agreed(self._owners(), {*self._points}):
+            for kept, gone in pairs:
+                association.join(kept, gone)
+                slot, other = self._slots_of_points([kept, gone]).tolist()
+                self._map.merge(slot, other)
+                del self._points[gone]
+                self._associated = np.where(self._associated == gone, kept, self._associated)
 
     def _without_outliers(self, ids: Int, values: Float, covs: Float, gate: float | None) -> Int:
         """The ids (m,), NONE for bearings of points that are beyond the gate."""

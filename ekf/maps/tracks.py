@@ -16,6 +16,34 @@ from slamgauge.ekf.settings.association import MapManagement
 GONE = -1
 
 
+class ScanClock:
+    """Counts scans, and steps from the first scan on.
+
+    Attributes:
+        scan: how many have been closed.
+        step: the present one.
+    """
+
+    def __init__(self) -> None:
+        self.scan = self.step = self._step_of_scan = 0
+
+    def open_step(self) -> None:
+        """The robot moves on."""
+        self.step += self.scan > 0
+
+    def close_scan(self) -> None:
+        """All that the present step has seen is noted."""
+        self.scan += 1
+        self._step_of_scan = self.step
+
+    def are_recent(self, last: Int, scans: int) -> Marks:
+        """Whether steps (n,) lie no further back than so many scans take, at the mean rate of scans so far.
+
+        Where the robot has seen nothing for long, the last scans are none to go by.
+        """
+        return (self.step - last) * (self.scan - 1) <= scans * self._step_of_scan
+
+
 class Tracks:
     """The tracks of a map, in the order of its slots; without `management` all are landmarks at once.
 
@@ -24,6 +52,7 @@ class Tracks:
         management: the rules.
 
     Attributes:
+        clock: of the scans.
         matchings: what the tracks of the last scan may be of the map's landmarks; None if they are none of them.
     """
 
@@ -36,8 +65,7 @@ class Tracks:
         self._birth: Int = self._sights  # scan
         self._last: Int = self._sights  # step that saw it last
         self._apart = np.zeros((0, 0), dtype=bool)  # pairs that one scan has seen as two
-        self._scan = 0
-        self._step, self._step_of_scan = 0, 0  # since the first scan; the last one's
+        self.clock = ScanClock()
         self._fate: Int = self._sights  # of each id ever given: itself, the id that it was merged into, or GONE
 
     @property
@@ -52,29 +80,21 @@ class Tracks:
 
     @property
     def recent(self) -> Marks:
-        """(L,) whether the track in each slot was seen as lately as probation takes, at the rate of the scans so far.
-
-        Where the robot has seen nothing for long, the last scans are none to go by.
-        """
+        """(L,) whether the track in each slot was seen as lately as probation takes."""
         assert self._management is not None
-        return (self._step - self._last) * (self._scan - 1) <= self._management.probation * self._step_of_scan
-
-    def open_step(self) -> None:
-        """The robot moves on."""
-        self._step += self._scan > 0
+        return self.clock.are_recent(self._last, self._management.probation)
 
     def close_scan(self, associated: Int) -> None:
         """Note the tracks of a scan, the new ones among them; then delete and join in the map what the rules say."""
         self._begin()
         slots = np.flatnonzero(np.isin(self.ids, associated))
         self._sights[slots] += 1
-        self._scan += 1
-        self._step_of_scan = self._step
-        self._last[slots] = self._step
+        self._last[slots] = self.clock.step
+        self.clock.close_scan()
         if self._management is None:
             return
         self._apart[np.ix_(slots, slots)] = True
-        overdue = (self._scan - self._birth >= self._management.probation) & ~self.confirmed
+        overdue = (self.clock.scan - self._birth >= self._management.probation) & ~self.confirmed
         for slot in np.flatnonzero(overdue)[::-1].tolist():  # from the end: removal moves the last
             self._end(slot, GONE)
             self._map.remove(slot)
@@ -85,8 +105,8 @@ class Tracks:
         born = np.arange(len(self._fate), self.new_ids.given)
         self._fate = np.concatenate([self._fate, born])
         self._sights = np.concatenate([self._sights, np.zeros(len(born), dtype=np.int64)])
-        self._birth = np.concatenate([self._birth, np.full(len(born), self._scan)])
-        self._last = np.concatenate([self._last, np.full(len(born), self._step)])
+        self._birth = np.concatenate([self._birth, np.full(len(born), self.clock.scan)])
+        self._last = np.concatenate([self._last, np.full(len(born), self.clock.step)])
         if self._management is not None:
             self._apart = np.pad(self._apart, (0, len(born)))
 

@@ -41,7 +41,7 @@ class MapManagement:
     merge_gate: float = setting(27.6, lambda g: g >= 0.0, "{} is no squared distance; choose it at least 0")
     vagueness: float = setting(6.0, lambda v: v > 0.0, "{} lets nothing be known; choose it above 0")
     certainty: float = setting(0.99, lambda c: 0.5 < c <= 1.0, "{} is no certainty; choose it above 0.5, at most 1")
-    new_density: float = setting(1e-5, lambda d: d > 0.0, "{} is no density; choose it above 0")
+    new_density: float = setting(3e-4, lambda d: d > 0.0, "{} is no density; choose it above 0")
 
     def __post_init__(self) -> None:
         check(self)

@@ -176,8 +176,8 @@ def test_what_is_ambiguous_is_left_out() -> None:
 
 def test_a_scan_of_nothing_has_no_names() -> None:
     problem = random_problem(0)
-    association = RayAssociation(problem.map, Association("jcbb", map_management=MapManagement()))
-    assert len(association.associate(problem.owners, problem.values[:0], problem.covs[:0])) == 0
+    nothing = replace(problem, values=problem.values[:0], covs=problem.covs[:0])
+    assert named(nothing, Association("jcbb", map_management=MapManagement()))[0] == []
 
 
 # --- whole runs ----------------------------------------------------------------------------------
@@ -218,9 +218,12 @@ def sparse_world(seed: int, steps: int = 220) -> tuple[Recording, Int]:
 @pytest.mark.parametrize("correction", ["ekf", "riekf"])
 @pytest.mark.parametrize("managed", [False, True])
 def test_landmarks_far_apart_are_told_apart(method: Method, correction: str, managed: bool) -> None:
-    """From ray to point and once around: the filter is then the one that was given the ids, number for number."""
+    """From ray to point and once around: the filter is then the one that was given the ids, number for number.
+
+    Directions that are not known well are not too vague here.
+    """
     recording, truth = sparse_world(0)
-    settings = Association(method, map_management=MapManagement(margin=0.0) if managed else None)
+    settings = Association(method, map_management=MapManagement(margin=0.0, vagueness=1e9) if managed else None)
     start = (recording.prior_mean, recording.prior_cov, CORRECTIONS[correction])
     by_itself, told = BearingFilter(*start, association=settings), BearingFilter(*start)
     given: list[Int] = []
@@ -236,10 +239,30 @@ def test_landmarks_far_apart_are_told_apart(method: Method, correction: str, man
     np.testing.assert_array_equal(by_itself.standing(names), names)
 
 
+@pytest.mark.parametrize("correction", ["ekf", "riekf"])
+def test_what_comes_back_into_view_is_joined_with_what_it_is(correction: str) -> None:
+    """Whose direction is too vague to tell it by a bearing begins a ray, and is known again as a point."""
+    recording, truth = sparse_world(0, steps=400)
+    settings = Association("jcbb", map_management=MapManagement(vagueness=0.1))
+    slam = BearingFilter(recording.prior_mean, recording.prior_cov, CORRECTIONS[correction], association=settings)
+    names = np.concatenate([slam.associated for _ in drive(slam, replace(recording, landmark=None))])
+    standing = slam.standing(names)
+    assert (names != standing).any()
+    found = standing != NONE
+    pairs = {*zip(standing[found].tolist(), truth[found].tolist(), strict=True)}
+    assert len(pairs) == len({name for name, _ in pairs}) == len(slam.landmark_ids)  # one landmark each
+    assert {landmark for _, landmark in pairs} == {*range(10)}
+
+
 def see(slam: BearingFilter, *bearings: float) -> list[int]:
     values = np.array(bearings)[:, None]
     slam.update(Observations(None, values, np.full((len(values), 1, 1), 1e-4)))
     return slam.associated.tolist()
+
+
+def walk(slam: BearingFilter) -> None:
+    """A step on the spot."""
+    slam.predict(np.zeros(3), np.zeros((3, 3)))
 
 
 @METHODS
@@ -261,6 +284,27 @@ def test_false_starts_are_deleted(method: Method, rays: Rays) -> None:
     assert {*slam.provisional, *slam.landmark_ids.tolist()} == {0}
     assert see(slam, 0.0, 1.0) == [0, 2]  # a name is not given again
     assert slam.standing(np.array([0, 1, 2, NONE])).tolist() == [0, NONE, NONE, NONE]
+
+
+@METHODS
+def test_a_ray_that_is_not_seen_for_long_is_given_up(method: Method) -> None:
+    """It was confirmed, but lies in the direction of whatever comes there next."""
+    management = MapManagement(sights=3, probation=5)
+    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), "standard", Rays(), Association(method, 9.0, management))
+    for _ in range(3):
+        walk(slam)
+        assert see(slam, 0.0, 1.0) == [0, 1]
+    for _ in range(5):
+        assert {*slam.provisional} == {0, 1}
+        walk(slam)
+        assert see(slam, 0.0) == [0]
+    walk(slam)
+    assert see(slam, 0.0) == [0]
+    assert {*slam.provisional} == {0}
+    assert slam.standing(np.array([0, 1])).tolist() == [0, NONE]
+    assert len(slam.cov) == 3 + 2 * slam.member_count
+    walk(slam)
+    assert see(slam, 1.0) == [2]
 
 
 def test_without_management_everything_stands() -> None:

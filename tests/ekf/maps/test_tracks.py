@@ -30,7 +30,7 @@ class World:
     def walk(self, steps: int) -> None:
         """Move on without a scan."""
         for _ in range(steps):
-            self.tracks.open_step()
+            self.tracks.clock.open_step()
 
     def check(self) -> None:
         """Ids and slots belong together."""
