@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import shutil
 import subprocess
@@ -47,7 +48,9 @@ class Machine:
                 resource.setrlimit(resource.RLIMIT_FSIZE, (room * 1024, room * 1024))
 
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "errors": "replace"}
-        return subprocess.Popen(words, cwd=self.folder, preexec_fn=limit, **pipes)  # pyright: ignore[reportArgumentType, reportCallIssue]
+        # where it has no room Python itself leaves cut files of bytecode, from which nothing starts again
+        env = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+        return subprocess.Popen(words, cwd=self.folder, env=env, preexec_fn=limit, **pipes)  # pyright: ignore[reportArgumentType, reportCallIssue]
 
     def end(self, process: subprocess.Popen[str], sent: int = 0) -> str:
         """What came of it, where we have sent this signal."""
