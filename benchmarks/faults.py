@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # Python may be told not to look
 
 from mishaps.commands import COMMANDS, make_input
 from mishaps.foreign_files import foreign
-from mishaps.machine import OUTCOMES, Machine, Tried
+from mishaps.machine import OUTCOMES, Machine, Tried, keep_bytecode
 from mishaps.processes import dead_scheduler, dead_worker, killed, two_at_once
 from mishaps.storage import MOUNTED, can_mount, full, limited, read_only
 
@@ -50,6 +50,7 @@ def main() -> int:
     bad = 0
     with tempfile.TemporaryDirectory() as folder:
         machine = Machine(Path(folder).resolve(), options.timeout)
+        keep_bytecode()
         make_input(machine.folder)
         faults: dict[str, Callable[[str], Tried]] = {
             "kill": lambda name: killed(machine, name, options.kills, moments),

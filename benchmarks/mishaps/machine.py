@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import py_compile
 import resource
 import shutil
 import subprocess
@@ -12,9 +13,19 @@ from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
 
+import slamgauge
 from mishaps.commands import COMMANDS, SILENT
 
 OUTCOMES = ("done", "refused", "traceback", "hang", "crash", "lost")
+
+
+def keep_bytecode() -> None:
+    """Compile all: where it has no room Python leaves bytecode that is cut, and does not start from that again."""
+    for folder in slamgauge.__path__:
+        for path, _, names in os.walk(folder, followlinks=True):
+            for name in names:
+                if name.endswith(".py"):
+                    py_compile.compile(str(Path(path) / name))
 
 
 @dataclass
@@ -48,9 +59,7 @@ class Machine:
                 resource.setrlimit(resource.RLIMIT_FSIZE, (room * 1024, room * 1024))
 
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "errors": "replace"}
-        # where it has no room Python itself leaves cut files of bytecode, from which nothing starts again
-        env = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
-        return subprocess.Popen(words, cwd=self.folder, env=env, preexec_fn=limit, **pipes)  # pyright: ignore[reportArgumentType, reportCallIssue]
+        return subprocess.Popen(words, cwd=self.folder, preexec_fn=limit, **pipes)  # pyright: ignore[reportArgumentType, reportCallIssue]
 
     def end(self, process: subprocess.Popen[str], sent: int = 0) -> str:
         """What came of it, where we have sent this signal."""
