@@ -25,7 +25,7 @@ _folders: set[Path] = set()  # where numba keeps the kernels that have been impo
 
 
 class DamagedError(Exception):
-    """What is kept is not what was written, or of other sources."""
+    """What is kept is not what was written, or of other sources or types."""
 
 
 class _Sealed(CompileResultCacheImpl):
@@ -62,7 +62,10 @@ class _KernelCache(FunctionCache):
         found = None
         try:
             found = super().load_overload(sig, target_context)
+            if found is not None and tuple(found.signature.args) != tuple(sig):  # two programs wrote at once
+                raise DamagedError
         except Exception:  # noqa: BLE001 half a pickle fails in every way
+            found = None
             with suppress(OSError):  # the folder is not ours to write to
                 self.flush()
         note(compiled=found is None)

@@ -76,6 +76,18 @@ def test_files_that_were_cut_are_compiled_anew(folder: Path, suffix: str, share:
     assert called(folder) == (2, True)
 
 
+def test_code_for_other_types_under_a_name_is_compiled_anew(folder: Path):
+    """Two programs that compile a kernel for different types at once may choose the same name for its file."""
+    before = {*kept(folder, "nbc")}
+    kept_code.sources_digest.cache_clear()
+    assert runpy.run_path(str(folder / "caller.py"))["outside"](1.5) == 2.5
+    for of_floats in {*kept(folder, "nbc")} - before:
+        (of_integers,) = (each for each in before if each.name.split(".")[:2] == of_floats.name.split(".")[:2])
+        of_integers.write_bytes(of_floats.read_bytes())
+    assert called(folder) == (2, False)
+    assert called(folder) == (2, True)
+
+
 @pytest.mark.parametrize("suffix", ["nbi", "nbc"])
 def test_files_with_zeros_in_their_midst_are_compiled_anew(folder: Path, suffix: str):
     """What some file systems leave after a power cut."""
