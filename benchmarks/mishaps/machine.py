@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import py_compile
 import resource
 import shutil
@@ -11,9 +10,9 @@ import subprocess
 import sys
 from collections.abc import Generator
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
-import slamgauge
 from mishaps.commands import COMMANDS, SILENT
 
 OUTCOMES = ("done", "refused", "traceback", "hang", "crash", "lost")
@@ -21,11 +20,10 @@ OUTCOMES = ("done", "refused", "traceback", "hang", "crash", "lost")
 
 def keep_bytecode() -> None:
     """Compile all: where it has no room Python leaves bytecode that is cut, and does not start from that again."""
-    for folder in slamgauge.__path__:
-        for path, _, names in os.walk(folder, followlinks=True):
-            for name in names:
-                if name.endswith(".py"):
-                    py_compile.compile(str(Path(path) / name))
+    for floor in ("slamgauge", "slamgauge.compare", "slamgauge.ekf", "slamgauge.graph_baseline"):
+        for folder in import_module(floor).__path__:
+            for source in Path(folder).rglob("*.py"):
+                py_compile.compile(str(source))
 
 
 @dataclass
