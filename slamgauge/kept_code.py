@@ -62,9 +62,10 @@ class _KernelCache(FunctionCache):
         found = None
         try:
             found = super().load_overload(sig, target_context)
-            if found is not None and tuple(found.signature.args) != tuple(sig):  # two programs wrote at once
-                raise DamagedError
+            damaged = found is not None and tuple(found.signature.args) != tuple(sig)  # two programs wrote at once
         except Exception:  # noqa: BLE001 half a pickle fails in every way
+            damaged = True
+        if damaged:
             found = None
             with suppress(OSError):  # the folder is not ours to write to
                 self.flush()
