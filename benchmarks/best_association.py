@@ -78,7 +78,7 @@ def errors(recording: Recording) -> Int:
             bearing, column = linear_sum_assignment(cost[known])
             found.append((step, len(bearing), int((landmarks[column] != ids[known][bearing]).sum())))
         slam.update(Observations(ids, values, covs))
-    return np.array(found, dtype=np.int64).T
+    return np.array(found, dtype=np.int64).reshape(-1, 3).T
 
 
 if __name__ == "__main__":

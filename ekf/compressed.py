@@ -38,6 +38,7 @@ from slamgauge.ekf.maps.checks import (
 from slamgauge.ekf.maps.rules import WHOLE_SCAN, Rule
 from slamgauge.ekf.online import PointFilter
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.memory import require_memory
 from slamgauge.recording import OBSERVATION_DIM, Observations
 
 ROWS = 128  # of the map's covariance that are settled together
@@ -200,6 +201,7 @@ class CompressedFilter(PointFilter):
         area, old = self._area, len(self._mean)
         added = self._local.landmark_ids[self._entered :]
         size = old + 2 * len(added)
+        self._make_room(size)  # may be refused, and before anything changes
         now = np.concatenate([area, np.arange(old, size)])
         known = self._cov[area]
         C = np.triu(self._C) + np.triu(self._C, 1).T
@@ -209,7 +211,6 @@ class CompressedFilter(PointFilter):
         mean = np.append(self._mean + known.T @ self._vector, np.zeros(size - old))
         mean[now] = np.concatenate([self._local.pose, self._local.landmarks.ravel()])
         self._mean = mean
-        self._make_room(size)
         cov = self._cov
         cov[now, :old] = self._T @ known
         cov[:old, now] = cov[now, :old].T
@@ -221,6 +222,7 @@ class CompressedFilter(PointFilter):
         """Room for a covariance of `size` entries, and for a fourth more: what is not used costs no memory."""
         used = len(self._room)
         if size > used:
+            require_memory(8.0 * size * size, f"the covariance of {(size - 3) // 2} landmarks", "give fewer landmarks")
             room = np.zeros((size + size // 4, size + size // 4))
             room[:used, :used] = self._room
             self._room = room

@@ -53,7 +53,7 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
     """
     if association is not None:
         return among_mapped(batch(recording.associated(association)), association)
-    require_room(recording, "batch")
+    require_room(recording, "batch", dense=recording.sensor == "bearing")  # which may need the causal optimum
     if recording.sensor != "bearing":
         return optimum_from(recording, chain(recording.prior_mean, recording.odometry))
     return optimum_of_bearings(recording, lambda: grown_step_by_step(recording)[0])

@@ -42,7 +42,7 @@ class RayAssociation:
         self._ids = Ids()
         self.clock = ScanClock()
         self._born: list[int] = []  # scan in which each landmark began
-        self._last: list[int] = []  # step that saw it last
+        self._last: list[tuple[int, int]] = []  # scan and step that saw it last
         self._sights: list[int] = []
         self._gone: set[int] = set()
         self._survivors: dict[int, int] = {}  # of landmarks that were joined with an older one
@@ -66,13 +66,16 @@ class RayAssociation:
             found = self._nearest(pairs, count, len(values))
         new = (found == NONE) & ~doubtful
         found[new] = self._ids.take(int(new.sum()))
-        for notes, first in ((self._born, self.clock.scan), (self._last, self.clock.step), (self._sights, 0)):
-            notes += [first] * int(new.sum())
+        begun = int(new.sum())
+        self._born += [self.clock.scan] * begun
+        self._last += [self.clock.now] * begun
+        self._sights += [0] * begun
         self._seen = found[found != NONE].tolist()
         for landmark in self._seen:
             self._sights[landmark] += 1
-            self._last[landmark] = self.clock.step
-            self._apart.setdefault(landmark, set()).update(self._seen)
+            self._last[landmark] = self.clock.now
+            if self._settings.map_management is not None:
+                self._apart.setdefault(landmark, set()).update(self._seen)
         self.clock.close_scan()
         return found
 
@@ -96,10 +99,9 @@ class RayAssociation:
             owners: (L,) landmark of each slot.
             points: landmarks that are points.
         """
-        management = self._settings.map_management
-        if management is None:
+        management, seen = self._settings.map_management, points.intersection(self._seen)
+        if management is None or not seen:
             return []
-        seen = points.intersection(self._seen)
         slots = np.flatnonzero(np.isin(owners, [*seen]))
         landmarks = [each for each in points - seen if self.is_confirmed(each)]
         apart = np.tile(~np.isin(owners, landmarks), (len(owners), 1))
@@ -110,6 +112,8 @@ class RayAssociation:
             return []
         sights = np.array(self._sights, dtype=np.int64)[owners]
         matchings = find_matchings(self._map, pairs, sights, management.new_density)
+        if matchings is None:
+            return []
         return [(min(each), max(each)) for each in owners[matchings.agreed(management.certainty)].tolist()]
 
     def join(self, kept: int, gone: int) -> None:
@@ -140,7 +144,7 @@ class RayAssociation:
 
     def _is_recent(self, landmark: int, management: MapManagement) -> bool:
         """Whether a landmark was seen as lately as probation takes."""
-        return bool(self.clock.are_recent(np.array(self._last[landmark]), management.probation))
+        return bool(self.clock.are_recent(np.array([self._last[landmark]]), management.probation)[0])
 
     def is_confirmed(self, landmark: int) -> bool:
         """Whether a landmark has been seen often enough."""
@@ -163,7 +167,9 @@ class RayAssociation:
         quantiles = np.concatenate([[0.0], chdtri(np.arange(1.0, observations + 1), rarer)])
         management = self._settings.map_management
         if management is not None:
-            recent = self.clock.are_recent(np.array(self._last, dtype=np.int64)[owners], management.probation)
+            recent = self.clock.are_recent(
+                np.array(self._last, dtype=np.int64).reshape(-1, 2)[owners], management.probation
+            )
             count = self._matcher.located(count, management.vagueness, recent)
         slots = self._matcher.jointly_compatible(count, gate, quantiles, self._settings.node_limit)
         doubtful = np.zeros(observations, dtype=bool)

@@ -21,6 +21,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.linalg import LinAlgError
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.compatibility import NONE
@@ -47,8 +48,10 @@ class Matchings(NamedTuple):
         return self.pairs[best[np.array(shares) >= certainty]]
 
 
-def find_matchings(landmarks: LandmarkMap, pairs: Int, sights: Int, density: float) -> Matchings:
+def find_matchings(landmarks: LandmarkMap, pairs: Int, sights: Int, density: float) -> Matchings | None:
     """The likeliest matchings, if `pairs` (p, 2) of the slots of a track and a landmark are possible.
+
+    None where rounding hides the covariance of their differences.
 
     Args:
         landmarks: the map.
@@ -64,7 +67,10 @@ def find_matchings(landmarks: LandmarkMap, pairs: Int, sights: Int, density: flo
     for track in tracks:
         candidates = [NONE, *np.flatnonzero(pairs[:, 0] == track).tolist()]
         chosen = np.concatenate([_extended(chosen, each, pairs[:, 1]) for each in candidates])
-        log_weight = _log_weights(chosen, difference, cov, density)
+        try:
+            log_weight = _log_weights(chosen, difference, cov, density)
+        except LinAlgError:
+            return None
         heaviest = np.argsort(-log_weight, kind="stable")[:MOST_MATCHINGS]
         chosen, weight = chosen[heaviest], np.exp(log_weight[heaviest] - log_weight[heaviest[0]])
     return Matchings(pairs, chosen, weight / weight.sum())

@@ -17,31 +17,33 @@ GONE = -1
 
 
 class ScanClock:
-    """Counts scans, and steps from the first scan on.
-
-    Attributes:
-        scan: how many have been closed.
-        step: the present one.
-    """
+    """Counts scans, and steps from the first scan on."""
 
     def __init__(self) -> None:
-        self.scan = self.step = self._step_of_scan = 0
+        self.scan = self._step = self._step_of_scan = 0
+
+    @property
+    def now(self) -> tuple[int, int]:
+        """The present scan and step."""
+        return self.scan, self._step
 
     def open_step(self) -> None:
         """The robot moves on."""
-        self.step += self.scan > 0
+        self._step += self.scan > 0
 
     def close_scan(self) -> None:
         """All that the present step has seen is noted."""
         self.scan += 1
-        self._step_of_scan = self.step
+        self._step_of_scan = self._step
 
     def are_recent(self, last: Int, scans: int) -> Marks:
-        """Whether steps (n,) lie no further back than so many scans take, at the mean rate of scans so far.
+        """Whether scans and steps (n, 2) are among the last scans, and lie no further back than so many take.
 
-        Where the robot has seen nothing for long, the last scans are none to go by.
+        How long they take is the mean over all scans so far: where the robot has seen nothing for long, the last scans
+        are none to go by.
         """
-        return (self.step - last) * (self.scan - 1) <= scans * self._step_of_scan
+        ago_scans, ago_steps = (np.array(self.now) - last).T
+        return (ago_scans <= scans) & (ago_steps * (self.scan - 1) <= scans * self._step_of_scan)
 
 
 class Tracks:
@@ -63,7 +65,7 @@ class Tracks:
         self.matchings: Matchings | None = None
         self._sights: Int = np.zeros(0, dtype=np.int64)  # of each slot
         self._birth: Int = self._sights  # scan
-        self._last: Int = self._sights  # step that saw it last
+        self._last: Int = np.zeros((0, 2), dtype=np.int64)  # scan and step that saw it last
         self._apart = np.zeros((0, 0), dtype=bool)  # pairs that one scan has seen as two
         self.clock = ScanClock()
         self._fate: Int = self._sights  # of each id ever given: itself, the id that it was merged into, or GONE
@@ -89,7 +91,7 @@ class Tracks:
         self._begin()
         slots = np.flatnonzero(np.isin(self.ids, associated))
         self._sights[slots] += 1
-        self._last[slots] = self.clock.step
+        self._last[slots] = self.clock.now
         self.clock.close_scan()
         if self._management is None:
             return
@@ -106,7 +108,7 @@ class Tracks:
         self._fate = np.concatenate([self._fate, born])
         self._sights = np.concatenate([self._sights, np.zeros(len(born), dtype=np.int64)])
         self._birth = np.concatenate([self._birth, np.full(len(born), self.clock.scan)])
-        self._last = np.concatenate([self._last, np.full(len(born), self.clock.step)])
+        self._last = np.concatenate([self._last, np.full((len(born), 2), self.clock.now)])
         if self._management is not None:
             self._apart = np.pad(self._apart, (0, len(born)))
 
@@ -127,7 +129,7 @@ class Tracks:
                 self.matchings = None
                 return
             self.matchings = find_matchings(self._map, pairs, self._sights, management.new_density)
-            agreed = self.matchings.agreed(management.certainty)
+            agreed = [] if self.matchings is None else self.matchings.agreed(management.certainty)
             if not len(agreed):
                 return
             for names in self.ids[agreed].tolist():
@@ -136,7 +138,7 @@ class Tracks:
     def _merge(self, kept: int, gone: int) -> None:
         """Take two slots for one landmark."""
         self._sights[kept] += self._sights[gone]
-        self._last[kept] = max(self._last[kept], self._last[gone])
+        self._last[kept] = np.maximum(self._last[kept], self._last[gone])
         self._apart[kept] |= self._apart[gone]
         self._apart[:, kept] |= self._apart[:, gone]
         self._end(gone, int(self.ids[kept]))

@@ -48,6 +48,7 @@ SMALLEST = {
         "(ekf) reference ",
         "2 graded, 6 named with their reasons",
     ),
+    "best_association": ("--runs 1 --sigmas 5", "sigma [deg] bearings wrong %", "5 "),
     "bound": (  # 3 s
         "--scenarios stationary --runs 2 --jobs 1",
         "scenario bound expected hindsight expected riekf isam2 batch",

@@ -223,8 +223,10 @@ def test_a_map_that_fits_in_pieces_alone_is_not_refused(monkeypatch: pytest.Monk
 # --- the optimum ---------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("small_pieces")
 def test_the_optimum_is_that_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = lanes(slip=False)
+    assert pieces_of(*model_of(recording)) > 5
     found = batch(recording)
 
     def never_cut(chain: Chain, landmarks: int) -> pieces.Plan:

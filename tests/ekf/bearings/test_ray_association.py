@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from slamgauge.ekf.kernels.compatibility import NONE
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.rules import CORRECTIONS, RULES, Correction
 from slamgauge.ekf.settings.association import Method
+from slamgauge.errors import UserError
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import chain, wrap
 
@@ -258,6 +260,42 @@ def see(slam: BearingFilter, *bearings: float) -> list[int]:
     values = np.array(bearings)[:, None]
     slam.update(Observations(None, values, np.full((len(values), 1, 1), 1e-4)))
     return slam.associated.tolist()
+
+
+def test_an_update_that_is_refused_at_its_end_leaves_names_and_map_as_they_were(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """After rays were given up, and points joined."""
+    recording, _ = sparse_world(0, steps=300)
+    settings = Association("jcbb", map_management=MapManagement(vagueness=0.1))
+    slam = BearingFilter(recording.prior_mean, recording.prior_cov, association=settings)
+    tidy, changed = getattr(BearingFilter, "_tidy"), 0  # noqa: B009
+    books = vars(slam)["_association"]
+
+    def state() -> tuple[object, ...]:
+        kept = {name: each for name, each in vars(books).items() if isinstance(each, (list, set, dict))}
+        return copy.deepcopy(kept), books.clock.now, slam.provisional, slam.landmark_ids.tolist(), slam.cov.tolist()
+
+    def refuse(slam: BearingFilter, association: RayAssociation) -> None:
+        tidy(slam, association)
+        raise UserError("refused")
+
+    for step in range(recording.steps + 1):
+        if step:
+            slam.predict(recording.odometry[step - 1], recording.odometry_cov[step - 1])
+        rows = recording.observation_step == step
+        scan = Observations(None, recording.observation[rows], recording.observation_cov[rows])
+        if step % 4 == 0 or step > 280:
+            before = state()
+            with monkeypatch.context() as patch:
+                patch.setattr(BearingFilter, "_tidy", refuse)
+                with pytest.raises(UserError, match="refused"):
+                    slam.update(scan)
+            assert state() == before
+        survivors = len(vars(books)["_survivors"])
+        slam.update(scan)
+        changed += len(vars(books)["_survivors"]) > survivors and (step % 4 == 0 or step > 280)
+    assert changed > 0
 
 
 def walk(slam: BearingFilter) -> None:

@@ -112,6 +112,18 @@ def test_what_was_seen_before_a_long_blind_stretch_is_not_recent_whatever_the_ra
     assert world.tracks.recent.tolist() == [False, False]  # 1 more than four scans' time ago
 
 
+def test_after_a_long_blind_stretch_scans_are_counted_as_before() -> None:
+    """It makes the scans so far rare in the mean; what was seen more scans ago than probation has is not recent."""
+    world = World(MapManagement(sights=1, probation=4))
+    world.scan(new=((1.0, 0.0), (2.0, 0.0)))
+    world.walk(1000)
+    world.scan(0, 1)
+    for ago in range(1, 8):
+        world.walk(1)
+        assert world.tracks.recent.tolist() == [ago <= 4, True]
+        world.scan(1)
+
+
 def test_tracks_that_fail_together_are_all_deleted_and_no_other() -> None:
     world = World(MapManagement(sights=2, probation=2))
     world.scan(new=((1.0, 0.0), (2.0, 0.0), (3.0, 0.0), (4.0, 0.0)))
