@@ -105,10 +105,10 @@ def factorised(front: Front, told: Callable[[int], Float], held: Float, own: Flo
         front: of n unknowns.
         told: by the number of a piece the information (n + 1, n + 1) of its unknowns and the constant.
         held: (all unknowns,) information that is added to each.
-        own: (all unknowns,) information of each where the others are known.
+        own: (all unknowns,) information of each where the others are known; 0 where rounding is not looked at.
 
     Raises:
-        numpy.linalg.LinAlgError: an unknown is not determined, or only by rounding.
+        numpy.linalg.LinAlgError: an unknown is not determined, or (a landmark's) only by rounding.
     """
     parts: list[Factor] = []
     size, done = len(front.columns), front.done
