@@ -181,10 +181,11 @@ class BearingFilter:
 
     def _tidy(self, association: RayAssociation) -> None:
         """Forget the landmarks that association gives up, and join those that it takes for one."""
-        for landmark in association.given_up({*self._provisional.counts}, {*self._points}):
+        rays = np.array([*self._provisional.counts], dtype=np.int64)
+        for landmark in association.given_up(rays, self._point_landmarks()).tolist():
             self._forget(landmark)
-        while pairs := association.agreed(self._owners(), {*self._points}):
-            for kept, gone in pairs:
+        while len(pairs := association.agreed(self._owners(), self._point_landmarks())):
+            for kept, gone in pairs.tolist():
                 association.join(kept, gone)
                 slot, other = self._slots_of_points([kept, gone]).tolist()
                 self._map.merge(slot, other)
@@ -229,6 +230,10 @@ class BearingFilter:
     def _slots_of_points(self, landmarks: list[int]) -> Int:
         return self._map.slots_of(np.array([self._points[each] for each in landmarks], dtype=np.int64))
 
+    def _point_landmarks(self) -> Int:
+        """(P,) landmarks that are points."""
+        return np.array([*self._points], dtype=np.int64)
+
     def _forget(self, landmark: int) -> None:
         """Take a landmark out of the state."""
         if landmark in self._points:
@@ -251,8 +256,7 @@ class BearingFilter:
         order = np.lexsort((-rows.number, rows.weight, rows.landmark))
         heaviest = order[np.diff(rows.landmark[order], append=NONE) != 0]
         if self._association is not None:
-            confirmed = [self._association.is_confirmed(landmark) for landmark in rows.landmark[heaviest].tolist()]
-            heaviest = heaviest[np.array(confirmed, dtype=bool)]
+            heaviest = heaviest[self._association.confirmed[rows.landmark[heaviest]]]
         heaviest.sort()
         landmark, number, weight = rows.landmark[heaviest], rows.number[heaviest], rows.weight[heaviest]
         return Members(landmark, number, weight, rows.position[heaviest], rows.cov[heaviest])
@@ -260,8 +264,7 @@ class BearingFilter:
     def whole_map(self) -> Members:
         """Every point and every member of provisional landmarks."""
         slots = self._slots_of_points([*self._points])
-        landmarks = np.array([*self._points], dtype=np.int64)
-        known = points(landmarks, self._map.positions[slots], self._map.position_covs[slots])
+        known = points(self._point_landmarks(), self._map.positions[slots], self._map.position_covs[slots])
         return joined([known, self._provisional.members()])
 
 

@@ -19,12 +19,12 @@ from scipy.special import chdtrc, chdtri
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.compatibility import NONE, Pairs, keep_pairs
-from slamgauge.ekf.maps.ids import Ids
+from slamgauge.ekf.maps.ids import GONE, Ids, followed
 from slamgauge.ekf.maps.joining import find_matchings
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import Matcher
-from slamgauge.ekf.maps.tracks import ScanClock
-from slamgauge.ekf.settings.association import Association, MapManagement
+from slamgauge.ekf.maps.scan_clock import ScanClock
+from slamgauge.ekf.settings.association import Association
 
 
 class RayAssociation:
@@ -41,13 +41,21 @@ class RayAssociation:
         self._settings = settings
         self._ids = Ids()
         self.clock = ScanClock()
-        self._born: list[int] = []  # scan in which each landmark began
-        self._last: list[tuple[int, int]] = []  # scan and step that saw it last
-        self._sights: list[int] = []
-        self._gone: set[int] = set()
-        self._survivors: dict[int, int] = {}  # of landmarks that were joined with an older one
+        # of each id ever given
+        self._born: Int = np.zeros(0, dtype=np.int64)  # scan
+        self._last: Int = np.zeros((0, 2), dtype=np.int64)  # scan and step that saw it last
+        self._sights: Int = self._born
+        self._fate: Int = self._born  # itself, the older one that it was joined with, or GONE
         self._apart: dict[int, set[int]] = {}  # landmarks that one scan has seen as two, themselves included
-        self._seen: list[int] = []  # landmarks of the last scan
+        self._seen: Int = self._born  # landmarks of the last scan
+
+    @property
+    def confirmed(self) -> Marks:
+        """Whether each id ever given is of a landmark that was seen often enough."""
+        management = self._settings.map_management
+        return (self._fate == np.arange(len(self._fate))) & (
+            self._sights >= (1 if management is None else management.sights)
+        )
 
     def associate(self, owners: Int, values: Float, covs: Float) -> Int:
         """Landmark of each bearing (m, 1) of a scan, new ones included; -1 for bearings that are left out.
@@ -66,74 +74,74 @@ class RayAssociation:
             found = self._nearest(pairs, count, len(values))
         new = (found == NONE) & ~doubtful
         found[new] = self._ids.take(int(new.sum()))
-        begun = int(new.sum())
-        self._born += [self.clock.scan] * begun
-        self._last += [self.clock.now] * begun
-        self._sights += [0] * begun
-        self._seen = found[found != NONE].tolist()
-        for landmark in self._seen:
-            self._sights[landmark] += 1
-            self._last[landmark] = self.clock.now
-            if self._settings.map_management is not None:
-                self._apart.setdefault(landmark, set()).update(self._seen)
-        self.clock.close_scan()
+        self._note(found[new], found[found != NONE])
         return found
 
-    def given_up(self, rays: set[int], points: set[int]) -> list[int]:
+    def _note(self, begun: Int, seen: Int) -> None:
+        """Note the landmarks of a scan, those that begin with it among them."""
+        self._born = np.append(self._born, np.full(len(begun), self.clock.scan))
+        self._fate = np.append(self._fate, begun)
+        self._sights = np.append(self._sights, np.zeros_like(begun))
+        self._last = np.append(self._last, np.zeros((len(begun), 2), dtype=np.int64), axis=0)
+        self._sights[seen] += 1
+        self._last[seen] = self.clock.now
+        if self._settings.map_management is not None:
+            for landmark in seen.tolist():
+                self._apart.setdefault(landmark, set()).update(seen.tolist())
+        self._seen = seen
+        self.clock.close_scan()
+
+    def given_up(self, rays: Int, points: Int) -> Int:
         """Landmarks that were seen too seldom at first, and rays not seen for long; they are gone for good."""
         management = self._settings.map_management
         if management is None:
-            return []
-        old = self.clock.scan - management.probation
-        gone = {each for each in rays | points if self._born[each] <= old and not self.is_confirmed(each)}
-        gone.update(each for each in rays if not self._is_recent(each, management))
-        self._gone |= gone
-        for each in gone:
+            return rays[:0]
+        landmarks = np.concatenate([rays, points])
+        proven = self.confirmed[landmarks] | (self._born[landmarks] > self.clock.scan - management.probation)
+        recent = self.clock.are_recent(self._last[rays], management.probation)
+        gone = np.union1d(landmarks[~proven], rays[~recent])
+        self._end(gone, GONE)
+        for each in gone.tolist():
             self._part(each)
-        return sorted(gone)
+        return gone
 
-    def agreed(self, owners: Int, points: set[int]) -> list[tuple[int, int]]:
-        """Pairs of landmarks that certainly are one, the older first: of the last scan's `points`, and of others.
+    def agreed(self, owners: Int, points: Int) -> Int:
+        """Pairs (p, 2) of landmarks that certainly are one, the older first: a point of the last scan, and another.
 
         Args:
             owners: (L,) landmark of each slot.
             points: landmarks that are points.
         """
-        management, seen = self._settings.map_management, points.intersection(self._seen)
-        if management is None or not seen:
-            return []
-        slots = np.flatnonzero(np.isin(owners, [*seen]))
-        landmarks = [each for each in points - seen if self.is_confirmed(each)]
-        apart = np.tile(~np.isin(owners, landmarks), (len(owners), 1))
-        for slot in slots.tolist():
-            apart[slot] |= np.isin(owners, [*self._apart[int(owners[slot])]])
+        management, is_seen = self._settings.map_management, np.isin(points, self._seen)
+        if management is None or not is_seen.any():
+            return np.zeros((0, 2), dtype=np.int64)
+        slots = np.flatnonzero(np.isin(owners, points[is_seen]))
+        is_other = np.isin(owners, points[~is_seen & self.confirmed[points]])
+        apart = np.stack([~is_other | np.isin(owners, [*self._apart[each]]) for each in owners[slots].tolist()])
         pairs = self._map.find_duplicates(slots, apart, management.merge_gate)
         if not len(pairs):
-            return []
-        sights = np.array(self._sights, dtype=np.int64)[owners]
-        matchings = find_matchings(self._map, pairs, sights, management.new_density)
-        if matchings is None:
-            return []
-        return [(min(each), max(each)) for each in owners[matchings.agreed(management.certainty)].tolist()]
+            return pairs
+        matchings = find_matchings(self._map, pairs, self._sights[owners], management.new_density)
+        return np.sort(owners[matchings.agreed(management.certainty)], axis=1)
 
     def join(self, kept: int, gone: int) -> None:
         """Take two landmarks for one."""
+        self._sights, self._last = self._sights.copy(), self._last.copy()
         self._sights[kept] += self._sights[gone]
-        self._last[kept] = max(self._last[kept], self._last[gone])
+        self._last[kept] = np.maximum(self._last[kept], self._last[gone])
+        self._end(gone, kept)
         for each in self._part(gone):
             self._apart[kept].add(each)
             self._apart[each].add(kept)
-        self._seen = [kept if each == gone else each for each in self._seen]
-        self._survivors[gone] = kept
+        self._seen = np.where(self._seen == gone, kept, self._seen)
 
     def survivors(self, ids: Int) -> Int:
-        """What landmarks (n,) have become by being joined with others."""
-        return np.array([self._survivor(each) for each in ids.tolist()], dtype=np.int64)
+        """What has become of ids (n,): joined ones have their survivor's, those that are gone -1."""
+        return followed(np.append(self._fate, GONE))[ids]
 
-    def _survivor(self, landmark: int) -> int:
-        while landmark in self._survivors:
-            landmark = self._survivors[landmark]
-        return landmark
+    def _end(self, landmarks: int | Int, fate: int) -> None:
+        self._fate = self._fate.copy()
+        self._fate[landmarks] = fate
 
     def _part(self, gone: int) -> set[int]:
         """The landmarks that were seen as others than `gone`, about which nothing is noted any more."""
@@ -141,15 +149,6 @@ class RayAssociation:
         for each in others:
             self._apart[each].discard(gone)
         return others
-
-    def _is_recent(self, landmark: int, management: MapManagement) -> bool:
-        """Whether a landmark was seen as lately as probation takes."""
-        return bool(self.clock.are_recent(np.array([self._last[landmark]]), management.probation)[0])
-
-    def is_confirmed(self, landmark: int) -> bool:
-        """Whether a landmark has been seen often enough."""
-        management = self._settings.map_management
-        return landmark not in self._gone and self._sights[landmark] >= (1 if management is None else management.sights)
 
     def _nearest(self, pairs: Pairs, count: int, observations: int) -> Int:
         found = np.full(observations, NONE)
@@ -167,9 +166,7 @@ class RayAssociation:
         quantiles = np.concatenate([[0.0], chdtri(np.arange(1.0, observations + 1), rarer)])
         management = self._settings.map_management
         if management is not None:
-            recent = self.clock.are_recent(
-                np.array(self._last, dtype=np.int64).reshape(-1, 2)[owners], management.probation
-            )
+            recent = self.clock.are_recent(self._last[owners], management.probation)
             count = self._matcher.located(count, management.vagueness, recent)
         slots = self._matcher.jointly_compatible(count, gate, quantiles, self._settings.node_limit)
         doubtful = np.zeros(observations, dtype=bool)

@@ -12,7 +12,7 @@ from slamgauge.ekf.bearings.ray_recorder import RayRecorder
 from slamgauge.ekf.bearings.rays import Ray
 from slamgauge.ekf.maps.ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.maps.tracks import ScanClock
+from slamgauge.ekf.maps.scan_clock import ScanClock
 from slamgauge.ekf.maps.undo import undone_if_refused
 
 BOOKS = (Depth, Ids, Ray, RayRecorder, ScanClock)  # objects within books that change

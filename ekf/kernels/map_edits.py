@@ -57,20 +57,21 @@ def equate_landmarks(belief: Belief, a: int, b: int, work: Workspace) -> bool:
 def find_duplicates(belief: Belief, slots: Int, apart: Marks, gate: float) -> Int:
     """Pairs (p, 2) of a landmark in `slots` and another one that are statistically one.
 
-    Their difference d, with covariance C, passes d' C^-1 d <= gate. Pairs with a mark in `apart` (L, L) are known to
-    be two. That no eigenvalue of C exceeds the square of both standard deviations added up spares most pairs.
+    Their difference d, with covariance C, passes d' C^-1 d <= gate. Pairs with a mark in `apart` (s, L), s the number
+    of `slots`, are known to be two. That no eigenvalue of C exceeds the square of both standard deviations added up
+    spares most pairs.
     """
     state, cov = belief.state, belief.cov
     landmarks = (belief.size - 3) // 2
     found, count = np.empty((len(slots) * landmarks, 2), np.int64), 0
-    for a in slots:
+    for i, a in enumerate(slots):
         la = 3 + 2 * a
         own = math.sqrt(cov[la, la] + cov[la + 1, la + 1])
         for b in range(landmarks):
             lb = 3 + 2 * b
             dx, dy = state[la] - state[lb], state[la + 1] - state[lb + 1]
             spread = own + math.sqrt(cov[lb, lb] + cov[lb + 1, lb + 1])
-            if apart[a, b] or a == b or dx * dx + dy * dy > gate * spread * spread:
+            if apart[i, b] or a == b or dx * dx + dy * dy > gate * spread * spread:
                 continue
             low, high = min(la, lb), max(la, lb)
             xx = cov[la, la] + cov[lb, lb] - 2.0 * cov[low, high]

@@ -46,7 +46,7 @@ def compile_association_once() -> None:
         search_jointly(belief.cov, covs, pairs, count, 9.0, quantiles, 1, work.slots)
         mark_ambiguous(belief.cov, covs, pairs, count, 9.0, 0.0, 1, work.slots, marks[0, :1])
         both = belief._replace(size=7)
-        map_edits.find_duplicates(both, work.slots, marks, 9.0)
+        map_edits.find_duplicates(both, work.slots[:1], marks[:1], 9.0)
         map_edits.equate_landmarks(both, 0, 1, work)
         map_edits.remove_landmark(both, 0)
         corrections.retract_standard(belief, work)

@@ -1,10 +1,12 @@
-"""Ids that are given once."""
+"""Ids that are given once, and what becomes of them."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from slamgauge.arrays import Int
+
+GONE = -1
 
 
 class Ids:
@@ -18,3 +20,10 @@ class Ids:
         first = self.given
         self.given += count
         return np.arange(first, self.given)
+
+
+def followed(fate: Int) -> Int:
+    """What becomes of each id in the end, if `fate` is what becomes of it next; of GONE, the last, GONE."""
+    while ((further := fate[fate]) != fate).any():
+        fate = further
+    return fate

@@ -48,10 +48,10 @@ class Matchings(NamedTuple):
         return self.pairs[best[np.array(shares) >= certainty]]
 
 
-def find_matchings(landmarks: LandmarkMap, pairs: Int, sights: Int, density: float) -> Matchings | None:
+def find_matchings(landmarks: LandmarkMap, pairs: Int, sights: Int, density: float) -> Matchings:
     """The likeliest matchings, if `pairs` (p, 2) of the slots of a track and a landmark are possible.
 
-    None where rounding hides the covariance of their differences.
+    None is matched where rounding hides the covariance of their differences.
 
     Args:
         landmarks: the map.
@@ -70,7 +70,7 @@ def find_matchings(landmarks: LandmarkMap, pairs: Int, sights: Int, density: flo
         try:
             log_weight = _log_weights(chosen, difference, cov, density)
         except LinAlgError:
-            return None
+            return Matchings(pairs, np.full((1, len(tracks)), NONE), np.ones(1))
         heaviest = np.argsort(-log_weight, kind="stable")[:MOST_MATCHINGS]
         chosen, weight = chosen[heaviest], np.exp(log_weight[heaviest] - log_weight[heaviest[0]])
     return Matchings(pairs, chosen, weight / weight.sum())

@@ -8,42 +8,11 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Int, Marks
-from slamgauge.ekf.maps.ids import Ids
+from slamgauge.ekf.maps.ids import GONE, Ids, followed
 from slamgauge.ekf.maps.joining import Matchings, find_matchings
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.scan_clock import ScanClock
 from slamgauge.ekf.settings.association import MapManagement
-
-GONE = -1
-
-
-class ScanClock:
-    """Counts scans, and steps from the first scan on."""
-
-    def __init__(self) -> None:
-        self.scan = self._step = self._step_of_scan = 0
-
-    @property
-    def now(self) -> tuple[int, int]:
-        """The present scan and step."""
-        return self.scan, self._step
-
-    def open_step(self) -> None:
-        """The robot moves on."""
-        self._step += self.scan > 0
-
-    def close_scan(self) -> None:
-        """All that the present step has seen is noted."""
-        self.scan += 1
-        self._step_of_scan = self._step
-
-    def are_recent(self, last: Int, scans: int) -> Marks:
-        """Whether scans and steps (n, 2) are among the last scans, and lie no further back than so many take.
-
-        How long they take is the mean over all scans so far: where the robot has seen nothing for long, the last scans
-        are none to go by.
-        """
-        ago_scans, ago_steps = (np.array(self.now) - last).T
-        return (ago_scans <= scans) & (ago_steps * (self.scan - 1) <= scans * self._step_of_scan)
 
 
 class Tracks:
@@ -116,20 +85,20 @@ class Tracks:
         """What has become of ids given earlier: the survivor's id, GONE if deleted or not confirmed."""
         fate = np.append(self._fate, GONE)  # fate[GONE] is GONE
         fate[self.ids[~self.confirmed]] = GONE
-        return _followed(fate)[ids]
+        return followed(fate)[ids]
 
     def _join(self, associated: Int, management: MapManagement) -> None:
         """Join the landmarks that the scan has seen with those that they certainly are; the older id survives."""
         while True:
-            seen = np.isin(self.ids, _followed(np.append(self._fate, GONE))[associated])
+            seen = np.isin(self.ids, followed(np.append(self._fate, GONE))[associated])
             # tracks on probation are no landmarks to join with, nor are two of the scan one
-            apart = self._apart | ~self.confirmed | seen
+            apart = self._apart[seen] | ~self.confirmed | seen
             pairs = self._map.find_duplicates(np.flatnonzero(seen), apart, management.merge_gate)
             if not len(pairs):
                 self.matchings = None
                 return
             self.matchings = find_matchings(self._map, pairs, self._sights, management.new_density)
-            agreed = [] if self.matchings is None else self.matchings.agreed(management.certainty)
+            agreed = self.matchings.agreed(management.certainty)
             if not len(agreed):
                 return
             for names in self.ids[agreed].tolist():
@@ -154,10 +123,3 @@ class Tracks:
             self._apart[slot] = self._apart[-1]
             self._apart[:, slot] = self._apart[:, -1]
             self._apart = self._apart[:-1, :-1]
-
-
-def _followed(fate: Int) -> Int:
-    """What becomes of each id in the end, if `fate` is what becomes of it next."""
-    while ((further := fate[fate]) != fate).any():
-        fate = further
-    return fate

@@ -54,7 +54,6 @@ def weight_of(matching: list[int], state: Float, cov: Float) -> float:
 def test_weights_are_those_of_all_matchings(seed: int) -> None:
     landmarks, state, cov = drawn(seed)
     found = find_matchings(landmarks, PAIRS, np.array([9, 9, 9, 5, 5]), DENSITY)
-    assert found is not None
     expected = {tuple(each): weight_of(each, state, cov) for each in all_matchings()}
     total = sum(expected.values())
     assert len(found.weight) == len(expected) == 8
@@ -68,7 +67,6 @@ def test_weights_are_those_of_all_matchings(seed: int) -> None:
 def test_the_robot_is_the_mean_over_what_landmarks_may_be(seed: int) -> None:
     landmarks, state, cov = drawn(seed)
     found = find_matchings(landmarks, PAIRS, np.array([9, 9, 9, 5, 5]), DENSITY)
-    assert found is not None
     heavy = found.weight >= 1e-3
     share = found.weight[heavy] / found.weight[heavy].sum()
     means, covs = list[Float](), list[Float]()
@@ -88,7 +86,6 @@ def test_the_robot_is_the_mean_over_what_landmarks_may_be(seed: int) -> None:
 def test_what_nearly_all_weight_agrees_on_is_agreed() -> None:
     landmarks, state, cov = drawn(0)
     found = find_matchings(landmarks, PAIRS, np.array([9, 9, 9, 5, 5]), DENSITY)
-    assert found is not None
     weights = {tuple(each): weight_of(each, state, cov) for each in all_matchings()}
     total = sum(weights.values())
     shares = [sum(each for pairs, each in weights.items() if pair in pairs) / total for pair in range(4)]

@@ -1,0 +1,230 @@
+"""Whole runs of bearings without ids: from ray to point, joined, lost and found again."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slamgauge.arrays import Int
+from slamgauge.ekf import Association, BearingFilter, MapManagement, Rays, ekf
+from slamgauge.ekf.bearings.ray_association import RayAssociation
+from slamgauge.ekf.estimators import drive
+from slamgauge.ekf.kernels.compatibility import NONE
+from slamgauge.ekf.maps.rules import CORRECTIONS, RULES, Correction
+from slamgauge.ekf.settings.association import Method
+from slamgauge.errors import UserError
+from slamgauge.recording import Observations, Recording
+from slamgauge.se2 import chain, wrap
+
+METHODS = pytest.mark.parametrize("method", ["nearest-neighbour", "jcbb"])
+
+
+def sparse_world(seed: int, steps: int = 220) -> tuple[Recording, Int]:
+    """One loop inside ten landmarks 36 degrees apart, the five nearest in view, and their ids.
+
+    Bearings are twice as good as the recording says, so that none of the thousand fails a gate of three deviations.
+    """
+    sigma = np.deg2rad(0.5)
+    rng = np.random.default_rng(seed)
+    increments = np.tile([0.15, 0.0, 2 * np.pi / 200], (steps, 1))
+    poses = chain(np.zeros(3), increments)
+    angles = np.arange(10) * 2 * np.pi / 10
+    landmarks = np.array([0.0, 4.8]) + 8.0 * np.column_stack([np.cos(angles), np.sin(angles)])
+    offset = landmarks - poses[:, None, :2]
+    near = np.argsort(np.hypot(offset[..., 0], offset[..., 1]), axis=1)[:, :5]
+    step, landmark = np.repeat(np.arange(steps + 1), 5), near.ravel()
+    exact = np.arctan2(offset[step, landmark, 1], offset[step, landmark, 0]) - poses[step, 2]
+    motion_cov = np.diag([0.003, 0.001, 0.001]) ** 2
+    recording = Recording(
+        stamps=np.arange(steps + 1.0),
+        prior_mean=np.zeros(3),
+        prior_cov=np.diag([0.01, 0.01, 0.002]) ** 2,
+        odometry=increments + rng.multivariate_normal(np.zeros(3), motion_cov, steps),
+        odometry_cov=np.tile(motion_cov, (steps, 1, 1)),
+        sensor="bearing",
+        observation_step=step,
+        observation=wrap(exact + sigma / 2 * rng.normal(size=len(exact)))[:, None],
+        observation_cov=np.full((len(exact), 1, 1), sigma**2),
+        landmark=landmark,
+    )
+    return recording, landmark
+
+
+@METHODS
+@pytest.mark.parametrize("correction", ["ekf", "riekf"])
+@pytest.mark.parametrize("managed", [False, True])
+def test_landmarks_far_apart_are_told_apart(method: Method, correction: str, managed: bool) -> None:
+    """From ray to point and once around: the filter is then the one that was given the ids, number for number.
+
+    Directions that are not known well are not too vague here.
+    """
+    recording, truth = sparse_world(0)
+    settings = Association(method, map_management=MapManagement(margin=0.0, vagueness=1e9) if managed else None)
+    start = (recording.prior_mean, recording.prior_cov, CORRECTIONS[correction])
+    by_itself, told = BearingFilter(*start, association=settings), BearingFilter(*start)
+    given: list[Int] = []
+    for _, _ in zip(drive(by_itself, replace(recording, landmark=None)), drive(told, recording), strict=True):
+        given.append(by_itself.associated)
+        np.testing.assert_allclose(by_itself.pose, told.pose, rtol=0, atol=1e-12)
+    names = np.concatenate(given)
+    pairs = {*zip(names.tolist(), truth.tolist(), strict=True)}
+    assert sorted(name for name, _ in pairs) == sorted(name for _, name in pairs) == [*range(10)]
+    assert not by_itself.provisional
+    np.testing.assert_allclose(by_itself.cov, told.cov, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(by_itself.landmarks, told.landmarks, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(by_itself.standing(names), names)
+
+
+@pytest.mark.parametrize("correction", ["ekf", "riekf"])
+def test_what_comes_back_into_view_is_joined_with_what_it_is(correction: str) -> None:
+    """Whose direction is too vague to tell it by a bearing begins a ray, and is known again as a point."""
+    recording, truth = sparse_world(0, steps=400)
+    settings = Association("jcbb", map_management=MapManagement(vagueness=0.1))
+    slam = BearingFilter(recording.prior_mean, recording.prior_cov, CORRECTIONS[correction], association=settings)
+    names = np.concatenate([slam.associated for _ in drive(slam, replace(recording, landmark=None))])
+    standing = slam.standing(names)
+    assert (names != standing).any()
+    found = standing != NONE
+    pairs = {*zip(standing[found].tolist(), truth[found].tolist(), strict=True)}
+    assert len(pairs) == len({name for name, _ in pairs}) == len(slam.landmark_ids)  # one landmark each
+    assert {landmark for _, landmark in pairs} == {*range(10)}
+
+
+def see(slam: BearingFilter, *bearings: float) -> list[int]:
+    values = np.array(bearings)[:, None]
+    slam.update(Observations(None, values, np.full((len(values), 1, 1), 1e-4)))
+    return slam.associated.tolist()
+
+
+def test_an_update_that_is_refused_at_its_end_leaves_names_and_map_as_they_were(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """After rays were given up, and points joined."""
+    recording, _ = sparse_world(0, steps=300)
+    settings = Association("jcbb", map_management=MapManagement(vagueness=0.1))
+    slam = BearingFilter(recording.prior_mean, recording.prior_cov, association=settings)
+    tidy, undone = getattr(BearingFilter, "_tidy"), 0  # noqa: B009
+    books = vars(slam)["_association"]
+
+    def state() -> list[object]:
+        arrays = [each.tolist() for each in vars(books).values() if isinstance(each, np.ndarray)]
+        apart = copy.deepcopy(vars(books)["_apart"])
+        return [arrays, apart, books.clock.now, slam.provisional, slam.landmark_ids.tolist(), slam.cov.tolist()]
+
+    def refuse(slam: BearingFilter, association: RayAssociation) -> None:
+        tidy(slam, association)
+        raise UserError("refused")
+
+    for step in range(recording.steps + 1):
+        if step:
+            slam.predict(recording.odometry[step - 1], recording.odometry_cov[step - 1])
+        rows = recording.observation_step == step
+        scan = Observations(None, recording.observation[rows], recording.observation_cov[rows])
+        is_tried = step % 4 == 0 or step > 280
+        if is_tried:
+            before = state()
+            with monkeypatch.context() as patch:
+                patch.setattr(BearingFilter, "_tidy", refuse)
+                with pytest.raises(UserError, match="refused"):
+                    slam.update(scan)
+            assert state() == before
+        landmarks = len(slam.landmark_ids)
+        slam.update(scan)
+        undone += is_tried and len(slam.landmark_ids) < landmarks
+    assert undone > 0
+
+
+def walk(slam: BearingFilter) -> None:
+    """A step on the spot."""
+    slam.predict(np.zeros(3), np.zeros((3, 3)))
+
+
+@METHODS
+@pytest.mark.parametrize("rays", [Rays(), Rays(s_min=9.0)], ids=["rays", "points at the second sight"])
+def test_false_starts_are_deleted(method: Method, rays: Rays) -> None:
+    """Seen twice and never again: gone after probation, members and all, whether it is a ray still or a point."""
+    management = MapManagement(sights=3, probation=5)
+    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), "standard", rays, Association(method, 9.0, management))
+    assert see(slam, 0.0, 1.0) == [0, 1]
+    assert see(slam, 0.0, 1.0) == [0, 1]
+    assert slam.landmark_ids.tolist() == []
+    for scan in (3, 4):
+        assert see(slam, 0.0) == [0]
+        assert slam.landmark_ids.tolist() == [0]
+        assert slam.standing(np.array([0, 1, NONE])).tolist() == [0, NONE, NONE]
+        assert len(slam.cov) == 3 + 2 * (8 if len(slam.provisional) else 2), scan
+    assert see(slam, 0.0) == [0]
+    assert len(slam.cov) == 3 + 2 * (4 if len(slam.provisional) else 1)
+    assert {*slam.provisional, *slam.landmark_ids.tolist()} == {0}
+    assert see(slam, 0.0, 1.0) == [0, 2]  # a name is not given again
+    assert slam.standing(np.array([0, 1, 2, NONE])).tolist() == [0, NONE, NONE, NONE]
+
+
+@METHODS
+def test_a_ray_that_is_not_seen_for_long_is_given_up(method: Method) -> None:
+    """It was confirmed, but lies in the direction of whatever comes there next."""
+    management = MapManagement(sights=3, probation=5)
+    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), "standard", Rays(), Association(method, 9.0, management))
+    for _ in range(3):
+        walk(slam)
+        assert see(slam, 0.0, 1.0) == [0, 1]
+    for _ in range(5):
+        assert {*slam.provisional} == {0, 1}
+        walk(slam)
+        assert see(slam, 0.0) == [0]
+    walk(slam)
+    assert see(slam, 0.0) == [0]
+    assert {*slam.provisional} == {0}
+    assert slam.standing(np.array([0, 1])).tolist() == [0, NONE]
+    assert len(slam.cov) == 3 + 2 * slam.member_count
+    walk(slam)
+    assert see(slam, 1.0) == [2]
+
+
+def test_without_management_everything_stands() -> None:
+    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), association=Association())
+    assert see(slam, 0.0, 1.0) == [0, 1]
+    for _ in range(20):
+        assert see(slam, 0.0) == [0]
+    assert slam.landmark_ids.tolist() == [0, 1]
+
+
+@METHODS
+@pytest.mark.parametrize("correction", RULES)
+@pytest.mark.parametrize(("field", "bad"), [("value", np.nan), ("cov", np.inf), ("cov", 0.0), ("cov", -1.0)])
+def test_what_is_not_sound_is_refused_and_changes_nothing(
+    method: Method, correction: Correction, field: str, bad: float
+) -> None:
+    settings = Association(method, map_management=MapManagement())
+    slam, other = (BearingFilter(np.zeros(3), 1e-4 * np.eye(3), correction, association=settings) for _ in range(2))
+    for each in (slam, other):
+        see(each, 0.0, 1.0)
+    observations = Observations(None, np.array([[0.0], [2.0]]), np.full((2, 1, 1), 1e-4))
+    getattr(observations, field)[1] = bad
+    name = "observation_cov" if field == "cov" else "observation"
+    with pytest.raises(ValueError, match=rf"^{name}\[1\] = [^\n]*: [^\n]*$"):
+        slam.update(observations)
+    np.testing.assert_array_equal(slam.associated, other.associated)
+    for each in (slam, other):
+        each.predict([0.1, 0.0, 0.0], 1e-6 * np.eye(3))
+        assert see(each, 0.0, 2.0) == [0, 2]
+    np.testing.assert_array_equal(slam.cov, other.cov)
+
+
+def test_an_estimate_says_what_stands_at_the_end() -> None:
+    recording, truth = sparse_world(1, steps=60)
+    clutter = np.arange(0, len(truth), 97)
+    values = recording.observation.copy()
+    values[clutter] = wrap(values[clutter] + 0.3)
+    nameless = replace(recording, landmark=None, observation=values)
+    settings = Association("jcbb", map_management=MapManagement(sights=4, probation=6, margin=0.0))
+    estimate = ekf(nameless, association=settings)
+    assert estimate.association is not None
+    assert (estimate.association[clutter] == NONE).all()
+    kept = np.delete(np.arange(len(truth)), clutter)
+    pairs = {*zip(estimate.association[kept].tolist(), truth[kept].tolist(), strict=True)} - {(NONE, t) for t in truth}
+    assert len({name for name, _ in pairs}) == len({true for _, true in pairs}) == len(pairs)
+    assert {name for name, _ in pairs} == {*np.asarray(estimate.landmark_ids).tolist()}
