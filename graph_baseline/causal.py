@@ -49,19 +49,19 @@ def isam2(recording: Recording, association: Int | None = None) -> Estimate:
     growing = GrowingOptimum(recording)
     steps = recording.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
-    watched: list[_Known] | None = [] if recording.sensor == "bearing" and steps <= SHORT else None
+    watched: list[_Known] = []
     for k in range(steps + 1):
         start = perf_counter()
         growing.add_step()
         poses[k], pose_covs[k] = growing.newest_pose(), growing.newest_cov()
         seconds[k] = perf_counter() - start
-        if watched is not None:
+        if recording.sensor == "bearing" and steps <= SHORT:
             watched.append(_known(growing))
     growing.finish()
     estimate = Estimate(
         kind="filtered", poses=poses, pose_covs=without_negative_eigenvalues(pose_covs), seconds=seconds
     )
-    return _with_map(recording, estimate, growing, watched or [])
+    return _with_map(recording, estimate, growing, watched)
 
 
 class _Known(NamedTuple):

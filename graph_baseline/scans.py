@@ -80,7 +80,7 @@ def subtract_scans(joint: Float, X: Float, model: LinearModel) -> None:
 
 
 def filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Float, Float, Float]:
-    """Kalman filter of a pose given the landmarks.
+    """Kalman filter of a pose given the unknowns.
 
     Returns:
         Predicted and updated covariances P (N+1, 3, 3), carry F (I - K G), gain F K, and whitener L^-1 of the

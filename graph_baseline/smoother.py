@@ -58,7 +58,7 @@ class Solution(NamedTuple):
     landmark_covs: Float  # (L, 2, 2)
 
 
-class Elimination(NamedTuple):
+class KeyMaps(NamedTuple):
     """The keys of a piece as affine maps of (u, 1), u its n unknowns."""
 
     A: Float  # (K, 3, n+1) predicted
@@ -72,7 +72,7 @@ class Eliminated(NamedTuple):
     """All pieces, and what they know of the unknowns."""
 
     pieces: list[Piece]
-    poses: list[Elimination]
+    keys: list[KeyMaps]
     factor: Factor
     unknowns: Float  # (n+1,) where the cost is least: landmarks (L, 2), poses at cuts (J, 3), and the constant 1
 
@@ -101,7 +101,7 @@ def solve(model: LinearModel, landmarks: int) -> Solution:
     for number, place, root in covariance_roots(eliminated.factor, np.zeros((0, 0))):
         piece, order = eliminated.pieces[number], np.argsort(place)
         landmark_covs[piece.slots] = _own_blocks(root[place[: 2 * len(piece.slots)]])
-        for poses, A, P in _smoothed_maps(piece.chain, eliminated.poses[number]):
+        for poses, A, P in _smoothed_maps(piece.chain, eliminated.keys[number]):
             maps = A[:, :, order].reshape(3 * len(A), len(order))
             spread = multiply_triangular(1.0, root.T, maps.T, lower=1, overwrite_b=1).T.reshape(A[:, :, :-1].shape)
             pose_covs[poses] = P + spread @ transposed(spread)
@@ -128,19 +128,19 @@ def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Eliminated:
     held, own, unknowns = np.zeros(planned.unknowns), np.zeros(planned.unknowns), np.zeros(planned.unknowns + 1)
     held[: 2 * landmarks] = damping.landmark
     own[: 2 * landmarks] = held[: 2 * landmarks] + own_information(chain.model, landmarks)
-    poses: dict[int, Elimination] = {}
+    keys: dict[int, KeyMaps] = {}
 
     def told(number: int) -> Float:
-        poses[number], information = _poses_eliminated(planned.pieces[number], damping)
+        keys[number], information = _poses_eliminated(planned.pieces[number], damping)
         return information
 
     factor, _ = factorised(planned.front, told, held, own)
     unknowns[-1] = 1.0
     minimise(factor, unknowns)
-    return Eliminated(planned.pieces, [poses[number] for number in range(len(poses))], factor, unknowns)
+    return Eliminated(planned.pieces, [keys[number] for number in range(len(keys))], factor, unknowns)
 
 
-def _poses_eliminated(piece: Piece, damping: Damping) -> tuple[Elimination, Float]:
+def _poses_eliminated(piece: Piece, damping: Damping) -> tuple[KeyMaps, Float]:
     """The poses of a piece, and the information (n+1, n+1) that they leave of its n unknowns and the constant."""
     model, width = piece.chain.model, 2 * len(piece.slots)
     first, last = slice(width, width + 3 * piece.begins), slice(len(piece.columns) - 3 * piece.ends, -1)
@@ -164,24 +164,24 @@ def _poses_eliminated(piece: Piece, damping: Damping) -> tuple[Elimination, Floa
         X[steps] = transposed(observed[steps]) @ innovation
     adjoint_cov = transposed(observed) @ observed
     run_adjoints(carry, X, adjoint_cov)
-    return Elimination(A, P, updated, X, adjoint_cov), joint
+    return KeyMaps(A, P, updated, X, adjoint_cov), joint
 
 
 def _newton_step(eliminated: Eliminated, poses: int, landmarks: int) -> tuple[Float, Float]:
     """The step of all poses (N+1, 3) and landmarks (L, 2)."""
     dx = np.empty((poses, 3))
-    for piece, of_piece in zip(eliminated.pieces, eliminated.poses, strict=True):
-        _move_poses(piece.chain, of_piece, eliminated.unknowns[np.append(piece.columns, -1)], dx)
+    for piece, keys in zip(eliminated.pieces, eliminated.keys, strict=True):
+        _move_poses(piece.chain, keys, eliminated.unknowns[np.append(piece.columns, -1)], dx)
     return dx, eliminated.unknowns[: 2 * landmarks].reshape(-1, 2)
 
 
-def _move_poses(chain: Chain, eliminated: Elimination, at: Float, dx: Float) -> None:
+def _move_poses(chain: Chain, keys: KeyMaps, at: Float, dx: Float) -> None:
     """Fill `dx` (N+1, 3) for a piece's poses, where (u, 1) is `at`."""
-    predicted, adjoint = eliminated.A @ at, eliminated.adjoint @ at
-    dx[chain.key] = predicted - np.einsum("kij,kj->ki", eliminated.P, adjoint)
+    predicted, adjoint = keys.A @ at, keys.adjoint @ at
+    dx[chain.key] = predicted - np.einsum("kij,kj->ki", keys.P, adjoint)
     between = chain.between
     if len(between.pose):
-        before, P = between.key - 1, _predicted_between(chain, eliminated, slice(None))
+        before, P = between.key - 1, _predicted_between(chain, keys, slice(None))
         start = predicted[between.key] - chain.model.c[before]
         start[:, :2] -= between.lever_to * start[:, 2:]
         pull = adjoint[between.key]
@@ -189,23 +189,23 @@ def _move_poses(chain: Chain, eliminated: Elimination, at: Float, dx: Float) -> 
         dx[between.pose] = start + between.c - np.einsum("kij,kj->ki", P, pull)
 
 
-def _smoothed_maps(chain: Chain, eliminated: Elimination) -> Iterator[tuple[Int, Float, Float]]:
-    """Poses (n,), chunk by chunk, their smoothed maps (n, 3, 2L+1), and covariances (n, 3, 3) given the landmarks."""
+def _smoothed_maps(chain: Chain, keys: KeyMaps) -> Iterator[tuple[Int, Float, Float]]:
+    """Poses (n,), chunk by chunk, their smoothed maps (n, 3, n_u+1), covariances (n, 3, 3) given the unknowns."""
     for part in chunks(len(chain.key)):
-        P, adjoint = eliminated.P[part], eliminated.adjoint[part]
-        later = _carried_back(chain.model.F, eliminated.adjoint_cov, part)
-        yield chain.key[part], eliminated.A[part] - P @ adjoint, _smoothed_covariances(eliminated.updated[part], later)
+        P, adjoint = keys.P[part], keys.adjoint[part]
+        later = _carried_back(chain.model.F, keys.adjoint_cov, part)
+        yield chain.key[part], keys.A[part] - P @ adjoint, _smoothed_covariances(keys.updated[part], later)
     between = chain.between
     for part in chunks(len(between.pose)):
         key, lever = between.key[part], between.lever_to[part]
-        P = _predicted_between(chain, eliminated, part)
-        A = eliminated.A[key]
+        P = _predicted_between(chain, keys, part)
+        A = keys.A[key]
         A[:, :, -1] -= chain.model.c[key - 1]
         A[:, :2] -= lever[:, :, None] * A[:, 2:]
         A[:, :, -1] += between.c[part]
-        adjoint = eliminated.adjoint[key]
+        adjoint = keys.adjoint[key]
         adjoint[:, 2] += np.einsum("ki,kij->kj", lever, adjoint[:, :2])
-        adjoint_cov = eliminated.adjoint_cov[key]
+        adjoint_cov = keys.adjoint_cov[key]
         adjoint_cov[:, 2, :] += np.einsum("ki,kij->kj", lever, adjoint_cov[:, :2, :])
         adjoint_cov[:, :, 2] += np.einsum("ki,kji->kj", lever, adjoint_cov[:, :, :2])
         yield between.pose[part], A - P @ adjoint, _smoothed_covariances(P, adjoint_cov)
@@ -224,10 +224,10 @@ def _smoothed_covariances(P: Float, adjoint_cov: Float) -> Float:
     return (smoothed + transposed(smoothed)) / 2
 
 
-def _predicted_between(chain: Chain, eliminated: Elimination, part: slice) -> Float:
+def _predicted_between(chain: Chain, keys: KeyMaps, part: slice) -> Float:
     """Covariances (n, 3, 3) of poses between keys, predicted from the key before."""
     between = chain.between
-    P = eliminated.updated[between.key[part] - 1]
+    P = keys.updated[between.key[part] - 1]
     shear(P, between.lever_from[part])
     return P + between.W[part]
 
