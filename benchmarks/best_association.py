@@ -19,8 +19,8 @@ from scipy.optimize import linear_sum_assignment
 from slamgauge import BearingFilter, Rays, load_scenario, simulate
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.studies.run import run_seed
+from slamgauge.ekf.maps.matching import innovations
 from slamgauge.recording import Observations, Recording
-from slamgauge.se2 import wrap
 
 
 class Told(BearingFilter):
@@ -28,15 +28,12 @@ class Told(BearingFilter):
 
     def costs(self, bearings: Float, variances: Float) -> tuple[Int, Float]:
         """Landmarks (L,), and minus twice the log likelihoods (m, L) of bearings (m,) [rad] being theirs."""
-        owners, cov, pose = self._owners(), self.cov, self.pose
-        offset = self._map.positions - pose[:2]
-        across = np.column_stack([-offset[:, 1], offset[:, 0]]) / np.square(offset).sum(axis=1)[:, None]
-        H = np.zeros((len(owners), len(cov)))
-        H[:, :2], H[:, 2] = -across, -1.0
-        slots = np.arange(len(owners))
-        H[slots, 3 + 2 * slots], H[slots, 4 + 2 * slots] = across.T
-        innovation = wrap(bearings[:, None] - np.arctan2(offset[:, 1], offset[:, 0]) + pose[2])
-        S = np.einsum("li,ij,lj->l", H, cov, H) + variances[:, None]
+        owners = self._owners()
+        slots = np.tile(np.arange(len(owners)), len(bearings))
+        values, covs = (np.repeat(each, len(owners)) for each in (bearings, variances))
+        innovation, S = innovations(self._map, slots, values[:, None], covs[:, None, None])
+        shape = (len(bearings), len(owners))
+        innovation, S = innovation.reshape(shape), S.reshape(shape)
         cost = innovation**2 / S + np.log(S)
         landmarks = np.unique(owners)
         of_landmarks = [cost[:, owners == each].min(axis=1) for each in landmarks]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import compileall
 import json
-import py_compile
 import resource
 import shutil
 import subprocess
@@ -22,8 +22,7 @@ def keep_bytecode() -> None:
     """Compile all: where it has no room Python leaves bytecode that is cut, and does not start from that again."""
     for floor in ("slamgauge", "slamgauge.compare", "slamgauge.ekf", "slamgauge.graph_baseline"):
         for folder in import_module(floor).__path__:
-            for source in Path(folder).rglob("*.py"):
-                py_compile.compile(str(source))
+            compileall.compile_dir(folder, quiet=1)
 
 
 @dataclass
