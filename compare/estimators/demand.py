@@ -75,11 +75,12 @@ def require_means_for_recording(recording: Recording, asked: Sequence[Asked], *,
 def seconds_for(recording: Recording, asked: Asked) -> float:
     """How long an estimator takes for a recording, to the order of magnitude [s].
 
-    What would be long for the hindsight optimum of a map that is seen all at once is counted anew, piece by piece.
+    The hindsight optimum of ranges and bearings, which is found piece by piece, is counted anew if that would be long.
     """
     seconds = seconds_of(recording.steps, _landmarks_of(recording), [asked])
     entry = entry_of(asked.name) if asked.name else None
-    if seconds > LONG and recording.landmark is not None and entry and entry.is_graph and entry.kind == "smoothed":
+    in_pieces = entry is not None and entry.is_graph and entry.kind == "smoothed" and recording.sensor != "bearing"
+    if seconds > LONG and in_pieces and recording.landmark is not None:
         from slamgauge.graph_baseline.demand import seconds_in_hindsight
 
         return min(seconds, seconds_in_hindsight(recording))

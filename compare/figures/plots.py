@@ -33,7 +33,7 @@ from slamgauge.compare.figures.thinning import even_rows
 from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.compare.scoring.landmark_identity import true_landmarks
 from slamgauge.compare.scoring.optimum_figures import is_misfit
-from slamgauge.compare.scoring.optimum_notes import distance_from_hindsight, misfits
+from slamgauge.compare.scoring.optimum_notes import distance_from_optimum, misfits
 from slamgauge.compare.storage.names import math_text
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -160,6 +160,6 @@ def save_figure(
             columns = -(-2 * columns // 3)
         figure.legend(handles, labels, loc="outside lower center", ncols=columns, **LEGEND)
         doubts = [misfits([name for name in YARDSTICKS.values() if name in estimates and is_misfit(estimates[name])])]
-        doubts += [distance_from_hindsight(name, estimate.optimum_check) for name, estimate in estimates.items()]
+        doubts += [distance_from_optimum(name, estimate.optimum_check) for name, estimate in estimates.items()]
         figure.suptitle(math_text("\n".join([title, *filter(None, doubts)])), **WRAPPED)
         save_printed(figure, folder / "figure")

@@ -9,7 +9,7 @@ import numpy as np
 from slamgauge.compare.scoring.against_reference import against_reference
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.optimum_figures import share_of_doubt
-from slamgauge.compare.scoring.optimum_notes import distance_from_hindsight, distance_in_runs
+from slamgauge.compare.scoring.optimum_notes import distance_from_optimum, distance_in_runs
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.errors import UserError
 
@@ -80,7 +80,7 @@ def _ratio_below(scores: list[Score], bound: float | None) -> str:
     verdict = _mean_below("ratio_to_optimum", "evaluate with a Truth and an optimum", scores, bound)
     checks = [score.yardstick_check_sigma for score in scores]
     if len(checks) == 1:
-        doubt = distance_from_hindsight("the optimum", checks[0])
+        doubt = distance_from_optimum("the optimum", checks[0])
     else:
         doubt = distance_in_runs("the optimum", share_of_doubt(np.array(checks, dtype=np.float64)))
     if bound is None or doubt is None:

@@ -17,7 +17,7 @@ from slamgauge.compare.scoring.empty_columns import empty_lines
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
 from slamgauge.compare.scoring.optimum_notes import (
     MARK,
-    distance_from_hindsight,
+    distance_from_optimum,
     doubt,
     fit_of_the_model,
     left_out,
@@ -218,6 +218,6 @@ def optimum_notes(comparison: Comparison) -> list[str]:
         notes.append(left_out(name, comparison.truth, comparison.recording, comparison.estimates[name]))
     notes += [doubt(name, comparison.estimates[name].optimum_check) for _, name in judges]
     others = {name: each for name, each in comparison.estimates.items() if name not in comparison.optima.values()}
-    notes += [distance_from_hindsight(name, each.optimum_check) for name, each in others.items()]
+    notes += [distance_from_optimum(name, each.optimum_check) for name, each in others.items()]
     notes += [too_near(name, comparison) for name in others]
     return [note for note in notes if note]

@@ -83,7 +83,7 @@ def under_associations(names: Sequence[str]) -> str:
     return f"no ids, and no true associations: held against {' and '.join(names)}, with associations right or wrong"
 
 
-def distance_from_hindsight(name: str, check: float | None) -> str | None:
+def distance_from_optimum(name: str, check: float | None) -> str | None:
     """That a causal optimum is not what it is taken for; None if it is, or was not checked."""
     if check is None or not is_in_doubt(check):
         return None
@@ -102,7 +102,7 @@ def distance_in_runs(name: str, share: float | None) -> str | None:
 
 def doubt(name: str, check: float | None) -> str | None:
     """The distance of an optimum that others are compared with: what is relative to it is marked."""
-    return _with_marks(distance_from_hindsight(name, check))
+    return _with_marks(distance_from_optimum(name, check))
 
 
 def doubt_in_runs(name: str, share: float | None) -> str | None:

@@ -93,10 +93,10 @@ def test_the_hindsight_optimum_of_a_map_seen_a_part_at_a_time_is_not_said_to_be_
 ) -> None:
     """By landmarks and steps alone it would take as long as a filter whose covariance is dense."""
     recording = lanes(lanes=16, length=60)
-    steps = demand.seconds_for(recording, ask(["batch"])[0])
+    at_once = demand.seconds_for(recording, ask(["batch"])[0])
     monkeypatch.setattr(demand, "LONG", 1.0)
     pieces, full = (demand.seconds_for(recording, ask([name])[0]) for name in ("batch", "ekf"))
-    assert steps > full > 20.0
+    assert at_once > full > 20.0
     assert 0.3 < pieces < 5.0  # it takes some 2 s
 
 
