@@ -22,7 +22,7 @@ from slamgauge.compare.studies.summary import share_in_doubt
 
 # orientation RMSE [deg], position RMSE [m], NEES of orientation and of position
 PUBLISHED = {"EKF": (3.02, 0.67, 2.88, 2.56), "right-UKF": (2.51, 0.55, 1.01, 1.09), "IEKF": (2.51, 0.55, 1.01, 1.17)}
-NAMES = ("ekf", "fej-ekf", "iekf", "riekf", "isam2")
+NAMES = ("ekf", "fej-ekf", "iekf", "riekf", "riukf", "robocentric-ekf", "isam2")
 
 
 def main() -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import distinct, freeze
+from slamgauge.arrays import Float, distinct, freeze
 from slamgauge.ekf.association import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.compressed import CompressedFilter
@@ -19,18 +19,22 @@ from slamgauge.ekf.large_maps import area_that_pays
 from slamgauge.ekf.maps.checks import without_rounding
 from slamgauge.ekf.maps.rules import CORRECTIONS, Correction
 from slamgauge.ekf.online import OnlineFilter
+from slamgauge.ekf.relatives import MovingBelief, RelativeFilter
+from slamgauge.ekf.robocentric import RobocentricBelief
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.ekf.settings.initialisation import Initialisation, Rays
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.ekf.sigma_points import InvariantBelief
 from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
 from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 
-__all__ = ["dead_reckoning", "ekf", "fej_ekf", "iekf", "oc_ekf", "riekf"]
+__all__ = ["dead_reckoning", "ekf", "fej_ekf", "iekf", "oc_ekf", "riekf", "riukf", "robocentric_ekf"]
 
 FIS = Rays()
 ROOM = 1.5  # memory of a filter over that of its covariance
+ROOM_IN_NUMPY = 5.0  # the same of those in numpy: their steps make new arrays
 
 
 def ekf(
@@ -107,6 +111,30 @@ def riekf(
     return _run(recording, "riekf", association, initialisation, frames, robust)
 
 
+def riukf(recording: Recording) -> Estimate:
+    """Right-invariant filter with sigma points (UKF-M; Brossard, Barrau and Bonnabel, ICRA 2020).
+
+    Args:
+        recording: known association, and ranges with bearings or positions.
+
+    Raises:
+        UserError: bearings alone, or no ids.
+    """
+    return _in_numpy(recording, InvariantBelief)
+
+
+def robocentric_ekf(recording: Recording) -> Estimate:
+    """EKF-SLAM with the map in the robot's frame (Castellanos et al., Robotics and Autonomous Systems 2007).
+
+    Args:
+        recording: known association, and ranges with bearings or positions.
+
+    Raises:
+        UserError: bearings alone, or no ids.
+    """
+    return _in_numpy(recording, RobocentricBelief)
+
+
 def dead_reckoning(recording: Recording) -> Estimate:
     """Odometry alone: the prior carried along the increments."""
     blind = SlamFilter("position", recording.prior_mean, recording.prior_cov, landmarks=0)
@@ -148,7 +176,18 @@ def _run(
     frames: int,
     robust: Robustness,
 ) -> Estimate:
-    slam = online_filter(recording, CORRECTIONS[estimator], association, initialisation, robust)
+    return _driven(
+        online_filter(recording, CORRECTIONS[estimator], association, initialisation, robust), recording, frames
+    )
+
+
+def _in_numpy(recording: Recording, belief: Callable[[str, Float, Float], MovingBelief]) -> Estimate:
+    _require_room(0 if recording.landmark is None else len(distinct(recording.landmark)), ROOM_IN_NUMPY)
+    start = belief(recording.sensor, recording.prior_mean, recording.prior_cov)
+    return _driven(RelativeFilter(recording.sensor, start), recording, frames=0)
+
+
+def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:
     steps = recording.steps
     poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
     nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1)
@@ -191,10 +230,15 @@ def online_filter(
     if recording.landmark is None:
         return AssociatingFilter(recording.sensor, *start, association, robust)
     landmarks = len(distinct(recording.landmark))
-    size = 3 + 2 * landmarks
-    require_memory(ROOM * 8.0 * size * size, f"the covariance of {landmarks} landmarks", "give fewer landmarks")
+    _require_room(landmarks, ROOM)
     radius = area_that_pays(recording) if correction is CORRECTIONS["ekf"] else None
     if radius is None:
         return SlamFilter(recording.sensor, *start, landmarks=landmarks, robust=robust)
     tell_once(f"{landmarks} landmarks: ekf works area by area (CompressedFilter), which gives the same for less work")
     return CompressedFilter(recording.sensor, recording.prior_mean, recording.prior_cov, radius, robust, landmarks)
+
+
+def _require_room(landmarks: int, room: float) -> None:
+    """Refuse a map whose covariance, `room` times, does not fit into memory."""
+    size = 3 + 2 * landmarks
+    require_memory(room * 8.0 * size * size, f"the covariance of {landmarks} landmarks", "give fewer landmarks")

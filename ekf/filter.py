@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.maps.checks import ids_of, require_gate, require_ids, require_robustness, rows_of
+from slamgauge.ekf.maps.ids import of_scan
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.rules import Correction, Rule
@@ -144,11 +145,7 @@ class SlamFilter(PointFilter):
         if self.map.dim == 1:
             raise UserError("landmark: a bearing alone places no landmark; use slamgauge.ekf.BearingFilter")
         self.map.require_sound(values, covs)
-        mapped = np.isin(ids, self.map.ids)
-        first = np.zeros(len(ids), dtype=bool)
-        first[np.unique(ids, return_index=True)[1]] = True
-        new = first & ~mapped
-        again = ~first & ~mapped
+        mapped, new, again = of_scan(ids, self.map.ids)
         self.map.reserve(self.map.belief.size + 2 * int(new.sum()))  # may be refused, and before anything changes
         certain = not again.any() and is_addition_certain(self.map)
         with nullcontext() if certain else undone_if_refused(self.map):

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_bearings_once, compile_once
+from slamgauge.ekf.kernels.warm_up import (
+    compile_association_once,
+    compile_bearings_once,
+    compile_once,
+    compile_relatives_once,
+)
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 
 if __name__ == "__main__":
     compile_once()
     compile_association_once()
     compile_bearings_once()
+    compile_relatives_once()
     compile_graphs_once()

@@ -17,7 +17,7 @@ import pytest
 from random_recordings import random_recording
 
 from slamgauge.arrays import Float
-from slamgauge.ekf import ekf, riekf
+from slamgauge.ekf import ekf, riekf, riukf, robocentric_ekf
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, isam2
 from slamgauge.recording import Recording
@@ -66,7 +66,7 @@ def distance(estimate: Estimate, optimum: Estimate) -> Distance:
 
 @pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("estimator", [ekf, riekf])
+@pytest.mark.parametrize("estimator", [ekf, riekf, riukf, robocentric_ekf])
 def test_the_distance_to_the_optimum_falls_with_the_noise(estimator: Estimator, seed: int, sensor: str) -> None:
     """Ten times less noise, ten times nearer in sigmas: measured ratios are 9.6 to 10.2."""
     recordings = [recording_of(seed, sensor, noise) for noise in LEVELS]

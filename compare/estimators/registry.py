@@ -124,6 +124,20 @@ _ENTRIES = (
         look=Look("#0077BB", (0, (4, 1, 1, 1))),
     ),
     Entry(
+        name="riukf",
+        home="slamgauge.ekf:riukf",
+        note="right-invariant, with sigma points",
+        is_benched=False,
+        look=Look("#AA4499", (0, (2, 1, 5, 1))),
+    ),
+    Entry(
+        name="robocentric-ekf",
+        home="slamgauge.ekf:robocentric_ekf",
+        note="map in the robot's frame",
+        is_benched=False,
+        look=Look("#117733", (0, (8, 1, 2, 1))),
+    ),
+    Entry(
         name=FIXED_LAG,
         home="slamgauge.graph_baseline:fixed_lag",
         note=f"the last 20 steps smoothed; {FIXED_LAG}-5: the last 5",

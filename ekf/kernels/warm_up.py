@@ -12,7 +12,8 @@ from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import Belief, allocate_belief
 from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.linearisation import describe
-from slamgauge.ekf.kernels.prediction import predict
+from slamgauge.ekf.kernels.models import locate_all, observe_all
+from slamgauge.ekf.kernels.prediction import is_semidefinite, predict
 from slamgauge.ekf.kernels.slots import find_slots
 from slamgauge.ekf.kernels.weighing import weigh
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
@@ -67,6 +68,15 @@ def compile_bearings_once() -> None:
         corrections.retract_standard(belief, work)
         corrections.retract_right_invariant(belief, work)
         triangulate(np.zeros((1, 3)), np.zeros(1), np.ones(1), 1.0)
+
+
+@functools.cache
+def compile_relatives_once() -> None:
+    """The same for the kernels of filters that are written in numpy."""
+    with announced("kernels of sights"):
+        is_semidefinite(np.zeros((3, 3)))
+        observe_all(0, np.ones((1, 2)))
+        locate_all(0, np.ones((1, 2)))
 
 
 def _robot_and_landmark() -> tuple[Belief, Workspace]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamgauge.arrays import Int
+from slamgauge.arrays import Int, Marks
 
 GONE = -1
 
@@ -27,3 +27,11 @@ def followed(fate: Int) -> Int:
     while ((further := fate[fate]) != fate).any():
         fate = further
     return fate
+
+
+def of_scan(ids: Int, known: Int) -> tuple[Marks, Marks, Marks]:
+    """Which observations of a scan (m,) are of known landmarks, map a new one, or see a new one again."""
+    mapped = np.isin(ids, known)
+    first = np.zeros(len(ids), dtype=np.bool_)
+    first[np.unique(ids, return_index=True)[1]] = True
+    return mapped, first & ~mapped, ~first & ~mapped

@@ -10,14 +10,17 @@ import pytest
 from random_recordings import random_recording
 
 from slamgauge.arrays import Float
-from slamgauge.ekf import ekf, fej_ekf, iekf, oc_ekf, riekf
+from slamgauge.ekf import ekf, fej_ekf, iekf, oc_ekf, riekf, riukf, robocentric_ekf
 from slamgauge.ekf.maps.checks import without_rounding
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 
-FILTERS = pytest.mark.parametrize("estimator", [ekf, fej_ekf, oc_ekf, iekf, riekf])
+FAMILY = [ekf, fej_ekf, oc_ekf, iekf, riekf]
+FILTERS = pytest.mark.parametrize("estimator", FAMILY)
+RELATIVES = [riukf, robocentric_ekf]
+ALL = pytest.mark.parametrize("estimator", [*FAMILY, *RELATIVES])
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 Estimator = Callable[..., Estimate]
 FAR_APART = r"^(observation|pose_covs)[^\n]*so far apart that double precision does not hold both[^\n]*$"
@@ -59,7 +62,19 @@ def test_sigmas_of_1e6_and_1e_minus_7_are_told_apart_from_an_answer(
         estimator(recording)
 
 
-@FILTERS
+@pytest.mark.parametrize("estimator", RELATIVES)
+@SENSORS
+@pytest.mark.parametrize("prior", [USUAL, np.zeros(3)])
+def test_motions_far_wider_than_sights_are_told_by_the_relatives_too(
+    estimator: Estimator, sensor: str, prior: Float
+) -> None:
+    """The robocentric filter loses nothing of a far prior, and sigma points take little from what bends as much."""
+    _, recording = random_recording(3, sensor=sensor, steps=10, landmarks=4, noise=0.01)
+    with pytest.raises(UserError, match=FAR_APART):
+        estimator(with_sigmas(recording, prior, FAR, SMALL))
+
+
+@ALL
 @SENSORS
 @pytest.mark.parametrize("prior", [np.zeros(3), np.array([1.0, 0.0, 0.0]), np.array([1e4, 1e4, 0.1])])
 @pytest.mark.parametrize("motion", [np.zeros(3), np.array([0.5, 0.0, 0.0]), np.array([0.0, 0.0, 0.1])])
@@ -70,7 +85,7 @@ def test_singular_covariances_are_no_such_case(estimator: Estimator, sensor: str
     assert (np.diagonal(estimate.pose_covs, axis1=1, axis2=2) >= 0.0).all()
 
 
-@FILTERS
+@ALL
 @SENSORS
 @pytest.mark.parametrize("line", [[1.0, 0.0, 0.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0], [0.3, 0.1, -0.2]])
 def test_motion_noise_of_rank_one_from_a_known_start(estimator: Estimator, sensor: str, line: list[float]) -> None:

@@ -1,7 +1,7 @@
 """Laws that hold whatever the numbers: names, frames, causality, what cannot be observed, consistency.
 
 Statistical tests use fixed seeds and two-sided chi-square bounds that a filter with exactly chi-square
-statistics misses once in 1000 (each test as a whole). Each has a counterpart that must leave the bounds.
+statistics misses once in 1000 (each test as a whole, see `circles`). Each has a counterpart that must leave the bounds.
 """
 
 from __future__ import annotations
@@ -12,26 +12,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from circles import RUNS, STEPS, Estimator, J, additive_nees, circling, covs_of, invariant_nees, outside, run_all
 from random_recordings import random_recording
-from scipy.stats import chi2
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf import SlamFilter, dead_reckoning, ekf, fej_ekf, iekf, oc_ekf, riekf
+from slamgauge.ekf import SlamFilter, dead_reckoning, ekf, fej_ekf, iekf, oc_ekf, riekf, riukf, robocentric_ekf
 from slamgauge.ekf.maps.rules import RULES, Correction
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording, Sensor
-from slamgauge.se2 import between, chain, compose, rotation, wrap
+from slamgauge.se2 import between, compose, rotation
 
-Estimator = Callable[[Recording], Estimate]
-FILTERS = pytest.mark.parametrize("estimator", [ekf, fej_ekf, oc_ekf, iekf, riekf])
+FAMILY = [ekf, fej_ekf, oc_ekf, iekf, riekf]
+FILTERS = pytest.mark.parametrize("estimator", FAMILY)
+RELATIVES = pytest.mark.parametrize("estimator", [*FAMILY, riukf, robocentric_ekf])
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
-FALSE_ALARM_RATE = 1e-3
-J = np.array([[0.0, -1.0], [1.0, 0.0]])
-
-
-def covs_of(estimate: Estimate) -> Float:
-    assert estimate.pose_covs is not None
-    return estimate.pose_covs
 
 
 def map_of(estimate: Estimate) -> tuple[Int, Float, Float]:
@@ -56,7 +50,7 @@ def assert_close(actual: Float, expected: Float) -> None:
 # --- names and order -----------------------------------------------------------------------------
 
 
-@FILTERS
+@RELATIVES
 @SENSORS
 def test_ids_of_landmarks_do_not_matter(estimator: Estimator, sensor: str) -> None:
     _, recording = random_recording(0, sensor=sensor, steps=60)
@@ -73,7 +67,7 @@ def test_ids_of_landmarks_do_not_matter(estimator: Estimator, sensor: str) -> No
     assert_close(landmark_covs[back], old_covs)
 
 
-@FILTERS
+@RELATIVES
 @SENSORS
 def test_the_order_of_a_steps_observations_does_not_matter(estimator: Estimator, sensor: str) -> None:
     _, recording = random_recording(1, sensor=sensor, steps=60)
@@ -98,7 +92,7 @@ def test_the_order_of_a_steps_observations_does_not_matter(estimator: Estimator,
     assert_close(after.nis, before.nis)
 
 
-@FILTERS
+@RELATIVES
 def test_the_past_does_not_depend_on_the_future(estimator: Estimator) -> None:
     _, recording = random_recording(2, steps=40)
     whole, until = estimator(recording), 23
@@ -123,7 +117,7 @@ def test_a_step_without_observations_changes_nothing(correction: Correction) -> 
 # --- frames --------------------------------------------------------------------------------------
 
 
-@FILTERS
+@RELATIVES
 @SENSORS
 @pytest.mark.parametrize("motion", [[3.0, -4.0, 2.0], [-20.0, 7.0, math.pi], [0.0, 0.0, -3.1]])
 def test_moving_the_world_moves_the_estimate_with_it(estimator: Estimator, sensor: str, motion: list[float]) -> None:
@@ -166,7 +160,7 @@ def standing_robot(sensor: str) -> Recording:
 
 
 @SENSORS
-@pytest.mark.parametrize("consistent", [riekf, fej_ekf, oc_ekf])
+@pytest.mark.parametrize("consistent", [riekf, fej_ekf, oc_ekf, riukf, robocentric_ekf])
 def test_a_standing_robot_learns_nothing_about_its_own_pose(consistent: Estimator, sensor: str) -> None:
     """Julier and Uhlmann (ICRA 2001): landmarks seen for the first time from here say nothing about here."""
     recording = standing_robot(sensor)
@@ -180,10 +174,11 @@ def test_a_standing_robot_learns_nothing_about_its_own_pose(consistent: Estimato
 
 
 @SENSORS
-def test_with_perfect_odometry_the_map_says_nothing_about_the_pose(sensor: str) -> None:
+@pytest.mark.parametrize("consistent", [riekf, riukf, robocentric_ekf])
+def test_with_perfect_odometry_the_map_says_nothing_about_the_pose(consistent: Estimator, sensor: str) -> None:
     """All that is left is the start, which relative measurements never see: dead reckoning is the optimum."""
     recording = without_motion_noise(random_recording(5, sensor=sensor, steps=60)[1], standing=False)
-    estimate, blind = riekf(recording), dead_reckoning(recording)
+    estimate, blind = consistent(recording), dead_reckoning(recording)
     np.testing.assert_allclose(between(blind.poses, estimate.poses), 0.0, atol=1e-12)
     np.testing.assert_allclose(covs_of(estimate), covs_of(blind), rtol=0, atol=1e-14)
 
@@ -192,11 +187,12 @@ def test_with_perfect_odometry_the_map_says_nothing_about_the_pose(sensor: str) 
 
 
 @SENSORS
-def test_doubt_about_the_whole_worlds_place_passes_through_unchanged(sensor: str) -> None:
+@pytest.mark.parametrize("invariant", [riekf, riukf])
+def test_doubt_about_the_whole_worlds_place_passes_through_unchanged(invariant: Estimator, sensor: str) -> None:
     """Prior doubt S about a shift and turn of the whole world (1 m, 2 m, 0.3 rad).
 
     It changes no estimate, and comes out at every pose as N S N', N = [I, J p; 0, 1]: no information about
-    the unobservable directions is ever invented. Exact for the right-invariant filter, whatever the gains.
+    the unobservable directions is ever invented. Exact for the right-invariant filters, whatever the gains.
     """
     _, recording = random_recording(6, sensor=sensor, steps=60)
     S = np.array([[1.0, 0.0, 0.2], [0.0, 4.0, 0.0], [0.2, 0.0, 0.09]])
@@ -207,7 +203,7 @@ def test_doubt_about_the_whole_worlds_place_passes_through_unchanged(sensor: str
         return N @ S @ N.swapaxes(1, 2)
 
     doubtful = replace(recording, prior_cov=recording.prior_cov + world(recording.prior_mean[None, :2])[0])
-    sure, unsure = riekf(recording), riekf(doubtful)
+    sure, unsure = invariant(recording), invariant(doubtful)
     np.testing.assert_allclose(unsure.poses, sure.poses, rtol=0, atol=1e-11)
     np.testing.assert_allclose(covs_of(unsure), covs_of(sure) + world(sure.poses[:, :2]), rtol=0, atol=1e-11)
     _, landmarks, landmark_covs = map_of(sure)
@@ -251,52 +247,6 @@ def turned(points: Float) -> Float:
 
 # --- consistency ---------------------------------------------------------------------------------
 
-RUNS, STEPS = 100, 80
-
-
-def circling(seed: int, sensor: Sensor, heading_sigma: float) -> tuple[Float, Recording]:
-    """Two turns of a circle with eight landmarks 2 m outside it, the start drawn from the prior.
-
-    Noise is correlated and drawn exactly as the filter is told; no landmark comes near the robot.
-    """
-    rng = np.random.default_rng(seed)
-    commands = np.tile([0.5, 0.0, 2 * math.pi / 40], (STEPS, 1))
-    radius = 0.5 * 40 / (2 * math.pi)
-    start = np.array([0.0, 0.0, 0.8])
-    prior_cov = np.diag([0.1, 0.1, heading_sigma]) ** 2
-    poses = chain(rng.multivariate_normal(start, prior_cov), commands)
-    angle = np.arange(8) * math.pi / 4
-    landmarks = compose(start, [0, radius, 0])[:2] + (radius + 2) * np.column_stack([np.cos(angle), np.sin(angle)])
-    offset = landmarks - poses[:, None, :2]
-    step, landmark = np.nonzero(np.linalg.norm(offset, axis=2) < 4)
-    delta = np.einsum("mji,mj->mi", rotation(poses[step, 2]), offset[step, landmark])
-    polar = np.column_stack([np.hypot(*delta.T), np.arctan2(delta[:, 1], delta[:, 0])])
-    exact, sigmas = (delta, [0.1, 0.1]) if sensor == "position" else (polar, [0.1, 0.03])
-    motion_root = np.array([[0.02, 0.0, 0.0], [0.004, 0.01, 0.0], [0.002, 0.002, 0.01]])
-    return poses, Recording(
-        stamps=np.arange(STEPS + 1.0),
-        prior_mean=start,
-        prior_cov=prior_cov,
-        odometry=commands + rng.normal(size=(STEPS, 3)) @ motion_root.T,
-        odometry_cov=np.tile(motion_root @ motion_root.T, (STEPS, 1, 1)),
-        sensor=sensor,
-        observation_step=step,
-        observation=exact + rng.normal(size=exact.shape) * sigmas,
-        observation_cov=np.tile(np.diag(sigmas) ** 2, (len(step), 1, 1)),
-        landmark=landmark,
-    )
-
-
-def run_all(estimator: Estimator, sensor: Sensor, heading_sigma: float) -> list[tuple[Float, Estimate]]:
-    recordings = [circling(seed, sensor, heading_sigma) for seed in range(RUNS)]
-    return [(truth, estimator(recording)) for truth, recording in recordings]
-
-
-def outside(total: Float, dof: int, tests: int) -> int:
-    """How many of `tests` sums leave their two-sided band; together they do so by chance once in 1000."""
-    tail = FALSE_ALARM_RATE / 2 / tests
-    return int(np.sum((total < chi2.ppf(tail, dof)) | (total > chi2.isf(tail, dof))))
-
 
 def nis_outside(estimator: Estimator, sensor: Sensor, assumed: float = 1.0) -> int:
     """1 if the sum of all runs' NIS leaves its band, the sensor's covariance being told times `assumed`."""
@@ -321,26 +271,6 @@ def test_nis_is_chi_square(estimator: Estimator, sensor: Sensor) -> None:
 @pytest.mark.parametrize("assumed", [0.9, 1.1])
 def test_nis_tells_a_sensor_covariance_that_is_a_tenth_off(estimator: Estimator, assumed: float) -> None:
     assert nis_outside(estimator, "range-bearing", assumed) == 1
-
-
-def additive_nees(truth: Float, estimate: Estimate) -> Float:
-    """(N+1,) squared Mahalanobis length of the additive pose error."""
-    error = truth - estimate.poses
-    error[:, 2] = wrap(error[:, 2])
-    return np.einsum("ki,kij,kj->k", error, np.linalg.inv(covs_of(estimate)), error)
-
-
-def invariant_nees(truth: Float, estimate: Estimate) -> Float:
-    """(N+1,) the same of the right-invariant error xi: theta = theta^ + xi_t, p = R(xi_t) p^ + V(xi_t) xi_p."""
-    turn = wrap(truth[:, 2] - estimate.poses[:, 2])
-    left = truth[:, :2] - np.einsum("kij,kj->ki", rotation(turn), estimate.poses[:, :2])
-    cosine = np.sinc(turn / math.pi)
-    sine = np.sin(turn / 2) * np.sinc(turn / 2 / math.pi)
-    V = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
-    xi = np.column_stack([np.linalg.solve(V, left[..., None])[..., 0], turn])
-    D = np.tile(np.eye(3), (len(truth), 1, 1))
-    D[:, :2, 2] = estimate.poses[:, :2] @ J.T
-    return np.einsum("ki,kij,kj->k", xi, D.swapaxes(1, 2) @ np.linalg.inv(covs_of(estimate)) @ D, xi)
 
 
 @SENSORS
