@@ -22,10 +22,7 @@ from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
 from slamgauge.correlations import without_negative_eigenvalues
-from slamgauge.ekf.kernels.belief import ROBOT
-from slamgauge.ekf.kernels.models import SENSOR_CODES, locate_all, observe_all
-from slamgauge.ekf.maps.checks import start_of
-from slamgauge.ekf.relatives import (
+from slamgauge.ekf.dense import (
     block_diagonal,
     difference,
     kalman_step,
@@ -34,7 +31,10 @@ from slamgauge.ekf.relatives import (
     symmetric,
     times_rows,
 )
-from slamgauge.se2 import between, rotation, wrap
+from slamgauge.ekf.kernels.belief import ROBOT
+from slamgauge.ekf.kernels.models import SENSOR_CODES, locate_all, observe_all, wrap
+from slamgauge.ekf.maps.checks import start_of
+from slamgauge.se2 import between, rotation
 
 WORLD = slice(ROBOT, 2 * ROBOT)  # entries of the world's frame; landmarks come after
 FIRST = 2 * ROBOT
@@ -119,7 +119,7 @@ class RobocentricBelief:
         innovation = (difference(self._sensor, values, predicted) * informative).ravel()
         step, self._cov, nis = kalman_step(self._cov, cross, seen(cross.T) + block_diagonal(covs), innovation, frames=2)
         self._mean = self._mean + step
-        self._mean[[2, 5]] = wrap(self._mean[[2, 5]])
+        self._mean[2], self._mean[5] = wrap(self._mean[2]), wrap(self._mean[5])
         return nis, int(informative.sum())
 
     def add(self, values: Float, covs: Float) -> None:
@@ -147,7 +147,7 @@ class RobocentricBelief:
             return done
 
         self._cov = symmetric(composed(composed(self._cov).T))
-        turned = float(wrap(self._mean[5] - heading))
+        turned = wrap(self._mean[5] - heading)
         self._mean = np.concatenate([STILL, offset[0], [turned], offset[1:].ravel()])
 
 

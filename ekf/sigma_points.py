@@ -28,11 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.kernels.belief import ROBOT
-from slamgauge.ekf.kernels.models import SENSOR_CODES, locate_all, observe_all
-from slamgauge.ekf.kernels.precision import LEAST
-from slamgauge.ekf.maps.checks import start_of
-from slamgauge.ekf.relatives import (
+from slamgauge.ekf.dense import (
     block_diagonal,
     difference,
     kalman_step,
@@ -41,11 +37,13 @@ from slamgauge.ekf.relatives import (
     symmetric,
     times_rows,
 )
-from slamgauge.se2 import rotation, wrap
+from slamgauge.ekf.kernels.belief import ROBOT
+from slamgauge.ekf.kernels.models import SENSOR_CODES, locate_all, observe_all, wrap
+from slamgauge.ekf.kernels.precision import LEAST
+from slamgauge.ekf.maps.checks import start_of
+from slamgauge.se2 import rotation
 
-SPREAD = np.sqrt(
-    3.0
-)  # sigmas from the mean to a point: a normal distribution's moments along it are right up to the 4th
+SPREAD = 3.0**0.5  # sigmas from the mean to a point: along it a normal distribution's first four moments are right
 WEIGHT = 0.5 / SPREAD**2  # of a sigma point
 BETA = 2.0  # what is best for a normal distribution
 
@@ -209,14 +207,17 @@ def moved(mean: Float, cov: Float, step: Float) -> tuple[Float, Float]:
     robot, landmarks = V @ step[:2], step[ROBOT:].reshape(-1, 2) @ V.T
     lever = np.concatenate([_quarter_turned(robot), [0.0], _quarter_turned(landmarks).ravel()])
     shared = np.outer(lever, cov[2] + 0.5 * cov[2, 2] * lever)
-    there = np.concatenate([mean[:2] + robot, wrap(mean[2:3] + step[2]), mean[ROBOT:] + landmarks.ravel()])
+    there = np.concatenate([mean[:2] + robot, [wrap(mean[2] + step[2])], mean[ROBOT:] + landmarks.ravel()])
     return there, cov + (shared + shared.T)
 
 
 def exp_jacobian(t: Float) -> Float:
     """V(t) (k, 2, 2) = [[sin t, cos t - 1], [1 - cos t, sin t]] / t of angles (k,) [rad]."""
     sine, versine = np.sinc(t / np.pi), np.sin(t / 2) * np.sinc(t / (2 * np.pi))
-    return np.stack([np.stack([sine, -versine], -1), np.stack([versine, sine], -1)], -2)
+    V = np.empty((len(t), 2, 2))
+    V[:, 0, 0] = V[:, 1, 1] = sine
+    V[:, 0, 1], V[:, 1, 0] = -versine, versine
+    return V
 
 
 def _quarter_turned(vectors: Float) -> Float:

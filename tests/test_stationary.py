@@ -15,14 +15,16 @@ def covariances() -> dict[str, Float]:
     _, recording = simulate(load_scenario("stationary"), 0)
     assert len(np.unique(recording.observation_step)) == 1001
     found: dict[str, Float] = {}
-    for name, estimator in load_estimators(["ekf", "fej-ekf", "oc-ekf", "iekf", "riekf"]).items():
+    for name, estimator in load_estimators(
+        ["ekf", "fej-ekf", "oc-ekf", "iekf", "riekf", "riukf", "robocentric-ekf"]
+    ).items():
         covs = estimator(recording).pose_covs
         assert covs is not None
         found[name] = covs
     return found
 
 
-@pytest.mark.parametrize("name", ["fej-ekf", "oc-ekf", "riekf"])
+@pytest.mark.parametrize("name", ["fej-ekf", "oc-ekf", "riekf", "riukf", "robocentric-ekf"])
 def test_a_consistent_filters_pose_covariance_stays(covariances: dict[str, Float], name: str) -> None:
     prior = covariances[name][0]
     sigmas = np.sqrt(np.diag(prior))

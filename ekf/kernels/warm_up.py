@@ -12,9 +12,10 @@ from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import Belief, allocate_belief
 from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.linearisation import describe
-from slamgauge.ekf.kernels.models import locate_all, observe_all
+from slamgauge.ekf.kernels.models import locate_all, observe_all, wrap
 from slamgauge.ekf.kernels.prediction import is_semidefinite, predict
 from slamgauge.ekf.kernels.slots import find_slots
+from slamgauge.ekf.kernels.take_in import are_sound
 from slamgauge.ekf.kernels.weighing import weigh
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
 from slamgauge.triangulation import triangulate
@@ -75,6 +76,8 @@ def compile_relatives_once() -> None:
     """The same for the kernels of filters that are written in numpy."""
     with announced("kernels of sights"):
         is_semidefinite(np.zeros((3, 3)))
+        are_sound(0, np.ones((1, 2)), np.eye(2)[None])
+        wrap(0.0)
         observe_all(0, np.ones((1, 2)))
         locate_all(0, np.ones((1, 2)))
 

@@ -18,15 +18,9 @@ from textbook_relatives import textbook_riukf, textbook_robocentric_ekf
 
 from slamgauge.arrays import Float
 from slamgauge.ekf import ekf, riekf, riukf, robocentric_ekf
+from slamgauge.ekf.dense import block_diagonal, kalman_step, place_jacobian, times_rows
 from slamgauge.ekf.kernels.models import SENSOR_CODES, locate, locate_all, observe, observe_all
-from slamgauge.ekf.relatives import (
-    MovingBelief,
-    RelativeFilter,
-    block_diagonal,
-    kalman_step,
-    place_jacobian,
-    times_rows,
-)
+from slamgauge.ekf.relatives import MovingBelief, RelativeFilter
 from slamgauge.ekf.robocentric import RobocentricBelief, pose_jacobian
 from slamgauge.ekf.sigma_points import (
     SPREAD,
@@ -64,7 +58,7 @@ BeliefOf = Callable[[str, Float, Float], MovingBelief]
 @SENSORS
 @pytest.mark.parametrize("seed", range(2))
 def test_equals_the_textbook(ours: Estimator, textbook: Estimator, seed: int, sensor: str) -> None:
-    recording = seen_again(random_recording(seed, sensor=sensor, steps=30)[1])
+    recording = seen_again(random_recording(seed, sensor=sensor, steps=20)[1])
     assert_same(ours(recording), textbook(recording))
 
 
@@ -227,7 +221,7 @@ def differ(one: Estimator, other: Estimator, noise: float) -> float:
 
 # --- consistency ---------------------------------------------------------------------------------
 
-RUNS = 50
+RUNS = 30
 
 
 @RELATIVES
@@ -254,7 +248,7 @@ def total_nis(runs: list[tuple[Float, Estimate]]) -> Float:
 
 def total_dof(runs: list[tuple[Float, Estimate]]) -> int:
     dof = sum(int(run.nis_dof.sum()) for _, run in runs if run.nis_dof is not None)
-    assert dof > 15_000
+    assert dof > 9_000
     return dof
 
 

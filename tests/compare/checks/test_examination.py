@@ -33,13 +33,18 @@ def poses_alone(recording: Recording) -> Estimate:
     return Estimate("filtered", right.poses, right.pose_covs)
 
 
-@pytest.mark.parametrize("name", ["ekf", "iekf", "fej-ekf", "oc-ekf", "riekf", "isam2", "batch"])
-def test_ours_pass_and_only_the_filters_that_gain_from_nothing_have_that_limit(name: str):
+LIMITS = {"ekf": {"standing-robot-in-noise"}, "iekf": {"standing-robot-in-noise"}, "riukf": {"heading-wrap"}}
+
+
+@pytest.mark.parametrize(
+    "name", ["ekf", "iekf", "fej-ekf", "oc-ekf", "riekf", "riukf", "robocentric-ekf", "isam2", "batch"]
+)
+def test_ours_pass_and_each_has_the_limits_of_its_method(name: str):
     verdicts = check_estimator(name, load_estimators([name])[name], seed=3, laws=TIMELESS)
     assert not failed(verdicts), str(verdicts_table(verdicts))
     assert {each.name for each in verdicts if each.passed is None} == ({"no-future"} if name == "batch" else set())
     limits = {each.name for each in verdicts if each.limit_of_method}
-    assert limits == ({"standing-robot-in-noise"} if name in ("ekf", "iekf") else set())
+    assert limits == LIMITS.get(name, set())
 
 
 def test_the_right_textbook_raises_no_false_alarm_over_20_seeds():
