@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
@@ -16,7 +18,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.demand import require_room, tell_if_long
 from slamgauge.graph_baseline.factors import among_mapped, relative_to_start, require_known_landmarks
 from slamgauge.graph_baseline.growing import SHORT, GrowingOptimum
-from slamgauge.graph_baseline.hindsight import batch, optimum_from, optimum_of_bearings
+from slamgauge.graph_baseline.hindsight import batch, optimum_from, optimum_near, optimum_of_bearings
 from slamgauge.graph_baseline.search import chi_square_of
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
@@ -100,26 +102,29 @@ def _with_map(recording: Recording, estimate: Estimate, growing: GrowingOptimum,
         association=association,
         chi_square=chi_square,
         chi_square_dof=freedom,
-        optimum_check=np.inf if growing.unsettled_steps else _farthest_off(recording, path, estimate, growing, watched),
+        optimum_check=np.inf if growing.unsettled_steps else _farthest_off(recording, estimate, growing, watched),
     )
 
 
-def _farthest_off(
-    recording: Recording, path: Float, estimate: Estimate, growing: GrowingOptimum, watched: list[_Known]
-) -> float:
+def _farthest_off(recording: Recording, estimate: Estimate, growing: GrowingOptimum, watched: list[_Known]) -> float:
     """How far off (see `_off`) the last pose is, and each whose step might have known better.
 
     These are the steps before a leap to a path that they might have had, and in short recordings of bearings those
     before each change of the map. An optimum that is not found is infinitely far, but for those of changes: where a
     landmark is about to be placed there need not be any.
     """
-    farthest = _off_unless_lost(recording, path, estimate)
+    path, landmarks = growing.path_and_map()
+    if recording.sensor == "bearing":
+        farthest = _off_unless_lost(estimate, lambda: optimum_from(recording, path))
+    else:
+        farthest = _off_unless_lost(estimate, lambda: optimum_near(recording, path, landmarks))
     for path_after, landmark_ids in growing.leaps:
         if len(landmark_ids):
             part = recording.first(len(path_after) - 2)
             ids = require_known_landmarks(part)
             part = part.associated(np.where(np.isin(ids, landmark_ids), ids, -1))
-            farthest = max(farthest, _off_unless_lost(part, path_after[:-1], estimate))
+            before = functools.partial(optimum_from, part, path_after[:-1])
+            farthest = max(farthest, _off_unless_lost(estimate, before))
     for before, after in pairwise(watched):
         if after.leaps > before.leaps or not np.array_equal(after.landmark_ids, before.landmark_ids):
             part = recording.first(len(before.path) - 1)
@@ -131,10 +136,10 @@ def _farthest_off(
     return farthest
 
 
-def _off_unless_lost(recording: Recording, path: Float, estimate: Estimate) -> float:
-    """`_off` from `batch` begun at a path; infinite if that has no minimum."""
+def _off_unless_lost(estimate: Estimate, optimum: Callable[[], Estimate]) -> float:
+    """`_off` from an optimum; infinite if there is none."""
     try:
-        return _off(optimum_from(recording, path), estimate)
+        return _off(optimum(), estimate)
     except UndeterminedError:
         return np.inf
 

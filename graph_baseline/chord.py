@@ -31,12 +31,14 @@ class Chord(NamedTuple):
     pull: Float  # (N+1, 3) gradient of minus the cost that the landmarks' step adds
     defect: Float  # (N+1, 3) W l - w
     mean: Float  # (N+1, 3)
+    seen: Float  # (M, d) what the step changes of every observation, in sigmas
 
 
-def allocate_chord(poses: int, landmarks: int) -> Chord:
+def allocate_chord(poses: int, landmarks: int, observations: int, dim: int) -> Chord:
     """Room for a step."""
     pull, defect, mean = np.zeros((3, poses, 3))
-    return Chord(np.zeros((poses, 3)), np.zeros((landmarks, 2)), pull, defect, mean)
+    seen = np.zeros((observations, dim))
+    return Chord(np.zeros((poses, 3)), np.zeros((landmarks, 2)), pull, defect, mean, seen)
 
 
 @kernel
@@ -156,13 +158,28 @@ def pull_poses(measured: Measured, linear: Linear, newest: int, chord: Chord) ->
 
 
 @kernel
-def move(measured: Measured, linear: Linear, place: Place, newest: int, landmarks: int, chord: Chord) -> float:
+def see(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
+    """Leave in `chord` what the step changes of every observation."""
+    for k in range(newest + 1):
+        for row in range(measured.first[k], measured.first[k + 1]):
+            slot = measured.slot[row]
+            for i in range(measured.value.shape[1]):
+                change = 0.0
+                if slot >= 0:
+                    h, pose, landmark = linear.Hx[row, i], chord.pose[k], chord.landmark[slot]
+                    change += h[0] * pose[0] + h[1] * pose[1] + h[2] * pose[2]
+                    change += linear.Hm[row, i, 0] * landmark[0] + linear.Hm[row, i, 1] * landmark[1]
+                chord.seen[row, i] = change
+
+
+@kernel
+def move(measured: Measured, place: Place, newest: int, landmarks: int, chord: Chord) -> None:
     """Move path and map by a chord step, each point by V(turn) step, V(t) = (R(t) - I) / (t J).
 
     A turn of everything about any point then keeps all distances, which an additive step would stretch. A landmark
     turns as do, in the mean, the poses that see it.
     """
-    turns, seen, observed = np.zeros(landmarks), np.zeros(landmarks), 0.0
+    turns, seen = np.zeros(landmarks), np.zeros(landmarks)
     for k in range(newest + 1):
         turn = chord.pose[k, 2]
         for row in range(measured.first[k], measured.first[k + 1]):
@@ -171,16 +188,10 @@ def move(measured: Measured, linear: Linear, place: Place, newest: int, landmark
                 continue
             turns[slot] += turn
             seen[slot] += 1.0
-            for i in range(measured.value.shape[1]):
-                change = linear.Hm[row, i, 0] * chord.landmark[slot, 0] + linear.Hm[row, i, 1] * chord.landmark[slot, 1]
-                for j in range(3):
-                    change += linear.Hx[row, i, j] * chord.pose[k, j]
-                observed += change * change
         move_point(place.poses[k], chord.pose[k], turn)
         place.poses[k, 2] = wrap(place.poses[k, 2] + turn)
     for slot in range(landmarks):
         move_point(place.landmarks[slot], chord.landmark[slot], turns[slot] / max(seen[slot], 1.0))
-    return math.sqrt(observed)
 
 
 @inner

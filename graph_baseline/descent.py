@@ -16,7 +16,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.factors import first_sights, require_known_landmarks, require_placeable
 from slamgauge.graph_baseline.free_noise import FreeNoise
 from slamgauge.graph_baseline.linearisation import LinearModel, linearise, whitened_residuals
-from slamgauge.graph_baseline.mixing import Mixing
+from slamgauge.graph_baseline.mixing import Mixing, size_of
 from slamgauge.graph_baseline.moving import displaced, driven
 from slamgauge.graph_baseline.scans import NOT_DAMPED, Damping
 from slamgauge.graph_baseline.smoother import Solution, damped_step, solve_at
@@ -147,7 +147,7 @@ def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     _refuse_landmarks_at_poses(recording, slot, poses, landmarks)
     sigmas = _sigmas(solve_at(recording, landmark_ids, *start[:2]))
-    mixing = Mixing(1.0 / np.concatenate([each.ravel() for each in sigmas]))
+    weight, mixing = 1.0 / np.concatenate([each.ravel() for each in sigmas]), Mixing()
     best, smallest, stalled = (poses, landmarks), np.inf, 0
     for _ in range(MAX_NEWTON_STEPS):
         model = linearise(recording, slot, poses, landmarks)
@@ -157,7 +157,7 @@ def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
             break
         ahead = displaced(model, merit.noise, poses, landmarks, *step)
         apart = _apart(ahead, (poses, landmarks))
-        size = mixing.size(apart)
+        size = size_of(weight * apart)
         if size < smallest:
             best, smallest, stalled = (poses, landmarks), size, 0
         else:
@@ -167,7 +167,7 @@ def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
         if size < NEGLIGIBLE or stalled > PATIENCE or not size < HOPELESS:
             break
         before = poses, landmarks
-        poses, landmarks = _displaced(before, mixing.move(apart), merit.noise)
+        poses, landmarks = _displaced(before, mixing.move(apart, weight * apart), merit.noise)
         mixing.moved(_apart((poses, landmarks), before))
     misfit = np.sqrt(2.0 * cost / max(recording.observation.size, 1))
     if not smallest < RESOLVED * np.clip(misfit, 1.0, MISFIT):

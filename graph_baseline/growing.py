@@ -1,12 +1,11 @@
-"""An optimum that grows pose by pose and stays one: incremental smoothing with chord steps (`chord`).
+"""An optimum that grows pose by pose and stays one: incremental smoothing with chord steps (`chord_descent`).
 
 A step takes its scan in and moves the newest pose and the map by the linear problem that all steps so far have left.
 The rest of the path stays behind, and what the linear problem misses is not seen. Both are mended by chord steps over
 the whole path, which end where the gradient of the exact cost is zero: at every scan while the path is short, later as
-often as it takes to keep small what is missed, which grows with the square of how far the newest pose is moved. All is
-linearised anew where the Jacobians have moved, or a chord step takes too little away. A minimum that
-undamped steps do not find is sought from several starts (`search`), and so is a lower one where the cost has risen by
-more than noise explains.
+often as it takes to keep small what is missed, which grows with the square of how far the newest pose is moved. A
+minimum that they do not find is sought from several starts (`search`), and so is a lower one where the cost has risen
+by more than noise explains.
 
 Of bearings alone, landmarks wait until the optimum places them, and leave where it no longer does.
 """
@@ -17,19 +16,15 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.linalg import LinAlgError
-from scipy.linalg import cho_solve
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline import chord, elimination
+from slamgauge.graph_baseline import elimination
+from slamgauge.graph_baseline.chord_descent import ChordDescent
 from slamgauge.graph_baseline.descent import Minimum
-from slamgauge.graph_baseline.elimination import Place
 from slamgauge.graph_baseline.factors import require_known_landmarks
-from slamgauge.graph_baseline.fronts import EXHAUSTED
 from slamgauge.graph_baseline.mapped import MappedLandmarks
 from slamgauge.graph_baseline.models import measured_of
 from slamgauge.graph_baseline.search import Start, explained_by_noise, grown, placed_minimum, searched, softened
-from slamgauge.graph_baseline.smoother import own_blocks_of_inverse
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
@@ -39,16 +34,9 @@ SHORT = 100  # poses of a path that is settled at every scan
 LONGEST = 64  # scans between two settlings
 MISSED = 0.002  # sigmas of the newest pose that may be missed between them
 PATIENCE = 0.7  # of what is expected to be missed remains expected after a settling that found less
-SETTLED = 0.003  # sigmas of the newest pose, and of all that was observed: what a chord step may leave
-RATE = 0.2  # no chord step is trusted to leave less of itself
-SLOW = 0.6  # of a chord step is left for the next: linearise anew
-STALE = 0.1  # relative change of Jacobians times reach: linearise anew
 LOWER = 1.0 - 1e-6  # of the squared residuals: another minimum
-MAX_STEPS = 12
-PASSES = 2  # of the newest scan, the second linearised where the first has led
 SOUGHT_AGAIN = 1.2  # times the steps at which no minimum, or none that is lower, was found: look again
 DOUBTED_AGAIN = 2.0  # the same for a lower one of a path that is not short
-EXACT = 1e-9  # m or rad: a smaller standard deviation measures nothing
 
 
 class Leap(NamedTuple):
@@ -71,19 +59,14 @@ class GrowingOptimum:
         self._measured = measured_of(recording)
         poses, landmarks = recording.steps + 1, len(np.unique(require_known_landmarks(recording)))
         self._place = elimination.allocate_place(poses, landmarks)
-        self._before = elimination.allocate_place(poses, landmarks)  # its newest scan
-        self._linear = elimination.allocate_linear(poses, landmarks, *recording.observation.shape)
-        self._chord = chord.allocate_chord(poses, landmarks)
         self._mapped = MappedLandmarks(recording, self._measured, self._place)
-        self._newest = -1
-        self._factor: Float = np.zeros((0, 0))  # (2L, 2L) lower triangular, of the landmarks' information
-        self._sigma = np.full(3, np.inf)  # of the newest pose
+        self._descent = ChordDescent(self._measured, self._place, self._mapped)
         self._scans, self._travel = 0, 0.0  # since the last settling; travel in squared sigmas
         self._bend = np.inf  # sigmas missed for each of travel
         self.settled = True  # whether the minimum was found when it was last looked for
         self.unsettled_steps = 0  # steps without: their pose is dead reckoning from the last that had one
         self._seek_at = self._doubt_at = 0
-        self._chi_square, self._freedom = 0.0, 0  # of the last minimum
+        self._freedom = 0  # of the last minimum
         self.leaps: list[Leap] = []
 
     # --- what has been found ---------------------------------------------------------------------
@@ -99,9 +82,7 @@ class GrowingOptimum:
 
     def newest_cov(self) -> Float:
         """(3, 3) of the newest pose, world frame, by the matrices at hand; while unsettled, of what they are about."""
-        cov = np.empty((3, 3))
-        elimination.newest_covariance(self._linear, self._factor, cov)
-        return (cov + cov.T) / 2
+        return self._descent.newest_cov()
 
     def landmarks(self) -> Float:
         """(L, 2) [m], in the order of `landmark_ids`."""
@@ -109,11 +90,15 @@ class GrowingOptimum:
 
     def landmark_covs(self) -> Float:
         """(L, 2, 2) [m^2]."""
-        return own_blocks_of_inverse(self._factor)
+        return self._descent.landmark_covs()
 
     def path_and_map(self) -> tuple[Float, Float]:
         """Smoothed poses (k+1, 3), and landmarks (L, 2) in increasing id order."""
         return self._place.poses[: self._newest + 1].copy(), self.landmarks()[np.argsort(self.landmark_ids)]
+
+    @property
+    def _newest(self) -> int:
+        return self._descent.newest
 
     # --- steps -----------------------------------------------------------------------------------
 
@@ -122,11 +107,11 @@ class GrowingOptimum:
 
         Where there is no minimum, scans wait: one is sought again when the path has become longer by a fifth.
         """
-        k = self._newest = self._newest + 1
-        poses, at = self._place.poses, self._linear.at
-        at.poses[k] = poses[k] = compose(poses[k - 1], self._measured.motion[k]) if k else self._measured.start
+        k = self._newest + 1
+        last = self._place.poses[k - 1]
+        self._descent.add_pose(compose(last, self._measured.motion[k]) if k else self._measured.start)
         if not self.settled:
-            self._take_in(self._place, k)
+            self._descent.take_in(self._place, k)
             if k >= self._seek_at:
                 self._seek()
         else:
@@ -141,20 +126,23 @@ class GrowingOptimum:
             self._seek()
         if self._recording.sensor == "bearing":
             self._settle_placed()
-        self.settled = self.settled and self._linearise_anew()
+        self.settled = self.settled and self._descent.linearise_anew()
 
     def _take_in_step(self) -> None:
         """Take in the newest scan, and settle if it is time to."""
         k, mapped = self._newest, len(self._mapped)
         if self._measured.first[k] == self._measured.first[k + 1]:
-            self._take_in(self._place, k)
+            self._descent.take_in(self._place, k)
             return
         self._mapped.map_seen(k)
-        self._linear.at.landmarks[mapped : len(self._mapped)] = self._place.landmarks[mapped : len(self._mapped)]
-        if not self._take_in_newest_scan(mapped):
+        step = self._descent.take_in_newest_scan(mapped)
+        if step is None:
             self._settle(anew=True)
-        elif k <= SHORT or self._scans >= LONGEST or self._travel * self._bend > MISSED:
-            self._settle()
+        else:
+            self._scans += 1
+            self._travel += float(np.max(np.square(step / self._descent.sigma)))
+            if k <= SHORT or self._scans >= LONGEST or self._travel * self._bend > MISSED:
+                self._settle()
         if self._recording.sensor == "bearing":
             self._settle_placed()
 
@@ -175,37 +163,12 @@ class GrowingOptimum:
         if self.settled and self._mapped.leave_out(self._newest):
             self._settle(anew=True)
 
-    def _take_in_newest_scan(self, mapped: int) -> bool:
-        """Take in the newest scan, linearised where it leads; the last landmarks, from number `mapped` on, are new.
-
-        Returns whether the matrices determine all landmarks.
-        """
-        k, count, place, linear, before = self._newest, len(self._mapped), self._place, self._linear, self._before
-        before.poses[k], before.landmarks[:count] = place.poses[k], place.landmarks[:count]
-        information = linear.information[: 2 * count, : 2 * count]
-        saved = linear.M.copy(), linear.newest_cov.copy(), information.copy()
-        step = np.zeros(3)
-        for again in range(PASSES):
-            if again:
-                linear.M[:], linear.newest_cov[:], information[:] = saved
-                linear.at.poses[k] = place.poses[k]
-                linear.at.landmarks[mapped:count] = place.landmarks[mapped:count]
-            if not (self._take_in(before, k) and self._factorise()):
-                return False
-            landmarks = self._solve(linear.pull[: 2 * count])
-            step = linear.kick + linear.M[:, : 2 * count] @ landmarks
-            place.poses[k] = before.poses[k] + step
-            place.landmarks[:count] = before.landmarks[:count] + landmarks.reshape(-1, 2)
-        self._scans += 1
-        self._travel += float(np.max(np.square(step / self._sigma)))
-        return True
-
     def _settle(self, *, anew: bool = False) -> None:
         """Go to the minimum of the exact cost, by chord steps or else by a search; stay where neither finds it."""
         k, count, place = self._newest, len(self._mapped), self._place
         start = place.poses[: k + 1].copy(), place.landmarks[:count].copy()
-        last_chi_square = self._chi_square
-        self.settled = (not anew or self._linearise_anew()) and self._converge()
+        last_chi_square = self._descent.chi_square
+        self.settled = (not anew or self._descent.linearise_anew()) and self._descent.converge()
         if not self.settled:
             place.poses[: k + 1], place.landmarks[:count] = start
             self._seek()
@@ -214,55 +177,17 @@ class GrowingOptimum:
         self._freedom = self._degrees_of_freedom()
         apart = place.poses[k] - start[0][k]
         apart[2] = wrap(apart[2])
-        missed = float(np.max(np.abs(apart) / self._sigma))
+        missed = float(np.max(np.abs(apart) / self._descent.sigma))
         expected = PATIENCE * self._bend if np.isfinite(self._bend) else 0.0
         self._bend = max(missed / max(self._travel, 1e-6), expected)
         self._scans, self._travel = 0, 0.0
 
-    def _converge(self) -> bool:
-        """Whether chord steps come to rest, all linearised anew where they take too little away."""
-        before = np.inf
-        for _ in range(MAX_STEPS):
-            size = self._chord_step()
-            if not size < 2.0 * before:
-                return False
-            rate = max(size / before, RATE)
-            if (size * rate / (1.0 - rate) if before < np.inf and rate < 1.0 else size) < SETTLED:
-                return True
-            if rate > SLOW and not self._linearise_anew():
-                return False
-            before = size
-        return False
-
-    def _chord_step(self) -> float:
-        """Move by one; how far that moves the newest pose and what was observed, in sigmas; nan if there is none."""
-        measured, linear, place, step = self._measured, self._linear, self._place, self._chord
-        k, count = self._newest, len(self._mapped)
-        change, self._chi_square = chord.find_defects(measured, linear, place, k, step)
-        if change * self._reach() > STALE and not self._linearise_anew():
-            return np.nan
-        chord.smooth(linear, k, step)
-        chord.pull_landmarks(measured, linear, k, step)
-        step.landmark[:count] = self._solve(step.landmark[:count].ravel()).reshape(-1, 2)
-        chord.pull_poses(measured, linear, k, step)
-        chord.smooth(linear, k, step)
-        observed = chord.move(measured, linear, place, k, count, step)
-        return max(observed, float(np.max(np.abs(step.pose[k]) / self._sigma)))
-
-    def _reach(self) -> float:
-        """How far a sigma of the newest pose would move what is seen from it, in sigmas; at least 1.
-
-        So much better is what observations say of one another than of the world: matrices whose Jacobians are stale by
-        one over this take the one for the other.
-        """
-        return max(1.0, float(np.sqrt(np.sum(self._linear.N[self._newest] * self.newest_cov()))))
-
     def _is_doubtful(self, last_chi_square: float) -> bool:
         """Whether noise explains neither all squared residuals nor those that came since the last minimum."""
         freedom = self._degrees_of_freedom()
-        if self._newest < self._doubt_at or explained_by_noise(self._chi_square, freedom):
+        if self._newest < self._doubt_at or explained_by_noise(self._descent.chi_square, freedom):
             return False
-        return not explained_by_noise(self._chi_square - last_chi_square, max(freedom - self._freedom, 1))
+        return not explained_by_noise(self._descent.chi_square - last_chi_square, max(freedom - self._freedom, 1))
 
     def _degrees_of_freedom(self) -> int:
         """Rows of what has been taken in, less the unknowns of its landmarks."""
@@ -299,7 +224,7 @@ class GrowingOptimum:
     def _seek_lower(self) -> None:
         """Search a minimum that is lower than the present one; where there is none, leave it for a while."""
         found = self._searched()
-        if found is None or 2.0 * found[1].cost > LOWER * self._chi_square:
+        if found is None or 2.0 * found[1].cost > LOWER * self._descent.chi_square:
             again = SOUGHT_AGAIN if self._newest <= SHORT else DOUBTED_AGAIN
             self._doubt_at = int(again * self._newest) + 1
         else:
@@ -331,45 +256,5 @@ class GrowingOptimum:
         self._place.poses[: self._newest + 1] = found.poses
         self._mapped.map_alone(self._newest, np.unique(taken[taken >= 0]), found.landmarks)
         self._mapped.doubt_all()
-        self._chi_square = 2.0 * found.cost
-        return self._linearise_anew()
-
-    # --- matrices --------------------------------------------------------------------------------
-
-    def _linearise_anew(self) -> bool:
-        """Take in all poses again, linearised where path and map stand; whether that determines all landmarks."""
-        k, count, at = self._newest, len(self._mapped), self._linear.at
-        at.poses[: k + 1] = self._place.poses[: k + 1]
-        at.landmarks[:count] = self._place.landmarks[:count]
-        self._linear.information[: 2 * count, : 2 * count] = 0.0
-        return self._take_in(self._place, 0) and self._factorise()
-
-    def _take_in(self, before: Place, since: int) -> bool:
-        """Take in the poses from number `since` on; the newest pose and the map are expected at `before`.
-
-        Returns whether that is possible: a landmark on the pose that sees it has no Jacobians.
-        """
-        landmarks, until = len(self._mapped), self._newest + 1
-        try:
-            elimination.take_in(self._measured, self._linear, self._place, before, landmarks, since, until)
-        except LinAlgError:
-            return False
-        return True
-
-    def _factorise(self) -> bool:
-        """Whether what the poses leave of the landmarks' information has a factor that rounding does not hide."""
-        width = 2 * len(self._mapped)
-        information = self._linear.information[:width, :width]
-        try:
-            factor = np.asarray(np.linalg.cholesky(information), dtype=np.float64)
-        except LinAlgError:
-            return False
-        if (np.square(np.diag(factor)) < EXHAUSTED * np.diag(information)).any():
-            return False
-        self._factor = factor
-        sigma = np.sqrt(np.maximum(np.diag(self.newest_cov()), 0.0))
-        self._sigma = np.where(sigma > EXACT, sigma, np.inf)
-        return True
-
-    def _solve(self, right: Float) -> Float:
-        return cho_solve((self._factor, True), right, check_finite=False) if len(right) else right
+        self._descent.chi_square = 2.0 * found.cost
+        return self._descent.linearise_anew()

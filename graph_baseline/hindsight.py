@@ -15,6 +15,7 @@ places more of them than dead reckoning does.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
@@ -30,9 +31,18 @@ from slamgauge.graph_baseline.factors import (
     first_sights,
     landmarks_at_first_sight,
     relative_to_start,
+    require_known_landmarks,
 )
 from slamgauge.graph_baseline.growing import GrowingOptimum
-from slamgauge.graph_baseline.search import Start, degrees_of_freedom, grown, placed_minimum, searched, softened
+from slamgauge.graph_baseline.search import (
+    Start,
+    degrees_of_freedom,
+    grown,
+    lowest_minimum,
+    placed_minimum,
+    searched,
+    softened,
+)
 from slamgauge.graph_baseline.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
@@ -74,6 +84,12 @@ def optimum_of_bearings(recording: Recording, grown: Callable[[], Float]) -> Est
 def optimum_from(recording: Recording, path: Float) -> Estimate:
     """`batch` whose first start is a path (N+1, 3)."""
     return _estimate(recording, *placed_minimum(recording, path, _starts))
+
+
+def optimum_near(recording: Recording, path: Float, landmarks: Float) -> Estimate:
+    """`batch` whose first start is a path (N+1, 3) with a map (L, 2) that has every landmark, ids increasing."""
+    starts = itertools.chain([lambda: (path, landmarks)], _starts(recording, path))
+    return _estimate(recording, require_known_landmarks(recording), lowest_minimum(recording, starts))
 
 
 def _estimate(recording: Recording, taken: Int, found: Minimum) -> Estimate:

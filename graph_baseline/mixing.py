@@ -1,8 +1,9 @@
 """Steps that shrink slowly, or grow, mixed so that they shrink fast: Anderson's acceleration of a fixed-point map.
 
 Gauss-Newton steps leave out second derivatives times residuals: where the recording does not fit the model they shrink
-by a constant factor, or swing ever wider. The mix of the last moves that would cancel the step, were the map linear,
-stands in for what is left out. Source: Anderson (J. ACM 12(4), 1965); Walker & Ni (SIAM J. Numer. Anal. 49(4), 2011).
+by a constant factor, or swing ever wider. So do steps whose matrices were taken elsewhere (`chord`). The mix of the
+last moves that would cancel the step, were the map linear, stands in for what is left out. Source: Anderson (J. ACM
+12(4), 1965); Walker & Ni (SIAM J. Numer. Anal. 49(4), 2011).
 """
 
 from __future__ import annotations
@@ -19,32 +20,39 @@ RESOLVED = 1e-10  # singular values below this share of the largest are rounding
 
 
 class Mixing:
-    """The moves of an iteration so far.
+    """The moves of an iteration so far."""
 
-    Args:
-        weight: (n,) of each coordinate, one over its standard deviation.
-    """
-
-    def __init__(self, weight: Float) -> None:
-        self._weight = weight
+    def __init__(self) -> None:
         self._moves: list[Float] = []
         self._steps: list[Float] = []
+        self._scaled: list[Float] = []
 
-    def move(self, step: Float) -> Float:
-        """What to move by (n,) where the iteration would go on by `step` (n,)."""
+    def move(self, step: Float, scaled: Float) -> Float:
+        """What to move by (n,) where the iteration would go on by `step` (n,).
+
+        Args:
+            step: linear in `scaled`.
+            scaled: (m,) of it in standard deviations, what is to become small.
+        """
         self._steps.append(step)
-        changes = [after - before for before, after in pairwise(self._steps)]
-        if not changes or self.size(step) < FAST * self.size(self._steps[-2]):
+        self._scaled.append(scaled)
+        if not self._moves or size_of(scaled) < FAST * size_of(self._scaled[-2]):
             return step
-        C = np.column_stack(changes)
-        share = np.linalg.lstsq(self._weight[:, None] * C, self._weight * step, rcond=RESOLVED)[0]
-        return step - (np.column_stack(self._moves) + C) @ share
+        Q, R = np.linalg.qr(_changes(self._scaled))
+        share = np.linalg.lstsq(R, Q.T @ scaled, rcond=RESOLVED)[0]
+        return step - (np.column_stack(self._moves) + _changes(self._steps)) @ share
 
     def moved(self, move: Float) -> None:
         """Keep how far (n,) it was that the iteration moved."""
         self._moves.append(move)
-        del self._moves[:-MEMORY], self._steps[:-MEMORY]
+        del self._moves[:-MEMORY], self._steps[:-MEMORY], self._scaled[:-MEMORY]
 
-    def size(self, step: Float) -> float:
-        """Of a step (n,), the largest coordinate in standard deviations."""
-        return float(np.max(np.abs(step) * self._weight, initial=0.0))
+
+def size_of(scaled: Float) -> float:
+    """Largest entry of a step (m,) in standard deviations."""
+    return float(np.max(np.abs(scaled), initial=0.0))
+
+
+def _changes(steps: list[Float]) -> Float:
+    """(n, s-1) from one of s steps to the next."""
+    return np.column_stack([after - before for before, after in pairwise(steps)])

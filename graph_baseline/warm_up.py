@@ -17,7 +17,7 @@ def compile_graphs_once() -> None:
     """Compile (or load from the cache) every kernel of the graphs, once per process."""
     measured = _one_sight()
     place, linear = elimination.allocate_place(1, 1), elimination.allocate_linear(1, 1, 1, 2)
-    step = chord.allocate_chord(1, 1)
+    step = chord.allocate_chord(1, 1, 1, 2)
     place.landmarks[0] = measured.value[0]
     with announced("graph kernels"):
         elimination.take_in(measured, linear, place, place, 1, 0, 1)
@@ -26,7 +26,8 @@ def compile_graphs_once() -> None:
         chord.smooth(linear, 0, step)
         chord.pull_landmarks(measured, linear, 0, step)
         chord.pull_poses(measured, linear, 0, step)
-        chord.move(measured, linear, place, 0, 1, step)
+        chord.see(measured, linear, 0, step)
+        chord.move(measured, place, 0, 1, step)
         one = np.zeros((1, 3, 3))
         triangulate(np.zeros((1, 3)), np.zeros(1), np.ones(1), 1.0)
         recursions.run_covariances(np.eye(3), one[:0], one[:0], one, *np.zeros((5, 1, 3, 3)))

@@ -13,6 +13,7 @@ from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, isam2
+from slamgauge.graph_baseline.chord_descent import ChordDescent
 from slamgauge.graph_baseline.factors import require_known_landmarks
 from slamgauge.graph_baseline.growing import GrowingOptimum, Leap
 from slamgauge.graph_baseline.linearisation import linearise
@@ -52,11 +53,11 @@ def test_a_minimum_is_not_sought_at_every_step(monkeypatch: pytest.MonkeyPatch) 
     def search_fails(growing: GrowingOptimum) -> None:
         sought.append(len(growing.landmark_ids))
 
-    def does_not_converge(_: GrowingOptimum) -> bool:
+    def does_not_converge(_: ChordDescent) -> bool:
         return False
 
     monkeypatch.setattr(GrowingOptimum, "_searched", search_fails)
-    monkeypatch.setattr(GrowingOptimum, "_converge", does_not_converge)
+    monkeypatch.setattr(ChordDescent, "converge", does_not_converge)
     growing = GrowingOptimum(random_recording(0, steps=300)[1])
     for _ in range(301):
         growing.add_step()
@@ -105,11 +106,11 @@ def test_the_causal_optimum_leaves_a_minimum_whose_cost_leaps(monkeypatch: pytes
     for _ in range(recording.steps):
         growing.add_step()
 
-    def ends_elsewhere(growing: GrowingOptimum) -> bool:
-        monkeypatch.setattr(growing, "_chi_square", 1e6)
+    def ends_elsewhere(descent: ChordDescent) -> bool:
+        descent.chi_square = 1e6
         return True
 
-    monkeypatch.setattr(GrowingOptimum, "_converge", ends_elsewhere)
+    monkeypatch.setattr(ChordDescent, "converge", ends_elsewhere)
     growing.add_step()
     optimum = batch(recording)
     assert optimum.pose_covs is not None

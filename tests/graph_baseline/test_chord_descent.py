@@ -1,0 +1,51 @@
+"""Chord steps that are mixed: they lead to the minimum, with fewer matrices than steps alone need."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slamgauge import batch, simulate
+from slamgauge.compare.bench.bench import workload
+from slamgauge.graph_baseline import chord_descent
+from slamgauge.graph_baseline.chord_descent import ChordDescent
+from slamgauge.graph_baseline.growing import GrowingOptimum
+from slamgauge.graph_baseline.mixing import Mixing, size_of
+
+RATES = np.array([0.98, 0.7, -1.3, 0.1])  # of a step is left for the next; one swings ever wider
+
+
+def test_mixed_steps_of_a_linear_map_end_after_as_many_as_it_has_rates() -> None:
+    rng = np.random.default_rng(0)
+    turn = np.linalg.qr(rng.normal(size=(4, 4)))[0]
+    weight, end, x, mixing = np.array([1.0, 10.0, 0.1, 3.0]), rng.normal(size=4), np.zeros(4), Mixing()
+    for _ in range(6):
+        step = turn @ ((1.0 - RATES) * (turn.T @ (end - x)))
+        move = mixing.move(step, weight * step)
+        x = x + move
+        mixing.moved(move)
+    assert size_of(weight * (x - end)) < 1e-9
+
+
+def test_mixing_spares_a_large_map_most_of_its_linearisations(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = simulate(workload(100), 0)[1].first(200)
+    anew, linearise_anew = [0], ChordDescent.linearise_anew
+
+    def counted(descent: ChordDescent) -> bool:
+        anew[0] += 1
+        return linearise_anew(descent)
+
+    monkeypatch.setattr(ChordDescent, "linearise_anew", counted)
+    taken: list[int] = []
+    for large in (10_000, 20):
+        monkeypatch.setattr(chord_descent, "LARGE", large)
+        anew[0], growing = 0, GrowingOptimum(recording)
+        for _ in range(recording.steps + 1):
+            growing.add_step()
+        taken.append(anew[0])
+        assert growing.settled
+        optimum = batch(recording)
+        assert optimum.pose_covs is not None
+        sigma = np.sqrt(np.diag(optimum.pose_covs[-1]))
+        assert (np.abs(growing.newest_pose() - optimum.poses[-1]) < 0.02 * sigma).all()
+    assert taken[1] < 0.7 * taken[0], taken
