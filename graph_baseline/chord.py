@@ -18,7 +18,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compiled import inner, kernel
-from slamgauge.graph_baseline.elimination import Linear, Place
+from slamgauge.graph_baseline.linear_problem import Linear, Place
 from slamgauge.graph_baseline.models import Measured, observe, step_noise, wrap
 from slamgauge.graph_baseline.three_by_three import multiply
 

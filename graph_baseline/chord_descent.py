@@ -13,9 +13,9 @@ from numpy.linalg import LinAlgError
 from scipy.linalg import get_lapack_funcs
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline import chord, elimination
-from slamgauge.graph_baseline.elimination import Place
+from slamgauge.graph_baseline import chord, elimination, linear_problem
 from slamgauge.graph_baseline.fronts import EXHAUSTED
+from slamgauge.graph_baseline.linear_problem import Place
 from slamgauge.graph_baseline.mapped import MappedLandmarks
 from slamgauge.graph_baseline.mixing import Mixing
 from slamgauge.graph_baseline.models import Measured
@@ -50,8 +50,8 @@ class ChordDescent:
     def __init__(self, measured: Measured, place: Place, mapped: MappedLandmarks) -> None:
         self._measured, self._place, self._mapped = measured, place, mapped
         sizes = len(place.poses), len(place.landmarks), *measured.value.shape
-        self._linear = elimination.allocate_linear(*sizes)
-        self._before = elimination.allocate_place(*sizes[:2])  # the newest scan
+        self._linear = linear_problem.allocate_linear(*sizes)
+        self._before = linear_problem.allocate_place(*sizes[:2])  # the newest scan
         self._step = chord.allocate_chord(*sizes)
         self._mixing: Mixing | None = None
         self._factor: Float = np.zeros((0, 0))  # (2L, 2L) lower triangular, of the landmarks' information

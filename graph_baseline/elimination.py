@@ -7,8 +7,9 @@ steps before say of it, and M_k its sensitivity to the landmarks m,
              M <- M - K B,  P <- P - K S K',  K = P Hx' S^-1
 
 leave the information Lambda of the landmarks, the Schur complement of the poses. No covariance is inverted, so that
-motions of zero variance and a fixed start are exact, and nothing is subtracted from Lambda. Poses without a scan cost
-some ten times less than those with one.
+motions of zero variance and a fixed start are exact. Nothing is subtracted from Lambda but in scans of many landmarks,
+where that leaves far more than rounding: what such a scan says about its landmarks among themselves is Hm'Hm less what
+its pose takes of it. Poses without a scan cost some ten times less than those with one.
 
 Source: the recursions are those of a fixed-interval smoother with unknown parameters (Bierman, "Factorization methods
 for discrete sequential estimation", 1977, chapter X).
@@ -16,19 +17,23 @@ for discrete sequential estimation", 1977, chapter X).
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple
-
 import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compiled import inner, kernel
-from slamgauge.graph_baseline.models import Measured, observe, step_noise
+from slamgauge.graph_baseline.linear_problem import Linear, Place
+from slamgauge.graph_baseline.models import Measured, step_noise
+from slamgauge.graph_baseline.scan_rows import (
+    add_landmarks_alone,
+    compressed_scan,
+    projected_scan,
+    seen_slots,
+    subtract_scan,
+)
 from slamgauge.graph_baseline.three_by_three import (
     add_identity,
     copy,
     factorise,
-    gram,
     invert,
     product,
     product_transposed,
@@ -36,54 +41,8 @@ from slamgauge.graph_baseline.three_by_three import (
 )
 
 CHUNK = 384  # rows whose products are taken together
-
-
-class Place(NamedTuple):
-    """A path and a map; those in use come first."""
-
-    poses: Float  # (N+1, 3)
-    landmarks: Float  # (L, 2)
-
-
-class Linear(NamedTuple):
-    """Matrices of the poses that have been taken in, linearised where `at` says."""
-
-    at: Place
-    lever: Float  # (N+1, 2) of F = [I, lever; 0, 1], which leads to pose k
-    P: Float  # (N+1, 3, 3) predicted
-    N: Float  # (N+1, 3, 3) Hx' Hx of the scan
-    G: Float  # (N+1, 3, 3) (I + P N)^-1
-    Hx: Float  # (M, d, 3) whitened
-    Hm: Float  # (M, d, 2) whitened
-    M: Float  # (3, 2L) of the newest pose, with its scan
-    newest_cov: Float  # (3, 3) the same of P
-    information: Float  # (2L, 2L) Lambda
-    pull: Float  # (2L,) on the landmarks, of the newest scan's residuals
-    kick: Float  # (3,) on the newest pose, given the landmarks
-
-
-def allocate_place(poses: int, landmarks: int) -> Place:
-    """Room for a path and a map."""
-    return Place(np.zeros((poses, 3)), np.zeros((landmarks, 2)))
-
-
-def allocate_linear(poses: int, landmarks: int, observations: int, dim: int) -> Linear:
-    """Room for the matrices of all poses, and of observations (M, dim)."""
-    width = 2 * landmarks
-    return Linear(
-        at=allocate_place(poses, landmarks),
-        lever=np.zeros((poses, 2)),
-        P=np.zeros((poses, 3, 3)),
-        N=np.zeros((poses, 3, 3)),
-        G=np.zeros((poses, 3, 3)),
-        Hx=np.zeros((observations, dim, 3)),
-        Hm=np.zeros((observations, dim, 2)),
-        M=np.zeros((3, width)),
-        newest_cov=np.zeros((3, 3)),
-        information=np.zeros((width, width)),
-        pull=np.zeros(width),
-        kick=np.zeros(3),
-    )
+BLOCK = 128  # columns of Lambda that are added at a time, from their diagonal down
+MANY = 16  # landmarks of a scan
 
 
 @kernel
@@ -102,13 +61,18 @@ def take_in(
         linear.kick[:] = 0.0
         predict(measured, linear, width, k)
         copy(linear.newest_cov, linear.P[k])
-        scan, slots = compressed_scan(measured, linear, place, before, k)
+        slots = seen_slots(measured, k)
         if len(slots) == 0:
             linear.N[k] = 0.0
             linear.G[k] = 0.0
             add_identity(linear.G[k])
             continue
-        add_landmarks_alone(linear, scan, slots)
+        if len(slots) > MANY:
+            scan = projected_scan(measured, linear, place, before, slots, k)
+            subtract_scan(linear, scan, slots)
+        else:
+            scan = compressed_scan(measured, linear, place, before, slots, k)
+            add_landmarks_alone(linear, scan, slots)
         if used + 3 > CHUNK:
             add_information(linear, rows[:used], width)
             used = 0
@@ -175,10 +139,13 @@ def prepare(P: Float, T: Float, N: Float, G: Float, gain: Float, root: Float) ->
 @inner
 def add_information(linear: Linear, rows: Float, width: int) -> None:
     """Lambda <- Lambda + B'B for whitened rows B (n, width)."""
-    added = gram(rows)
-    for i in range(width):
-        for j in range(width):
-            linear.information[i, j] += added[i, j]
+    columns = rows.T.copy()
+    for first in range(0, width, BLOCK):
+        last = min(first + BLOCK, width)
+        added = np.dot(columns[first:], columns[first:last].T)
+        for i in range(first, width):
+            for j in range(first, last):
+                linear.information[i, j] += added[i - first, j - first]
 
 
 @inner
@@ -210,77 +177,6 @@ def predict(measured: Measured, linear: Linear, width: int, k: int) -> None:
     for j in range(width):
         M[0, j] += fx * M[2, j]
         M[1, j] += fy * M[2, j]
-
-
-@inner
-def compressed_scan(measured: Measured, linear: Linear, place: Place, before: Place, k: int) -> tuple[Float, Int]:
-    """Rows [Hx, Hm of each landmark seen, residual] of a scan, turned so that from the fourth on Hx is zero; slots."""
-    first, last, d = measured.first[k], measured.first[k + 1], measured.value.shape[1]
-    slots, taken = np.empty(last - first, dtype=np.int64), 0
-    for row in range(first, last):
-        if measured.slot[row] >= 0:
-            slots[taken] = measured.slot[row]
-            taken += 1
-    scan = np.zeros((max(3, d * taken), 4 + 2 * taken))
-    residual, unused, n = np.empty(2), np.empty(2), 0
-    for row in range(first, last):
-        slot = measured.slot[row]
-        if slot < 0:
-            continue
-        Hx, Hm = linear.Hx[row], linear.Hm[row]
-        observe(measured, row, place.poses[k], place.landmarks[slot], residual, Hx, Hm)
-        observe(measured, row, linear.at.poses[k], linear.at.landmarks[slot], unused, Hx, Hm)
-        for i in range(d):
-            of_row = scan[d * n + i]
-            of_row[-1] = residual[i]
-            for j in range(3):
-                of_row[j] = Hx[i, j]
-                of_row[-1] += Hx[i, j] * (before.poses[k, j] - place.poses[k, j])
-            for j in range(2):
-                of_row[3 + 2 * n + j] = Hm[i, j]
-                of_row[-1] += Hm[i, j] * (before.landmarks[slot, j] - place.landmarks[slot, j])
-        n += 1
-    if d * taken > 3:
-        for j in range(3):
-            reflect(scan[j:], j)
-    return scan, slots[:taken]
-
-
-@inner
-def reflect(rows: Float, column: int) -> None:
-    """Turn the rows by a Householder reflection, so that of the column only the first entry is not zero."""
-    v, along, squared = np.empty(len(rows)), np.zeros(rows.shape[1]), 0.0
-    for i in range(len(rows)):
-        v[i] = rows[i, column]
-        squared += v[i] * v[i]
-    if squared == 0.0:
-        return
-    v[0] += math.copysign(math.sqrt(squared), v[0])
-    squared += v[0] * v[0] - rows[0, column] * rows[0, column]
-    for i in range(len(rows)):
-        for j in range(rows.shape[1]):
-            along[j] += v[i] * rows[i, j]
-    for i in range(len(rows)):
-        for j in range(rows.shape[1]):
-            rows[i, j] -= 2.0 * along[j] / squared * v[i]
-    for i in range(1, len(rows)):
-        rows[i, column] = 0.0
-
-
-@inner
-def add_landmarks_alone(linear: Linear, scan: Float, slots: Int) -> None:
-    """Add what a scan says about its landmarks among themselves: its rows from the fourth on."""
-    alone = np.empty((len(scan) - 3, scan.shape[1] - 3))
-    for i in range(alone.shape[0]):
-        for j in range(alone.shape[1]):
-            alone[i, j] = scan[3 + i, 3 + j]
-    added = gram(alone)
-    for n in range(len(slots)):
-        for i in range(2):
-            for o in range(len(slots)):
-                for j in range(2):
-                    linear.information[2 * slots[n] + i, 2 * slots[o] + j] += added[2 * n + i, 2 * o + j]
-            linear.pull[2 * slots[n] + i] -= added[2 * n + i, 2 * len(slots)]
 
 
 @kernel

@@ -18,10 +18,10 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline import elimination
 from slamgauge.graph_baseline.chord_descent import ChordDescent
 from slamgauge.graph_baseline.descent import Minimum
 from slamgauge.graph_baseline.factors import require_known_landmarks
+from slamgauge.graph_baseline.linear_problem import allocate_place
 from slamgauge.graph_baseline.mapped import MappedLandmarks
 from slamgauge.graph_baseline.models import measured_of
 from slamgauge.graph_baseline.search import Start, explained_by_noise, grown, placed_minimum, searched, softened
@@ -58,7 +58,7 @@ class GrowingOptimum:
         self._recording = recording
         self._measured = measured_of(recording)
         poses, landmarks = recording.steps + 1, len(np.unique(require_known_landmarks(recording)))
-        self._place = elimination.allocate_place(poses, landmarks)
+        self._place = allocate_place(poses, landmarks)
         self._mapped = MappedLandmarks(recording, self._measured, self._place)
         self._descent = ChordDescent(self._measured, self._place, self._mapped)
         self._scans, self._travel = 0, 0.0  # since the last settling; travel in squared sigmas

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.elimination import Place
 from slamgauge.graph_baseline.factors import require_known_landmarks
+from slamgauge.graph_baseline.linear_problem import Place
 from slamgauge.graph_baseline.models import Measured
 from slamgauge.graph_baseline.triangulation import SURE, triangulate_one
 from slamgauge.recording import Recording

@@ -7,7 +7,7 @@ import functools
 import numpy as np
 
 from slamgauge.compiling import announced
-from slamgauge.graph_baseline import chord, elimination, recursions
+from slamgauge.graph_baseline import chord, elimination, linear_problem, recursions
 from slamgauge.graph_baseline.models import POSITION, Measured
 from slamgauge.triangulation import triangulate
 
@@ -16,7 +16,7 @@ from slamgauge.triangulation import triangulate
 def compile_graphs_once() -> None:
     """Compile (or load from the cache) every kernel of the graphs, once per process."""
     measured = _one_sight()
-    place, linear = elimination.allocate_place(1, 1), elimination.allocate_linear(1, 1, 1, 2)
+    place, linear = linear_problem.allocate_place(1, 1), linear_problem.allocate_linear(1, 1, 1, 2)
     step = chord.allocate_chord(1, 1, 1, 2)
     place.landmarks[0] = measured.value[0]
     with announced("graph kernels"):

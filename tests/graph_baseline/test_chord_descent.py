@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from slamgauge import batch, simulate
 from slamgauge.compare.bench.bench import workload
 from slamgauge.graph_baseline import chord_descent
 from slamgauge.graph_baseline.chord_descent import ChordDescent
+from slamgauge.graph_baseline.elimination import MANY
 from slamgauge.graph_baseline.growing import GrowingOptimum
 from slamgauge.graph_baseline.mixing import Mixing, size_of
 
@@ -49,3 +52,27 @@ def test_mixing_spares_a_large_map_most_of_its_linearisations(monkeypatch: pytes
         sigma = np.sqrt(np.diag(optimum.pose_covs[-1]))
         assert (np.abs(growing.newest_pose() - optimum.poses[-1]) < 0.02 * sigma).all()
     assert taken[1] < 0.7 * taken[0], taken
+
+
+@pytest.mark.parametrize("twice", [False, True])
+def test_scans_of_many_landmarks_leave_what_they_leave_in_hindsight(twice: bool) -> None:
+    """At its end the causal optimum knows the same of pose and map; a landmark may be seen twice."""
+    recording = simulate(workload(100), 0)[1].first(40)
+    assert np.bincount(recording.observation_step).min() > MANY
+    if twice:
+        recording = replace(
+            recording,
+            **{
+                name: np.repeat(getattr(recording, name), 2, axis=0)
+                for name in ("observation_step", "observation", "observation_cov", "landmark")
+            },
+        )
+    growing = GrowingOptimum(recording)
+    for _ in range(recording.steps + 1):
+        growing.add_step()
+    growing.finish()
+    optimum = batch(recording)
+    assert optimum.pose_covs is not None and optimum.landmark_covs is not None
+    np.testing.assert_allclose(growing.newest_cov(), optimum.pose_covs[-1], rtol=1e-5, atol=1e-12)
+    order = np.argsort(growing.landmark_ids)
+    np.testing.assert_allclose(growing.landmark_covs()[order], optimum.landmark_covs, rtol=1e-5, atol=1e-12)

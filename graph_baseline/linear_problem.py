@@ -1,0 +1,57 @@
+"""The linear problem of an optimum that grows pose by pose: what is kept of every pose, and what they leave."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float
+
+
+class Place(NamedTuple):
+    """A path and a map; those in use come first."""
+
+    poses: Float  # (N+1, 3)
+    landmarks: Float  # (L, 2)
+
+
+class Linear(NamedTuple):
+    """Matrices of the poses that have been taken in, linearised where `at` says."""
+
+    at: Place
+    lever: Float  # (N+1, 2) of F = [I, lever; 0, 1], which leads to pose k
+    P: Float  # (N+1, 3, 3) predicted
+    N: Float  # (N+1, 3, 3) Hx' Hx of the scan
+    G: Float  # (N+1, 3, 3) (I + P N)^-1
+    Hx: Float  # (M, d, 3) whitened
+    Hm: Float  # (M, d, 2) whitened
+    M: Float  # (3, 2L) of the newest pose, with its scan
+    newest_cov: Float  # (3, 3) the same of P
+    information: Float  # (2L, 2L) Lambda, of which the lower triangle counts
+    pull: Float  # (2L,) on the landmarks, of the newest scan's residuals
+    kick: Float  # (3,) on the newest pose, given the landmarks
+
+
+def allocate_place(poses: int, landmarks: int) -> Place:
+    """Room for a path and a map."""
+    return Place(np.zeros((poses, 3)), np.zeros((landmarks, 2)))
+
+
+def allocate_linear(poses: int, landmarks: int, observations: int, dim: int) -> Linear:
+    """Room for the matrices of all poses, and of observations (M, dim)."""
+    width = 2 * landmarks
+    return Linear(
+        at=allocate_place(poses, landmarks),
+        lever=np.zeros((poses, 2)),
+        P=np.zeros((poses, 3, 3)),
+        N=np.zeros((poses, 3, 3)),
+        G=np.zeros((poses, 3, 3)),
+        Hx=np.zeros((observations, dim, 3)),
+        Hm=np.zeros((observations, dim, 2)),
+        M=np.zeros((3, width)),
+        newest_cov=np.zeros((3, 3)),
+        information=np.zeros((width, width)),
+        pull=np.zeros(width),
+        kick=np.zeros(3),
+    )
