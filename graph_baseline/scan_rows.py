@@ -31,15 +31,15 @@ def seen_slots(measured: Measured, k: int) -> Int:
 
 @inner
 def look(measured: Measured, linear: Linear, place: Place, before: Place, k: int, row: int, residual: Float) -> None:
-    """Leave an observation's Jacobians in `linear`, and its residual at `before`."""
-    slot, Hx, Hm, unused = measured.slot[row], linear.Hx[row], linear.Hm[row], np.empty(2)
-    observe(measured, row, place.poses[k], place.landmarks[slot], residual, Hx, Hm)
-    observe(measured, row, linear.at.poses[k], linear.at.landmarks[slot], unused, Hx, Hm)
+    """Leave an observation's Jacobians in `linear`, and its residual at `before` first in `residual` (2, d)."""
+    slot, Hx, Hm = measured.slot[row], linear.Hx[row], linear.Hm[row]
+    observe(measured, row, place.poses[k], place.landmarks[slot], residual[0], Hx, Hm)
+    observe(measured, row, linear.at.poses[k], linear.at.landmarks[slot], residual[1], Hx, Hm)
     for i in range(measured.value.shape[1]):
         for j in range(3):
-            residual[i] += Hx[i, j] * (before.poses[k, j] - place.poses[k, j])
+            residual[0, i] += Hx[i, j] * (before.poses[k, j] - place.poses[k, j])
         for j in range(2):
-            residual[i] += Hm[i, j] * (before.landmarks[slot, j] - place.landmarks[slot, j])
+            residual[0, i] += Hm[i, j] * (before.landmarks[slot, j] - place.landmarks[slot, j])
 
 
 @inner
@@ -47,14 +47,14 @@ def compressed_scan(measured: Measured, linear: Linear, place: Place, before: Pl
     """Rows [Hx, Hm of each landmark seen, residual] of a scan, turned so that from the fourth on Hx is zero."""
     d, taken = measured.value.shape[1], len(slots)
     scan = np.zeros((max(3, d * taken), 4 + 2 * taken))
-    residual, n = np.empty(2), 0
+    residual, n = np.empty((2, 2)), 0
     for row in range(measured.first[k], measured.first[k + 1]):
         if measured.slot[row] < 0:
             continue
         look(measured, linear, place, before, k, row, residual)
         for i in range(d):
             of_row = scan[d * n + i]
-            of_row[-1] = residual[i]
+            of_row[-1] = residual[0, i]
             for j in range(3):
                 of_row[j] = linear.Hx[row, i, j]
             for j in range(2):
@@ -71,18 +71,18 @@ def projected_scan(measured: Measured, linear: Linear, place: Place, before: Pla
     """The first three rows of the same, Q' times it with Hx = Q R; what all rows say of their landmarks is added."""
     d, taken = measured.value.shape[1], len(slots)
     columns, n = np.empty((4, d * taken)), 0  # of Hx, then of Q, and the residuals
-    residual, R, scan = np.empty(2), np.zeros((3, 3)), np.zeros((3, 4 + 2 * taken))
+    residual, R, scan = np.empty((2, 2)), np.zeros((3, 3)), np.zeros((3, 4 + 2 * taken))
     for row in range(measured.first[k], measured.first[k + 1]):
         slot = measured.slot[row]
         if slot < 0:
             continue
         look(measured, linear, place, before, k, row, residual)
         for i in range(d):
-            columns[3, d * n + i] = residual[i]
+            columns[3, d * n + i] = residual[0, i]
             for j in range(3):
                 columns[j, d * n + i] = linear.Hx[row, i, j]
             for j in range(2):
-                linear.pull[2 * slot + j] -= linear.Hm[row, i, j] * residual[i]
+                linear.pull[2 * slot + j] -= linear.Hm[row, i, j] * residual[0, i]
                 for o in range(2):
                     linear.information[2 * slot + j, 2 * slot + o] += linear.Hm[row, i, j] * linear.Hm[row, i, o]
         n += 1
