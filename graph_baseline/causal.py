@@ -31,7 +31,8 @@ def isam2(recording: Recording, association: Int | None = None) -> Estimate:
 
     It does what iSAM2 (Kaess et al., IJRR 31(2), 2012) does, incremental smoothing with relinearisation, but goes to
     the minimum of the exact cost; tests hold it against GTSAM's iSAM2 and against `batch` on the first steps. Its last
-    pose is always checked against `batch` on the whole recording (`Estimate.optimum_check`).
+    pose is always checked against the optimum of the whole recording, which `batch`'s descent ends at from its path and
+    map, or a lower one where noise does not explain that (`Estimate.optimum_check`).
 
     With bearings alone a landmark waits, with its bearings, until they place it (`triangulation`); one that they never
     place is no part of the map, and its `association` is -1.

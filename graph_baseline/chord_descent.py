@@ -2,8 +2,8 @@
 
 Matrices (`elimination`) stay as they were when a pose was taken in; chord steps (`chord`) lead to where the gradient of
 the exact cost is zero all the same. Where they take too little away, all is linearised anew. For a large map that costs
-as much as many steps: there they are mixed (`mixing`), so that they shrink, and so are those of any map that do not
-shrink even where all has just been linearised.
+as much as many steps: there they are mixed (`mixing`), so that they shrink, and so are those of any map once they have
+called for that.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ RATE = 0.2  # no chord step is trusted to leave less of itself
 SLOW = 0.6  # of a chord step is left for the next, or of a mixed one for the next but one: linearise anew
 STALE = 0.1  # relative change of Jacobians times reach: linearise anew
 LARGE = 100  # landmarks: from so many on a few mixed steps cost less than to linearise anew
+GROWN = 10.0  # times the smallest: chord steps lead away
 MAX_STEPS = 20
 PASSES = 2  # of the newest scan, the second linearised where the first has led
 EXACT = 1e-9  # m or rad: a smaller standard deviation measures nothing
@@ -53,7 +54,8 @@ class ChordDescent:
         self._linear = linear_problem.allocate_linear(*sizes)
         self._before = linear_problem.allocate_place(*sizes[:2])  # the newest scan
         self._step = chord.allocate_chord(*sizes)
-        self._mixing: Mixing | None = None
+        self._mixing: Mixing | None = None  # of the chord steps since all was linearised, where they are mixed
+        self._sizes: list[float] = []  # of the same steps
         self._factor: Float = np.zeros((0, 0))  # (2L, 2L) lower triangular, of the landmarks' information
         self._newest_cov: Float | None = None  # unless it has been asked for
         self.newest = -1
@@ -103,22 +105,22 @@ class ChordDescent:
 
     def converge(self) -> bool:
         """Whether chord steps come to rest, all linearised anew where they take too little away."""
-        self._mixing = Mixing() if len(self._mapped) >= LARGE else None
-        before, sizes = np.inf, list[float]()  # of the steps since all was linearised
+        self._mixing, self._sizes = Mixing() if len(self._mapped) >= LARGE else None, []
+        before = smallest = np.inf
         for _ in range(MAX_STEPS):
             size = self._chord_step()
-            if not size < np.inf:
+            if not size < GROWN * smallest:
                 return False
-            rate = max(size / before, RATE)
+            rate = max(size / before, RATE if self._mixing is None else SLOW)  # mixed steps have none of their own
             if (size * rate / (1.0 - rate) if before < np.inf and rate < 1.0 else size) < SETTLED:
                 return True
-            sizes.append(size)
+            self._sizes.append(size)
             back = 1 if self._mixing is None else 2
-            if len(sizes) > back and size > SLOW * sizes[-1 - back]:
+            if len(self._sizes) > back and size > SLOW * self._sizes[-1 - back]:
+                self._mixing = Mixing()
                 if not self.linearise_anew():
                     return False
-                self._mixing, sizes = Mixing(), []
-            before = size
+            before, smallest = size, min(size, smallest)
         return False
 
     def _chord_step(self) -> float:
@@ -129,10 +131,8 @@ class ChordDescent:
         measured, linear, place, step = self._measured, self._linear, self._place, self._step
         k, count = self.newest, len(self._mapped)
         change, self.chi_square = chord.find_defects(measured, linear, place, k, step)
-        if change * self._reach() > STALE:
-            self._mixing = self._mixing and Mixing()
-            if not self.linearise_anew():
-                return np.nan
+        if change * self._reach() > STALE and not self.linearise_anew():
+            return np.nan
         chord.smooth(linear, k, step)
         chord.pull_landmarks(measured, linear, k, step)
         step.landmark[:count] = self._solve(step.landmark[:count].ravel()).reshape(-1, 2)
@@ -152,7 +152,8 @@ class ChordDescent:
         """Mix the step, by which what is seen would change by `seen` (s,), with those before."""
         step, k, count = self._step, self.newest, len(self._mapped)
         parts = step.pose[: k + 1], step.landmark[:count]
-        mixed = mixing.move(np.concatenate([each.ravel() for each in parts]), seen.copy())
+        scaled = np.concatenate([seen, step.pose[k] / self.sigma])
+        mixed = mixing.move(np.concatenate([each.ravel() for each in parts]), scaled)
         mixing.moved(mixed)
         for part, moved in zip(parts, np.split(mixed, [3 * k + 3]), strict=True):
             part[:] = moved.reshape(part.shape)
@@ -167,6 +168,7 @@ class ChordDescent:
 
     def linearise_anew(self) -> bool:
         """Take in all poses again, linearised where path and map stand; whether that determines all landmarks."""
+        self._sizes, self._mixing = [], None if self._mixing is None else Mixing()
         k, count, at = self.newest, len(self._mapped), self._linear.at
         at.poses[: k + 1] = self._place.poses[: k + 1]
         at.landmarks[:count] = self._place.landmarks[:count]

@@ -7,15 +7,18 @@ steps before say of it, and M_k its sensitivity to the landmarks m,
              M <- M - K B,  P <- P - K S K',  K = P Hx' S^-1
 
 leave the information Lambda of the landmarks, the Schur complement of the poses. No covariance is inverted, so that
-motions of zero variance and a fixed start are exact. Nothing is subtracted from Lambda but in scans of many landmarks,
-where that leaves far more than rounding: what such a scan says about its landmarks among themselves is Hm'Hm less what
-its pose takes of it. Poses without a scan cost some ten times less than those with one.
+motions of zero variance and a fixed start are exact. Nothing is subtracted from Lambda but in scans of many sights that
+are about as sharp as each other and no sharper by orders of magnitude than the pose is known: what such a scan says
+about its landmarks among themselves is Hm'Hm less what its pose takes of it. Poses without a scan cost some ten times
+less than those with one.
 
 Source: the recursions are those of a fixed-interval smoother with unknown parameters (Bierman, "Factorization methods
 for discrete sequential estimation", 1977, chapter X).
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -42,7 +45,8 @@ from slamgauge.graph_baseline.three_by_three import (
 
 CHUNK = 384  # rows whose products are taken together
 BLOCK = 128  # columns of Lambda that are added at a time, from their diagonal down
-MANY = 16  # landmarks of a scan
+MANY = 16  # sights of a scan
+ALIKE = 1e6  # how much more information than another a sight may hold, or the pose may be doubted than it is sharp
 
 
 @kernel
@@ -67,7 +71,7 @@ def take_in(
             linear.G[k] = 0.0
             add_identity(linear.G[k])
             continue
-        if len(slots) > MANY:
+        if len(slots) > MANY and are_alike(measured, linear, k):
             scan = projected_scan(measured, linear, place, before, slots, k)
             subtract_scan(linear, scan, slots)
         else:
@@ -80,6 +84,18 @@ def take_in(
         used += 3
     if used:
         add_information(linear, rows[:used], width)
+
+
+@inner
+def are_alike(measured: Measured, linear: Linear, k: int) -> bool:
+    """Whether differences of what a scan's sights say leave ten digits at the least."""
+    sharpest, dullest = 0.0, math.inf
+    for row in range(measured.first[k], measured.first[k + 1]):
+        if measured.slot[row] >= 0:
+            information = np.sum(measured.whitener[row] ** 2)
+            sharpest, dullest = max(sharpest, information), min(dullest, information)
+    doubt = max(linear.newest_cov[0, 0], linear.newest_cov[1, 1])
+    return sharpest <= ALIKE * dullest and sharpest * doubt <= ALIKE
 
 
 @inner

@@ -82,7 +82,7 @@ class GrowingOptimum:
 
     def newest_cov(self) -> Float:
         """(3, 3) of the newest pose, world frame, by the matrices at hand; while unsettled, of what they are about."""
-        return self._descent.newest_cov()
+        return self._descent.newest_cov().copy()
 
     def landmarks(self) -> Float:
         """(L, 2) [m], in the order of `landmark_ids`."""

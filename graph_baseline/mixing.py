@@ -31,15 +31,18 @@ class Mixing:
         """What to move by (n,) where the iteration would go on by `step` (n,).
 
         Args:
-            step: linear in `scaled`.
-            scaled: (m,) of it in standard deviations, what is to become small.
+            step: in the iteration's own coordinates.
+            scaled: (m,) linear in it, in standard deviations: what is to become small.
         """
         self._steps.append(step)
         self._scaled.append(scaled)
         if not self._moves or size_of(scaled) < FAST * size_of(self._scaled[-2]):
             return step
-        Q, R = np.linalg.qr(_changes(self._scaled))
-        share = np.linalg.lstsq(R, Q.T @ scaled, rcond=RESOLVED)[0]
+        try:
+            Q, R = np.linalg.qr(_changes(self._scaled))
+            share = np.linalg.lstsq(R, Q.T @ scaled, rcond=RESOLVED)[0]
+        except np.linalg.LinAlgError:  # they are not finite
+            return step
         return step - (np.column_stack(self._moves) + _changes(self._steps)) @ share
 
     def moved(self, move: Float) -> None:

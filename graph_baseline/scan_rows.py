@@ -31,7 +31,7 @@ def seen_slots(measured: Measured, k: int) -> Int:
 
 @inner
 def look(measured: Measured, linear: Linear, place: Place, before: Place, k: int, row: int, residual: Float) -> None:
-    """Leave an observation's Jacobians in `linear`, and its residual at `before` first in `residual` (2, d)."""
+    """Leave an observation's Jacobians in `linear`, and its residual at `before` as first of `residual` (2, 2)."""
     slot, Hx, Hm = measured.slot[row], linear.Hx[row], linear.Hm[row]
     observe(measured, row, place.poses[k], place.landmarks[slot], residual[0], Hx, Hm)
     observe(measured, row, linear.at.poses[k], linear.at.landmarks[slot], residual[1], Hx, Hm)

@@ -68,7 +68,7 @@ SMALLEST = {
         "foreign export 2 2 0 0 0 0 0",
         "tracebacks, hangs, crashes and losses: 0",
     ),
-    "kill_a_study": ("--runs 6 --kills 2", "killed with", "the same summary after 2 kills; 6 runs"),
+    "kill_a_study": ("--runs 4 --kills 1", "killed with", "the same summary after 1 kills; 4 runs"),
     "fixed_lag": (  # 4 s
         "--scenario q4-three-landmarks --lags 2 --runs 1 --jobs 1",
         "estimator RMSE [m] x bound NEES/3 mapped step [ms] failed",

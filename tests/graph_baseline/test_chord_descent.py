@@ -14,6 +14,7 @@ from slamgauge.graph_baseline.chord_descent import ChordDescent
 from slamgauge.graph_baseline.elimination import MANY
 from slamgauge.graph_baseline.growing import GrowingOptimum
 from slamgauge.graph_baseline.mixing import Mixing, size_of
+from slamgauge.recording import Recording
 
 RATES = np.array([0.98, 0.7, -1.3, 0.1])  # of a step is left for the next; one swings ever wider
 
@@ -30,7 +31,7 @@ def test_mixed_steps_of_a_linear_map_end_after_as_many_as_it_has_rates() -> None
     assert size_of(weight * (x - end)) < 1e-9
 
 
-def test_mixing_spares_a_large_map_most_of_its_linearisations(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mixing_spares_a_large_map_linearisations(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = simulate(workload(100), 0)[1].first(200)
     anew, linearise_anew = [0], ChordDescent.linearise_anew
 
@@ -40,6 +41,9 @@ def test_mixing_spares_a_large_map_most_of_its_linearisations(monkeypatch: pytes
 
     monkeypatch.setattr(ChordDescent, "linearise_anew", counted)
     taken: list[int] = []
+    optimum = batch(recording)
+    assert optimum.pose_covs is not None
+    sigma = np.sqrt(np.diag(optimum.pose_covs[-1]))
     for large in (10_000, 20):
         monkeypatch.setattr(chord_descent, "LARGE", large)
         anew[0], growing = 0, GrowingOptimum(recording)
@@ -47,9 +51,6 @@ def test_mixing_spares_a_large_map_most_of_its_linearisations(monkeypatch: pytes
             growing.add_step()
         taken.append(anew[0])
         assert growing.settled
-        optimum = batch(recording)
-        assert optimum.pose_covs is not None
-        sigma = np.sqrt(np.diag(optimum.pose_covs[-1]))
         assert (np.abs(growing.newest_pose() - optimum.poses[-1]) < 0.02 * sigma).all()
     assert taken[1] < 0.7 * taken[0], taken
 
@@ -76,3 +77,30 @@ def test_scans_of_many_landmarks_leave_what_they_leave_in_hindsight(twice: bool)
     np.testing.assert_allclose(growing.newest_cov(), optimum.pose_covs[-1], rtol=1e-5, atol=1e-12)
     order = np.argsort(growing.landmark_ids)
     np.testing.assert_allclose(growing.landmark_covs()[order], optimum.landmark_covs, rtol=1e-5, atol=1e-12)
+
+
+@pytest.mark.parametrize(("sharp", "doubt"), [(1e-7, 1.0), (1.0, 1e4)])
+def test_scans_of_many_landmarks_keep_their_digits(sharp: float, doubt: float) -> None:
+    """What is seen once, from one pose, is known by that sight and by how far the pose is doubted."""
+    sights = MANY + 1
+    rng = np.random.default_rng(0)
+    places = rng.uniform(-5.0, 5.0, (sights, 2))
+    sigmas = np.append(sharp, np.ones(sights - 1))
+    recording = Recording(
+        stamps=np.zeros(1),
+        prior_mean=np.zeros(3),
+        prior_cov=np.diag([doubt, doubt, 0.1]) ** 2,
+        odometry=np.zeros((0, 3)),
+        odometry_cov=np.zeros((0, 3, 3)),
+        sensor="position",
+        observation_step=np.zeros(sights, dtype=np.int64),
+        observation=places,
+        observation_cov=np.square(sigmas)[:, None, None] * np.eye(2),
+        landmark=np.arange(sights),
+    )
+    growing = GrowingOptimum(recording)
+    growing.add_step()
+    lever = np.column_stack([-places[:, 1], places[:, 0]])
+    expected = (doubt**2 + np.square(sigmas))[:, None, None] * np.eye(2)
+    expected = expected + 0.01 * lever[:, :, None] * lever[:, None, :]
+    np.testing.assert_allclose(growing.landmark_covs(), expected, rtol=0, atol=1e-6 * doubt**2)
