@@ -15,7 +15,7 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 
 LONG = 600.0  # s
-RATE = 5e8  # multiply-adds of factors of the landmarks' information in a second, all else that a step takes included
+RATE = 5e9  # multiply-adds of factors of the landmarks' information in a second, all else that a step takes included
 MAPS, KEPT_MAPS = 10.0, 2.0  # arrays alive at once: of the maps of a piece's poses, of those of all pieces'
 SOLUTIONS, SPEED = 15.0, 3e10  # linear problems that a descent solves; multiply-adds of theirs in a second
 KEYS, ROWS = 150.0, 20.0  # numbers for each pose with a scan, and for each row of an observation
