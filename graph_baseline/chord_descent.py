@@ -95,7 +95,7 @@ class ChordDescent:
                 linear.M[:], linear.newest_cov[:], information[:] = saved
                 linear.at.poses[k] = place.poses[k]
                 linear.at.landmarks[mapped:count] = place.landmarks[mapped:count]
-            if not (self.take_in(before, k) and self._factorise()):
+            if not (self._take_in(before, k) and self._factorise()):
                 return None
             landmarks = self._solve(linear.pull[: 2 * count])
             step = linear.kick + linear.M[:, : 2 * count] @ landmarks
@@ -173,9 +173,13 @@ class ChordDescent:
         at.poses[: k + 1] = self._place.poses[: k + 1]
         at.landmarks[:count] = self._place.landmarks[:count]
         self._linear.information[: 2 * count, : 2 * count] = 0.0
-        return self.take_in(self._place, 0) and self._factorise()
+        return self._take_in(self._place, 0) and self._factorise()
 
-    def take_in(self, before: Place, since: int) -> bool:
+    def take_in_newest(self) -> bool:
+        """Take in the newest pose and its scan where it stands; whether that is possible."""
+        return self._take_in(self._place, self.newest)
+
+    def _take_in(self, before: Place, since: int) -> bool:
         """Take in the poses from number `since` on; the newest pose and the map are expected at `before`.
 
         Returns whether that is possible: a landmark on the pose that sees it has no Jacobians.

@@ -26,13 +26,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.compiled import inner, kernel
 from slamgauge.graph_baseline.linear_problem import Linear, Place
 from slamgauge.graph_baseline.models import Measured, step_noise
-from slamgauge.graph_baseline.scan_rows import (
-    add_landmarks_alone,
-    compressed_scan,
-    projected_scan,
-    seen_slots,
-    subtract_scan,
-)
+from slamgauge.graph_baseline.scan_rows import projected_scan, reflected_scan, seen_slots
 from slamgauge.graph_baseline.three_by_three import (
     add_identity,
     copy,
@@ -73,10 +67,8 @@ def take_in(
             continue
         if len(slots) > MANY and are_alike(measured, linear, k):
             scan = projected_scan(measured, linear, place, before, slots, k)
-            subtract_scan(linear, scan, slots)
         else:
-            scan = compressed_scan(measured, linear, place, before, slots, k)
-            add_landmarks_alone(linear, scan, slots)
+            scan = reflected_scan(measured, linear, place, before, slots, k)
         if used + 3 > CHUNK:
             add_information(linear, rows[:used], width)
             used = 0

@@ -111,7 +111,7 @@ class GrowingOptimum:
         last = self._place.poses[k - 1]
         self._descent.add_pose(compose(last, self._measured.motion[k]) if k else self._measured.start)
         if not self.settled:
-            self._descent.take_in(self._place, k)
+            self._descent.take_in_newest()
             if k >= self._seek_at:
                 self._seek()
         else:
@@ -132,7 +132,7 @@ class GrowingOptimum:
         """Take in the newest scan, and settle if it is time to."""
         k, mapped = self._newest, len(self._mapped)
         if self._measured.first[k] == self._measured.first[k + 1]:
-            self._descent.take_in(self._place, k)
+            self._descent.take_in_newest()
             return
         self._mapped.map_seen(k)
         step = self._descent.take_in_newest_scan(mapped)

@@ -1,6 +1,8 @@
-"""A scan turned so that three rows say all that it says of its pose, compiled.
+"""A scan turned so that three rows say all that it says of its pose, compiled, in two ways.
 
-What the other rows say about its landmarks among themselves is information that no pose takes a part in.
+What the other rows say about its landmarks among themselves is information that no pose takes a part in: both ways add
+it to the landmarks' information and pull, and return rows [Hx, Hm of each landmark seen, residual], the first three of
+which are left to take in. By reflections nothing is subtracted; by projection the work is far less.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ def seen_slots(measured: Measured, k: int) -> Int:
 
 @inner
 def look(measured: Measured, linear: Linear, place: Place, before: Place, k: int, row: int, residual: Float) -> None:
-    """Leave an observation's Jacobians in `linear`, and its residual at `before` as first of `residual` (2, 2)."""
+    """Leave an observation's Jacobians in `linear`, and its residual at `before` in `residual[0]`; [1] is scratch."""
     slot, Hx, Hm = measured.slot[row], linear.Hx[row], linear.Hm[row]
     observe(measured, row, place.poses[k], place.landmarks[slot], residual[0], Hx, Hm)
     observe(measured, row, linear.at.poses[k], linear.at.landmarks[slot], residual[1], Hx, Hm)
@@ -43,8 +45,8 @@ def look(measured: Measured, linear: Linear, place: Place, before: Place, k: int
 
 
 @inner
-def compressed_scan(measured: Measured, linear: Linear, place: Place, before: Place, slots: Int, k: int) -> Float:
-    """Rows [Hx, Hm of each landmark seen, residual] of a scan, turned so that from the fourth on Hx is zero."""
+def reflected_scan(measured: Measured, linear: Linear, place: Place, before: Place, slots: Int, k: int) -> Float:
+    """Turn the rows of a scan by reflections, so that from the fourth on Hx is zero."""
     d, taken = measured.value.shape[1], len(slots)
     scan = np.zeros((max(3, d * taken), 4 + 2 * taken))
     residual, n = np.empty((2, 2)), 0
@@ -63,12 +65,13 @@ def compressed_scan(measured: Measured, linear: Linear, place: Place, before: Pl
     if d * taken > 3:
         for j in range(3):
             reflect(scan[j:], j)
+    add_landmarks_alone(linear, scan, slots)
     return scan
 
 
 @inner
 def projected_scan(measured: Measured, linear: Linear, place: Place, before: Place, slots: Int, k: int) -> Float:
-    """The first three rows of the same, Q' times it with Hx = Q R; what all rows say of their landmarks is added."""
+    """Project a scan on its pose: three rows, Q' times it with Hx = Q R; all rows less these say the rest."""
     d, taken = measured.value.shape[1], len(slots)
     columns, n = np.empty((4, d * taken)), 0  # of Hx, then of Q, and the residuals
     residual, R, scan = np.empty((2, 2)), np.zeros((3, 3)), np.zeros((3, 4 + 2 * taken))
@@ -101,6 +104,7 @@ def projected_scan(measured: Measured, linear: Linear, place: Place, before: Pla
     for i in range(3):
         for j in range(3):
             scan[i, j] = R[i, j]
+    subtract_scan(linear, scan, slots)
     return scan
 
 
