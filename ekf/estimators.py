@@ -18,8 +18,8 @@ from slamgauge.ekf.history import History
 from slamgauge.ekf.large_maps import area_that_pays
 from slamgauge.ekf.maps.checks import without_rounding
 from slamgauge.ekf.maps.rules import CORRECTIONS, Correction
+from slamgauge.ekf.numpy_filter import MovingBelief, NumpyFilter
 from slamgauge.ekf.online import OnlineFilter
-from slamgauge.ekf.relatives import MovingBelief, RelativeFilter
 from slamgauge.ekf.robocentric import RobocentricBelief
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.ekf.settings.initialisation import Initialisation, Rays
@@ -184,7 +184,7 @@ def _run(
 def _in_numpy(recording: Recording, belief: Callable[[str, Float, Float], MovingBelief]) -> Estimate:
     _require_room(0 if recording.landmark is None else len(distinct(recording.landmark)), ROOM_IN_NUMPY)
     start = belief(recording.sensor, recording.prior_mean, recording.prior_cov)
-    return _driven(RelativeFilter(recording.sensor, start), recording, frames=0)
+    return _driven(NumpyFilter(recording.sensor, start), recording, frames=0)
 
 
 def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:

@@ -1,6 +1,6 @@
 """The online form of filters that are written in numpy: what they have in common is here, what they are is theirs.
 
-A `MovingBelief` is such a filter's state, covariance and steps. `RelativeFilter` drives it with known ids, and refuses
+A `MovingBelief` is such a filter's state, covariance and steps. `NumpyFilter` drives it with known ids, and refuses
 what cannot be taken in. Their linear algebra is in `dense`.
 """
 
@@ -18,7 +18,7 @@ from slamgauge.ekf.kernels.models import SENSOR_CODES
 from slamgauge.ekf.kernels.precision import EXHAUSTED, LARGEST
 from slamgauge.ekf.kernels.prediction import is_semidefinite
 from slamgauge.ekf.kernels.take_in import are_sound
-from slamgauge.ekf.kernels.warm_up import compile_relatives_once
+from slamgauge.ekf.kernels.warm_up import compile_sights_once
 from slamgauge.ekf.maps.checks import (
     explain_increment,
     explain_scan,
@@ -80,7 +80,7 @@ class MovingBelief(Protocol):
         ...
 
 
-class RelativeFilter(PointFilter):
+class NumpyFilter(PointFilter):
     """Landmark SLAM with known association, of any belief; a step is that of `SlamFilter`.
 
     Args:
@@ -96,7 +96,7 @@ class RelativeFilter(PointFilter):
 
     def __init__(self, sensor: str, belief: MovingBelief) -> None:
         require_sensor(sensor, SENSORS)
-        compile_relatives_once()
+        compile_sights_once()
         self._sensor = sensor
         self.belief = belief
         self._slot_of: dict[int, int] = {}

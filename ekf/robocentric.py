@@ -42,7 +42,7 @@ STILL = np.zeros(3)  # the displacement after composition
 
 
 class RobocentricBelief:
-    """Displacement, world and landmarks in the robot's frame; see `relatives.MovingBelief`.
+    """Displacement, world and landmarks in the robot's frame; see `numpy_filter.MovingBelief`.
 
     Args:
         sensor: `range-bearing` or `position`.

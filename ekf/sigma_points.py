@@ -49,7 +49,7 @@ BETA = 2.0  # what is best for a normal distribution
 
 
 class InvariantBelief:
-    """Robot and landmarks with their right-invariant error; see `relatives.MovingBelief`.
+    """Robot and landmarks with their right-invariant error; see `numpy_filter.MovingBelief`.
 
     Args:
         sensor: `range-bearing` or `position`.

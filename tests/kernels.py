@@ -6,7 +6,7 @@ from slamgauge.ekf.kernels.warm_up import (
     compile_association_once,
     compile_bearings_once,
     compile_once,
-    compile_relatives_once,
+    compile_sights_once,
 )
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 
@@ -14,5 +14,5 @@ if __name__ == "__main__":
     compile_once()
     compile_association_once()
     compile_bearings_once()
-    compile_relatives_once()
+    compile_sights_once()
     compile_graphs_once()

@@ -72,7 +72,7 @@ def compile_bearings_once() -> None:
 
 
 @functools.cache
-def compile_relatives_once() -> None:
+def compile_sights_once() -> None:
     """The same for the kernels of filters that are written in numpy."""
     with announced("kernels of sights"):
         is_semidefinite(np.zeros((3, 3)))

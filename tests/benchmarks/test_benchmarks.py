@@ -16,7 +16,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once, compile_relatives_once
+from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once, compile_sights_once
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -148,7 +148,7 @@ def compiled_kernels() -> None:
     """The benchmarks may run at the same time, and would each compile them."""
     compile_once()
     compile_association_once()
-    compile_relatives_once()
+    compile_sights_once()
     compile_graphs_once()
 
 
