@@ -81,12 +81,8 @@ class Log:
         belief.cov[:3, :3] = cov
         count = len(self._kept)
         rows = Rows(*np.zeros((4, 2 * count)))
-        measured = Measured(
-            np.ascontiguousarray(odometry),
-            np.ascontiguousarray(odometry_cov),
-            observation[self._kept],
-            observation_cov[self._kept],
-        )
+        kept = (odometry, odometry_cov, observation[self._kept], observation_cov[self._kept])
+        measured = Measured(*(np.array(each, order="C") for each in kept))  # as they are compiled for
         if run_log(self._code, belief, self._order, measured, tails, self._work, rows) != WHOLE:
             return None
         found = np.full((4, len(observation), 2), np.nan)

@@ -31,15 +31,18 @@ class Measured(NamedTuple):
 
 
 def measured_of(recording: Recording) -> Measured:
-    """The recording as kernels take it; no observation has a slot yet."""
+    """The recording as kernels take it; no observation has a slot yet.
+
+    Every array is laid out row by row, whatever the recording's are: the kernels are compiled for that alone.
+    """
     return Measured(
         sensor=SENSORS[recording.sensor],
         start=np.array(recording.prior_mean, dtype=np.float64),
         motion=np.concatenate([np.zeros((1, 3)), recording.odometry]),
-        motion_cov=np.concatenate([prior_cov_in_body(recording)[None], recording.odometry_cov]),
+        motion_cov=np.ascontiguousarray(np.concatenate([prior_cov_in_body(recording)[None], recording.odometry_cov])),
         first=np.searchsorted(recording.observation_step, np.arange(recording.steps + 2)),
         value=np.ascontiguousarray(recording.observation, dtype=np.float64),
-        whitener=inverse_cholesky(recording.observation_cov),
+        whitener=np.ascontiguousarray(inverse_cholesky(recording.observation_cov)),
         slot=np.full(len(recording.observation), -1),
     )
 

@@ -87,7 +87,9 @@ def filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Floa
         innovations' covariance L L'.
     """
     P, updated, carry, gain, whitener = np.empty((5, len(G), 3, 3))
-    run_covariances(model.start_cov, model.F, model.W, np.ascontiguousarray(G), P, updated, carry, gain, whitener)
+    run_covariances(
+        np.array(model.start_cov), model.F, model.W, np.ascontiguousarray(G), P, updated, carry, gain, whitener
+    )
     return P, updated, carry, gain, whitener
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -11,9 +10,8 @@ from pathlib import Path, PurePosixPath
 from zipfile import ZipFile
 
 import pytest
+from installed_elsewhere import FLOORS, ROOT, lend_kernels, run_in
 
-ROOT = Path(__file__).parents[1]
-FLOORS = ("compare", "ekf", "graph_baseline")
 SCENARIOS = sorted(path.stem for path in (ROOT / "compare/scenarios").glob("*.toml"))
 
 
@@ -35,6 +33,7 @@ def unpacked(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("unpacked")
     with ZipFile(wheel) as archive:
         archive.extractall(folder)
+    lend_kernels(folder)
     return folder
 
 
@@ -57,9 +56,7 @@ def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path):
 
 def python(unpacked: Path, cwd: Path, *arguments: str) -> str:
     """What Python prints, with the unpacked wheel ahead of the installed project."""
-    environment = {**os.environ, "PYTHONPATH": str(unpacked)}
-    command = [sys.executable, *arguments]
-    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    done = run_in(unpacked, *arguments, cwd=cwd)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
+from numba.core.dispatcher import Dispatcher
 from scipy.stats import norm, t
 
 from slamgauge import Recording, UserError, load_scenario, riekf, simulate
 from slamgauge.ekf.innovations import GAUSSIAN, MIXTURE, STUDENT_T, Log, Tails, gaussian_tails, weigh
+from slamgauge.ekf.kernels.evidence import run_log
 
 
 def recording_of(*overrides: str, seed: int = 3) -> Recording:
@@ -129,3 +132,13 @@ def test_no_update_is_told():
         np.full_like(recording.observation_cov, np.nan),
     )
     assert Log(recording).innovations(*far, gaussian_tails()) is None
+
+
+def test_a_log_is_filtered_by_code_that_was_compiled_before():
+    """Whether noise is kept once for all rows, and whether it may be written to."""
+    recording = recording_of("trajectory.duration=2")
+    as_it_is(recording)
+    told = (recording.odometry, recording.odometry_cov, recording.observation, recording.observation_cov)
+    for laid_out in (np.array, np.asfortranarray):
+        Log(recording).innovations(*map(laid_out, told), gaussian_tails())
+    assert len(cast("Dispatcher", run_log).signatures) == 1

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
+from installed_elsewhere import first_and_later_use
 from numba.core.dispatcher import Dispatcher
 from random_recordings import random_recording
 
-from slamgauge import Recording, batch, isam2
+from slamgauge import Recording, batch, isam2, load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.graph_baseline import chord, elimination, recursions, scan_rows, three_by_three
 from slamgauge.graph_baseline.three_by_three import factorise, invert
@@ -35,13 +33,9 @@ def test_first_use_is_announced_and_later_ones_load_from_disk(tmp_path: Path) ->
         "from slamgauge.graph_baseline.warm_up import compile_graphs_once as once; once();"
         "from slamgauge.graph_baseline.elimination import take_in; print(len(take_in.stats.cache_hits))"
     )
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    first, second = (
-        subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
-        for _ in range(2)
-    )
+    first, second = first_and_later_use(tmp_path, program, "elimination.take_in")
     assert first.stderr == "slamgauge: compiling the graph kernels (once per installation, kept on disk) ...\n"
-    assert (first.stdout, second.stdout) == ("0\n", "1\n")
+    assert (first.stdout, second.stdout, second.stderr) == ("0\n", "1\n", "")
 
 
 def bearings_alone(recording: Recording) -> Recording:
@@ -63,6 +57,11 @@ def test_no_recording_asks_for_other_types_than_the_first_use() -> None:
         isam2(recording)
         batch(recording)
     isam2(bearings_alone(random_recording(1)[1]))
+    scenario = load_scenario("q1-short-dense", ["trajectory.duration=2"])
+    constant_noise = simulate(scenario, 0)[1]  # kept once, for all rows
+    for each in (constant_noise, bearings_alone(constant_noise)):
+        isam2(each)
+        batch(each)
     assert specialisations() == before
 
 

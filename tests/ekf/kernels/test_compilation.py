@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from installed_elsewhere import first_and_later_use
+
 PROGRAM = (
     "import numpy as np; from slamgauge.ekf import SlamFilter;"
     "s = SlamFilter('position', np.zeros(3), np.eye(3)); s.predict([1, 0, 0], np.eye(3)); print(s.pose_cov[0, 0])"
@@ -18,13 +20,8 @@ ONE_KERNEL = (
 )
 
 
-def run(cache: Path | str, program: str = PROGRAM) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
-    return subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
-
-
 def test_first_use_is_announced_and_later_ones_load_from_disk(tmp_path: Path) -> None:
-    first, second = run(tmp_path), run(tmp_path)
+    first, second = first_and_later_use(tmp_path, PROGRAM, "corrections.update_standard")
     assert "compiling" in first.stderr
     assert second.stderr == ""
     assert first.stdout == second.stdout == "2.0\n"
@@ -32,7 +29,10 @@ def test_first_use_is_announced_and_later_ones_load_from_disk(tmp_path: Path) ->
 
 def test_works_where_nothing_can_be_written() -> None:
     """A folder below a device cannot exist, whoever runs the test. Where kernels are kept is decided alike for all."""
-    assert run("/dev/null/cache", ONE_KERNEL).stdout == "2.0\n"
+    environment = {**os.environ, "NUMBA_CACHE_DIR": "/dev/null/cache"}
+    command = [sys.executable, "-c", ONE_KERNEL]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout == "2.0\n"
 
 
 def test_settings_load_no_compiler() -> None:

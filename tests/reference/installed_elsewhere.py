@@ -1,0 +1,46 @@
+"""The program as it is installed in another folder, with the machine code that has been kept of it here."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+FLOORS = ("compare", "ekf", "graph_baseline")
+
+
+def install_in(folder: Path) -> None:
+    """Copy the sources, and the kernels kept beside them."""
+    sources = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "slamgauge", folder / "slamgauge", ignore=sources)
+    for floor in FLOORS:
+        shutil.copytree(ROOT / floor, folder / "slamgauge" / floor, ignore=sources)
+    lend_kernels(folder)
+
+
+def lend_kernels(folder: Path) -> None:
+    """Copy the kernels kept here to the same sources there, so that they need not be compiled again."""
+    for floor in ("", *FLOORS):
+        for kept in (ROOT / (floor or "slamgauge")).rglob("*.nb?"):
+            there = folder / "slamgauge" / floor / kept.relative_to(ROOT / (floor or "slamgauge"))
+            there.parent.mkdir(exist_ok=True)
+            shutil.copy2(kept, there)
+
+
+def run_in(folder: Path, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run Python with the program in `folder` ahead of the installed one."""
+    environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
+    environment["PYTHONPATH"] = str(folder)
+    command = [sys.executable, *arguments]
+    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+
+
+def first_and_later_use(folder: Path, program: str, kernels: str) -> list[subprocess.CompletedProcess[str]]:
+    """Run a program twice where the machine code of `kernels` is missing at first."""
+    install_in(folder)
+    for kept in folder.rglob(f"{kernels}*.nb?"):
+        kept.unlink()
+    return [run_in(folder, "-c", program, cwd=folder) for _ in range(2)]
