@@ -22,6 +22,10 @@ from slamgauge.graph_baseline.smoother import damped_step
 from slamgauge.se2 import chain
 
 
+def does_not_converge(_: ChordDescent) -> bool:
+    return False
+
+
 def test_steps_without_a_minimum_are_flagged_though_the_last_has_one(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = random_recording(3, steps=30)[1]
     lost = range(10, 13)
@@ -34,7 +38,7 @@ def test_steps_without_a_minimum_are_flagged_though_the_last_has_one(monkeypatch
     def noted(growing: GrowingOptimum) -> None:
         with monkeypatch.context() as patch:
             if len(settled) in lost:
-                patch.setattr(ChordDescent, "converge", lambda _: False)
+                patch.setattr(ChordDescent, "converge", does_not_converge)
                 patch.setattr(GrowingOptimum, "_searched", search_fails)
             add_step(growing)
         settled.append(growing.settled)
@@ -50,9 +54,6 @@ def test_a_minimum_is_not_sought_at_every_step(monkeypatch: pytest.MonkeyPatch) 
 
     def search_fails(growing: GrowingOptimum) -> None:
         sought.append(len(growing.landmark_ids))
-
-    def does_not_converge(_: ChordDescent) -> bool:
-        return False
 
     monkeypatch.setattr(GrowingOptimum, "_searched", search_fails)
     monkeypatch.setattr(ChordDescent, "converge", does_not_converge)
