@@ -140,5 +140,6 @@ def test_a_log_is_filtered_by_code_that_was_compiled_before():
     as_it_is(recording)
     told = (recording.odometry, recording.odometry_cov, recording.observation, recording.observation_cov)
     for laid_out in (np.array, np.asfortranarray):
-        Log(recording).innovations(*map(laid_out, told), gaussian_tails())
+        increments, their_cov, seen, its_cov = map(laid_out, told)
+        Log(recording).innovations(increments, their_cov, seen, its_cov, gaussian_tails())
     assert len(cast("Dispatcher", run_log).signatures) == 1
