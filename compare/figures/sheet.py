@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -12,14 +11,13 @@ from typing import Literal, NamedTuple
 
 from matplotlib.figure import Figure
 
+from slamgauge.compare.figures.svg_paths import thinned
+
 Format = Literal["pdf", "png", "svg"]
 Width = Literal["column", "page"]
 INCHES: dict[Width, float] = {"column": 3.4, "page": 7.0}  # of a paper in two columns
 ENTRY = 1.1  # [in] of a legend
 NARROW = 4.0  # [in]: below it panels stand one above the other
-
-_PATH = re.compile(rb' d="[^"]*"')
-_DIGITS = re.compile(rb"(\.\d\d)\d+")
 
 
 class Sheet(NamedTuple):
@@ -69,12 +67,7 @@ def save_printed(figure: Figure, path: Path) -> None:
         if each == "svg":
             svg = BytesIO()
             figure.savefig(svg, format="svg", metadata={"Date": None})
-            path.with_suffix(".svg").write_bytes(_PATH.sub(_thinned, svg.getvalue()))
+            path.with_suffix(".svg").write_bytes(thinned(svg.getvalue()))
         else:
             undated = {"CreationDate": None} if each == "pdf" else {}
             figure.savefig(path.with_suffix(f".{each}"), dpi=200, metadata=undated)
-
-
-def _thinned(path: re.Match[bytes]) -> bytes:
-    """A path of an SVG with its coordinates in hundredths of a point; line by line, as matches take most."""
-    return b"".join(_DIGITS.sub(rb"\1", line) for line in path.group().splitlines(keepends=True))

@@ -1,6 +1,7 @@
 import dataclasses
 import re
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -12,11 +13,13 @@ from matplotlib.axes import Axes
 from matplotlib.collections import Collection, EllipseCollection, LineCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
 
 from slamgauge.arrays import Float
 from slamgauge.compare.figures import plots
 from slamgauge.compare.figures.plot_style import GUESTS, KNOWN, PRINT, styles
 from slamgauge.compare.figures.plots import plot_errors, plot_run, save_figure
+from slamgauge.compare.figures.svg_paths import thinned
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation
@@ -314,3 +317,27 @@ def test_svg_keeps_text_as_text_and_hundredths_of_a_point(tmp_path: Path):
     assert ">a title</text>" in svg
     assert ' d="' in svg
     assert not re.search(r' d="[^"]*\.\d{3}', svg)
+
+
+def test_an_ellipse_is_two_arcs_that_end_where_its_curves_do():
+    figure = Figure()
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, 6.4), ylim=(0.0, 4.8))
+    axes.add_patch(Ellipse((3.0, 2.0), 2.0, 1.0, angle=30.0, fill=False))
+    svg = BytesIO()
+    figure.savefig(svg, format="svg")
+    arcs = re.findall(
+        r' d="M (\S+) (\S+) A (\S+) (\S+) (\S+) 1 1 (\S+) (\S+) A .* z"', thinned(svg.getvalue()).decode()
+    )
+    (found,) = ([float(each) for each in row] for row in arcs)
+    x, y, longer, shorter, angle, far_x, far_y = found
+    assert ((x + far_x) / 2, (y + far_y) / 2) == pytest.approx((3.0 * 72.0, (4.8 - 2.0) * 72.0), abs=0.02)
+    assert (longer, shorter, angle % 180.0) == pytest.approx((72.0, 36.0, 150.0), abs=0.02)  # y points down
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    along, across = np.array([[c, s], [-s, c]]) @ [x - far_x, y - far_y]
+    assert np.hypot(along / longer, across / shorter) == pytest.approx(2.0, abs=1e-3)
+
+
+def test_curves_that_are_no_ellipse_stay():
+    curves = "".join(f"C {i}.123 1 {i} 2 {i} {i * i}.123 " for i in range(8))
+    path = f'<path d="M 0.123 0 {curves}z"/>'
+    assert thinned(path.encode()).decode() == path.replace(".123", ".12")
