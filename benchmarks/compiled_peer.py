@@ -1,10 +1,11 @@
 """The standard filter against a numba program with BLAS that a careful user would write, side by side: one table.
 
-    python benchmarks/compiled_peer.py [--landmarks 20,100,300,1000] [--rounds 3]
+    python benchmarks/compiled_peer.py [--landmarks 20,100,300,1000] [--rounds 1]
 
 Median and 95 % quantile of a step in milliseconds over the second round of the bench workload, the two filters taking
-turns, and the largest difference of their poses in standard deviations. The other program keeps the whole of P, takes a
-scan in at once, and leaves every product to BLAS: W = U'^-1 H P and P - W'W by dgemm, U by LAPACK.
+turns (of several `--rounds` the shortest time of each step), and the largest difference of their poses in standard
+deviations. The other program keeps the whole of P, takes a scan in at once, and leaves every product to BLAS:
+the factor U of S = U'U, its inverse, W = U'^-1 H P and P - W'W.
 """
 
 from __future__ import annotations
@@ -117,7 +118,7 @@ def peer(recording: Recording) -> Iterator[tuple[float, Float, Float]]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--landmarks", default="20,100,300,1000")
-    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--rounds", type=int, default=1)
     options = parser.parse_args()
     titles = ("landmarks", "ours [ms]", "p95", "other [ms]", "p95", "ours/other", "difference")
     print(" ".join(f"{title:>11}" for title in titles))
