@@ -16,21 +16,21 @@ from slamgauge import Association, MapManagement, Score, assert_error_bounds, lo
 from slamgauge.compare.studies.run import run_seed
 
 FILTERS = ("ekf", "riekf")
-RUNS = 40  # without the optimum; seeds 0 ..
+RUNS = 24  # without the optimum; seeds 0 ..
 GRADED_RUNS = 5  # next to the optimum; the first of them
 LEVEL = 0.999
 JCBB = ("association.method=jcbb",)
 
 
 NEAREST_NEIGHBOUR = {
-    ("q2-short-dense", "ekf"): Expected(0.260, 2.41, (58.1, 4.5)),  # means 0.208, 1.32
-    ("q2-short-dense", "riekf"): Expected(0.218, 1.39, (58.4, 4.5)),  # 0.180, 1.07
-    ("q2-long-dense", "ekf"): Expected(0.488, 5.13, (121.2, 6.2)),  # 0.380, 2.05
-    ("q2-long-dense", "riekf"): Expected(0.333, 2.44, (121.0, 6.3)),  # 0.271, 1.33
-    ("q2-long-sparse", "ekf"): Expected(1.522, 2.87, (16.8, 3.2)),  # 1.12, 1.34
-    ("q2-long-sparse", "riekf"): Expected(1.489, 2.84, (16.8, 3.2)),  # 1.10, 1.31
-    ("q2-gate-100", "ekf"): Expected(4.295, 46.95, (48.1, 10.5)),  # 3.26, 19.0
-    ("q2-gate-100", "riekf"): Expected(3.682, 51.25, (48.5, 10.8)),  # 2.66, 16.1
+    ("q2-short-dense", "ekf"): Expected(0.276, 2.41, (58.1, 4.5)),  # means 0.208, 1.32
+    ("q2-short-dense", "riekf"): Expected(0.230, 1.39, (58.4, 4.5)),  # 0.180, 1.07
+    ("q2-long-dense", "ekf"): Expected(0.525, 5.13, (121.2, 6.2)),  # 0.380, 2.05
+    ("q2-long-dense", "riekf"): Expected(0.352, 2.44, (121.0, 6.3)),  # 0.271, 1.33
+    ("q2-long-sparse", "ekf"): Expected(1.665, 2.87, (16.8, 3.2)),  # 1.12, 1.34
+    ("q2-long-sparse", "riekf"): Expected(1.623, 2.84, (16.8, 3.2)),  # 1.10, 1.31
+    ("q2-gate-100", "ekf"): Expected(4.602, 46.95, (48.1, 10.5)),  # 3.26, 19.0
+    ("q2-gate-100", "riekf"): Expected(3.945, 51.25, (48.5, 10.8)),  # 2.66, 16.1
 }
 CASES = pytest.mark.parametrize(("scenario", "name"), NEAREST_NEIGHBOUR)
 
@@ -61,12 +61,12 @@ def test_map_size(scenario: str, name: str):
 @pytest.mark.parametrize("name", FILTERS)
 def test_gate_1_maps_many_times_as_many_landmarks_as_there_are_and_costs_several_times_the_optimums_error(name: str):
     """On the other seeds every run of gate 1 mapped more than thirty times the 37 landmarks there are."""
-    found = graded_scores("q2-gate-1", FILTERS, 3)[name]
+    found = graded_scores("q2-gate-1", FILTERS, 2)[name]
     for score in found:
         assert score.landmarks_true == 37
         assert score.landmarks_mapped > 20 * 37
         assert score.landmarks_missed == 0
-    assert_error_bounds(found, max_ate_m=3.3)  # twenty other runs: 1.64 and 1.44, deviation 0.83 and 0.82
+    assert_error_bounds(found, max_ate_m=3.6)  # twenty other runs: 1.64 and 1.44, deviation 0.83 and 0.82
     with pytest.raises(AssertionError, match="ratio_to_optimum = "):
         assert_error_bounds(found, max_ratio_to_optimum=2.0)
     with pytest.raises(AssertionError, match="too sure"):
