@@ -166,7 +166,7 @@ class AssociatingFilter(PointFilter):
         new = ~matched & ~doubtful
         associated = np.full(len(values), NONE)
         associated[matched] = self._map.ids[slots[matched]]
-        self._map.reserve(self._map.belief.size + 2 * int(new.sum()))  # may be refused, and before anything changes
+        self._map.reserve(self._map.unsettled.size + 2 * int(new.sum()))  # may be refused, and before anything changes
         with nullcontext() if is_addition_certain(self._map) else undone_if_refused(self._map):
             nis, dof = self._map.correct(slots[matched], values[matched], covs[matched])
             associated[new] = self._tracks.new_ids.given + np.arange(new.sum())

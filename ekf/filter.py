@@ -146,7 +146,7 @@ class SlamFilter(PointFilter):
             raise UserError("landmark: a bearing alone places no landmark; use slamgauge.ekf.BearingFilter")
         self.map.require_sound(values, covs)
         mapped, new, again = of_scan(ids, self.map.ids)
-        self.map.reserve(self.map.belief.size + 2 * int(new.sum()))  # may be refused, and before anything changes
+        self.map.reserve(self.map.unsettled.size + 2 * int(new.sum()))  # may be refused, and before anything changes
         certain = not again.any() and is_addition_certain(self.map)
         with nullcontext() if certain else undone_if_refused(self.map):
             total, dof = 0.0, 0

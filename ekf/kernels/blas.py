@@ -126,7 +126,8 @@ def combine_rows(W: Float, weights: Float, out: Float, rows: int, size: int) -> 
 @kernel
 def subtract_product(out: Float, W: Float, T: Float, rows: int, height: int, width: int) -> None:
     """out[:height, :width] <- out - W'T for W[:rows, :height] and T[:rows, :width]."""
-    sizes = np.array([width, height, rows, T.shape[1], W.shape[1], out.shape[1]], dtype=np.int32)
+    steps = np.array([T.strides[0], W.strides[0], out.strides[0]], dtype=np.int32) // T.itemsize
+    sizes = np.array([width, height, rows, steps[0], steps[1], steps[2]], dtype=np.int32)
     _dgemm(
         _LETTERS[_N:].ctypes,
         _LETTERS[_T:].ctypes,

@@ -35,6 +35,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from slamgauge.arrays import Float
 from slamgauge.compiled import kernel
 from slamgauge.ekf.kernels.belief import Belief
@@ -42,6 +44,7 @@ from slamgauge.ekf.kernels.blas import add_outer_pair
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.models import wrap
 from slamgauge.ekf.kernels.take_in import take_in
+from slamgauge.ekf.kernels.waiting import postpone
 from slamgauge.ekf.kernels.workspace import CORRECTION, HEADING_ROW, MOVE, Workspace
 
 
@@ -84,7 +87,7 @@ def update_right_invariant(sensor: int, belief: Belief, count: int, work: Worksp
 def retract_right_invariant(belief: Belief, work: Workspace) -> None:
     """Move by the correction dx in the workspace: x <- exp(D^-1 dx) x, P <- T P T'."""
     move_invariantly(belief, work.scratch[CORRECTION], work.scratch[MOVE])
-    carry_covariance(belief, work.scratch[MOVE], work.scratch[HEADING_ROW])
+    carry_covariance(belief, work.scratch[MOVE], work)
 
 
 @kernel
@@ -106,17 +109,24 @@ def move_invariantly(belief: Belief, dx: Float, u: Float) -> None:
 
 
 @kernel
-def carry_covariance(belief: Belief, u: Float, heading_row: Float) -> None:
-    """P <- T P T' = P + u a' + a u' with a = P e_theta + u P_theta,theta / 2, for T = I + u e_theta'."""
-    cov, size = belief.cov, belief.size
+def carry_covariance(belief: Belief, u: Float, work: Workspace) -> None:
+    """P <- T P T' = P + u a' + a u' with a = P e_theta + u P_theta,theta / 2, for T = I + u e_theta'.
+
+    Where something waits, this waits behind it.
+    """
+    cov, size, heading_row = belief.cov, belief.size, work.scratch[HEADING_ROW]
     heading_row[0], heading_row[1] = cov[0, 2], cov[1, 2]
     for j in range(2, size):
         heading_row[j] = cov[2, j]
     half = 0.5 * cov[2, 2]
     for j in range(size):
         heading_row[j] += half * u[j]
-    add_outer_pair(cov, u, heading_row, size)
-    mirror_robot_block(cov)
+    if work.waiting.used[0] > 0:
+        pair = np.stack((u, heading_row))
+        postpone(cov, size, work.waiting, pair, -pair[::-1])
+    else:
+        add_outer_pair(cov, u, heading_row, size)
+        mirror_robot_block(cov)
 
 
 @kernel

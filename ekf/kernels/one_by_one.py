@@ -40,7 +40,6 @@ from slamgauge.ekf.kernels.weighing import inflation
 from slamgauge.ekf.kernels.workspace import (
     ANCHOR,
     CORRECTION,
-    HEADING_ROW,
     MOVE_FROM_ANCHOR,
     MOVE_OF_ONE,
     PLACE_OF_ONE,
@@ -146,7 +145,7 @@ def _settle(belief: Belief, rows: int, form: Sequential, work: Workspace) -> boo
     if form.invariant:
         u = work.scratch[MOVE_FROM_ANCHOR]
         _fill_move(belief, work.scratch[ANCHOR], u)
-        carry_covariance(belief, u, work.scratch[HEADING_ROW])
+        carry_covariance(belief, u, work)
     return True
 
 

@@ -12,6 +12,7 @@ from slamgauge.ekf.kernels.covariance import innovation_covariance, is_symmetric
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
 from slamgauge.ekf.kernels.models import RANGE_BEARING
 from slamgauge.ekf.kernels.precision import EXHAUSTED, LARGEST, LEAST, are_pivots_lost, are_variances_lost
+from slamgauge.ekf.kernels.waiting import may_wait, postpone, settle, subtract_waiting
 from slamgauge.ekf.kernels.workspace import BLOCK_CORRECTION, CORRECTION, Workspace
 
 SAFE = 1e-3  # of what exhausts precision
@@ -29,6 +30,8 @@ def whiten(belief: Belief, first: int, last: int, work: Workspace) -> float:
     slots, jacobian = work.slots[first:last], work.jacobian[2 * first : 2 * last]
     W, S, y = work.W, work.S, work.innovation[2 * first : 2 * last]
     project_covariance(belief.cov, belief.size, slots, jacobian, W)
+    if work.waiting.used[0] > 0:
+        subtract_waiting(work.waiting, belief.size, slots, jacobian, W)
     innovation_covariance(W, slots, jacobian, work.observation_cov[first:last], S)
     nis = divide_by_factor(S, W, y, rows, belief.size)
     if math.isfinite(nis) and are_pivots_lost(S, belief.cov, slots, jacobian):
@@ -64,8 +67,8 @@ def take_in(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[f
     """P <- P - W'W for the first `count` observations, and their correction dx in the workspace's row CORRECTION.
 
     Block by block of the workspace, all with the same Jacobians: for independent observations that is the same as all
-    at once, and saves the triangular solve that grows with the square of a block. Returns the NIS and its degrees of
-    freedom; when the NIS is not finite, nothing has changed.
+    at once, and saves the triangular solve that grows with the square of a block. Part of it may wait (see `waiting`).
+    Returns the NIS and its degrees of freedom; when the NIS is not finite, nothing has changed.
     """
     informative = linearise(sensor, belief, work.slots[:count], work.observation, work.innovation, work.jacobian)
     if not are_sound(sensor, work.observation[:count], work.observation_cov[:count]):
@@ -73,6 +76,8 @@ def take_in(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[f
     size, dx, block_dx = belief.size, work.scratch[CORRECTION], work.scratch[BLOCK_CORRECTION]
     dx[:size] = 0.0
     nis, block = 0.0, len(work.W) // 2
+    waiting, waited = work.waiting, work.waiting.used[0]
+    is_late = count <= block and may_wait(waiting, 2 * count, size)
     before = _kept(belief, count, block, work)
     for first in range(0, count, block):
         last = min(first + block, count)
@@ -84,12 +89,17 @@ def take_in(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[f
         if not math.isfinite(nis):
             if first > 0:
                 belief.cov[:size, :size] = before
+                waiting.used[0] = waited
             return nis, informative
         combine_rows(work.W, work.innovation[2 * first :], block_dx, rows, size)
         for j in range(size):
             dx[j] += block_dx[j]
-        subtract_gram(belief.cov, work.W, rows, size)
-        mirror_robot_block(belief.cov)
+        if is_late:
+            postpone(belief.cov, size, waiting, work.W[:rows], work.W[:rows])
+        else:
+            settle(belief.cov, size, waiting)
+            subtract_gram(belief.cov, work.W, rows, size)
+            mirror_robot_block(belief.cov)
     return nis, informative
 
 

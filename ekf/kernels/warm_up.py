@@ -16,6 +16,7 @@ from slamgauge.ekf.kernels.models import locate_all, observe_all, wrap
 from slamgauge.ekf.kernels.prediction import is_semidefinite, predict
 from slamgauge.ekf.kernels.slots import find_slots
 from slamgauge.ekf.kernels.take_in import are_sound
+from slamgauge.ekf.kernels.waiting import settle
 from slamgauge.ekf.kernels.weighing import weigh
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
 from slamgauge.triangulation import triangulate
@@ -32,6 +33,7 @@ def compile_once() -> None:
         weigh(0, belief, 1, work, np.empty((1, 2, 2)), 4.0)
         for update in (corrections.update_standard, iterated.update_iterated, corrections.update_right_invariant):
             update(0, belief, 1, work)
+        settle(belief.cov, belief.size, work.waiting)
 
 
 @functools.cache

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf.kernels.waiting import Waiting, allocate_waiting
 
 # Rows of `Workspace.scratch` by what they hold; names that share a row are never needed at once.
 CORRECTION = 0  # dx, from an update until the state has moved
@@ -34,10 +35,14 @@ class Workspace(NamedTuple):
     S: Float  # (2b, 2b)
     W: Float  # (2b, capacity)
     scratch: Float  # (ROWS, capacity)
+    waiting: Waiting  # of the belief that is worked on
 
 
-def allocate(observations: int, capacity: int, block: int) -> Workspace:
-    """Room for `observations`, at most `block` of them at a time, in a state of up to `capacity` entries."""
+def allocate(observations: int, capacity: int, block: int, waiting: Waiting | None = None) -> Workspace:
+    """Room for `observations`, at most `block` of them at a time, in a state of up to `capacity` entries.
+
+    No update waits unless there is room for it in `waiting`.
+    """
     rows, block_rows = 2 * observations, 2 * min(observations, block)
     return Workspace(
         ids=np.zeros(observations, dtype=np.int64),
@@ -49,4 +54,5 @@ def allocate(observations: int, capacity: int, block: int) -> Workspace:
         S=np.zeros((block_rows, block_rows)),
         W=np.zeros((block_rows, capacity)),
         scratch=np.zeros((ROWS, capacity)),
+        waiting=waiting or allocate_waiting(1, 0, capacity),
     )

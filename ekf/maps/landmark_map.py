@@ -22,6 +22,7 @@ from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import ROBOT, Belief, allocate_belief, enlarged
 from slamgauge.ekf.kernels.models import BEARING, RANGE_BEARING, SENSOR_CODES
 from slamgauge.ekf.kernels.take_in import are_sound
+from slamgauge.ekf.kernels.waiting import allocate_waiting, settle
 from slamgauge.ekf.kernels.warm_up import compile_once
 from slamgauge.ekf.kernels.weighing import weigh
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
@@ -53,6 +54,8 @@ class LandmarkMap:
 
     Attributes:
         origin: (2,) of the belief's positions [m] in the world frame.
+        unsettled: the belief, for who reads no landmarks' covariances with each other; these may wait (see
+            `kernels.waiting`).
 
     Raises:
         UserError: a sensor or correction that does not exist, an invalid prior, or an invalid number of landmarks.
@@ -77,23 +80,29 @@ class LandmarkMap:
         self.code = SENSOR_CODES[sensor]
         self.dim = 1 if self.code == BEARING else 2
         rule = self.rule
-        self.belief: Belief = allocate_belief(room, first_estimates=rule.first_estimates, form=rule.form)
-        self.belief.state[:3] = self.belief.point[:3] = start
-        self.belief.cov[:3, :3] = cov
+        self.unsettled: Belief = allocate_belief(room, first_estimates=rule.first_estimates, form=rule.form)
+        self.unsettled.state[:3] = self.unsettled.point[:3] = start
+        self.unsettled.cov[:3, :3] = cov
         self.ids: Int = np.zeros(0, dtype=np.int64)  # in the order of slots
         self._sorted_ids: Int = self.ids
         self._sorted_slots: Int = self.ids
         self._increment = np.zeros(3)
         self._increment_cov = np.zeros((3, 3))
-        self._work = allocate(0, len(self.belief.state), rule.block)
+        self._allocate(0)
         self._compile()
+
+    def _allocate(self, observations: int) -> None:
+        """A workspace for states as large as there is room for; nothing waits."""
+        capacity = len(self.unsettled.state)
+        waiting = allocate_waiting(*self.rule.waiting, capacity)
+        self._work = allocate(observations, capacity, self.rule.block, waiting)
 
     def _compile(self) -> None:
         """Machine code of a step, for the types of these arrays."""
         rule = self.rule
-        self._predict = direct(rule.predict, self.belief, self._increment, self._increment_cov)
+        self._predict = direct(rule.predict, self.unsettled, self._increment, self._increment_cov)
         self._find_slots = direct(rule.find_slots, self.ids, self.ids, self._work.ids, self._work.slots)
-        self._update = direct(rule.update, self.code, self.belief, 0, self._work)
+        self._update = direct(rule.update, self.code, self.unsettled, 0, self._work)
 
     def __getstate__(self) -> dict[str, object]:
         """All but the machine code, which is of this process."""
@@ -106,26 +115,37 @@ class LandmarkMap:
     # --- what is believed ------------------------------------------------------------------------
 
     @property
+    def belief(self) -> Belief:
+        """All of it, settled: a pass over the covariance where updates wait."""
+        settle(self.unsettled.cov, self.unsettled.size, self._work.waiting)
+        return self.unsettled
+
+    @belief.setter
+    def belief(self, belief: Belief) -> None:
+        self.unsettled = belief
+        self._work.waiting.used[0] = 0
+
+    @property
     def pose(self) -> Float:
         """(3,) x, y [m], heading [rad] in the world frame."""
-        pose = self.belief.state[:3].copy()
+        pose = self.unsettled.state[:3].copy()
         pose[:2] += self.origin
         return pose
 
     @property
     def pose_cov(self) -> Float:
         """(3, 3) covariance of the additive pose error in the world frame."""
-        return self.belief.cov[:3, :3].copy()
+        return self.unsettled.cov[:3, :3].copy()
 
     @property
     def positions(self) -> Float:
         """(L, 2) of the landmarks [m] in the world frame, in the order of slots."""
-        return self.belief.state[3 : self.belief.size].reshape(-1, 2) + self.origin
+        return self.unsettled.state[3 : self.unsettled.size].reshape(-1, 2) + self.origin
 
     @property
     def position_covs(self) -> Float:
         """(L, 2, 2) their covariances [m^2]."""
-        cov, first = self.belief.cov, np.arange(3, self.belief.size, 2)
+        cov, first = self.unsettled.cov, np.arange(3, self.unsettled.size, 2)
         xx, xy, yy = cov[first, first], cov[first, first + 1], cov[first + 1, first + 1]
         return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
 
@@ -138,7 +158,7 @@ class LandmarkMap:
     @property
     def variances(self) -> Float:
         """(3 + 2L,) of all entries."""
-        return np.diagonal(self.belief.cov)[: self.belief.size]
+        return np.diagonal(self.unsettled.cov)[: self.unsettled.size]
 
     def slots_of(self, ids: Int) -> Int:
         """Slots (m,) of mapped landmarks (m,)."""
@@ -151,12 +171,12 @@ class LandmarkMap:
 
     def entries(self, columns: Int) -> Float:
         """What the state holds in `columns`, positions relative to `origin`; 0, 1, 2 are the robot's."""
-        return self.belief.state[columns]
+        return self.unsettled.state[columns]
 
     @property
     def robot(self) -> Float:
         """(3,) the robot's entries: its pose relative to `origin`."""
-        return self.belief.state[:3].copy()
+        return self.unsettled.state[:3].copy()
 
     def block(self, columns: Int) -> Float:
         """Covariance (c, c) of the entries in `columns` (c,)."""
@@ -171,7 +191,7 @@ class LandmarkMap:
             UserError: shapes that do not fit, a number that is not finite, or no covariance; nothing has changed.
         """
         load_increment(increment, cov, self._increment, self._increment_cov)
-        if not self._predict(self.belief, self._increment, self._increment_cov):
+        if not self._predict(self.unsettled, self._increment, self._increment_cov):
             raise explain_increment(self._increment, self._increment_cov)
 
     def require_sound(self, values: NDArray[np.generic], covs: NDArray[np.generic]) -> None:
@@ -191,8 +211,8 @@ class LandmarkMap:
         """Correct with observations (m, d), (m, d, d) of the landmarks that `find` has found; returns as `correct`."""
         self.load(values, covs)
         if self.tails < math.inf:
-            weigh(self.code, self.belief, len(values), self._work, np.empty((len(values), 2, 2)), self.tails)
-        nis, informative = self._update(self.code, self.belief, len(values), self._work)
+            weigh(self.code, self.unsettled, len(values), self._work, np.empty((len(values), 2, 2)), self.tails)
+        nis, informative = self._update(self.code, self.unsettled, len(values), self._work)
         if not math.isfinite(nis):
             raise explain_scan(self.sensor, values, covs, nis, self.variances)
         return nis, informative
@@ -248,12 +268,12 @@ class LandmarkMap:
             UserError: they have no finite positions or covariances; nothing has changed.
         """
         count = len(ids)
-        self.reserve(self.belief.size + 2 * count)
+        self.reserve(self.unsettled.size + 2 * count)
         self.room_for(count)
         self.load(values, covs)
-        augment(RANGE_BEARING if self.code == BEARING else self.code, self.belief, count, self._work)
-        first, last = self.belief.size, self.belief.size + 2 * count
-        added = (self.belief.state[first:last], np.diagonal(self.belief.cov)[first:last])
+        augment(RANGE_BEARING if self.code == BEARING else self.code, self.unsettled, count, self._work)
+        first, last = self.unsettled.size, self.unsettled.size + 2 * count
+        added = (self.unsettled.state[first:last], np.diagonal(self.unsettled.cov)[first:last])
         if not all(np.isfinite(each).all() for each in added):
             raise UserError(f"observation: no finite landmarks follow from this scan; {DIVERGED}")
         self.resize(last)
@@ -325,7 +345,7 @@ class LandmarkMap:
 
     def resize(self, size: int) -> None:
         """Note how many entries are in use."""
-        self.belief = self.belief._replace(size=size)
+        self.unsettled = self.unsettled._replace(size=size)
 
     def reserve(self, size: int) -> None:
         """Make room for `size` entries.
@@ -333,16 +353,16 @@ class LandmarkMap:
         Raises:
             UserError: memory does not hold them; nothing has changed.
         """
-        if size > len(self.belief.state):
+        if size > len(self.unsettled.state):
             what = f"the covariance of {(size - ROBOT) // 2} landmarks or members of rays"
             require_memory(8.0 * size * size, what, "give fewer landmarks, or choose a larger beta of rays")
-            self.belief = enlarged(self.belief, size)
-            self._work = allocate(len(self._work.ids), len(self.belief.state), self.rule.block)
+            self.unsettled = enlarged(self.belief, size)
+            self._allocate(len(self._work.ids))
 
     def room_for(self, observations: int) -> Workspace:
         """The workspace, with room for that many observations."""
         if observations > len(self._work.ids):
-            self._work = allocate(observations, len(self.belief.state), self.rule.block)
+            self._work = allocate(observations, len(self.unsettled.state), self.rule.block, self._work.waiting)
         return self._work
 
     def load(self, values: NDArray[np.generic], covs: NDArray[np.generic]) -> None:

@@ -86,7 +86,7 @@ def update_nearest(
         UserError: the rule has no such form, or there is no update.
     """
     form, count = sequential_of(landmarks.rule), len(values)
-    landmarks.reserve(landmarks.belief.size + 2 * count)
+    landmarks.reserve(landmarks.unsettled.size + 2 * count)
     work = landmarks.room_for(count)
     landmarks.load(values, covs)
     is_one_block = count <= landmarks.rule.block  # of which P is settled at the end
@@ -96,7 +96,7 @@ def update_nearest(
         variances = np.diagonal(landmarks.belief.cov)[:size]
         if not (np.isfinite(nis) and np.isfinite(variances).all()):
             raise explain_scan(landmarks.sensor, values, covs, nis, variances)
-    added = (size - landmarks.belief.size) // 2
+    added = (size - landmarks.unsettled.size) // 2
     landmarks.resize(size)
     if added:
         landmarks.name(np.concatenate([landmarks.ids, ids.take(added)]))
@@ -110,7 +110,7 @@ def innovations(landmarks: LandmarkMap, slots: Int, values: Float, covs: Float) 
     work.slots[:count] = slots
     landmarks.load(values, covs)
     S = np.empty((count, 2, 2))
-    describe(landmarks.code, landmarks.belief, count, work, S)
+    describe(landmarks.code, landmarks.unsettled, count, work, S)
     return work.innovation[: 2 * count].reshape(count, 2)[:, first:].copy(), S[:, first:, first:]
 
 

@@ -35,6 +35,7 @@ Retract = Callable[[Belief, Workspace], None]
 
 WHOLE_SCAN = sys.maxsize
 BLOCK = 16  # observations that an update takes in at a time; see docs/performance.md
+ROWS = 64  # that may wait: more save nothing, and the scan that settles them takes the longer
 
 
 class Rule(NamedTuple):
@@ -46,6 +47,8 @@ class Rule(NamedTuple):
         first_estimates: whether the belief keeps first estimates, for the prediction and for Jacobians.
         form: of the Jacobians of observations (`Belief.form`).
         block: observations to take in at a time.
+        waiting: sides and rows of what may wait (see `kernels.waiting`). An update that reads the covariances of
+            landmarks with each other lets nothing wait.
         sequential: how it corrects with one observation after the other; None if it cannot.
         predict: moves the robot.
         find_slots: looks up the landmarks of a scan. With `update` and `predict` it is all compiled code of a step
@@ -57,6 +60,7 @@ class Rule(NamedTuple):
     first_estimates: bool = False
     form: int = AT_POINT
     block: int = BLOCK
+    waiting: tuple[int, int] = (1, 0)
     sequential: Sequential | None = None
     predict: Predict = predict
     find_slots: FindSlots = slots.find_slots
@@ -69,15 +73,16 @@ class Row(NamedTuple):
     rule: Rule
 
 
+_STANDARD = Rule(update_standard, waiting=(1, ROWS), sequential=Sequential())
+
 TABLE: dict[Correction, Row] = {
-    "standard": Row("ekf", Rule(update_standard, sequential=Sequential())),
-    "first-estimates": Row("fej-ekf", Rule(update_standard, first_estimates=True, sequential=Sequential())),
-    "observability-constrained": Row(
-        "oc-ekf", Rule(update_standard, first_estimates=True, form=PROJECTED, sequential=Sequential())
-    ),
+    "standard": Row("ekf", _STANDARD),
+    "first-estimates": Row("fej-ekf", _STANDARD._replace(first_estimates=True)),
+    "observability-constrained": Row("oc-ekf", _STANDARD._replace(first_estimates=True, form=PROJECTED)),
     "iterated": Row("iekf", Rule(update_iterated, block=WHOLE_SCAN, sequential=Sequential(passes=MAX_PASSES))),
     "right-invariant": Row(
-        "riekf", Rule(update_right_invariant, retract_right_invariant, sequential=Sequential(invariant=True))
+        "riekf",
+        Rule(update_right_invariant, retract_right_invariant, waiting=(2, ROWS), sequential=Sequential(invariant=True)),
     ),
 }
 assert {*TABLE} == {*get_args(Correction)}
