@@ -133,7 +133,11 @@ def driven(sensor: str, correction: str) -> tuple[World, SlamFilter, SlamFilter]
     return world, late, at_once
 
 
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda slam: pickle.loads(pickle.dumps(slam))])
+def unpickled(slam: SlamFilter) -> SlamFilter:
+    return pickle.loads(pickle.dumps(slam))
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, unpickled])
 def test_copies_have_what_waits_of_their_own(copied: Callable[[SlamFilter], SlamFilter]) -> None:
     world, late, at_once = driven("position", "right-invariant")
     other = copied(late)
@@ -161,11 +165,38 @@ def test_a_refused_scan_leaves_what_waits(correction: str) -> None:
 
 
 @POSTPONING
+def test_a_refused_block_after_others_leaves_what_waits(correction: str) -> None:
+    """41 observations are three blocks, the first of which settles; the last two, of one landmark, are too precise."""
+    world, late, at_once = driven("range-bearing", correction)
+    scan = world.seen(np.array([*range(40), 39]))
+    scan.cov[-2:] *= 1e-20
+    for slam in (late, at_once):
+        slam.predict(np.zeros(3), np.diag([1.0, 1.0, 1e-3]))
+        with pytest.raises(UserError, match="no update exists"):
+            slam.update(scan)
+    assert something_waits(late)
+    assert_same(late, at_once, whole=True)
+
+
+@POSTPONING
+def test_what_a_refused_scan_has_postponed_is_undone(correction: str) -> None:
+    """A new landmark seen thrice: what the scan sees of an old one has been taken in before it is refused."""
+    world, late, at_once = driven("range-bearing", correction)
+    scan = world.seen(np.array([3, 405, 405, 405]))
+    scan.cov[-2:] *= 1e-24
+    for slam in (late, at_once):
+        with pytest.raises(UserError, match="no update exists"):
+            slam.update(scan)
+    assert_same(late, at_once, whole=True)
+
+
+@POSTPONING
 def test_bearings_alone_wait_too(correction: str) -> None:
     """Points of a bearing filter, seen one at a time; a ray begins and ends in between."""
     rule, rng = RULES[correction], np.random.default_rng(3)  # pyright: ignore[reportArgumentType]
     late, at_once = (BearingFilter(np.zeros(3), PRIOR_COV, each) for each in (rule, rule._replace(waiting=(1, 0))))
-    landmarks, pose, waited = rng.uniform(-9.0, 9.0, (111, 2)) + [0.0, 9.0], np.zeros(3), 0
+    landmarks = rng.uniform([-9.0, 0.0], [9.0, 18.0], (111, 2))
+    pose, waited = np.zeros(3), 0
     for step in range(80):
         pose[:2] += rotation(pose[2]) @ [0.6, 0.0]
         pose[2] += 0.066
