@@ -1,11 +1,13 @@
 """Full against compressed filter on growing maps: one table.
 
     python benchmarks/large_maps.py [--landmarks 100,300,1000] [--radius 15] [--sights 0]
+        [--correction standard]
 
 Milliseconds a step over the second round of the bench workload, all with the settling of the map included: median,
 mean, 95 % quantile and the worst step; the largest difference of the two filters' poses; and the allocated memory
 over that of the covariance alone. With `--sights`, a field is driven through lane by lane instead, with about that many
-landmarks in view, and the figures are those of its second half. A star marks the filter that the estimator `ekf` takes.
+landmarks in view, and the figures are those of its second half. A star marks the filter that the estimator of the
+correction takes (`ekf`, or `riekf` with `--correction right-invariant`).
 """
 
 from __future__ import annotations
@@ -61,25 +63,28 @@ def main() -> None:
     parser.add_argument("--landmarks", default="100,300,1000")
     parser.add_argument("--radius", type=float, default=15.0)
     parser.add_argument("--sights", type=int, default=0)
+    parser.add_argument("--correction", choices=("standard", "right-invariant"), default="standard")
     options = parser.parse_args()
     titles = ("landmarks", "filter", "median [ms]", "mean [ms]", "p95 [ms]", "worst [ms]", "difference", "memory/P")
     print(" ".join(f"{title:>11}" for title in titles))
     for size in map(int, options.landmarks.split(",")):
         _, recording = simulate(field(size, options.sights) if options.sights else workload(size), 0)
-        taken = "full" if area_that_pays(recording) is None else "compressed"
+        taken = "full" if area_that_pays(recording, options.correction) is None else "compressed"
         prior = recording.sensor, recording.prior_mean, recording.prior_cov
-        run(CompressedFilter(*prior, options.radius), simulate(workload(20), 0)[1])  # compiled code loaded
+        compressed = CompressedFilter(*prior, options.radius, correction=options.correction)
+        run(compressed, simulate(workload(20), 0)[1])  # compiled code loaded
         tracemalloc.start()
-        full = SlamFilter(*prior, landmarks=size)
+        full = SlamFilter(*prior, options.correction, landmarks=size)
         for k, scan in enumerate(recording.scans()):
             if k > recording.steps // 2:  # every scan's size has been met, so every work array is there
                 break
             full.update(scan)
         memory = tracemalloc.get_traced_memory()[0] / (8.0 * (3 + 2 * size) ** 2)
         tracemalloc.stop()
-        full = SlamFilter(*prior, landmarks=size)
+        full = SlamFilter(*prior, options.correction, landmarks=size)
+        compressed = CompressedFilter(*prior, options.radius, correction=options.correction)
         reference = np.zeros((0, 3))
-        for name, slam in (("full", full), ("compressed", CompressedFilter(*prior, options.radius))):
+        for name, slam in (("full", full), ("compressed", compressed)):
             seconds, poses = run(slam, recording)
             reference = poses if name == "full" else reference
             second = seconds[recording.steps // 2 :] * 1e3

@@ -1,4 +1,4 @@
-"""The standard filter on large maps: while the robot stays in an area, the rest of the map waits.
+"""The standard and the right-invariant filter on large maps: in an area, the rest of the map waits.
 
 Everything that happens in an area changes the rest B of the map only through the area's own entries A,
 as they were on entry (index 0). Three small matrices keep account of it, exactly:
@@ -10,7 +10,20 @@ with T = I, C = 0, g = 0 on entry; T <- F T in a prediction; in an update with w
 would cost in a map that holds the area alone (some four times as much, because of the account), and the rest
 of the map is settled when the robot leaves the area, or sees a landmark outside it.
 
-Source: Guivant and Nebot, IEEE Transactions on Robotics and Automation 17(3), 2001.
+The right-invariant filter also moves every landmark by V dx, V = v_cos I + v_sin J, and changes its errors by
+J V dx times that of the heading (see `kernels.corrections`). Both mix a landmark's x and y, and nothing else does: they
+leave V and J before the landmark's own rows of P_BA0. So the account is kept over twice as many rows,
+
+    Q = [P_AB0; P_AB0 J_B']  in place of P_AB0,  with T = [I, 0] on entry
+
+where J_B is J for each landmark. The formulas above hold as they stand. A row m = [m_1, m_2] over Q that moves
+the landmarks by Q'm' is turned by m J = [-m_2, m_1], and the retraction after an update is, with the correction's
+m = y'N, c = m V J, t = T's row of the heading, and u and P of the area after it (u as in `kernels.corrections`):
+
+    g <- g + (m V)',    T <- T + u t + P_A,theta c,    C <- C + c't + t'c + P_theta,theta c'c
+
+Sources: Guivant and Nebot, IEEE Transactions on Robotics and Automation 17(3), 2001 (standard); the right-invariant
+account is our own.
 """
 
 from __future__ import annotations
@@ -20,9 +33,8 @@ from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.filter import SlamFilter
-from slamgauge.ekf.kernels.area_account import account_for_update
+from slamgauge.ekf.kernels.area_account import account_for_turn, account_for_update
 from slamgauge.ekf.kernels.belief import Belief
-from slamgauge.ekf.kernels.corrections import update_standard
 from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.ekf.maps.checks import (
     ids_of,
@@ -35,9 +47,10 @@ from slamgauge.ekf.maps.checks import (
     rows_of,
     start_of,
 )
-from slamgauge.ekf.maps.rules import WHOLE_SCAN, Rule
+from slamgauge.ekf.maps.rules import RULES, WHOLE_SCAN, Correction, Rule, rule_of
 from slamgauge.ekf.online import PointFilter
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.errors import UserError
 from slamgauge.memory import require_memory
 from slamgauge.recording import OBSERVATION_DIM, Observations
 
@@ -45,7 +58,7 @@ ROWS = 128  # of the map's covariance that are settled together
 
 
 class CompressedFilter(PointFilter):
-    """Standard EKF-SLAM with known association; equal to `SlamFilter`, faster on large maps.
+    """EKF-SLAM with known association, standard or right-invariant; equal to `SlamFilter`, faster on large maps.
 
     Args:
         sensor: `range-bearing` or `position` (see `slamgauge.Recording`).
@@ -55,9 +68,10 @@ class CompressedFilter(PointFilter):
             third of that distance away; one and a half times the sensor's range serves well.
         robust: how updates are guarded against outliers.
         landmarks: how many to make room for at first; the filter grows beyond that by itself.
+        correction: `standard` or `right-invariant` (see `kernels.corrections`).
 
     Raises:
-        UserError: a sensor that does not exist or fit, an invalid prior, radius, or number of landmarks.
+        UserError: a sensor or correction that does not exist or fit, an invalid prior, radius, or number of landmarks.
     """
 
     def __init__(
@@ -68,8 +82,15 @@ class CompressedFilter(PointFilter):
         area_radius: float,
         robust: Robustness = PLAIN,
         landmarks: int = 32,
+        correction: Correction = "standard",
     ) -> None:
         require_sensor(sensor, ("range-bearing", "position"))
+        self._rule = rule_of(correction)
+        self._is_turning = self._rule == RULES["right-invariant"]
+        if not (self._is_turning or self._rule == RULES["standard"]):
+            raise UserError(
+                f"correction: {correction!r} has no account of an area; use standard or right-invariant, or SlamFilter"
+            )
         require_radius(area_radius)
         self._sensor = sensor
         self._area_radius = area_radius
@@ -167,11 +188,15 @@ class CompressedFilter(PointFilter):
     def _update_local(self, sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
         state, size = belief.state, belief.size
         self._account_for_new_landmarks(state[:3], state[3:size])  # a step may see a new landmark twice
-        nis, informative = update_standard(sensor, belief, count, work)
+        nis, informative = self._rule.update(sensor, belief, count, work)
         if np.isfinite(nis):
             if len(self._N) < 2 * count:
                 self._N = np.zeros((2 * count, len(self._C)))
-            account_for_update(count, size, work, self._T, self._N, self._C, self._vector)
+            move = np.zeros(len(self._C))
+            account_for_update(count, size, work, self._T, self._N, self._C, move)
+            if self._is_turning:
+                account_for_turn(belief, work, self._T, self._C, move)
+            self._vector += move
         return nis, informative
 
     def _enter_area(self, seen: Int) -> None:
@@ -193,8 +218,9 @@ class CompressedFilter(PointFilter):
         )
         self._local.map.replace(self._ids[near], positions[near], area_cov)
         size = len(self._area)
-        self._T, self._C, self._N = np.eye(size), np.zeros((size, size)), np.zeros((0, size))
-        self._vector = np.zeros(size)
+        rows = 2 * size if self._is_turning else size
+        self._T, self._C, self._N = np.eye(size, rows), np.zeros((rows, rows)), np.zeros((0, rows))
+        self._vector = np.zeros(rows)
 
     def _settle(self, seen: Int) -> None:
         """Bring the whole map up to date, and enter the area around the robot."""
@@ -204,6 +230,8 @@ class CompressedFilter(PointFilter):
         self._make_room(size)  # may be refused, and before anything changes
         now = np.concatenate([area, np.arange(old, size)])
         known = self._cov[area]
+        if self._is_turning:
+            known = np.vstack([known, turned(known)])
         C = np.triu(self._C) + np.triu(self._C, 1).T
         for first in range(0, old, ROWS):  # those of the area, too: they are overwritten
             rows = slice(first, min(first + ROWS, old))
@@ -226,3 +254,10 @@ class CompressedFilter(PointFilter):
             room = np.zeros((size + size // 4, size + size // 4))
             room[:used, :used] = self._room
             self._room = room
+
+
+def turned(rows: Float) -> Float:
+    """Rows (a, 3 + 2L) times J_B': (x, y) of each landmark becomes (-y, x). The robot's entries stay."""
+    result = rows.copy()
+    result[:, 3::2], result[:, 4::2] = -rows[:, 4::2], rows[:, 3::2]
+    return result

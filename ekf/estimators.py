@@ -17,7 +17,7 @@ from slamgauge.ekf.given_ids import GivenIds
 from slamgauge.ekf.history import History
 from slamgauge.ekf.large_maps import area_that_pays
 from slamgauge.ekf.maps.checks import without_rounding
-from slamgauge.ekf.maps.rules import CORRECTIONS, Correction
+from slamgauge.ekf.maps.rules import CORRECTIONS, TABLE, Correction
 from slamgauge.ekf.numpy_filter import MovingBelief, NumpyFilter
 from slamgauge.ekf.online import OnlineFilter
 from slamgauge.ekf.robocentric import RobocentricBelief
@@ -231,11 +231,15 @@ def online_filter(
         return AssociatingFilter(recording.sensor, *start, association, robust)
     landmarks = len(distinct(recording.landmark))
     _require_room(landmarks, ROOM)
-    radius = area_that_pays(recording) if correction is CORRECTIONS["ekf"] else None
+    radius = area_that_pays(recording, correction)
     if radius is None:
         return SlamFilter(recording.sensor, *start, landmarks=landmarks, robust=robust)
-    tell_once(f"{landmarks} landmarks: ekf works area by area (CompressedFilter), which gives the same for less work")
-    return CompressedFilter(recording.sensor, recording.prior_mean, recording.prior_cov, radius, robust, landmarks)
+    name = TABLE[correction].estimator
+    tell_once(
+        f"{landmarks} landmarks: {name} works area by area (CompressedFilter), which gives the same for less work"
+    )
+    prior = recording.prior_mean, recording.prior_cov
+    return CompressedFilter(recording.sensor, *prior, radius, robust, landmarks, correction)
 
 
 def _require_room(landmarks: int, room: float) -> None:

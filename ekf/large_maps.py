@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float, Int, distinct
+from slamgauge.ekf.maps.rules import Correction
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 from slamgauge.sights import positions_seen
@@ -16,25 +17,30 @@ from slamgauge.sights import positions_seen
 FEW = 300  # landmarks of a map that the caches hold: it is never compressed
 AREA = 1.5  # radius of an area over the farthest sight
 CLEARLY = 0.5  # of the full filter's work: less is worth another program
-ACCOUNT = 4.0  # work of a step with the account of its area, over that without
+ACCOUNT: dict[Correction, float] = {"standard": 4.0, "right-invariant": 9.0}  # work of a step with that of its area
+BASIS: dict[Correction, float] = {
+    "standard": 1.0,
+    "right-invariant": 2.0,
+}  # rows of an account for an entry of its area
 COPIED = 270.0  # multiply-adds in the time in which settling touches an entry of the covariance
 
 
-def area_that_pays(recording: Recording) -> float | None:
+def area_that_pays(recording: Recording, correction: Correction) -> float | None:
     """Radius [m] of the areas with which a compressed filter does clearly less work than the full one, if any.
 
     Args:
         recording: known association; not of bearings alone.
+        correction: that of the filter; some have no compressed form.
     """
     assert recording.landmark is not None
-    if len(distinct(recording.landmark)) < FEW:
+    if correction not in ACCOUNT or len(distinct(recording.landmark)) < FEW:
         return None
     radius = AREA * float(_distances(recording).max())
-    full, compressed = work(recording, radius)
+    full, compressed = work(recording, correction, radius)
     return radius if compressed < CLEARLY * full else None
 
 
-def work(recording: Recording, radius: float) -> tuple[float, float]:
+def work(recording: Recording, correction: Correction, radius: float) -> tuple[float, float]:
     """Multiply-adds of the full filter, and of the compressed one with areas of a radius [m]."""
     path, slot, positions, mapped = _dead_reckoned(recording)
     first = np.searchsorted(recording.observation_step, np.arange(recording.steps + 2))
@@ -46,12 +52,12 @@ def work(recording: Recording, radius: float) -> tuple[float, float]:
         seen = slot[first[k] : first[k + 1]]
         outside = (mapped[seen] <= entered) & ~area[seen]
         if outside.any() or np.hypot(*(path[k] - entry)[:2]) > radius / 3.0:
-            compressed += (2.0 * area.sum() + COPIED) * sizes[k - 1] ** 2
+            compressed += (2.0 * BASIS[correction] * area.sum() + COPIED) * sizes[k - 1] ** 2
             entry, entered = path[k], k - 1
             area = (mapped <= entered) & (np.hypot(*(positions - entry[:2]).T) <= radius)
             area[seen] |= mapped[seen] <= entered
         inside = 3.0 + 2.0 * (area.sum() + ((mapped > entered) & (mapped <= k)).sum())
-        compressed += ACCOUNT * rows[k] * inside**2 / 2.0
+        compressed += ACCOUNT[correction] * rows[k] * inside**2 / 2.0
     return full, compressed
 
 

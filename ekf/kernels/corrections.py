@@ -94,8 +94,7 @@ def retract_right_invariant(belief: Belief, work: Workspace) -> None:
 def move_invariantly(belief: Belief, dx: Float, u: Float) -> None:
     """Move every point by V(dtheta) dx, all else by dx, and leave u of T = I + u e_theta'."""
     state, turn = belief.state, dx[2]
-    v_cos = math.sin(turn) / turn if turn != 0.0 else 1.0
-    v_sin = 2.0 * math.sin(turn / 2.0) ** 2 / turn if turn != 0.0 else 0.0
+    v_cos, v_sin = mean_rotation(turn)
     _move(state, dx, u, 0, v_cos, v_sin)
     state[2] = wrap(state[2] + turn)
     u[2] = 0.0
@@ -106,6 +105,14 @@ def move_invariantly(belief: Belief, dx: Float, u: Float) -> None:
             for k in (i, i + 1):
                 state[k] += dx[k]
                 u[k] = 0.0
+
+
+@kernel
+def mean_rotation(turn: float) -> tuple[float, float]:
+    """Cosine and sine of V(turn), the mean of the rotations from none to `turn`: it turns and shrinks."""
+    if turn == 0.0:
+        return 1.0, 0.0
+    return math.sin(turn) / turn, 2.0 * math.sin(turn / 2.0) ** 2 / turn
 
 
 @kernel
