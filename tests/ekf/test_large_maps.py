@@ -8,10 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from slamgauge.ekf import CompressedFilter, SlamFilter, ekf, riekf
+from slamgauge.ekf import CompressedFilter, SlamFilter, estimators, riekf
 from slamgauge.ekf.estimators import drive, online_filter
-from slamgauge.ekf.large_maps import area_that_pays
-from slamgauge.ekf.maps.rules import CORRECTIONS
+from slamgauge.ekf.large_maps import area_that_pays, work
+from slamgauge.ekf.maps.rules import CORRECTIONS, Correction
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR
 from slamgauge.ekf.settings.initialisation import Rays
 from slamgauge.ekf.settings.robustness import PLAIN
@@ -57,38 +57,48 @@ def chosen(recording: Recording, correction: str = "ekf") -> type:
     return type(online_filter(recording, CORRECTIONS[correction], NEAREST_NEIGHBOUR, Rays(), PLAIN))
 
 
-def test_a_long_road_is_worked_area_by_area_and_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("name", ["ekf", "riekf"])
+def test_a_long_road_is_worked_area_by_area_and_says_so(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     recording = along_a_road(400, 3.0, 0.02)
-    assert chosen(recording) is CompressedFilter
+    assert chosen(recording, name) is CompressedFilter
     assert capsys.readouterr().err == (
-        "slamgauge: 400 landmarks: ekf works area by area (CompressedFilter), which gives the same for less work\n"
+        f"slamgauge: 400 landmarks: {name} works area by area (CompressedFilter), which gives the same for less work\n"
     )
-    assert chosen(recording, "riekf") is SlamFilter
+    assert {chosen(recording, other) for other in CORRECTIONS if other not in ("ekf", "riekf")} == {SlamFilter}
+
+
+def test_the_dearer_account_of_the_right_invariant_filter_is_counted() -> None:
+    recording = along_a_road(400, 3.0, 0.02)
+    full, standard = work(recording, "standard", 4.5)
+    same, invariant = work(recording, "right-invariant", 4.5)
+    assert same == full > invariant > standard
 
 
 def test_areas_that_are_left_at_once_and_maps_that_are_one_area_are_not() -> None:
     assert chosen(along_a_road(400, 3.0, 0.5)) is SlamFilter
     assert chosen(along_a_road(310, 200.0, 5.0)) is SlamFilter
-    assert area_that_pays(along_a_road(100, 3.0, 0.02)) is None
+    assert area_that_pays(along_a_road(100, 3.0, 0.02), "standard") is None
 
 
 def test_a_dozen_sights_a_step_of_a_map_that_settling_copies_at_every_metre_and_a_half_are_not() -> None:
     """The compressed filter takes 1.6 times as long here."""
-    assert area_that_pays(along_a_road(800, 3.0, 0.1)) is None
+    assert area_that_pays(along_a_road(800, 3.0, 0.1), "standard") is None
 
 
-def test_the_estimate_is_that_of_the_full_filter(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", ["ekf", "riekf"])
+def test_the_estimate_is_that_of_the_full_filter(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     recording = along_a_road(60, 3.0, 0.1)
-    full = ekf(recording)
+    estimator = getattr(estimators, name)
+    full = estimator(recording)
 
-    def always(recording: Recording) -> float:
+    def always(recording: Recording, _: Correction) -> float:
         return float(recording.observation[:, 0].max())
 
     monkeypatch.setattr("slamgauge.ekf.estimators.area_that_pays", always)
-    assert chosen(recording) is CompressedFilter
-    estimate = ekf(recording)
-    for name in ("poses", "pose_covs", "landmarks", "landmark_covs", "nis"):
-        np.testing.assert_allclose(getattr(estimate, name), getattr(full, name), atol=1e-9, err_msg=name)
+    assert chosen(recording, name) is CompressedFilter
+    estimate = estimator(recording)
+    for what in ("poses", "pose_covs", "landmarks", "landmark_covs", "nis"):
+        np.testing.assert_allclose(getattr(estimate, what), getattr(full, what), atol=1e-9, err_msg=what)
 
 
 def beyond_the_covariance(landmarks: int) -> float:

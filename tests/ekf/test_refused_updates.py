@@ -40,6 +40,11 @@ MAKERS: dict[str, tuple[int, bool, Callable[[], Any]]] = {  # dimension, whether
     "gate": (2, True, lambda: SlamFilter("range-bearing", *START, robust=Robustness("gate"))),
     "student-t": (2, True, lambda: SlamFilter("range-bearing", *START, robust=Robustness("student-t"))),
     "compressed": (2, True, lambda: CompressedFilter("range-bearing", *START, 15.0)),
+    "compressed invariant": (
+        2,
+        True,
+        lambda: CompressedFilter("range-bearing", *START, 15.0, correction="right-invariant"),
+    ),
     "nearest": (2, False, lambda: AssociatingFilter("range-bearing", *START)),
     "nearest invariant": (2, False, lambda: AssociatingFilter("range-bearing", *START, "right-invariant")),
     "jcbb": (2, False, lambda: AssociatingFilter("range-bearing", *START, "standard", JCBB)),
