@@ -161,7 +161,8 @@ class CompressedFilter(PointFilter):
             self._local.map.require_sound(values, covs)
             self._settle(ids)
         account = (self._T, self._C, self._vector)
-        if len(np.unique(ids)) < len(ids):  # then a later part of the update may be refused
+        known = np.isin(ids, self._local.landmark_ids).all() and len(np.unique(ids)) == len(ids)
+        if not known:  # a later part of the update may be refused
             self._T, self._C, self._vector = (each.copy() for each in account)
         try:
             result = self._local.update(observations, gate)
