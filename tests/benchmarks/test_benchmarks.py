@@ -66,6 +66,7 @@ SMALLEST = {
         "landmarks ours [ms] p95 other [ms] p95 ours/other difference",
         "20 0.0",
     ),
+    "compressed_memory": ("--landmarks 160", "landmarks P [GB] beyond [GB] drive [s] longest [s]", "160 0.001 "),  # 3 s
     "faults": (  # 10 s
         "--faults limit,read-only,foreign --commands export --foreign 40 --kills 1",
         "fault command tried done refused traceback hang crash lost",
