@@ -341,3 +341,32 @@ def test_curves_that_are_no_ellipse_stay():
     curves = "".join(f"C {i}.123 1 {i} 2 {i} {i * i}.123 " for i in range(8))
     path = f'<path d="M 0.123 0 {curves}z"/>'
     assert thinned(path.encode()).decode() == path.replace(".123", ".12")
+
+
+def test_what_is_of_one_style_says_it_once():
+    figure = Figure()
+    axes = figure.add_subplot()
+    axes.plot(np.arange(50.0), np.arange(50.0) ** 2, "r.")
+    axes.plot([20.0, 30.0], [5.0, 6.0], "bx")
+    axes.add_collection(EllipseCollection([2.0] * 9, [1.0] * 9, [30.0] * 9, units="xy", offsets=[(4.0, 5.0)] * 9))
+    svg = BytesIO()
+    figure.savefig(svg, format="svg")
+    drawn, thin = (_drawn(ElementTree.fromstring(each)) for each in (svg.getvalue(), thinned(svg.getvalue())))
+    assert [style for style, _ in thin] == [style for style, _ in drawn]
+    np.testing.assert_allclose([place for _, place in thin], [place for _, place in drawn], atol=0.006)
+    assert (svg.getvalue().count(b"fill: #ff0000"), thinned(svg.getvalue()).count(b"fill: #ff0000")) == (50, 1)
+
+
+def _drawn(root: ElementTree.Element) -> list[tuple[dict[str, str], tuple[float, float]]]:
+    """Style (its own or inherited) and place (of a path 0) of everything that an SVG draws, in its order."""
+    drawn: list[tuple[dict[str, str], tuple[float, float]]] = []
+
+    def walk(element: ElementTree.Element, inherited: dict[str, str]) -> None:
+        styled = inherited | {key: element.attrib[key] for key in ("style", "clip-path") if key in element.attrib}
+        if element.tag.endswith(("}path", "}use")):
+            drawn.append((styled, (float(element.get("x", 0.0)), float(element.get("y", 0.0)))))
+        for each in element:
+            walk(each, styled)
+
+    walk(root, {})
+    return drawn
