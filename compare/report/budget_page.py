@@ -19,7 +19,7 @@ PICTURES = {
 }
 HEADS = (
     Head("rung", "an estimator on the same measurements as the others, which lacks one thing more", words=True),
-    Head("for", words=True),
+    Head("for", "what the rung pays for", words=True),
     Head("mse [m²]", "mean squared position error over runs and steps"),
     Head("adds [m²]", "what it has more than the rung before: what could be gained back there"),
     Head("95 % interval", "of what it adds, bootstrapped over runs"),

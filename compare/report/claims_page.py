@@ -15,7 +15,7 @@ from slamgauge.compare.storage.result_files import CLAIMS, REPORT
 from slamgauge.compare.studies.claim_evidence import ALPHA
 
 HEADS = (
-    Head("claim", words=True),
+    Head("claim", "its name in claims.json", words=True),
     Head("section", "of the practical", words=True),
     Head("the practical", "its conclusion, in a few words", words=True),
     Head("hypothesis", "the same as a statement about a ratio of two figures of the same run", words=True),

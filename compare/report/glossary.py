@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from slamgauge.compare.report.content import Head
+from slamgauge.compare.report.content import Table as PageTable
 from slamgauge.compare.scoring.catalogue import CATALOGUE, columns
 from slamgauge.compare.scoring.quantity import Table
 
 HELP = {each.key: each.help for each in CATALOGUE}
+ESTIMATOR = Head("estimator", "who made the estimate", words=True)
+KIND = Head(
+    "kind",
+    "filtered: a pose knows the past alone; smoothed: it knows all measurements. They are never ranked",
+    words=True,
+)
 TERMS = {
     "run": (
-        ("estimator", "who made the estimate"),
-        ("kind", "filtered: a pose knows the past alone; smoothed: it knows all measurements. They are never ranked"),
         ("causal optimum", "the best that can be known of a pose from what came before (isam2), with the true noise"),
         ("hindsight optimum", "the best that all measurements together tell (batch)"),
         (
@@ -30,6 +37,7 @@ def figure_heads(table: Table, *, bounded: bool = False) -> list[Head]:
     return [Head(title, HELP[key]) for title, key, _ in columns(table, bounded=bounded)]
 
 
-def glossary(table: Table, *, bounded: bool = False) -> list[tuple[str, str]]:
-    """Terms and meanings: those of every column of a table, and of the words around it."""
-    return [*TERMS.get(table, ()), *((head.title, head.help) for head in figure_heads(table, bounded=bounded))]
+def glossary(terms: Iterable[tuple[str, str]], tables: Iterable[PageTable]) -> list[tuple[str, str]]:
+    """Terms, and the columns of tables: each once, and nothing of a table without rows, which is not shown."""
+    shown = [head for table in tables if table.rows for head in table.columns]
+    return [*dict.fromkeys([*terms, *((head.title, head.help) for head in shown if head.help)])]

@@ -21,10 +21,12 @@ FIGURES = (
     ("sigma_heading_ratio", "heading sigma x reference", "likewise of the heading", "{:.3f}"),
     ("ratio_to_optimum", "ATE x causal optimum", "over that of the causal optimum", "{:.3f}"),
 )
+SUBMISSION = Head("submission", "as its file is called", words=True)
+VERDICT = Head("verdict", "passed where nothing speaks against it", words=True)
 WHY = (
-    Head("law", "what a right filter does whatever it is; `slamgauge check` has them all", words=True),
-    Head("what is measured", words=True),
-    Head("what is to blame, as a rule", words=True),
+    Head("law", "what a right filter does whatever it is; the command slamgauge check has them all", words=True),
+    Head("what is measured", "how far from the law it is", words=True),
+    Head("what is to blame, as a rule", "the part of a filter whose mistake shows there", words=True),
 )
 Row = dict[str, str]
 
@@ -55,8 +57,8 @@ def verdict(row: Row) -> str:
 
 def class_table(rows: list[Row]) -> Table:
     """A row for each submission, which leads to its page."""
-    heads = [Head("submission", words=True), Head("verdict", words=True), *(Head(*each[1:3]) for each in FIGURES)]
-    heads += [Head("laws broken"), Head("time [s]", "median of a run")]
+    heads = [SUBMISSION, VERDICT, *(Head(*each[1:3]) for each in FIGURES)]
+    heads += [Head("laws broken", "how many of those that every filter must obey"), Head("time [s]", "median of a run")]
     cells = [
         [
             Cell(row["submission"], link=f"{PAGES}/{quote(row['submission'])}.html"),
@@ -77,7 +79,7 @@ def _figure(row: Row, key: str, form: str) -> Cell:
 def law_table(rows: list[Row]) -> Table:
     """The laws that any of these submissions breaks, and what that means."""
     broken = {name: [row["submission"] for row in rows if name in row["failed_laws"].split()] for name in LAW}
-    heads = [*WHY, Head("broken by", words=True)]
+    heads = [*WHY, Head("broken by", "which submissions", words=True)]
     cells = [
         [Cell(name), Cell(LAW[name].figure), Cell(LAW[name].blame), Cell(", ".join(who))]
         for name, who in broken.items()
@@ -96,7 +98,10 @@ def submission_page(folder: Path, row: Row, where: list[tuple[str, str, bool]]) 
         [Cell(title), _figure(row, key, form), Cell(_ends(row, key, form)), Cell(meaning)]
         for key, title, meaning, form in FIGURES
     ]
-    heads = [Head("figure", words=True), Head("mean"), Head("95 % interval"), Head("what it is", words=True)]
+    heads = [
+        Head("figure", "what is measured; its last column says more", words=True),
+        *(Head("mean", "over runs"), Head("95 % interval", "of the mean"), Head("what it is", "in words", words=True)),
+    ]
     reasons = row["reason"].split("; ") if row["reason"] else []
     return plain_page(
         kind="a submission",

@@ -20,19 +20,19 @@ PICTURES = {
     )
 }
 HEADS = (
-    Head("noise", words=True),
-    Head("unit", words=True),
-    Head("assumed"),
+    Head("noise", "of which measurement", words=True),
+    Head("unit", "of what is found", words=True),
+    Head("assumed", "the sigma that the recording states"),
     Head("found", "the likeliest value"),
     Head("95 % interval", "of the profile likelihood; an end that is missing the log does not have"),
-    Head("verdict", words=True),
+    Head("verdict", "what the interval says of what is assumed", words=True),
 )
 NIS = (
-    Head("channel", words=True),
+    Head("channel", "what is measured", words=True),
     Head("NIS as assumed", "innovations over their variance, with the noise that the recording states; 1 when right"),
-    Head("NIS as found"),
-    Head("95 % band"),
-    Head("rows"),
+    Head("NIS as found", "the same with the likeliest noise"),
+    Head("95 % band", "where a right noise would have it"),
+    Head("rows", "how many innovations there are"),
 )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from slamgauge.compare.report.content import Cell, Picture, Table
+from slamgauge.compare.report.glossary import glossary as explained
 from slamgauge.compare.report.page import render
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.text_table import cell, interval_cell
@@ -24,11 +25,7 @@ def plain_page(
     back: str = "",
     verbatim: Sequence[str] = (),
 ) -> str:
-    """A page; `lead` is what is told first, each with whom it is about, `verbatim` lines of a program's record.
-
-    What several tables have in a column is explained once, and nothing of a table without rows, which is not shown.
-    """
-    columns = [(head.title, head.help) for each in tables if each.rows for head in each.columns if head.help]
+    """A page; `lead` is what is told first, each with whom it is about, `verbatim` lines of a program's record."""
     return render(
         "plain.html",
         kind=kind,
@@ -37,7 +34,7 @@ def plain_page(
         notes=notes,
         tables=tables,
         pictures=pictures,
-        glossary=[*dict.fromkeys([*glossary, *columns])],
+        glossary=explained(glossary, tables),
         origin=origin,
         back=back,
         verbatim=verbatim,

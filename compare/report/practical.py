@@ -8,7 +8,7 @@ from urllib.parse import quote
 
 from slamgauge.compare.estimators.registry import is_yardstick
 from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
-from slamgauge.compare.report.glossary import TERMS, figure_heads
+from slamgauge.compare.report.glossary import ESTIMATOR, TERMS, figure_heads
 from slamgauge.compare.report.plain_page import figure_cell, plain_page
 from slamgauge.compare.report.run_page import PICTURES, lead
 from slamgauge.compare.scoring.catalogue import columns
@@ -93,10 +93,10 @@ QUESTIONS = {
     ),
 }
 CLAIM_HEADS = (
-    Head("claim", words=True),
+    Head("claim", "its name in claims.json", words=True),
     Head("section", "of the practical", words=True),
-    Head("the practical", words=True),
-    Head("as a statement about many runs", words=True),
+    Head("the practical", "its conclusion, in a few words", words=True),
+    Head("as a statement about many runs", "what is tested: a ratio of two figures of the same run", words=True),
 )
 CHIEF = {
     *("ate_m", "final_position_error_m", "nees_pose", "nis_per_dof"),
@@ -120,7 +120,7 @@ def question_page(folder: Path, name: str) -> str:
         for estimator, entry in metrics["estimators"].items()
     ]
     chief = [head for head in figure_heads("run") if head.title in {title for title, _, _ in found}]
-    heads = [Head("scenario", words=True), Head("estimator", words=True), *chief]
+    heads = [Head("scenario", "what was simulated", words=True), ESTIMATOR, *chief]
     claims = [
         [Cell(each.id), Cell(each.section), Cell(each.claim), Cell(each.hypothesis)]
         for each in CLAIMS

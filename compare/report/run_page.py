@@ -8,7 +8,7 @@ from typing import Any
 from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
 from slamgauge.compare.report.content import Cell, Head, Table, looks, origin, pictures, sized
-from slamgauge.compare.report.glossary import figure_heads, glossary
+from slamgauge.compare.report.glossary import ESTIMATOR, KIND, TERMS, figure_heads, glossary
 from slamgauge.compare.report.page import render
 from slamgauge.compare.report.replay_data import replay_data
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns
@@ -49,6 +49,12 @@ def run_page(folder: Path) -> dict[str, str]:
     shown = looks(results.estimates, hidden=(DEAD_RECKONING,) if others else ())
     comparison = Comparison(results.truth, results.recording, results.estimates, {}, optima_of(results))
 
+    scores, drift, closures = (
+        score_table(metrics, doubtful_kinds(comparison)),
+        drift_table(metrics),
+        closure_table(metrics),
+    )
+
     def page(data: dict[str, Any]) -> str:
         return render(
             "run.html",
@@ -56,13 +62,13 @@ def run_page(folder: Path) -> dict[str, str]:
             title=results.title,
             lead=lead(metrics),
             notes=[*optimum_notes(comparison), *metrics.get("notes", ()), *failures(metrics)],
-            table=score_table(metrics, doubtful_kinds(comparison)),
-            drift=drift_table(metrics),
-            closures=closure_table(metrics),
+            table=scores,
+            drift=drift,
+            closures=closures,
             looks=shown,
             legend=legend(results),
             pictures=pictures(folder, PICTURES),
-            glossary=glossary("run"),
+            glossary=glossary(TERMS["run"], (scores, closures, drift)),
             origin=origin(
                 path, metrics, [("Steps", str(results.recording.steps)), ("Sensor", results.recording.sensor)]
             ),
@@ -120,7 +126,7 @@ def score_table(metrics: dict[str, Any], doubtful: set[str]) -> Table:
             mark = MARK if value is not None and key in RELATIVE and entry["kind"] in doubtful else ""
             row.append(Cell(cell(value, form) + mark, sized(value)))
         rows.append(row)
-    heads = [Head("estimator", words=True), Head("kind", words=True), *figure_heads("run")]
+    heads = [ESTIMATOR, KIND, *figure_heads("run")]
     return Table("scores", "Figures of the whole run; a click on a head sorts", heads, rows)
 
 
@@ -136,7 +142,13 @@ def drift_table(metrics: dict[str, Any]) -> Table:
         for name, entry in metrics["estimators"].items()
         for each in entry.get("rpe_by_distance") or ()
     ]
-    heads = [Head("estimator", words=True), *map(Head, ("over [m]", "error [m]", "of the turn [rad]", "pieces"))]
+    heads = [
+        ESTIMATOR,
+        Head("over [m]", "length of the pieces along the true path"),
+        Head("error [m]", "of the motion over such a piece, seen from where it begins"),
+        Head("of the turn [rad]", "error of the turn over such a piece"),
+        Head("pieces", "how many there are"),
+    ]
     return Table(
         "drift", "Relative pose errors: root mean squares over all pieces of the true path of a length", heads, rows
     )
@@ -145,7 +157,14 @@ def drift_table(metrics: dict[str, Any]) -> Table:
 def closure_table(metrics: dict[str, Any]) -> Table:
     """Errors and sigmas on both sides of every loop closure."""
     keys = ("error_before_m", "error_after_m", "sigma_before_m", "sigma_after_m")
-    titles = ("error before [m]", "after [m]", "sigma before [m]", "after [m]")
+    heads = [
+        ESTIMATOR,
+        Head("step", "of the loop closure: a landmark of long ago is seen again"),
+        Head("error before [m]", "position error at the step before"),
+        Head("error after [m]", "at the step itself"),
+        Head("sigma before [m]", "position sigma that the estimate claims at the step before"),
+        Head("sigma after [m]", "at the step itself"),
+    ]
     entries = metrics["estimators"].items()
     closures = [(name, each) for name, entry in entries for each in entry.get("loop_closure") or ()]
     every = max(-(-len(closures) // MOST_CLOSURES), 1)
@@ -155,7 +174,6 @@ def closure_table(metrics: dict[str, Any]) -> Table:
         for name, closure in closures[::every]
     ]
     which = "each loop closure" if every == 1 else f"1 in {every} loop closures"
-    heads = [Head("estimator", words=True), Head("step"), *map(Head, titles)]
     return Table("closures", f"Position error and its sigma before and after {which}", heads, rows)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from slamgauge.compare.report.content import Cell, Head, Look, Table, looks, origin, pictures, sized
-from slamgauge.compare.report.glossary import figure_heads, glossary
+from slamgauge.compare.report.glossary import ESTIMATOR, HELP, TERMS, figure_heads, glossary
 from slamgauge.compare.report.packing import pack
 from slamgauge.compare.report.page import render
 from slamgauge.compare.report.rerun import command_of_run, swept
@@ -42,6 +42,7 @@ PICTURES = {
     ),
     "ratios.png": ("Box plots of each run's ATE over the optimum's", "ATE of each run over the optimum's in that run."),
 }
+RUN, RUNS = Head("run", "its number, from 0"), Head("runs", "how many the figures are of")
 COMPARED = {"ate_m": "ATE [m]", "nees_pose_per_dof": "NEES/3"}
 
 
@@ -54,6 +55,8 @@ def study_page(folder: Path) -> dict[str, str]:
     study = load_study(folder)
     summary = study.summary
     shown, value = looks(summary.estimators), swept(study.content)
+    table, worst, every = summary_score_table(study), worst_table(study), run_table(study)
+    comparisons = comparison_tables(study.content)
     text = render(
         "study.html",
         kind="a study",
@@ -65,15 +68,15 @@ def study_page(folder: Path) -> dict[str, str]:
             *too_good_lines(summary),
             *failure_lines(summary),
         ],
-        table=summary_score_table(study),
-        worst=worst_table(study),
-        every=run_table(study),
-        comparisons=comparison_tables(study.content),
+        table=table,
+        worst=worst,
+        every=every,
+        comparisons=comparisons,
         rays=[(name, describe(each.rays)) for name, each in summary.estimators.items() if each.rays is not None],
         level=f"{BAND_LEVEL:.1%}",
         looks=shown,
         pictures=pictures(folder, PICTURES),
-        glossary=glossary("study", bounded=is_bounded(summary.estimators)),
+        glossary=glossary(TERMS["study"], (table, *comparisons, worst, every)),
         origin=origin(folder / SUMMARY, study.content, [("Runs", str(summary.runs))]),
         data={"study": study_data(study, shown)},
     )
@@ -94,7 +97,7 @@ def summary_score_table(study: StoredStudy) -> Table:
     band = Head(
         f"in {BAND_LEVEL:.1%} band", "share of steps whose mean pose NEES over runs lies in its chi-square band"
     )
-    heads = [Head("estimator", words=True), Head("runs"), *figure_heads("study", bounded=bounded), band]
+    heads = [ESTIMATOR, RUNS, *figure_heads("study", bounded=bounded), band]
     return Table("summary", "Means over runs with their 95 % intervals; a click on a head sorts", heads, rows)
 
 
@@ -111,10 +114,13 @@ def worst_table(study: StoredStudy) -> Table:
                 run, ate = int(runs.run[at]), float(runs.figures["ate_m"][at])
                 command = command_of_run(study.content, run_seed(study.summary.seed, run))
                 rows.append([Cell(name), Cell(which), Cell(str(run), run), Cell(f"{ate:.3f}", ate), Cell(command)])
-    heads = ("which", "run", "ATE [m]", "the command that makes it, with its replay")
-    words = (True, False, False, True)
-    named = [Head(title, words=is_words) for title, is_words in zip(heads, words, strict=True)]
-    return Table("worst", "Runs to look at", [Head("estimator", words=True), *named], rows)
+    heads = [
+        ESTIMATOR,
+        Head("which", "worst: the run of the largest error; median: the one in the middle", words=True),
+        *(RUN, Head("ATE [m]", HELP["ate_m"])),
+        Head("the command that makes it, with its replay", "in a folder of its own, as the run was", words=True),
+    ]
+    return Table("worst", "By their ATE", heads, rows)
 
 
 def runs_to_look_at(runs: Runs) -> dict[str, int | None]:
@@ -132,7 +138,8 @@ def run_table(study: StoredStudy) -> Table:
         + [_figure(by_run.get(run)) for by_run in ates.values()]
         for run in range(study.summary.runs)
     ]
-    return Table("runs", "ATE [m] of every run", [Head("run"), Head("seed"), *(Head(name) for name in ates)], rows)
+    heads = [RUN, Head("seed", "of the run's own noise"), *(Head(name) for name in ates)]
+    return Table("runs", "ATE [m] of every run", heads, rows)
 
 
 def _figure(value: float | None) -> Cell:
@@ -145,10 +152,10 @@ def comparison_tables(content: dict[str, Any]) -> list[Table]:
     tables: list[Table] = []
     for name, others in content.get("against", {}).items():
         rows = [_compared(label, key, each) for label, figures in others.items() for key, each in figures.items()]
-        heads = [Head("estimator", words=True), Head("figure", words=True), Head("runs")]
+        heads = [ESTIMATOR, Head("figure", "what is compared, on the same runs", words=True), RUNS]
         heads += [
-            Head(f"over that of {name}"),
-            Head(f"less that of {name}"),
+            Head(f"over that of {name}", f"ratio of the means; 1 where it is as good as {name}"),
+            Head(f"less that of {name}", "mean difference, run by run"),
             Head("p", "of the paired test of equal means"),
         ]
         tables.append(Table(f"against-{len(tables)}", f"Run by run against {name}", heads, rows))

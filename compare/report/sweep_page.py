@@ -8,7 +8,7 @@ from urllib.parse import quote
 
 from slamgauge.compare.estimators.registry import CAUSAL
 from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
-from slamgauge.compare.report.glossary import figure_heads
+from slamgauge.compare.report.glossary import ESTIMATOR, figure_heads
 from slamgauge.compare.report.plain_page import interval_of, plain_page
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns
 from slamgauge.compare.scoring.optimum_notes import MARK
@@ -35,7 +35,8 @@ def sweep_page(folder: Path) -> dict[str, str]:
             figures = [interval_of(entry[key], form, marks.get(key, "")) for _, key, form in found]
             value = str(point["value"])
             rows.append([Cell(value, link=links.get(value, "")), Cell(name), *figures])
-    heads = [Head(content["key"], words=True), Head("estimator", words=True), *figure_heads("sweep", bounded=bounded)]
+    swept = Head(content["key"], "the key of the scenario, and its value", words=True)
+    heads = [swept, ESTIMATOR, *figure_heads("sweep", bounded=bounded)]
     text = plain_page(
         kind="a sweep",
         title=f"{content['scenario']} over {content['key']}, {content['runs']} runs at each value",

@@ -5,8 +5,10 @@ Debian's chromium and its driver (see `programs`).
 
 from __future__ import annotations
 
+import html
 import json
 import os
+import re
 from collections.abc import Generator
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,17 @@ from slamgauge.compare.scoring.comparison_files import write_comparison
 NAMED = "<script>alert(1)</script>"
 GUEST = 'own "<b>&amp;'
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+def unexplained(page: Path, *names: str) -> list[str]:
+    """Columns of a page's tables that its glossary lacks, but those called as somebody is."""
+    text = page.read_text(encoding="utf-8")
+    heads, terms = (
+        [html.unescape(found) for found in re.findall(pattern, text)]
+        for pattern in ('<th scope="col"[^>]*>(.*?)</th>', "<dt>(.*?)</dt><dd>")
+    )
+    assert heads
+    return [head for head in heads if head not in {*terms, *names}]
 
 
 class Reader:

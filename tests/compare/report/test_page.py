@@ -20,6 +20,8 @@ from slamgauge.compare.report.plain_page import plain_page
 from slamgauge.compare.report.publishing import publish_report
 from slamgauge.compare.report.run_page import closure_table
 
+from .conftest import unexplained
+
 BARE = re.compile(r"^(?:export )?(?:async )?(?:function|class|const|let) +(\w+)", re.MULTILINE)
 SOURCES = {name: (ASSETS / "modules" / f"{name}.js").read_text(encoding="utf-8") for name in MODULES}
 
@@ -49,6 +51,10 @@ def text(run_page: Path) -> str:
 
 def test_a_page_of_the_first_run_has_at_most_three_megabytes(run_page: Path) -> None:
     assert run_page.stat().st_size <= 3_000_000
+
+
+def test_the_page_of_a_run_explains_every_column(run_page: Path) -> None:
+    assert unexplained(run_page) == []
 
 
 def test_names_of_others_are_text_and_nothing_else(text: str) -> None:

@@ -21,6 +21,8 @@ from slamgauge.compare.studies.budget import RUNGS, budget_table, summarise_budg
 from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.sweep import Sweep, sweep_table
 
+from .conftest import unexplained
+
 
 def page_of(folder: Path, name: str, content: object) -> str:
     (folder / name).write_text(json.dumps(content))
@@ -64,6 +66,8 @@ def test_the_page_of_noise_says_that_errors_last_and_that_it_loses(tmp_path: Pat
     noise: Noise = replace(found, sights_counted_as_one=2.5, held_out=losing)
     page = page_of(tmp_path, "noise.json", noise_json(noise))
     said = [part for part in noise_table(noise).parts if isinstance(part, str)]
+    (tmp_path / "report.html").write_text(PAGES["noise.json"](tmp_path)["report.html"], encoding="utf-8")
+    assert unexplained(tmp_path / "report.html") == []
     assert any("2.5 sights of a landmark count as one" in line for line in said)
     assert any("it loses there, and the noise assumed is kept" in line for line in said)
     assert [line for line in said if line not in page] == []

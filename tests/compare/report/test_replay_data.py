@@ -21,6 +21,8 @@ from slamgauge.compare.report.replay_data import replay_data
 from slamgauge.compare.scoring.landmark_identity import association_figures, wrong_sights
 from slamgauge.compare.storage.results_folder import Results
 
+from .conftest import unexplained
+
 KINDS = {"f4": "<f4", "i4": "<i4", "u2": "<u2", "u1": "u1"}
 
 
@@ -148,6 +150,7 @@ def test_a_question_of_the_practical_is_carried_out_and_explained(
     assert "<strong>stationary, ekf</strong>: RMS position error " in page
     assert "<code>slamgauge report q1</code>" in page
     assert "<dt>time [s]</dt>" not in page  # no column of its table
+    assert unexplained(tmp_path / "results/q1/report.html") == []
     assert (tmp_path / "results/q1/stationary/report.html").exists()
     for _ in range(2):  # again, too, where the folder has the question's name
         assert main(["report", "q1", "--out", "q1"]) == 0

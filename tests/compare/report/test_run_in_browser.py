@@ -170,6 +170,31 @@ def test_a_narrow_screen_shows_everything_without_scrolling_sideways(reader: Rea
     assert reader.complaints() == []
 
 
+def test_what_is_said_of_a_table_is_read_on_a_narrow_screen(reader: Reader, run_page: Path):
+    reader.open(run_page, width=360)
+    ends = reader.run(
+        "return [...document.querySelectorAll('.caption')].map((each) => each.getBoundingClientRect().right)"
+    )
+    assert 0 < max(ends) <= 360
+
+
+def test_what_is_clicked_has_room_for_a_finger(opened: Reader):
+    """WCAG 2.2, 2.5.8: 24 pixels each way."""
+    small = opened.run(
+        """document.querySelectorAll('details').forEach((each) => { each.open = true; });
+        return [...document.querySelectorAll('button, select, input, summary')].filter((each) => {
+          const { width, height } = each.getBoundingClientRect(); return width < 24 || height < 24; })
+        .map((each) => each.outerHTML)"""
+    )
+    assert small == []
+
+
+def test_rounding_is_no_error(opened: Reader):
+    now = opened.run("return document.getElementById('now').textContent")
+    assert now.startswith("t = 0 s, step 0: ekf 0 m, ")
+    assert "e-" not in now
+
+
 def test_it_prints_with_tables_and_figures_and_without_the_replay(reader: Reader, run_page: Path):
     reader.open(run_page)
     printed = reader.command("Page.printToPDF", printBackground=True)

@@ -26,7 +26,7 @@ from slamgauge.compare.studies.run import run_seed
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.study import load_runs, run_study
 
-from .conftest import NAMED, Reader
+from .conftest import NAMED, Reader, unexplained
 
 RUNS = 4
 NOW = "return document.getElementById(arguments[0]).textContent"
@@ -77,6 +77,11 @@ def test_the_page_of_a_study_asks_for_nothing_and_tells_first_what_the_figures_s
     assert "ekf: " in said
     assert opened.run("return document.querySelectorAll('#runs tbody tr').length") == RUNS
     assert opened.run("return document.querySelectorAll('#against-0 tbody tr').length") == 2
+
+
+def test_pages_of_many_runs_explain_every_column(folder: Path, sweep: Path):
+    assert unexplained(folder / "report.html", "ekf", "isam2") == []
+    assert unexplained(sweep / "report.html") == []
 
 
 def test_a_click_tells_the_moment_and_keys_choose_a_run_and_its_command(opened: Reader):
@@ -235,6 +240,7 @@ def test_pages_of_tables_hold_names_of_others_as_text(reader: Reader, write: Cal
     pages = sorted(tmp_path.rglob("*.html"))
     assert len(pages) == (2 if write is grades else 1)
     for page in pages:
+        assert unexplained(page) == []
         reader.open(page, width=360)
         assert reader.complaints() == []
         assert reader.run("return document.documentElement.scrollWidth") <= 360

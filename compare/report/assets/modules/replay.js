@@ -25,6 +25,7 @@ import { Timeline } from "./timeline.js";
 
 const SPEEDS = [0.5, 1, 2, 5, 10, 20, 50, 100];
 const LENGTH = 30; // [s] that a replay takes about, if nobody chooses
+const ROUNDING = 1e-9; // [m]: an error below is none
 
 /** @template {Element} T @param {string} id @returns {T} */
 const element = (id) => /** @type {any} */ (document.getElementById(id));
@@ -140,7 +141,7 @@ function makePanels(run, onTime) {
 function told(run, frame) {
   const errors = run.estimates
     .filter((each) => each.shown && each.error[frame] === each.error[frame])
-    .map((each) => `${each.name} ${figure(each.error[frame])} m`);
+    .map((each) => `${each.name} ${figure(each.error[frame] < ROUNDING ? 0 : each.error[frame])} m`);
   return `t = ${figure(run.time[frame])} s, step ${run.step[frame]}${errors.length ? `: ${errors.join(", ")}` : ""}`;
 }
 
