@@ -103,7 +103,8 @@ class Export:
         ):
             for draw in drawings.values():
                 draw(folder)
-        print(f"written to {out}: {', '.join(files)}", file=sys.stderr)
+            written = [name for name in files if (folder / name).exists()]  # not everything has something to show
+        print(f"written to {out}: {', '.join(written)}", file=sys.stderr)
 
     def _write_study_table(self) -> None:
         """Print the table of a study, or write it."""

@@ -29,7 +29,7 @@ def save_budget_figure(out: Path, budget: ErrorBudget) -> None:
     """Write budget.png and budget.svg into `out`."""
     with mpl.rc_context(PRINT):
         page = sheet()
-        figure = Figure(figsize=(min(6.0, page.inches), 3.4), layout="constrained")
+        figure = Figure(figsize=(page.inches, 3.4), layout="constrained")
         axes = figure.subplots()
         size = 5.5 if page.is_narrow else 7.5
         before, doubtful = 0.0, budget.doubtful()

@@ -74,7 +74,7 @@ def _against_band(
     curves = {name: curve for name, curve in curves.items() if not np.isnan(curve.value).all()}
     if not curves:
         return None
-    figure = Figure(figsize=(min(6.0, sheet().inches), 3.2), layout="constrained")
+    figure = Figure(figsize=(sheet().inches, 3.2), layout="constrained")
     axes = figure.subplots()
     time = step * np.arange(len(next(iter(curves.values())).value))
     low = np.fmin.reduce([curve.low for curve in curves.values()])
@@ -99,7 +99,7 @@ def _rmse(runs: Mapping[str, Runs], step: float) -> Figure | None:
     """RMS position error over runs against time; the bounds are what it cannot be below."""
     if not runs:
         return None
-    figure = Figure(figsize=(min(6.0, sheet().inches), 3.2), layout="constrained")
+    figure = Figure(figsize=(sheet().inches, 3.2), layout="constrained")
     axes = figure.subplots()
     curves = {name: rmse_per_step(each) for name, each in runs.items()}
     for name, style in styles(runs).items():
@@ -172,7 +172,7 @@ def _ratios(runs: Mapping[str, Runs], doubtful: Collection[str]) -> Figure | Non
     if not boxes:
         return None
     boxes.reverse()  # the first at the top
-    figure = Figure(figsize=(min(6.0, sheet().inches), 0.9 + 0.28 * len(boxes)), layout="constrained")
+    figure = Figure(figsize=(sheet().inches, 0.9 + 0.28 * len(boxes)), layout="constrained")
     axes = figure.subplots()
     drawn = axes.boxplot(
         [ratios for _, ratios, _ in boxes],

@@ -48,12 +48,8 @@ def run_page(folder: Path) -> dict[str, str]:
     others = len(results.estimates) > 1
     shown = looks(results.estimates, hidden=(DEAD_RECKONING,) if others else ())
     comparison = Comparison(results.truth, results.recording, results.estimates, {}, optima_of(results))
-
-    scores, drift, closures = (
-        score_table(metrics, doubtful_kinds(comparison)),
-        drift_table(metrics),
-        closure_table(metrics),
-    )
+    scores = score_table(metrics, doubtful_kinds(comparison))
+    drift, closures = drift_table(metrics), closure_table(metrics)
 
     def page(data: dict[str, Any]) -> str:
         return render(

@@ -93,7 +93,7 @@ def test_nothing_is_cropped(results: Path, drawn: dict[str, Figure], width: Widt
         figure.dpi = 72
         figure.draw_without_rendering()
         box, (inches, height) = figure.get_tightbbox(), figure.get_size_inches()
-        assert inches <= INCHES[width]
+        assert inches == INCHES[width]
         beyond = np.round([-box.x0, box.x1 - inches, -box.y0, box.y1 - height], 3)
         assert (name, (beyond < 0.02).all()) == (name, True), beyond
 
@@ -139,6 +139,17 @@ def test_files_have_the_form_that_is_asked_for_and_no_date(results: Path, tmp_pa
         assert written[0].startswith(begins)
         assert written[0] == written[1]
     assert b"/MediaBox [ 0 0 244.8 " in (tmp_path / "pdf/one/budget.pdf").read_bytes()  # 3.4 in, in points
+
+
+def test_only_what_there_was_to_draw_is_said_to_be_written(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    """Without an optimum there are no ratios."""
+    words = ("export", str(results / "study"), "--format", "svg", "--estimators", "ekf", "--out", str(tmp_path / "out"))
+    assert main([*words]) == 0
+    said = capsys.readouterr().err.split(": ")[1].strip().split(", ")
+    assert {*said} == {path.name for path in (tmp_path / "out").glob("*.svg")}
+    assert "ratios.svg" not in said
 
 
 def test_what_is_drawn_is_what_was_measured(results: Path):
