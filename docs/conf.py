@@ -22,6 +22,7 @@ nb_output_stderr = "remove"  # progress
 html_theme = "furo"
 html_title = f"slamgauge {release}"
 html_copy_source = False
+html_show_search_summary = False  # it fetches the pages, which browsers refuse of files
 html_show_copyright = False
 myst_heading_anchors = 3  # levels of headings that links may name
 autodoc_typehints = "description"
