@@ -8,12 +8,20 @@ from typing import Any
 
 from slamgauge.errors import UserError
 
+LONGEST_FIGURE = 24  # characters: what is longer is a sentence
+
 
 def html_table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table whose texts are shown as they are."""
+    """A table whose texts are shown as they are, figures in one line each; where it is too wide it scrolls."""
     titles = "".join(f"<th>{html.escape(title)}</th>" for title in head)
-    lines = "".join(f"<tr>{''.join(f'<td>{html.escape(str(text))}</td>' for text in row)}</tr>" for row in rows)
-    return f"<table><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>"
+    lines = "".join(f"<tr>{''.join(_cell(str(text)) for text in row)}</tr>" for row in rows)
+    table = f"<table><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>"
+    return f'<div style="overflow-x: auto">{table}</div>'
+
+
+def _cell(text: str) -> str:
+    kept = "" if len(text) > LONGEST_FIGURE else ' style="white-space: nowrap"'
+    return f"<td{kept}>{html.escape(text)}</td>"
 
 
 def fact_table(facts: Mapping[str, object]) -> str:

@@ -55,7 +55,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 def test_values_are_a_line_at_the_prompt_and_a_table_in_notebooks(shown: dict[str, Any], name: str, start: str):
     assert repr(shown[name]).startswith(start)
     assert len(repr(shown[name])) < 100
-    assert shown[name]._repr_html_().startswith("<table>")
+    assert shown[name]._repr_html_().startswith('<div style="overflow-x: auto"><table>')
 
 
 def test_values_become_data_frames(shown: dict[str, Any]):

@@ -67,7 +67,8 @@ def test_tones_leave_the_layout_as_it_is():
 def test_notebooks_show_tables_and_escape_names():
     shown = Page((Grid([["estimator"], ["<b>"]]), "", "a & b")).html()
     assert shown.splitlines() == [
-        "<table><thead><tr><th>estimator</th></tr></thead><tbody><tr><td>&lt;b&gt;</td></tr></tbody></table>",
+        '<div style="overflow-x: auto"><table><thead><tr><th>estimator</th></tr></thead>'
+        '<tbody><tr><td style="white-space: nowrap">&lt;b&gt;</td></tr></tbody></table></div>',
         "",
         "<p>a &amp; b</p>",
     ]
