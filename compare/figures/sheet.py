@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from io import BytesIO
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 from matplotlib.figure import Figure
 
-from slamgauge.compare.figures.svg_paths import thinned
+from slamgauge.compare.figures.svg_size import small_svg
 
 Format = Literal["pdf", "png", "svg"]
 Width = Literal["column", "page"]
@@ -65,9 +64,7 @@ def save_printed(figure: Figure, path: Path) -> None:
     """Write `path` with the endings that the sheet says (png at 200 dpi); the same figure gives the same files."""
     for each in sheet().formats:
         if each == "svg":
-            svg = BytesIO()
-            figure.savefig(svg, format="svg", metadata={"Date": None})
-            path.with_suffix(".svg").write_bytes(thinned(svg.getvalue()))
+            path.with_suffix(".svg").write_bytes(small_svg(figure))
         else:
             undated = {"CreationDate": None} if each == "pdf" else {}
             figure.savefig(path.with_suffix(f".{each}"), dpi=200, metadata=undated)
