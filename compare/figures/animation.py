@@ -13,17 +13,18 @@ from typing import Any, Literal
 import matplotlib as mpl
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from slamgauge.compare.estimators.asked import labels_among
-from slamgauge.compare.figures.animation_scene import DOTS, Scene
-from slamgauge.compare.figures.plot_style import DEAD_RECKONING, PRINT
+from slamgauge.compare.figures.animation_scene import DOTS, SHAPES, Scene, limits
+from slamgauge.compare.figures.plot_style import DEAD_RECKONING, LEGEND, PRINT
 from slamgauge.compare.figures.sheet import save_printed, sheet
+from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.progress import tracked
 from slamgauge.compare.storage.result_files import METRICS
-from slamgauge.compare.storage.results_folder import load_results
+from slamgauge.compare.storage.results_folder import Results, load_results
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -35,6 +36,7 @@ VIDEOS: dict[str, dict[str, Any]] = {  # and how ffmpeg writes them, where that 
     "animation.webm": {"codec": "libvpx-vp9", "extra_args": ["-pix_fmt", "yuv420p"]},  # players know no other colours
 }
 MOMENTS, COLUMNS = 6, {"page": 3, "column": 2}  # of a strip
+FOOT = {"page": 0.9, "column": 1.3}  # [in] for title and legend
 NO_FFMPEG = "there is no ffmpeg on the PATH"
 Form = Literal["usual", "gif", "mp4", "webm", "strip"]
 MOST_MAPS = 3  # more than these would hide each other
@@ -73,10 +75,12 @@ def animate(folder: Path, names: Sequence[str], seconds: float, fps: int, form: 
     files = files_of(form)
     staged = staged_folder(folder, files, last=files[0], remedy="move it away", beside=METRICS)
     with staged as stage, mpl.rc_context(SCREEN):
+        if form == "strip":
+            with explained(folder, "written"):
+                save_printed(_strip(results, shown, mapped, steps), stage / "animation")
+            return None
         scene = Scene(results, shown, mapped)
         with explained(folder, "written"):
-            if form == "strip":
-                _save_strip(scene, stage, steps)
             if GIF in files:
                 _render(scene, PillowWriter(rate), stage / GIF, steps)
             missing = [_render_video(scene, rate, stage / name, steps) for name in files if name in VIDEOS]
@@ -92,21 +96,27 @@ def files_of(form: Form) -> tuple[str, ...]:
     return (GIF, "animation.mp4") if form == "usual" else (f"animation.{form}",)
 
 
-def _save_strip(scene: Scene, stage: Path, steps: list[int]) -> None:
-    """The moments side by side, each as the animation has it."""
+def _strip(results: Results, shown: Mapping[str, Estimate], mapped: Mapping[str, Estimate], steps: list[int]) -> Figure:
+    """The moments side by side, each as the animation has it, and one legend."""
     page, columns = sheet(), COLUMNS[sheet().width]
+    low, high = limits(results, shown, mapped)
     rows = -(-len(steps) // columns)
-    canvas, (across, high) = FigureCanvasAgg(scene.figure), scene.figure.get_size_inches()
-    width = page.inches / columns
-    strip = Figure(figsize=(page.inches, rows * width * high / across))
-    for place, step in enumerate(steps):
-        scene.show(step)
-        canvas.draw()
-        row, column = divmod(place, columns)
-        axes = strip.add_axes((column / columns, 1 - (row + 1) / rows, 1 / columns, 1 / rows))
-        axes.imshow(np.array(canvas.buffer_rgba()))
-        axes.set_axis_off()
-    save_printed(strip, stage / "animation")
+    height = page.inches / columns * float(np.clip((high - low)[1] / (high - low)[0], *SHAPES))
+    strip = Figure(figsize=(page.inches, rows * height + FOOT[page.width]), layout="constrained")
+    panels = strip.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    keys: list[Line2D] = []
+    for place, panel in enumerate(panels.flat):
+        if place >= len(steps):
+            panel.set_axis_off()
+            continue
+        scene = Scene(results, shown, mapped, panel)
+        for step in steps[max(place - 1, 0) : place + 1]:  # sights are of the time since the moment before
+            scene.show(step)
+        label_plane(panel, x=place + columns >= len(steps), y=place % columns == 0)
+        keys = scene.keys
+    strip.suptitle(results.title)
+    strip.legend(handles=keys, loc="outside lower center", ncols=page.legend_columns(len(keys)), **LEGEND)
+    return strip
 
 
 def _chosen(estimates: Mapping[str, Estimate], names: Sequence[str]) -> tuple[dict[str, Estimate], dict[str, Estimate]]:

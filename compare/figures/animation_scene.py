@@ -48,22 +48,33 @@ FAINT = 0.5  # opacity of a map that is known only as it ends
 class Scene:
     """Estimates of a run on some axes, which `show` moves to a step."""
 
-    def __init__(self, results: Results, shown: Mapping[str, Estimate], mapped: Mapping[str, Estimate]) -> None:
+    def __init__(
+        self,
+        results: Results,
+        shown: Mapping[str, Estimate],
+        mapped: Mapping[str, Estimate],
+        panel: Axes | None = None,
+    ) -> None:
         """Lay the figure out.
 
         Args:
             results: the run.
             shown: whose paths are drawn.
             mapped: of these, who has a robot and a map too: as its history tells, or else as it ends.
+            panel: axes of a figure of somebody else, who explains the `keys`; a figure of its own if not given.
         """
         self._truth = Truth() if results.truth is None else results.truth
         self._recording = results.recording
         self._shown, self._mapped = shown, mapped
         everybody = styles(results.estimates)  # as in the figure of the run
         chosen = {name: everybody[name] for name in shown}
-        low, high = _limits(self._truth, shown, mapped)
-        keys = list(_keys(self._truth, mapped, chosen))
-        self.figure, ax, self._time = _layout(low, high, results.title, keys)
+        low, high = limits(results, shown, mapped)
+        self.keys = list(_keys(self._truth, mapped, chosen))
+        if panel is None:
+            self.figure, ax, self._time = _layout(low, high, results.title, self.keys)
+        else:
+            ax, self._time = panel, panel.title
+            ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         size = ROBOT * float((high - low).max())
         if self._truth.landmarks is not None:
             ax.plot(*self._truth.landmarks.T, **TRUE_LANDMARK)
@@ -98,8 +109,9 @@ class Scene:
         self._step = step
 
 
-def _limits(truth: Truth, shown: Mapping[str, Estimate], mapped: Mapping[str, Estimate]) -> tuple[Float, Float]:
+def limits(results: Results, shown: Mapping[str, Estimate], mapped: Mapping[str, Estimate]) -> tuple[Float, Float]:
     """Limits that hold paths, true landmarks and last maps, and all that the maps went through as there is room."""
+    truth = Truth() if results.truth is None else results.truth
     sure = [each[:, :2] for each in (truth.poses, truth.landmarks) if each is not None]
     sure += [estimate.poses[:, :2] for estimate in shown.values()]
     sure += [estimate.landmarks for estimate in mapped.values()]

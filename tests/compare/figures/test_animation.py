@@ -158,7 +158,11 @@ def test_a_strip_is_for_print(folder: Path):
         thirds = np.asarray(strip.convert("L").resize((300, 200)), dtype=float).reshape(2, 100, 3, 100).swapaxes(1, 2)
     moments = thirds.reshape(6, -1)
     assert all(np.abs(one - other).mean() > 0.1 for one, other in pairwise(moments))
-    assert (folder / "animation.svg").exists()
+    svg = (folder / "animation.svg").read_text()
+    assert len(svg) < 500_000
+    assert "<image" not in svg
+    assert len(re.findall(r">t = [\d.]+ s<", svg)) == 6
+    assert svg.count(">truth<") == 1
     assert not (folder / "animation.gif").exists()
 
 
