@@ -39,6 +39,7 @@ from slamgauge.compare.studies.run import run_seed
 from slamgauge.compare.studies.study import IN_FLIGHT
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
+from slamgauge.facts import counted
 from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY, Truth
@@ -298,9 +299,9 @@ def doubts(budget: ErrorBudget) -> list[str]:
 
 
 def verdict(budget: ErrorBudget) -> str:
-    """Which rung costs most, in a sentence."""
+    """Which rung costs most, and whether the runs show that it costs anything, in a sentence."""
     total, unavoidable = budget.rungs[-1].mse_m2, budget.rungs[0].mse_m2
-    cost = next(rung.increment_m2.mean for rung in budget.rungs if rung.name == budget.costliest)
+    cost, low, _ = next(rung.increment_m2 for rung in budget.rungs if rung.name == budget.costliest)
     opening = (
         f"{budget.filter} on {budget.scenario}, {budget.runs} runs: of {total:.4f} m^2 (RMS {np.sqrt(total):.3f} m) "
         f"{unavoidable:.4f} m^2 no estimator avoids"
@@ -309,4 +310,7 @@ def verdict(budget: ErrorBudget) -> str:
         return f"{opening}; no rung above that costs anything."
     mark = MARK if budget.costliest in budget.doubtful() else ""
     share = f"{cost:.4f}{mark} m^2, {cost / total:.0%}{mark} of the whole"
+    if low is None or low <= 0.0:
+        runs = counted(budget.runs, "run")
+        return f"{opening}; most of the rest may go to {budget.costliest}: {share}, which {runs} cannot tell from 0."
     return f"{opening}; most of the rest goes to {budget.costliest}: {share}."

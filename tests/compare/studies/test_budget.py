@@ -117,6 +117,14 @@ def test_the_costliest_rung_is_named_with_its_share() -> None:
     )
 
 
+def test_what_the_runs_do_not_show_to_cost_anything_is_said_so() -> None:
+    table = np.array([[1.0, 1.0, 1.0, 1.0, 4.0], [1.0, 1.0, 1.0, 1.0, 0.5], [1.0, 1.0, 1.0, 1.0, 0.9]])
+    budget = summarise_budget("here", "ekf", table, np.full_like(table, np.nan), np.ones(3))
+    assert str(budget_table(budget)).endswith("m^2, 44% of the whole, which 3 runs cannot tell from 0.")
+    one = summarise_budget("here", "ekf", table[:1], np.full((1, 5), np.nan), np.ones(1))
+    assert str(budget_table(one)).endswith("75% of the whole, which 1 run cannot tell from 0.")
+
+
 def test_an_estimator_that_fails_is_named_with_the_seed(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(_: Recording) -> Estimate:
         raise UserError("no luck")
