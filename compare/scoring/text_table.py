@@ -23,10 +23,11 @@ def aligned(rows: Sequence[Sequence[str]], words: int | Collection[int]) -> list
 
 
 def cell(value: float | None, form: str) -> str:
-    """A figure formatted by `form`, `-` where there is none."""
+    """A figure formatted by `form`, `-` where there is none; what is rounded to 0 has no minus."""
     if value is None:
         return "-"
-    return form.format(value) if abs(value) < VAST else f"{value:.3g}"
+    text = form.format(value) if abs(value) < VAST else f"{value:.3g}"
+    return form.format(0.0) if text.startswith("-") and not set(text) & set("123456789") else text
 
 
 def interval_cell(interval: Interval | None, form: str) -> str:
