@@ -127,7 +127,7 @@ def _with_sentences(
         begins += [row, *(None for _ in pieces[1:])]
     lines = aligned(tall, words)
     painted = [line if row is None else _painted(line, row, paint) for line, row in zip(lines, begins, strict=True)]
-    return [paint(painted[0], "head"), *(line.rstrip() for line in painted[1:])]
+    return [paint(painted[0].rstrip(), "head"), *(line.rstrip() for line in painted[1:])]
 
 
 def _shortened(name: str) -> str:

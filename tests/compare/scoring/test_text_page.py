@@ -52,6 +52,15 @@ def test_sentences_go_on_in_further_lines():
     ]
 
 
+def test_no_line_ends_in_blanks():
+    grid = Grid(
+        [["noise", "verdict", "more"], ["forward", "any value below that of the log", "x" * 40]], 3, sentences=1
+    )
+    lines = Page((grid,)).text(40).splitlines()
+    assert lines[0] == "noise    verdict"
+    assert [line.rstrip() for line in lines] == lines
+
+
 def test_long_names_lose_their_middle_where_the_width_is_limited():
     grid = Grid([["estimator", "ATE [m]"], ["a_name_of_many_characters/and_more:of_them", "1.0"], ["b", "2.0"]])
     assert Page((grid,)).text(40).splitlines()[1] == "a_name_of_ma...more:of_them      1.0"
