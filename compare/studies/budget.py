@@ -74,7 +74,7 @@ class ErrorBudget:
 
     Its rungs are those of `RUNGS`, that of the fixed lag where one was asked for.
     `fit` is chi2/dof of the hindsight optimum, `rays` what became of the rays of a bearing-only filter, both in the
-    mean over runs; `scenario_text` is the scenario as a TOML file.
+    mean over runs; `scenario_text` is the scenario as a TOML file, `seed` the root of the runs' own.
     """
 
     scenario: str
@@ -85,6 +85,7 @@ class ErrorBudget:
     fit: Interval | None
     rays: RayFigures | None = None
     scenario_text: str | None = None
+    seed: int | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The content of budget.json; `rays` for bearings alone."""
@@ -104,6 +105,7 @@ class ErrorBudget:
             "scenario": self.scenario,
             "filter": self.filter,
             "runs": self.runs,
+            "seed": self.seed,
             "rungs": rungs,
             "costliest": self.costliest,
             "chi_square_per_dof": None if self.fit is None else self.fit._asdict(),
@@ -143,6 +145,7 @@ def read_budget(folder: Path) -> ErrorBudget:
             fit=None if fit is None else Interval(**fit),
             rays=None if rays is None else RayFigures(**rays),
             scenario_text=content["scenario_text"],
+            seed=content.get("seed"),
         )
     except (KeyError, TypeError):
         raise UserError(f"{path}: not what `slamgauge budget` writes; run it again") from None
@@ -198,7 +201,7 @@ def error_budget(
             future.cancel()
     errors, checks, fits, rays = zip(*results, strict=True)
     budget = summarise_budget(scenario.name, asked.label, np.array(errors), np.array(checks), np.array(fits))
-    return replace(budget, rays=mean_figures(rays), scenario_text=scenario_text(scenario))
+    return replace(budget, rays=mean_figures(rays), scenario_text=scenario_text(scenario), seed=seed)
 
 
 def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Float, fits: Float) -> ErrorBudget:

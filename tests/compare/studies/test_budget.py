@@ -97,6 +97,7 @@ def test_a_window_that_holds_everything_costs_nothing_and_a_short_one_does() -> 
 def test_the_rung_of_a_lag_stands_where_one_was_asked_for() -> None:
     with ThreadPoolExecutor(1) as executor:
         budget = error_budget(load_scenario("q1-short-dense", SHORT), "ekf", 2, 0, executor, lag=3)
+    assert budget.to_json()["seed"] == 0
     assert [rung.name for rung in budget.rungs] == list(RUNGS)
     with pytest.raises(UserError, match="lag: 0 steps leave no window"):
         rungs_of("ekf", 0)
@@ -149,6 +150,7 @@ def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest
         "scenario",
         "filter",
         "runs",
+        "seed",
         "rungs",
         "costliest",
         "verdict",
