@@ -131,7 +131,7 @@ def _frame(ax: Axes, paths: Mapping[str, Float], others: list[Float]) -> None:
 
 
 def save_figure(
-    folder: Path,
+    folder: str | Path,
     truth: Truth | None,
     recording: Recording,
     estimates: Mapping[str, Estimate],
@@ -162,4 +162,4 @@ def save_figure(
         doubts = [misfits([name for name in YARDSTICKS.values() if name in estimates and is_misfit(estimates[name])])]
         doubts += [distance_from_optimum(name, estimate.optimum_check) for name, estimate in estimates.items()]
         figure.suptitle(math_text("\n".join([title, *filter(None, doubts)])), **WRAPPED)
-        save_printed(figure, folder / "figure")
+        save_printed(figure, Path(folder) / "figure")

@@ -51,11 +51,11 @@ def draw_comparison(out: Path, comparison: Comparison, title: str) -> bool:
     return decorate(out, METRICS, drawings, RUN_PICTURES)
 
 
-def write_study(out: Path, summary: Summary, runs: dict[str, Runs], step: float) -> bool:
+def write_study(out: str | Path, summary: Summary, runs: dict[str, Runs], step: float) -> bool:
     """Write summary.json, then the figures, into `out`; whether all could be drawn. `step` is the time step [s]."""
     with staged_folder(out, (SUMMARY, *STUDY_PICTURES, REPORT), last=SUMMARY) as stage:
         write_json(stage / SUMMARY, summary.to_json())
-    return decorate(out, SUMMARY, study_drawings(summary, runs, step), STUDY_PICTURES)
+    return decorate(Path(out), SUMMARY, study_drawings(summary, runs, step), STUDY_PICTURES)
 
 
 def write_sweep(out: Path, sweep: Sweep) -> bool:

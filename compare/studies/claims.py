@@ -98,7 +98,7 @@ class Claims(NamedTuple):
     failures: list[str]
 
 
-def judge_claims(runs: int, seed: int, out: Path, executor: Executor, most: int | None = None) -> Claims:
+def judge_claims(runs: int, seed: int, out: str | Path, executor: Executor, most: int | None = None) -> Claims:
     """Carry out the runs that the claims need and `out` lacks, and judge every claim.
 
     Args:
@@ -113,7 +113,7 @@ def judge_claims(runs: int, seed: int, out: Path, executor: Executor, most: int 
     """
     if runs < 2:
         raise UserError(f"runs: {runs} show no spread; give at least 2")
-    most = max(runs, most or 0)
+    most, out = max(runs, most or 0), Path(out)
     require_free(out, CLAIMS_FILES)
     studies = ClaimStudies(sampled_settings(SETTINGS), seed, out, executor)
     studies.require_room(most)

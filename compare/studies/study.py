@@ -48,7 +48,7 @@ def run_study(
     runs: int,
     seed: int,
     estimators: Chosen,
-    out: Path,
+    out: str | Path,
     executor: Executor,
     *,
     against: Sequence[str] = (),
@@ -77,7 +77,7 @@ def run_study(
         UserError: bad names or numbers, a store that holds another study, or that another command is at work on, a file
             in its place that is not ours, or workers that die whatever they carry.
     """
-    scenario = sampled(scenario)
+    scenario, out = sampled(scenario), Path(out)
     asked = ask(estimators)  # misspelt names are refused before anything is written
     if not asked:
         raise UserError("estimators: none given; name at least one, for example --estimators ekf,isam2")
@@ -112,13 +112,15 @@ def run_study(
     )
 
 
-def load_runs(scenario: Scenario | str | Path, runs: int, seed: int, estimators: Chosen, out: Path) -> dict[str, Runs]:
+def load_runs(
+    scenario: Scenario | str | Path, runs: int, seed: int, estimators: Chosen, out: str | Path
+) -> dict[str, Runs]:
     """What the store in `out` holds of each estimator, for figures and statistics of one's own.
 
     Raises:
         UserError: there is none, it is another study's, or it is damaged.
     """
-    scenario = sampled(scenario)
+    scenario, out = sampled(scenario), Path(out)
     if not (out / STORE).exists():
         raise UserError(f"{out / STORE}: there is no study; carry one out with run_study")
     with open_store(out / STORE, scenario, seed) as store:

@@ -129,7 +129,7 @@ def run_sweep(
     runs: int,
     seed: int,
     estimators: Chosen,
-    out: Path,
+    out: str | Path,
     executor: Executor,
     finished: Finished | None = None,
 ) -> Sweep:
@@ -152,6 +152,7 @@ def run_sweep(
     Raises:
         UserError: as `load_scenario` and `run_study`; before any run if a file that is not ours would be replaced.
     """
+    out = Path(out)
     key, values = split_sweep(sweep)
     scenarios = scenarios_of(name_or_path, overrides, sweep)
     asked = ask(estimators)

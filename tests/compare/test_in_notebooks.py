@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,18 @@ from slamgauge import (
     UserError,
     compare_estimators,
     evaluate,
+    judge_claims,
     load_estimators,
+    load_runs,
     load_scenario,
     local_processes,
     run_study,
+    run_sweep,
+    save_figure,
     simulate,
+    write_study,
 )
+from slamgauge.ekf import ekf
 
 SHORT = load_scenario("q1-short-dense", ["trajectory.duration=1"])
 
@@ -32,7 +39,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     truth, recording = simulate(SHORT, 0)
     comparison = compare_estimators(truth, recording, load_estimators(["ekf", "batch"]))
     with local_processes(1) as executor:
-        summary = run_study(SHORT, 2, 0, ["ekf"], tmp_path_factory.mktemp("study"), executor)
+        summary = run_study(SHORT, 2, 0, ["ekf"], str(tmp_path_factory.mktemp("study")), executor)
     return {
         "Recording": recording,
         "Estimate": comparison.estimates["ekf"],
@@ -114,3 +121,27 @@ def test_the_floor_of_comparisons_lists_its_names():
     assert {"Comparison", "run_study", "load_scenario"} <= {*names}
     assert "SlamFilter" not in names
     assert slamgauge.compare.run_study is run_study  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def takes_a_path(out: object, *_: object) -> bool:
+    return isinstance(out, Path)
+
+
+def test_folders_may_be_told_as_texts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("slamgauge.compare.figures.publishing.decorate", takes_a_path)
+    with ThreadPoolExecutor(1) as executor:
+        summary = run_study(SHORT, 2, 0, ["ekf"], str(tmp_path / "study"), executor)
+        sweep = run_sweep(
+            "q1-short-dense",
+            ["trajectory.duration=1"],
+            "assumed.scale=1,2",
+            *(1, 0, ["ekf"], str(tmp_path / "sweep"), executor),
+        )
+        with pytest.raises(UserError, match="show no spread"):
+            judge_claims(1, 0, str(tmp_path / "claims"), executor)
+    runs = load_runs(SHORT, 2, 0, ["ekf"], str(tmp_path / "study"))
+    assert write_study(str(tmp_path / "study"), summary, runs, 0.1)
+    assert len(sweep.summaries) == 2
+    truth, recording = simulate(SHORT, 0)
+    save_figure(str(tmp_path), truth, recording, {"ekf": ekf(recording)}, "a run")
+    assert (tmp_path / "figure.svg").exists()
