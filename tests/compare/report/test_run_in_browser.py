@@ -202,6 +202,8 @@ def test_it_prints_with_tables_and_figures_and_without_the_replay(reader: Reader
     reader.command("Emulation.setEmulatedMedia", media="print")
     assert reader.run("return document.getElementById('replay').clientHeight") == 0
     assert reader.run("return document.querySelector('figure img').clientHeight") > 100
+    reader.command("Emulation.setDeviceMetricsOverride", width=718, height=1000, deviceScaleFactor=1, mobile=False)
+    assert reader.run("return document.documentElement.scrollWidth") <= 718  # A4 with margins of a centimetre
     reader.command("Emulation.setEmulatedMedia", media="")
 
 
