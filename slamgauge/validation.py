@@ -178,7 +178,12 @@ def for_all(matrix: object, count: int) -> object:
 def require_type(name: str, value: object, kind: type) -> None:
     """Refuse an argument of another type, by its name."""
     if not isinstance(value, kind):
-        raise UserError(f"{name}: is a {type(value).__name__}; give a {kind.__name__}")
+        is_, give = (_with_article(each.__name__) for each in (type(value), kind))
+        raise UserError(f"{name}: is {is_}; give {give}")
+
+
+def _with_article(name: str) -> str:
+    return f"{'an' if name[0] in 'AEIOUaeiou' else 'a'} {name}"
 
 
 def wrap_headings(poses: Float) -> Float:

@@ -73,6 +73,8 @@ class _Measured(NamedTuple):
 
 
 def _measure(scenario: Scenario, seed: int) -> _Measured:
+    if not isinstance(seed, int | np.integer):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise UserError(f"seed: {seed!r} is no seed; use a whole number >= 0")
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     start_stream, motion_stream, noise, slip, *others = np.random.SeedSequence(seed).spawn(9)
