@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from slamgauge.ekf.settings.association import Association, MapManagement
     from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
     from slamgauge.ekf.settings.robustness import Robustness
+    from slamgauge.ekf.window_filter import SlidingWindowFilter
 
     __all__ = [
         "AssociatingFilter",
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
         "Rays",
         "Robustness",
         "SlamFilter",
+        "SlidingWindowFilter",
     ]
     __all__ += estimators.__all__
 
@@ -49,6 +51,7 @@ _NAMES = {  # of each module, as above
     "settings.association": "Association MapManagement",
     "settings.initialisation": "Delayed InverseDepth Rays",
     "settings.robustness": "Robustness",
+    "window_filter": "SlidingWindowFilter",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from time import perf_counter
 from typing import NamedTuple
 
@@ -25,12 +26,13 @@ from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.ekf.settings.initialisation import Initialisation, Rays
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.ekf.sigma_points import InvariantBelief
+from slamgauge.ekf.window_filter import LAG, SlidingWindowFilter
 from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
 from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 
-__all__ = ["dead_reckoning", "ekf", "fej_ekf", "iekf", "oc_ekf", "riekf", "riukf", "robocentric_ekf"]
+__all__ = ["dead_reckoning", "ekf", "fej_ekf", "iekf", "oc_ekf", "riekf", "riukf", "robocentric_ekf", "sliding_window"]
 
 FIS = Rays()
 ROOM = 1.5  # memory of a filter over that of its covariance
@@ -133,6 +135,21 @@ def robocentric_ekf(recording: Recording) -> Estimate:
         UserError: bearings alone, or no ids.
     """
     return _in_numpy(recording, RobocentricBelief)
+
+
+def sliding_window(recording: Recording, lag: int = LAG) -> Estimate:
+    """The filter whose last steps are linearised anew at every scan (Sibley, Matthies and Sukhatme, JFR 2010).
+
+    Args:
+        recording: known association; bearings alone, too.
+        lag: steps that are linearised anew, at least 1.
+
+    Raises:
+        UserError: no ids, or no lag.
+    """
+    _require_room(0 if recording.landmark is None else len(distinct(recording.landmark)), ROOM_IN_NUMPY)
+    slam = SlidingWindowFilter(recording.sensor, recording.prior_mean, recording.prior_cov, lag)
+    return replace(_driven(slam, recording, frames=0), nis=None, nis_dof=None)
 
 
 def dead_reckoning(recording: Recording) -> Estimate:

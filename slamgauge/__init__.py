@@ -43,6 +43,7 @@ if TYPE_CHECKING:
         Rays,
         Robustness,
         SlamFilter,
+        SlidingWindowFilter,
         estimators,
     )
     from slamgauge.ekf.estimators import *
@@ -92,6 +93,7 @@ if TYPE_CHECKING:
         "Score",
         "Sensor",
         "SlamFilter",
+        "SlidingWindowFilter",
         "Summary",
         "Triangulation",
         "Truth",
@@ -154,7 +156,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
     "triangulation": "Triangulation triangulate",
     "ekf": (
         "AssociatingFilter Association BearingFilter CompressedFilter Delayed InverseDepth MapManagement Rays "
-        "OnlineFilter Robustness SlamFilter"
+        "OnlineFilter Robustness SlamFilter SlidingWindowFilter"
     ),
     "graph_baseline": "UndeterminedError batch causal_bound cost fixed_lag hindsight_bound isam2 robust_batch",
     "compare.checks.examination": "Verdict check_estimator",

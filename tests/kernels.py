@@ -7,6 +7,7 @@ from slamgauge.ekf.kernels.warm_up import (
     compile_bearings_once,
     compile_once,
     compile_sights_once,
+    compile_window_once,
 )
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 
@@ -15,4 +16,5 @@ if __name__ == "__main__":
     compile_association_once()
     compile_bearings_once()
     compile_sights_once()
+    compile_window_once()
     compile_graphs_once()

@@ -17,7 +17,7 @@ FLOORS = ("slamgauge", "ekf", "graph_baseline", "compare")  # folders; all but t
 # rooms from the ground up: a room imports rooms below it, never one above
 ROOMS = {
     "slamgauge": (),
-    "slamgauge.ekf": ("settings", "kernels", "maps", "bearings"),
+    "slamgauge.ekf": ("settings", "kernels", "maps", "bearings", "window"),
     "slamgauge.graph_baseline": (),
     "slamgauge.compare": (
         "storage",

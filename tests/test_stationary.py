@@ -16,7 +16,7 @@ def covariances() -> dict[str, Float]:
     assert len(np.unique(recording.observation_step)) == 1001
     found: dict[str, Float] = {}
     for name, estimator in load_estimators(
-        ["ekf", "fej-ekf", "oc-ekf", "iekf", "riekf", "riukf", "robocentric-ekf"]
+        ["ekf", "fej-ekf", "oc-ekf", "iekf", "riekf", "riukf", "robocentric-ekf", "sliding-window-10"]
     ).items():
         covs = estimator(recording).pose_covs
         assert covs is not None
@@ -24,7 +24,7 @@ def covariances() -> dict[str, Float]:
     return found
 
 
-@pytest.mark.parametrize("name", ["fej-ekf", "oc-ekf", "riekf", "riukf", "robocentric-ekf"])
+@pytest.mark.parametrize("name", ["fej-ekf", "oc-ekf", "riekf", "riukf", "robocentric-ekf", "sliding-window-10"])
 def test_a_consistent_filters_pose_covariance_stays(covariances: dict[str, Float], name: str) -> None:
     prior = covariances[name][0]
     sigmas = np.sqrt(np.diag(prior))

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from slamgauge.truth import Truth
 
 DEAD_RECKONING = "dead-reckoning"  # what figures show faintly, and pictures of a map leave out
-FIXED_LAG = "fixed-lag"  # fixed-lag-50: of 50 steps
+FIXED_LAG, SLIDING_WINDOW = LAGGING = ("fixed-lag", "sliding-window")  # fixed-lag-50: of 50 steps
 LONGEST_LAG = 9  # digits
 UNDER = "@"  # isam2@ekf: isam2 under the associations that ekf makes
 
@@ -138,6 +138,13 @@ _ENTRIES = (
         look=Look("#117733", (0, (8, 1, 2, 1))),
     ),
     Entry(
+        name=SLIDING_WINDOW,
+        home="slamgauge.ekf:sliding_window",
+        note=f"filter, the last 100 steps linearised anew; {SLIDING_WINDOW}-50: the last 50",
+        is_benched=False,
+        look=Look("#999933", (0, (5, 1, 1, 1, 1, 1))),
+    ),
+    Entry(
         name=FIXED_LAG,
         home="slamgauge.graph_baseline:fixed_lag",
         note=f"the last 20 steps smoothed; {FIXED_LAG}-5: the last 5",
@@ -224,8 +231,8 @@ def entry_of(name: str) -> Entry:
 def _plain_entry_of(name: str) -> Entry | None:
     """The entry of a name without a filter behind it, if there is one."""
     stem, _, steps = name.rpartition("-")
-    if stem == FIXED_LAG and steps.isdecimal() and len(steps) <= LONGEST_LAG:
-        return replace(REGISTRY[FIXED_LAG], name=name, note="", lag=int(steps))
+    if stem in LAGGING and steps.isdecimal() and len(steps) <= LONGEST_LAG:
+        return replace(REGISTRY[stem], name=name, note="", lag=int(steps))
     return (REGISTRY | BOUNDS).get(name)
 
 

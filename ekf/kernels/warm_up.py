@@ -7,7 +7,7 @@ import functools
 import numpy as np
 
 from slamgauge.compiling import announced
-from slamgauge.ekf.kernels import compatibility, corrections, iterated, linear, map_edits, one_by_one
+from slamgauge.ekf.kernels import compatibility, corrections, iterated, linear, map_edits, one_by_one, window
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import Belief, allocate_belief
 from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
@@ -82,6 +82,31 @@ def compile_sights_once() -> None:
         wrap(0.0)
         observe_all(0, np.ones((1, 2)))
         locate_all(0, np.ones((1, 2)))
+
+
+@functools.cache
+def compile_window_once() -> None:
+    """The same for the kernels of a sliding window."""
+    A, b, rest = np.eye(5), np.zeros(5), np.array([1.0, 0.0])
+    prior = window.Prior(np.eye(5), np.zeros(5), np.zeros(5))
+    poses = window.Window(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3, 3)))
+    seen = window.Sights(np.array([0, 0, 1]), np.array([0]), np.array([[1.0, 0.0]]), np.eye(2)[None])
+    none = window.Sights(np.array([0]), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)))
+    work, step = window.allocate_pass(2, 5), np.zeros(5)
+    problem = window.Problem(0, prior, poses, seen, none, rest, 1)
+    with announced("kernels of a sliding window"):
+        is_semidefinite(np.zeros((3, 3)))
+        are_sound(0, np.ones((1, 2)), np.eye(2)[None])
+        locate_all(0, np.ones((1, 2)))
+        triangulate(np.zeros((1, 3)), np.zeros(1), np.ones(1), 1.0)
+        window.sweep(problem, A, b, work)
+        window.solve(5, A, b, step, np.zeros((3, 3)))
+        window.go_back(poses, 5, step, work)
+        window.chain(poses)
+        window.cost(problem)
+        window.add_first(problem, A, b)
+        window.move_on(poses, 1, 5, A, b, work)
+        window.set_prior(poses.pose[1], rest, 1, A, b, prior)
 
 
 def _robot_and_landmark() -> tuple[Belief, Workspace]:

@@ -1,0 +1,468 @@
+"""Gauss-Newton passes over a window of poses, compiled.
+
+The unknowns are the first pose x_0 of the window, the noise w_i of each motion after it, and the rest: landmarks, then
+poses that are kept from before. The path follows from them, x_i = x_{i-1} (+) (u_i + w_i), so that a motion which
+cannot slip never does. Noise is stored by its multiplier m_i, w_i = Q_i m_i, which is finite where Q is singular.
+
+A pass is an information filter forward through the window, all Jacobians where the window stands: A and b say
+1/2 d'A d - b'd of the step d of the newest pose so far and the rest. From a pose to the next, d_i = F d_{i-1} - G w_i +
+G w, the information is carried as A <- F^-T A F^-1, then w is eliminated: A <- A - A S A, S = G Q G' (I + A G Q G')^-1.
+What that needs stays behind, and leads back from the newest pose to the multipliers of every motion.
+
+What left the window is a prior on errors of x_0 in the world, right-invariant, r_p = p - R(turn) p_ref and r_theta =
+turn = theta - theta_ref, and of the rest as seen from x_0, R(turn)'(l - p) - (l_ref - p_ref): these a shift or turn of
+the whole map leaves as they are. Whatever is linearised anew, nothing is then learnt about such a shift or turn.
+
+Sources: Sibley, Matthies and Sukhatme, "Sliding window filter with application to planetary landing", Journal of Field
+Robotics 27(5), 2010; Barrau and Bonnabel, arXiv 1510.06263, for the errors; Dong-Si and Mourikis, "Motion tracking with
+fixed-lag smoothing: algorithm and consistency analysis", ICRA 2011, for what goes wrong without them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.compiled import inner, kernel
+from slamgauge.ekf.kernels.belief import ROBOT
+from slamgauge.ekf.kernels.blas import cholesky, solve_factor
+from slamgauge.ekf.kernels.models import observe, wrap, wrap_innovation
+
+
+class Prior(NamedTuple):
+    """What is known from before the window, of n errors: of its first pose, of landmarks, of poses that are kept."""
+
+    information: Float  # (n, n), both triangles
+    gradient: Float  # (n,)
+    at: Float  # (n,) where the errors are zero: the first pose, and the rest relative to it, turned as in the world
+
+
+class Sights(NamedTuple):
+    """Observations, by the pose that made them: those of pose i are first[i] to first[i + 1]."""
+
+    first: Int
+    slot: Int  # (m,) landmark, -1 while it has no place
+    value: Float  # (m, 2)
+    root: Float  # (m, 2, 2) upper, root'root is the inverse covariance; of a bearing alone the first row is zero
+
+
+class Window(NamedTuple):
+    """Poses x_0, ..., x_k and what was measured from one to the next."""
+
+    pose: Float  # (k+1, 3)
+    multiplier: Float  # (k+1, 3)
+    increment: Float  # (k+1, 3)
+    increment_cov: Float  # (k+1, 3, 3)
+
+
+class Problem(NamedTuple):
+    """All that the window is about."""
+
+    sensor: int  # see `models.SENSOR_CODES`
+    prior: Prior
+    window: Window
+    sights: Sights  # of the window's poses
+    kept: Sights  # of the poses that are kept
+    rest: Float  # (n-3,) landmarks (L, 2), then poses that are kept (K, 3)
+    landmarks: int  # L
+
+
+class Pass(NamedTuple):
+    """What a pass leaves behind of each motion, for the way back; room for the window's poses and n unknowns."""
+
+    row: Float  # (k+1, 3, n) the robot's rows of A before w is eliminated
+    pull: Float  # (k+1, 3) the robot's entries of b there
+    share: Float  # (k+1, 3, 3) S
+    step: Float  # (k+1, 3) multipliers that are sought
+
+
+def allocate_pass(poses: int, unknowns: int) -> Pass:
+    """Room for a pass."""
+    return Pass(np.zeros((poses, 3, unknowns)), np.zeros((poses, 3)), np.zeros((poses, 3, 3)), np.zeros((poses, 3)))
+
+
+# --- parts of the cost, each with its Jacobians ----------------------------------------------------
+
+
+@kernel
+def prior_error(prior: Prior, pose: Float, rest: Float, landmarks: int, error: Float, by_pose: Float) -> float:
+    """Leave the errors (n,) of a first pose and the rest, and their derivatives by that pose (n, 3).
+
+    Those by the rest are R(turn)' for each point and 1 for each heading. Returns the turn.
+    """
+    at = prior.at
+    turn = wrap(pose[2] - at[2])
+    c, s = math.cos(turn), math.sin(turn)
+    x, y = c * at[0] - s * at[1], s * at[0] + c * at[1]
+    error[0], error[1], error[2] = pose[0] - x, pose[1] - y, turn
+    by_pose[:3] = np.eye(3)
+    by_pose[0, 2], by_pose[1, 2] = y, -x
+    points = ROBOT + 2 * landmarks
+    i = ROBOT
+    while i < len(error):
+        east, north = rest[i - ROBOT] - pose[0], rest[i - ROBOT + 1] - pose[1]
+        x, y = c * east + s * north, c * north - s * east
+        error[i], error[i + 1] = x - at[i], y - at[i + 1]
+        by_pose[i, 0], by_pose[i, 1], by_pose[i, 2] = -c, -s, y
+        by_pose[i + 1, 0], by_pose[i + 1, 1], by_pose[i + 1, 2] = s, -c, -x
+        if i >= points:
+            error[i + 2] = wrap(rest[i - ROBOT + 2] - at[i + 2] - turn)
+            by_pose[i + 2, 0], by_pose[i + 2, 1], by_pose[i + 2, 2] = 0.0, 0.0, -1.0
+            i += 1
+        i += 2
+    return turn
+
+
+@kernel
+def sight_error(sensor: int, pose: Float, landmark: Float, value: Float, root: Float, r: Float, H: Float) -> None:
+    """Leave the residual r (2,) of an observation, in standard deviations, and its Jacobian H (2, 5).
+
+    By x, y and heading of the pose, and x and y of the landmark: r + H d is what a step d leaves.
+    """
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    east, north = landmark[0] - pose[0], landmark[1] - pose[1]
+    dx, dy = c * east + s * north, c * north - s * east
+    z0, z1, a00, a01, a10, a11 = observe(sensor, dx, dy)
+    v0, v1 = z0 - value[0], wrap_innovation(sensor, 1, z1 - value[1])
+    if a10 == 0.0 and a11 == 0.0:  # too close for a bearing
+        v1 = 0.0
+    if a00 == 0.0 and a01 == 0.0:
+        v0 = 0.0
+    for i in range(2):
+        w0, w1 = root[i, 0], root[i, 1]
+        r[i] = w0 * v0 + w1 * v1
+        ax, ay = w0 * a00 + w1 * a10, w0 * a01 + w1 * a11
+        H[i, 3], H[i, 4] = ax * c - ay * s, ax * s + ay * c
+        H[i, 0], H[i, 1] = -H[i, 3], -H[i, 4]
+        H[i, 2] = ax * dy - ay * dx
+
+
+@kernel
+def cost(problem: Problem) -> float:
+    """Twice the cost of where the window stands, but for a constant."""
+    sensor, prior, window, sights, kept, rest, landmarks = problem
+    size = ROBOT + len(rest)
+    error = np.empty(size)
+    prior_error(prior, window.pose[0], rest, landmarks, error, np.empty((size, 3)))
+    total = 0.0
+    for i in range(size):
+        pull = 0.0
+        for j in range(size):
+            pull += prior.information[i, j] * error[j]
+        total += error[i] * (pull - 2.0 * prior.gradient[i])
+    r, H = np.empty(2), np.empty((2, 5))
+    for i in range(len(window.pose)):
+        if i > 0:
+            m = window.multiplier[i]
+            for a in range(3):
+                for b in range(3):
+                    total += m[a] * window.increment_cov[i, a, b] * m[b]
+        for row in range(sights.first[i], sights.first[i + 1]):
+            total += _squared(sensor, window.pose[i], rest, sights, row, r, H)
+    for j in range(len(kept.first) - 1):
+        for row in range(kept.first[j], kept.first[j + 1]):
+            total += _squared(sensor, rest[2 * landmarks + 3 * j :], rest, kept, row, r, H)
+    return total
+
+
+@inner
+def _squared(sensor: int, pose: Float, rest: Float, sights: Sights, row: int, r: Float, H: Float) -> float:
+    """The squared residual of an observation; none of a landmark without a place."""
+    slot = sights.slot[row]
+    if slot < 0:
+        return 0.0
+    sight_error(sensor, pose, rest[2 * slot : 2 * slot + 2], sights.value[row], sights.root[row], r, H)
+    return r[0] * r[0] + r[1] * r[1]
+
+
+# --- the pass ------------------------------------------------------------------------------------
+
+
+@kernel
+def add_prior(prior: Prior, pose: Float, rest: Float, landmarks: int, A: Float, b: Float) -> None:
+    """Set A (upper triangle) and b to what the prior says of steps of the first pose and the rest."""
+    size = ROBOT + len(rest)
+    error, by_pose, pull = np.empty(size), np.empty((size, 3)), np.empty(size)
+    turn = prior_error(prior, pose, rest, landmarks, error, by_pose)
+    for i in range(size):
+        pull[i] = prior.gradient[i]
+        for j in range(size):
+            pull[i] -= prior.information[i, j] * error[j]
+    in_other_terms(prior.information, pull, by_pose, turn, landmarks, A, b)
+
+
+@kernel
+def in_other_terms(
+    information: Float, pull: Float, by_pose: Float, turn: float, landmarks: int, A: Float, b: Float
+) -> None:
+    """Set A (upper triangle) to E' information E and b to E' pull, for E = [by_pose, blocks].
+
+    The blocks are R(turn)' for each point, 1 for each heading, and nothing for the first pose.
+    """
+    size = len(pull)
+    c, s = math.cos(turn), math.sin(turn)
+    for i in range(size):
+        for j in range(i, size):
+            A[i, j] = information[i, j]
+        b[i] = pull[i]
+    for a in range(3):
+        along = np.empty(size)
+        for i in range(size):
+            along[i] = 0.0
+            for j in range(size):
+                along[i] += information[i, j] * by_pose[j, a]
+        total = 0.0
+        for i in range(size):
+            total += by_pose[i, a] * pull[i]
+        b[a] = total
+        for d in range(a + 1):
+            A[d, a] = 0.0
+            for i in range(size):
+                A[d, a] += by_pose[i, d] * along[i]
+        for i in range(ROBOT, size):
+            A[a, i] = along[i]
+    points = ROBOT + 2 * landmarks
+    i = ROBOT
+    while turn != 0.0 and i < size:
+        b[i], b[i + 1] = c * b[i] - s * b[i + 1], s * b[i] + c * b[i + 1]
+        for j in range(i):
+            A[j, i], A[j, i + 1] = c * A[j, i] - s * A[j, i + 1], s * A[j, i] + c * A[j, i + 1]
+        for j in range(i + 2, size):
+            A[i, j], A[i + 1, j] = c * A[i, j] - s * A[i + 1, j], s * A[i, j] + c * A[i + 1, j]
+        xx, xy, yy = A[i, i], A[i, i + 1], A[i + 1, i + 1]
+        A[i, i] = c * c * xx - 2.0 * c * s * xy + s * s * yy
+        A[i, i + 1] = c * s * (xx - yy) + (c * c - s * s) * xy
+        A[i + 1, i + 1] = s * s * xx + 2.0 * c * s * xy + c * c * yy
+        i += 3 if i >= points else 2
+
+
+@kernel
+def add_sights(
+    sensor: int, pose: Float, first: int, rest: Float, sights: Sights, owner: int, A: Float, b: Float
+) -> None:
+    """Add to A and b what pose number `owner` of `sights` has seen; its entries begin at `first`."""
+    r, H = np.empty(2), np.empty((2, 5))
+    for row in range(sights.first[owner], sights.first[owner + 1]):
+        slot = sights.slot[row]
+        if slot < 0:
+            continue
+        sight_error(sensor, pose, rest[2 * slot : 2 * slot + 2], sights.value[row], sights.root[row], r, H)
+        place = ROBOT + 2 * slot
+        for p in range(5):
+            i = first + p if p < 3 else place + p - 3
+            b[i] -= H[0, p] * r[0] + H[1, p] * r[1]
+            for q in range(5):
+                j = first + q if q < 3 else place + q - 3
+                if i <= j:
+                    A[i, j] += H[0, p] * H[0, q] + H[1, p] * H[1, q]
+
+
+@kernel
+def add_kept(problem: Problem, A: Float, b: Float) -> None:
+    """Add what kept poses have seen of landmarks that have got a place since."""
+    kept, rest, landmarks = problem.kept, problem.rest, problem.landmarks
+    for j in range(len(kept.first) - 1):
+        place = 2 * landmarks + 3 * j
+        add_sights(problem.sensor, rest[place : place + 3], ROBOT + place, rest, kept, j, A, b)
+
+
+@kernel
+def move_on(window: Window, i: int, size: int, A: Float, b: Float, work: Pass) -> None:
+    """Carry A and b from pose i - 1 to pose i, where the noise between them is eliminated."""
+    before, after = window.pose[i - 1], window.pose[i]
+    shear(after[0] - before[0], after[1] - before[1], size, A, b)
+    Q = np.empty((3, 3))
+    shift = noise_at(window, i, Q)
+    row, pull, share = work.row[i], work.pull[i], work.share[i]
+    for j in range(size):
+        for a in range(3):
+            row[a, j] = A[min(a, j), max(a, j)]
+        b[j] -= row[0, j] * shift[0] + row[1, j] * shift[1] + row[2, j] * shift[2]
+    pull[:] = b[:3]
+    M = np.empty((3, 3))  # I + A_rr Q
+    for a in range(3):
+        for d in range(3):
+            M[a, d] = row[a, 0] * Q[0, d] + row[a, 1] * Q[1, d] + row[a, 2] * Q[2, d] + (1.0 if a == d else 0.0)
+    inverse = np.empty((3, 3))
+    invert(M, inverse)
+    for a in range(3):
+        b[a] = inverse[a, 0] * pull[0] + inverse[a, 1] * pull[1] + inverse[a, 2] * pull[2]
+        for j in range(a, size):  # (I + A_rr Q)^-1 A_r, which is A_r - A_rr S A_r without its cancellation
+            A[a, j] = inverse[a, 0] * row[0, j] + inverse[a, 1] * row[1, j] + inverse[a, 2] * row[2, j]
+        for d in range(a, 3):
+            upper = Q[a, 0] * inverse[0, d] + Q[a, 1] * inverse[1, d] + Q[a, 2] * inverse[2, d]
+            lower = Q[d, 0] * inverse[0, a] + Q[d, 1] * inverse[1, a] + Q[d, 2] * inverse[2, a]
+            share[a, d] = share[d, a] = 0.5 * (upper + lower)
+    answer = np.empty((3, size))
+    for a in range(3):
+        for j in range(size):
+            answer[a, j] = share[a, 0] * row[0, j] + share[a, 1] * row[1, j] + share[a, 2] * row[2, j]
+    for j in range(ROBOT, size):
+        r0, r1, r2 = row[0, j], row[1, j], row[2, j]
+        b[j] -= answer[0, j] * pull[0] + answer[1, j] * pull[1] + answer[2, j] * pull[2]
+        for q in range(j, size):
+            A[j, q] -= r0 * answer[0, q] + r1 * answer[1, q] + r2 * answer[2, q]
+
+
+@inner
+def noise_at(window: Window, i: int, Q: Float) -> tuple[float, float, float]:
+    """The noise of motion i as it stands, in the world frame; leaves its covariance (3, 3) there."""
+    cov, m, heading = window.increment_cov[i], window.multiplier[i], window.pose[i - 1, 2]
+    c, s = math.cos(heading), math.sin(heading)
+    w = np.empty(3)
+    for a in range(3):
+        w[a] = cov[a, 0] * m[0] + cov[a, 1] * m[1] + cov[a, 2] * m[2]
+    for a in range(3):  # rows, then columns
+        Q[0, a], Q[1, a], Q[2, a] = c * cov[0, a] - s * cov[1, a], s * cov[0, a] + c * cov[1, a], cov[2, a]
+    for a in range(3):
+        Q[a, 0], Q[a, 1] = c * Q[a, 0] - s * Q[a, 1], s * Q[a, 0] + c * Q[a, 1]
+    return c * w[0] - s * w[1], s * w[0] + c * w[1], w[2]
+
+
+@inner
+def invert(M: Float, out: Float) -> None:
+    """Leave M^-1, 3 x 3."""
+    for a in range(3):
+        for d in range(3):
+            e, f, g, h = (a + 1) % 3, (a + 2) % 3, (d + 1) % 3, (d + 2) % 3
+            out[d, a] = M[e, g] * M[f, h] - M[e, h] * M[f, g]
+    determinant = M[0, 0] * out[0, 0] + M[0, 1] * out[1, 0] + M[0, 2] * out[2, 0]
+    for a in range(3):
+        for d in range(3):
+            out[a, d] /= determinant
+
+
+@inner
+def shear(east: float, north: float, size: int, A: Float, b: Float) -> None:
+    """A <- F^-T A F^-1, b <- F^-T b for F = [I, J lever; 0, 1], on the upper triangle."""
+    for j in range(3, size):
+        A[2, j] += north * A[0, j] - east * A[1, j]
+    with_x = A[0, 2] + north * A[0, 0] - east * A[0, 1]
+    with_y = A[1, 2] + north * A[0, 1] - east * A[1, 1]
+    A[2, 2] += north * (A[0, 2] + with_x) - east * (A[1, 2] + with_y)
+    A[0, 2], A[1, 2] = with_x, with_y
+    b[2] += north * b[0] - east * b[1]
+
+
+@kernel
+def sweep(problem: Problem, A: Float, b: Float, work: Pass) -> float:
+    """Leave in A and b what is known of steps of the newest pose and the rest.
+
+    Returns how much of twice the cost is answered by the noise that is eliminated on the way.
+    """
+    sensor, prior, window, sights, _, rest, landmarks = problem
+    size = ROBOT + len(rest)
+    add_prior(prior, window.pose[0], rest, landmarks, A, b)
+    add_kept(problem, A, b)
+    for i in range(len(window.pose)):
+        if i > 0:
+            move_on(window, i, size, A, b, work)
+        add_sights(sensor, window.pose[i], 0, rest, sights, i, A, b)
+    answered = 0.0
+    for i in range(1, len(window.pose)):
+        for a in range(3):
+            for d in range(3):
+                answered += work.pull[i, a] * work.share[i, a, d] * work.pull[i, d]
+    return answered
+
+
+@kernel
+def solve(size: int, A: Float, b: Float, step: Float, cov: Float) -> bool:
+    """Leave the step A^-1 b (size,) and the robot's covariance (3, 3); False if A is not positive definite.
+
+    A holds its factor afterwards.
+    """
+    if not cholesky(A, size):
+        return False
+    W = np.zeros((size, 4))
+    for i in range(size):
+        W[i, 3] = b[i]
+    for a in range(3):
+        W[a, a] = 1.0
+    solve_factor(A, W, size, 4)
+    for a in range(3):
+        for d in range(3):
+            cov[a, d] = 0.0
+            for i in range(size):
+                cov[a, d] += W[i, a] * W[i, d]
+    for i in range(size - 1, -1, -1):
+        total = W[i, 3]
+        for j in range(i + 1, size):
+            total -= A[i, j] * step[j]
+        step[i] = total / A[i, i]
+    return bool(np.isfinite(step[:size]).all())
+
+
+@kernel
+def go_back(window: Window, size: int, step: Float, work: Pass) -> None:
+    """Leave the multipliers that a step of the newest pose and the rest asks for; its first three become x_0's step."""
+    Q, open_, noise, asked = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
+    for i in range(len(window.pose) - 1, 0, -1):
+        row, share, heading = work.row[i], work.share[i], window.pose[i - 1, 2]
+        shift = noise_at(window, i, Q)
+        for a in range(3):
+            open_[a] = -work.pull[i, a]
+            for j in range(size):
+                open_[a] += row[a, j] * step[j]
+        for a in range(3):
+            noise[a] = share[a, 0] * open_[0] + share[a, 1] * open_[1] + share[a, 2] * open_[2]
+        for a in range(3):
+            asked[a] = open_[a] - row[a, 0] * noise[0] - row[a, 1] * noise[1] - row[a, 2] * noise[2]
+        c, s = math.cos(heading), math.sin(heading)
+        work.step[i, 0] = c * asked[0] + s * asked[1]
+        work.step[i, 1] = c * asked[1] - s * asked[0]
+        work.step[i, 2] = asked[2]
+        step[2] += shift[2] - noise[2]
+        step[0] += shift[0] - noise[0] + (window.pose[i, 1] - window.pose[i - 1, 1]) * step[2]
+        step[1] += shift[1] - noise[1] - (window.pose[i, 0] - window.pose[i - 1, 0]) * step[2]
+
+
+@kernel
+def chain(window: Window) -> None:
+    """Lay the path anew from its first pose."""
+    for i in range(1, len(window.pose)):
+        before, Q, m = window.pose[i - 1], window.increment_cov[i], window.multiplier[i]
+        u = window.increment[i] + Q @ m
+        c, s = math.cos(before[2]), math.sin(before[2])
+        window.pose[i, 0] = before[0] + c * u[0] - s * u[1]
+        window.pose[i, 1] = before[1] + s * u[0] + c * u[1]
+        window.pose[i, 2] = wrap(before[2] + u[2])
+
+
+@kernel
+def add_first(problem: Problem, A: Float, b: Float) -> None:
+    """Set A (upper triangle) and b to what prior and its own scan say of steps of the first pose and the rest."""
+    pose = problem.window.pose[0]
+    add_prior(problem.prior, pose, problem.rest, problem.landmarks, A, b)
+    add_sights(problem.sensor, pose, 0, problem.rest, problem.sights, 0, A, b)
+
+
+@kernel
+def set_prior(pose: Float, rest: Float, landmarks: int, A: Float, b: Float, prior: Prior) -> None:
+    """Make a prior of what A (upper triangle) and b say of steps of a first pose and the rest, where these stand."""
+    size = ROBOT + len(rest)
+    prior.at[:3], prior.at[3:] = pose, 0.0
+    error, by_error, whole, half = np.empty(size), np.empty((size, 3)), np.empty((size, size)), np.empty((size, size))
+    prior_error(prior, pose, rest, landmarks, error, by_error)
+    prior.at[3:] = error[3:]
+    by_error[0, 2], by_error[1, 2] = -pose[1], pose[0]  # of steps by errors: all else stays as it is seen from the pose
+    points = ROBOT + 2 * landmarks
+    by_error[ROBOT:] = 0.0
+    i = ROBOT
+    while i < size:
+        by_error[i, 0], by_error[i, 2] = 1.0, -rest[i - ROBOT + 1]
+        by_error[i + 1, 1], by_error[i + 1, 2] = 1.0, rest[i - ROBOT]
+        if i >= points:
+            by_error[i + 2, 2] = 1.0
+            i += 1
+        i += 2
+    for i in range(size):
+        for j in range(size):
+            whole[i, j] = A[min(i, j), max(i, j)]
+    in_other_terms(whole, b, by_error, 0.0, landmarks, half, prior.gradient)
+    for i in range(size):
+        for j in range(size):
+            prior.information[i, j] = half[min(i, j), max(i, j)]
