@@ -1,7 +1,8 @@
-"""What a longer lag buys: the fixed-lag smoother of several lags beside the right-invariant filter and the optimum.
+"""What a longer lag buys: GTSAM's fixed-lag smoother and the sliding-window filter of several lags, beside the
+right-invariant filter and the optimum.
 
     python benchmarks/fixed_lag.py [--scenario q1-short-dense] [--duration 20] [--lags 1,2,5,10,20,50,200] [--runs 10]
-                                   [--seed 100] [--jobs 2]
+                                   [--seed 100] [--jobs 2] [--smoothers fixed-lag,sliding-window]
 
 Over runs: RMS position error [m], that over the Cramer-Rao bound with its 95 % interval, pose NEES / 3, landmarks in
 the map, and milliseconds of a step in the mean (one core).
@@ -25,14 +26,16 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=10)
     parser.add_argument("--seed", type=int, default=100)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--smoothers", default="fixed-lag,sliding-window")
     options = parser.parse_args()
     shorter = [f"trajectory.duration={options.duration}"] if options.duration else []
     scenario = load_scenario(options.scenario, ["start=sampled", *shorter])
-    names = ["riekf", *(f"fixed-lag-{lag}" for lag in options.lags.split(",")), "isam2", "bound"]
+    lagging = [f"{smoother}-{lag}" for smoother in options.smoothers.split(",") for lag in options.lags.split(",")]
+    names = ["riekf", *lagging, "isam2", "bound"]
     with TemporaryDirectory() as folder, local_processes(options.jobs) as executor:
         summary = run_study(scenario, options.runs, options.seed, names, Path(folder), executor)
         runs = load_runs(scenario, options.runs, options.seed, names, Path(folder))
-    print(f"{'estimator':16}{'RMSE [m]':>9}{'x bound':>16}{'NEES/3':>8}{'mapped':>8}{'step [ms]':>11}{'failed':>8}")
+    print(f"{'estimator':20}{'RMSE [m]':>9}{'x bound':>16}{'NEES/3':>8}{'mapped':>8}{'step [ms]':>11}{'failed':>8}")
     for name, entry in summary.estimators.items():
         if entry.ate_m is None or entry.ratio_to_bound is None or entry.seconds_total is None:
             continue
@@ -42,7 +45,7 @@ def main() -> None:
         figures += f"{mean:8.3f} ± {mean - (low or mean):.3f}"
         nees, mapped = entry.nees_pose_per_dof, entry.landmarks_mapped
         figures += "".join(f"{each.mean:8.2f}" if each else f"{'-':>8}" for each in (nees, mapped))
-        print(f"{name:16}{figures}{1e3 * entry.seconds_total / steps:11.2f}{options.runs - entry.runs:8}", flush=True)
+        print(f"{name:20}{figures}{1e3 * entry.seconds_total / steps:11.2f}{options.runs - entry.runs:8}", flush=True)
     for failure in summary.failures:
         print(f"run {failure.run}: {failure.estimator}: {failure.error}")
 

@@ -1,8 +1,9 @@
 """Planar landmark SLAM filters.
 
 `settings` what people choose; `kernels` the steps, compiled; `maps` the belief and its book-keeping, and the table of
-corrections; `bearings` landmarks from bearings alone. Here are the online filters, `filter` (with ids), `association`
-(without), `compressed` (the same for large maps), and `estimators`: a recording in, an estimate out.
+corrections; `bearings` landmarks from bearings alone; `window` the parts of `window_filter`, whose last steps are
+linearised anew. Here are the online filters, `filter` (with ids), `association` (without), `compressed` (the same for
+large maps), and `estimators`: a recording in, an estimate out.
 
 Names are imported when they are first used, so that a setting costs no compiler. The filters as estimators are those
 that `estimators` lists.

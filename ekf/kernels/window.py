@@ -351,7 +351,8 @@ def shear(east: float, north: float, size: int, A: Float, b: Float) -> None:
 def sweep(problem: Problem, A: Float, b: Float, work: Pass) -> float:
     """Leave in A and b what is known of steps of the newest pose and the rest.
 
-    Returns how much of twice the cost is answered by the noise that is eliminated on the way.
+    Returns by how much twice the cost falls by the noise that is eliminated on the way, and so without a step of what
+    is left.
     """
     sensor, prior, window, sights, _, rest, landmarks = problem
     size = ROBOT + len(rest)
@@ -361,12 +362,15 @@ def sweep(problem: Problem, A: Float, b: Float, work: Pass) -> float:
         if i > 0:
             move_on(window, i, size, A, b, work)
         add_sights(sensor, window.pose[i], 0, rest, sights, i, A, b)
-    answered = 0.0
+    fallen, Q = 0.0, np.empty((3, 3))
     for i in range(1, len(window.pose)):
+        noise, m, pull = noise_at(window, i, Q), window.multiplier[i], work.pull[i]
         for a in range(3):
+            fallen += 2.0 * pull[a] * noise[a]
             for d in range(3):
-                answered += work.pull[i, a] * work.share[i, a, d] * work.pull[i, d]
-    return answered
+                fallen += pull[a] * work.share[i, a, d] * pull[d] + noise[a] * work.row[i, a, d] * noise[d]
+                fallen += m[a] * window.increment_cov[i, a, d] * m[d]
+    return fallen
 
 
 @kernel

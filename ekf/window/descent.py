@@ -20,7 +20,7 @@ class Swept(NamedTuple):
     A: Float  # (n, n) upper triangle
     b: Float  # (n,)
     work: passes.Pass
-    answered: float  # of twice the cost, by the noise of motions
+    fallen: float  # by so much twice the cost falls by the noise of motions
 
 
 def swept(problem: passes.Problem) -> Swept:
@@ -53,10 +53,10 @@ def descended(problem: passes.Problem) -> tuple[passes.Problem, Float]:
     size, cov = ROBOT + len(problem.rest), np.zeros((3, 3))
     step, cost = np.zeros(size), passes.cost(problem)
     for _ in range(MOST):
-        A, b, work, answered = swept(problem)
+        A, b, work, fallen = swept(problem)
         if not passes.solve(size, A, b, step, cov):
             raise np.linalg.LinAlgError
-        expected = cost - answered - float(b @ step)
+        expected = cost - fallen - float(b @ step)
         turn, of_rest = float(step[2]), step[ROBOT:].copy()
         passes.go_back(problem.window, size, step, work)
         for halvings in range(MOST):

@@ -80,6 +80,7 @@ SMALLEST = {
         "estimator RMSE [m] x bound NEES/3 mapped step [ms] failed",
         "riekf ",
         "fixed-lag-2 ",
+        "sliding-window-2 ",
     ),
     "fuzz": (  # 15 s
         "--cases 400 --seed 0",
@@ -118,6 +119,12 @@ SMALLEST = {
         "--scenario q4-three-landmarks --steps 30 --runs 2 --samples 20 --jobs 1",
         "scenario step runs maximum [m] mean [m] mean / maximum apart unsure accepted",
         "q4-three-landmarks 30 2 ",
+    ),
+    "ray_members": (  # 3 s
+        "--maps three --roots 0 --runs 1 --jobs 1",
+        "map alpha beta s_min N ATE [m] median NEES/3",
+        "three 0.30 2.00 1.0 4 ",
+        "over maps ATE over the least",
     ),
     "scale_of_bearings": (  # 4 s
         "--runs 2 --steps 300 --scenario q4-three-landmarks",

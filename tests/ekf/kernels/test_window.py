@@ -147,9 +147,9 @@ def test_a_pass_finds_the_gradient_and_the_way_back(sensor: int) -> None:
     gradient = differentiate(lambda step: np.array([passes.cost(at(step))]), zero, 1e-4)[0]
     A, b = np.zeros((first, first)), np.zeros(first)
     work, step, cov = passes.allocate_pass(count, first), np.zeros(first), np.zeros((3, 3))
-    passes.sweep(problem, A, b, work)
+    fallen = passes.sweep(problem, A, b, work)
     assert passes.solve(first, A, b, step, cov)
-    of_newest = step[:3].copy()
+    of_newest, fallen = step[:3].copy(), fallen + b @ step
     passes.go_back(problem.window, first, step, work)
     whole = np.concatenate([step, (work.step - problem.window.multiplier)[1:, free].ravel()])
 
@@ -160,6 +160,7 @@ def test_a_pass_finds_the_gradient_and_the_way_back(sensor: int) -> None:
     J = differentiate(newest, zero, 1e-4, angles=(2,))
     np.testing.assert_allclose(J @ whole, of_newest, atol=1e-8)
     np.testing.assert_allclose(J @ np.linalg.inv(curvature) @ J.T, cov, rtol=1e-6)
+    np.testing.assert_allclose(fallen, -gradient @ whole / 2.0, rtol=1e-6)
 
 
 def gauss_newton_matrix(at: Callable[[Float], passes.Problem], zero: Float) -> Float:
