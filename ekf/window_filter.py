@@ -20,7 +20,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels import window as passes
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.ekf.kernels.models import BEARING, SENSOR_CODES, locate_all
-from slamgauge.ekf.kernels.precision import EXHAUSTED, LARGEST
+from slamgauge.ekf.kernels.precision import EXHAUSTED, LARGEST, NO_MINIMUM
 from slamgauge.ekf.kernels.prediction import is_semidefinite
 from slamgauge.ekf.kernels.take_in import are_sound
 from slamgauge.ekf.kernels.warm_up import compile_window_once
@@ -37,7 +37,7 @@ from slamgauge.ekf.maps.checks import (
 )
 from slamgauge.ekf.online import PointFilter
 from slamgauge.ekf.window import past
-from slamgauge.ekf.window.descent import descended, inverse, swept, symmetric
+from slamgauge.ekf.window.descent import NoMinimumError, descended, inverse, swept, symmetric
 from slamgauge.ekf.window.scans import NOTHING, Bearings, Scan, in_two_rows, joined, scan_of, sights_of
 from slamgauge.errors import UserError
 from slamgauge.recording import OBSERVATION_DIM, Observations
@@ -154,7 +154,9 @@ class SlidingWindowFilter(PointFilter):
         F[:2, 2] = last[1] - pose[1], pose[0] - last[0]
         G[:2, :2] = rotation(last[2])
         self._pose_cov = F @ self._pose_cov @ F.T + G @ move_cov @ G.T
-        parts = zip(self._window, (pose, np.zeros(3), move, move_cov), strict=True)
+        squares, directions = np.linalg.eigh(move_cov)
+        root = directions * np.sqrt(np.maximum(squares, 0.0))
+        parts = zip(self._window, (pose, np.zeros(3), move, root), strict=True)
         self._window = passes.Window(*(np.concatenate([all_of_it, new[None]]) for all_of_it, new in parts))
         self._scans.append(NOTHING)
         self._step += 1
@@ -180,9 +182,10 @@ class SlidingWindowFilter(PointFilter):
         try:
             if len(ids):
                 self._take_in(ids, values, covs)
-        except np.linalg.LinAlgError:
+        except (np.linalg.LinAlgError, NoMinimumError) as reason:
             vars(self).update(before)
-            raise explain_scan(self._sensor, given, given_covs, EXHAUSTED, np.diagonal(self._pose_cov)) from None
+            code = NO_MINIMUM if isinstance(reason, NoMinimumError) else EXHAUSTED
+            raise explain_scan(self._sensor, given, given_covs, code, np.diagonal(self._pose_cov)) from None
         self._associated = ids.copy()
         return 0.0, 0
 

@@ -6,8 +6,9 @@ cannot slip never does. Noise is stored by its multiplier m_i, w_i = Q_i m_i, wh
 
 A pass is an information filter forward through the window, all Jacobians where the window stands: A and b say
 1/2 d'A d - b'd of the step d of the newest pose so far and the rest. From a pose to the next, d_i = F d_{i-1} - G w_i +
-G w, the information is carried as A <- F^-T A F^-1, then w is eliminated: A <- A - A S A, S = G Q G' (I + A G Q G')^-1.
-What that needs stays behind, and leads back from the newest pose to the multipliers of every motion.
+G w, the information is carried as A <- F^-T A F^-1, then w is eliminated: A <- A - A Z'Z A with Z = U'^-1 L'G', Q = LL'
+and U'U = I + L'G'A G L. What that needs stays behind, and leads back from the newest pose to the multipliers of every
+motion.
 
 What left the window is a prior on errors of x_0 in the world, right-invariant, r_p = p - R(turn) p_ref and r_theta =
 turn = theta - theta_ref, and of the rest as seen from x_0, R(turn)'(l - p) - (l_ref - p_ref): these a shift or turn of
@@ -55,7 +56,7 @@ class Window(NamedTuple):
     pose: Float  # (k+1, 3)
     multiplier: Float  # (k+1, 3)
     increment: Float  # (k+1, 3)
-    increment_cov: Float  # (k+1, 3, 3)
+    root: Float  # (k+1, 3, 3) L of the increment's covariance Q = L L', with columns at right angles to each other
 
 
 class Problem(NamedTuple):
@@ -75,7 +76,7 @@ class Pass(NamedTuple):
 
     row: Float  # (k+1, 3, n) the robot's rows of A before w is eliminated
     pull: Float  # (k+1, 3) the robot's entries of b there
-    share: Float  # (k+1, 3, 3) S
+    root: Float  # (k+1, 3, 3) Z
     step: Float  # (k+1, 3) multipliers that are sought
 
 
@@ -156,10 +157,7 @@ def cost(problem: Problem) -> float:
     r, H = np.empty(2), np.empty((2, 5))
     for i in range(len(window.pose)):
         if i > 0:
-            m = window.multiplier[i]
-            for a in range(3):
-                for b in range(3):
-                    total += m[a] * window.increment_cov[i, a, b] * m[b]
+            total += spent(window, i)
         for row in range(sights.first[i], sights.first[i + 1]):
             total += _squared(sensor, window.pose[i], rest, sights, row, r, H)
     for j in range(len(kept.first) - 1):
@@ -274,65 +272,74 @@ def move_on(window: Window, i: int, size: int, A: Float, b: Float, work: Pass) -
     """Carry A and b from pose i - 1 to pose i, where the noise between them is eliminated."""
     before, after = window.pose[i - 1], window.pose[i]
     shear(after[0] - before[0], after[1] - before[1], size, A, b)
-    Q = np.empty((3, 3))
-    shift = noise_at(window, i, Q)
-    row, pull, share = work.row[i], work.pull[i], work.share[i]
+    shift, row, pull, Z = noise_at(window, i), work.row[i], work.pull[i], work.root[i]
     for j in range(size):
         for a in range(3):
             row[a, j] = A[min(a, j), max(a, j)]
         b[j] -= row[0, j] * shift[0] + row[1, j] * shift[1] + row[2, j] * shift[2]
     pull[:] = b[:3]
-    M = np.empty((3, 3))  # I + A_rr Q
-    for a in range(3):
-        for d in range(3):
-            M[a, d] = row[a, 0] * Q[0, d] + row[a, 1] * Q[1, d] + row[a, 2] * Q[2, d] + (1.0 if a == d else 0.0)
-    inverse = np.empty((3, 3))
-    invert(M, inverse)
-    for a in range(3):
-        b[a] = inverse[a, 0] * pull[0] + inverse[a, 1] * pull[1] + inverse[a, 2] * pull[2]
-        for j in range(a, size):  # (I + A_rr Q)^-1 A_r, which is A_r - A_rr S A_r without its cancellation
-            A[a, j] = inverse[a, 0] * row[0, j] + inverse[a, 1] * row[1, j] + inverse[a, 2] * row[2, j]
-        for d in range(a, 3):
-            upper = Q[a, 0] * inverse[0, d] + Q[a, 1] * inverse[1, d] + Q[a, 2] * inverse[2, d]
-            lower = Q[d, 0] * inverse[0, a] + Q[d, 1] * inverse[1, a] + Q[d, 2] * inverse[2, a]
-            share[a, d] = share[d, a] = 0.5 * (upper + lower)
+    divided_root(window, i, row, Z)
     answer = np.empty((3, size))
     for a in range(3):
         for j in range(size):
-            answer[a, j] = share[a, 0] * row[0, j] + share[a, 1] * row[1, j] + share[a, 2] * row[2, j]
-    for j in range(ROBOT, size):
-        r0, r1, r2 = row[0, j], row[1, j], row[2, j]
-        b[j] -= answer[0, j] * pull[0] + answer[1, j] * pull[1] + answer[2, j] * pull[2]
+            answer[a, j] = Z[a, 0] * row[0, j] + Z[a, 1] * row[1, j] + Z[a, 2] * row[2, j]
+        along = Z[a, 0] * pull[0] + Z[a, 1] * pull[1] + Z[a, 2] * pull[2]
+        for j in range(size):
+            b[j] -= answer[a, j] * along
+    for j in range(size):
+        y0, y1, y2 = answer[0, j], answer[1, j], answer[2, j]
         for q in range(j, size):
-            A[j, q] -= r0 * answer[0, q] + r1 * answer[1, q] + r2 * answer[2, q]
+            A[j, q] -= y0 * answer[0, q] + y1 * answer[1, q] + y2 * answer[2, q]
 
 
 @inner
-def noise_at(window: Window, i: int, Q: Float) -> tuple[float, float, float]:
-    """The noise of motion i as it stands, in the world frame; leaves its covariance (3, 3) there."""
-    cov, m, heading = window.increment_cov[i], window.multiplier[i], window.pose[i - 1, 2]
+def noise_at(window: Window, i: int) -> tuple[float, float, float]:
+    """The noise G L L'm of motion i as it stands, in the world frame."""
+    L, m, heading = window.root[i], window.multiplier[i], window.pose[i - 1, 2]
     c, s = math.cos(heading), math.sin(heading)
-    w = np.empty(3)
+    x, y, turn = 0.0, 0.0, 0.0
     for a in range(3):
-        w[a] = cov[a, 0] * m[0] + cov[a, 1] * m[1] + cov[a, 2] * m[2]
-    for a in range(3):  # rows, then columns
-        Q[0, a], Q[1, a], Q[2, a] = c * cov[0, a] - s * cov[1, a], s * cov[0, a] + c * cov[1, a], cov[2, a]
-    for a in range(3):
-        Q[a, 0], Q[a, 1] = c * Q[a, 0] - s * Q[a, 1], s * Q[a, 0] + c * Q[a, 1]
-    return c * w[0] - s * w[1], s * w[0] + c * w[1], w[2]
+        along = L[0, a] * m[0] + L[1, a] * m[1] + L[2, a] * m[2]
+        x += L[0, a] * along
+        y += L[1, a] * along
+        turn += L[2, a] * along
+    return c * x - s * y, s * x + c * y, turn
 
 
 @inner
-def invert(M: Float, out: Float) -> None:
-    """Leave M^-1, 3 x 3."""
+def spent(window: Window, i: int) -> float:
+    """What the noise of motion i costs, m'Q m."""
+    L, m = window.root[i], window.multiplier[i]
+    total = 0.0
     for a in range(3):
-        for d in range(3):
-            e, f, g, h = (a + 1) % 3, (a + 2) % 3, (d + 1) % 3, (d + 2) % 3
-            out[d, a] = M[e, g] * M[f, h] - M[e, h] * M[f, g]
-    determinant = M[0, 0] * out[0, 0] + M[0, 1] * out[1, 0] + M[0, 2] * out[2, 0]
+        total += (L[0, a] * m[0] + L[1, a] * m[1] + L[2, a] * m[2]) ** 2
+    return total
+
+
+@inner
+def divided_root(window: Window, i: int, row: Float, Z: Float) -> None:
+    """Leave Z = U'^-1 L'G', where U'U = I + L'G'A G L and A is that of the robot, in the first columns of `row`."""
+    L, heading = window.root[i], window.pose[i - 1, 2]
+    c, s = math.cos(heading), math.sin(heading)
+    for a in range(3):  # a row for each column of G L
+        Z[a, 0], Z[a, 1], Z[a, 2] = c * L[0, a] - s * L[1, a], s * L[0, a] + c * L[1, a], L[2, a]
+    U = np.empty((3, 3))
     for a in range(3):
+        for d in range(a, 3):
+            U[a, d] = 1.0 if a == d else 0.0
+            for e in range(3):
+                U[a, d] += Z[a, e] * (row[e, 0] * Z[d, 0] + row[e, 1] * Z[d, 1] + row[e, 2] * Z[d, 2])
+    for a in range(3):
+        for e in range(a):
+            for d in range(a, 3):
+                U[a, d] -= U[e, a] * U[e, d]
+            for d in range(3):
+                Z[a, d] -= U[e, a] * Z[e, d]
+        pivot = math.sqrt(U[a, a])
+        for d in range(a, 3):
+            U[a, d] /= pivot
         for d in range(3):
-            out[a, d] /= determinant
+            Z[a, d] /= pivot
 
 
 @inner
@@ -362,14 +369,14 @@ def sweep(problem: Problem, A: Float, b: Float, work: Pass) -> float:
         if i > 0:
             move_on(window, i, size, A, b, work)
         add_sights(sensor, window.pose[i], 0, rest, sights, i, A, b)
-    fallen, Q = 0.0, np.empty((3, 3))
+    fallen = 0.0
     for i in range(1, len(window.pose)):
-        noise, m, pull = noise_at(window, i, Q), window.multiplier[i], work.pull[i]
+        noise, pull, Z = noise_at(window, i), work.pull[i], work.root[i]
+        fallen += spent(window, i)
         for a in range(3):
-            fallen += 2.0 * pull[a] * noise[a]
+            fallen += 2.0 * pull[a] * noise[a] + (Z[a, 0] * pull[0] + Z[a, 1] * pull[1] + Z[a, 2] * pull[2]) ** 2
             for d in range(3):
-                fallen += pull[a] * work.share[i, a, d] * pull[d] + noise[a] * work.row[i, a, d] * noise[d]
-                fallen += m[a] * window.increment_cov[i, a, d] * m[d]
+                fallen += noise[a] * work.row[i, a, d] * noise[d]
     return fallen
 
 
@@ -403,16 +410,19 @@ def solve(size: int, A: Float, b: Float, step: Float, cov: Float) -> bool:
 @kernel
 def go_back(window: Window, size: int, step: Float, work: Pass) -> None:
     """Leave the multipliers that a step of the newest pose and the rest asks for; its first three become x_0's step."""
-    Q, open_, noise, asked = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
+    open_, noise, asked = np.empty(3), np.empty(3), np.empty(3)
     for i in range(len(window.pose) - 1, 0, -1):
-        row, share, heading = work.row[i], work.share[i], window.pose[i - 1, 2]
-        shift = noise_at(window, i, Q)
+        row, Z, heading = work.row[i], work.root[i], window.pose[i - 1, 2]
+        shift = noise_at(window, i)
         for a in range(3):
             open_[a] = -work.pull[i, a]
             for j in range(size):
                 open_[a] += row[a, j] * step[j]
+        noise[:] = 0.0
         for a in range(3):
-            noise[a] = share[a, 0] * open_[0] + share[a, 1] * open_[1] + share[a, 2] * open_[2]
+            along = Z[a, 0] * open_[0] + Z[a, 1] * open_[1] + Z[a, 2] * open_[2]
+            for d in range(3):
+                noise[d] += Z[a, d] * along
         for a in range(3):
             asked[a] = open_[a] - row[a, 0] * noise[0] - row[a, 1] * noise[1] - row[a, 2] * noise[2]
         c, s = math.cos(heading), math.sin(heading)
@@ -428,12 +438,11 @@ def go_back(window: Window, size: int, step: Float, work: Pass) -> None:
 def chain(window: Window) -> None:
     """Lay the path anew from its first pose."""
     for i in range(1, len(window.pose)):
-        before, Q, m = window.pose[i - 1], window.increment_cov[i], window.multiplier[i]
-        u = window.increment[i] + Q @ m
+        before, u, noise = window.pose[i - 1], window.increment[i], noise_at(window, i)
         c, s = math.cos(before[2]), math.sin(before[2])
-        window.pose[i, 0] = before[0] + c * u[0] - s * u[1]
-        window.pose[i, 1] = before[1] + s * u[0] + c * u[1]
-        window.pose[i, 2] = wrap(before[2] + u[2])
+        window.pose[i, 0] = before[0] + c * u[0] - s * u[1] + noise[0]
+        window.pose[i, 1] = before[1] + s * u[0] + c * u[1] + noise[1]
+        window.pose[i, 2] = wrap(before[2] + u[2] + noise[2])
 
 
 @kernel

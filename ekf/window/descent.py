@@ -11,7 +11,12 @@ from slamgauge.ekf.kernels import window as passes
 from slamgauge.ekf.kernels.belief import ROBOT
 
 CLOSE = 0.01  # squared standard deviations between twice the cost and what a step was to make of it: it was the last
-MOST = 20  # steps, and halvings of one
+MOST = 50  # steps
+MOST_HALVINGS = 20  # of one
+
+
+class NoMinimumError(Exception):
+    """Steps do not end where the cost is least."""
 
 
 class Swept(NamedTuple):
@@ -49,6 +54,7 @@ def descended(problem: passes.Problem) -> tuple[passes.Problem, Float]:
 
     Raises:
         numpy.linalg.LinAlgError: what is known does not determine everything, in double precision.
+        NoMinimumError: the steps do not end.
     """
     size, cov = ROBOT + len(problem.rest), np.zeros((3, 3))
     step, cost = np.zeros(size), passes.cost(problem)
@@ -59,7 +65,7 @@ def descended(problem: passes.Problem) -> tuple[passes.Problem, Float]:
         expected = cost - fallen - float(b @ step)
         turn, of_rest = float(step[2]), step[ROBOT:].copy()
         passes.go_back(problem.window, size, step, work)
-        for halvings in range(MOST):
+        for halvings in range(MOST_HALVINGS):
             moved = _moved(problem, 0.5**halvings, step[:ROBOT], turn, of_rest, work.step)
             cost_there = passes.cost(moved)
             if cost_there <= cost + CLOSE:
@@ -68,8 +74,8 @@ def descended(problem: passes.Problem) -> tuple[passes.Problem, Float]:
             break
         problem, cost = moved, cost_there
         if abs(cost - expected) < CLOSE:
-            break
-    return problem, cov
+            return problem, cov
+    raise NoMinimumError
 
 
 def _moved(

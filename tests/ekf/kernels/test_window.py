@@ -109,8 +109,8 @@ def some_problem(sensor: int) -> passes.Problem:
     size, rest = ROBOT + 4 + 3, np.array([3.0, 1.0, -1.0, 4.0, -2.0, -1.0, 3.1])
     root = rng.normal(size=(size, size))
     increments = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.2], [0.4, 0.1, -0.1]])
-    covs = np.tile(np.diag([0.04, 0.0, 0.01]), (3, 1, 1))
-    window = passes.Window(np.zeros((3, 3)), 2.0 * rng.normal(size=(3, 3)), increments, covs)
+    roots = np.tile(np.diag([0.2, 0.0, 0.1]), (3, 1, 1))
+    window = passes.Window(np.zeros((3, 3)), 2.0 * rng.normal(size=(3, 3)), increments, roots)
     window.pose[0] = 0.2, -0.1, 3.0
     passes.chain(window)
     at = np.concatenate([window.pose[0], rest]) + 0.05 * rng.normal(size=size)
@@ -171,7 +171,7 @@ def gauss_newton_matrix(at: Callable[[Float], passes.Problem], zero: Float) -> F
         error, by_pose = np.zeros(ROBOT + len(problem.rest)), np.zeros((ROBOT + len(problem.rest), 3))
         passes.prior_error(problem.prior, problem.window.pose[0], problem.rest, problem.landmarks, error, by_pose)
         parts = [np.linalg.cholesky(problem.prior.information).T @ error]
-        parts += [np.sqrt(np.diag(problem.window.increment_cov[i])) * problem.window.multiplier[i] for i in (1, 2)]
+        parts += [problem.window.root[i].T @ problem.window.multiplier[i] for i in (1, 2)]
         r, H = np.zeros(2), np.zeros((2, 5))
         poses = [*problem.window.pose, problem.rest[4:]]
         for owner, slot, sights, row in ((0, 0, 0, 0), (1, 1, 0, 1), (2, 0, 0, 3), (3, 1, 1, 0)):
