@@ -237,7 +237,7 @@ class SlidingWindowFilter(PointFilter):
         self._ids.append(name)
         self._placed_at.append(self._step)
         self._rest = np.insert(self._rest, 2 * mapped, place)
-        self._prior = past.with_landmark(self._prior, mapped)
+        self._prior = past.with_landmark(self._prior, mapped, place)
 
     # --- the window ------------------------------------------------------------------------------
 
@@ -253,7 +253,7 @@ class SlidingWindowFilter(PointFilter):
 
     def _solve(self) -> None:
         solved, self._pose_cov = descended(self._problem())
-        self._window, self._rest = solved.window, solved.rest
+        self._window, self._rest, self._prior = solved.window, solved.rest, solved.prior
 
     def _slide(self) -> None:
         """Eliminate the first pose of the window, or keep it for the landmarks that wait with its bearings.

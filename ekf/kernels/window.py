@@ -10,9 +10,11 @@ G w, the information is carried as A <- F^-T A F^-1, then w is eliminated: A <- 
 and U'U = I + L'G'A G L. What that needs stays behind, and leads back from the newest pose to the multipliers of every
 motion.
 
-What left the window is a prior on errors of x_0 in the world, right-invariant, r_p = p - R(turn) p_ref and r_theta =
-turn = theta - theta_ref, and of the rest as seen from x_0, R(turn)'(l - p) - (l_ref - p_ref): these a shift or turn of
-the whole map leaves as they are. Whatever is linearised anew, nothing is then learnt about such a shift or turn.
+What left the window is a prior on right-invariant errors xi of x_0 and the rest: p = R(xi_theta) p_ref + V(xi_theta)
+xi_p for the robot and every landmark, V(t) = (R(t) - I) / (t J), and heading - heading_ref = xi_theta; of kept poses
+xi_theta is what they have turned more than x_0. A shift and a turn of the whole map are the same in these errors
+wherever it is. They are counted from where x_0 and the rest are now: a step moves the reference, the information stays
+(`rebase`), as in the right-invariant filter. Whatever is linearised anew, nothing is learnt about such a shift or turn.
 
 Sources: Sibley, Matthies and Sukhatme, "Sliding window filter with application to planetary landing", Journal of Field
 Robotics 27(5), 2010; Barrau and Bonnabel, arXiv 1510.06263, for the errors; Dong-Si and Mourikis, "Motion tracking with
@@ -30,6 +32,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.compiled import inner, kernel
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.ekf.kernels.blas import cholesky, solve_factor
+from slamgauge.ekf.kernels.corrections import mean_rotation
 from slamgauge.ekf.kernels.models import observe, wrap, wrap_innovation
 
 
@@ -38,7 +41,7 @@ class Prior(NamedTuple):
 
     information: Float  # (n, n), both triangles
     gradient: Float  # (n,)
-    at: Float  # (n,) where the errors are zero: the first pose, and the rest relative to it, turned as in the world
+    at: Float  # (n,) where the errors are zero
 
 
 class Sights(NamedTuple):
@@ -89,32 +92,40 @@ def allocate_pass(poses: int, unknowns: int) -> Pass:
 
 
 @kernel
-def prior_error(prior: Prior, pose: Float, rest: Float, landmarks: int, error: Float, by_pose: Float) -> float:
-    """Leave the errors (n,) of a first pose and the rest, and their derivatives by that pose (n, 3).
-
-    Those by the rest are R(turn)' for each point and 1 for each heading. Returns the turn.
-    """
+def prior_error(prior: Prior, pose: Float, rest: Float, landmarks: int, error: Float) -> None:
+    """Leave the errors (n,) of a first pose and the rest."""
     at = prior.at
     turn = wrap(pose[2] - at[2])
     c, s = math.cos(turn), math.sin(turn)
-    x, y = c * at[0] - s * at[1], s * at[0] + c * at[1]
-    error[0], error[1], error[2] = pose[0] - x, pose[1] - y, turn
-    by_pose[:3] = np.eye(3)
-    by_pose[0, 2], by_pose[1, 2] = y, -x
+    along, across = mean_rotation(turn)
+    squared = along * along + across * across
     points = ROBOT + 2 * landmarks
-    i = ROBOT
+    i = 0
     while i < len(error):
-        east, north = rest[i - ROBOT] - pose[0], rest[i - ROBOT + 1] - pose[1]
-        x, y = c * east + s * north, c * north - s * east
-        error[i], error[i + 1] = x - at[i], y - at[i + 1]
-        by_pose[i, 0], by_pose[i, 1], by_pose[i, 2] = -c, -s, y
-        by_pose[i + 1, 0], by_pose[i + 1, 1], by_pose[i + 1, 2] = s, -c, -x
-        if i >= points:
-            error[i + 2] = wrap(rest[i - ROBOT + 2] - at[i + 2] - turn)
-            by_pose[i + 2, 0], by_pose[i + 2, 1], by_pose[i + 2, 2] = 0.0, 0.0, -1.0
-            i += 1
+        x, y = (pose[0], pose[1]) if i == 0 else (rest[i - ROBOT], rest[i - ROBOT + 1])
+        east, north = x - (c * at[i] - s * at[i + 1]), y - (s * at[i] + c * at[i + 1])
+        error[i], error[i + 1] = (along * east + across * north) / squared, (along * north - across * east) / squared
         i += 2
-    return turn
+        if i == 2:
+            error[i] = turn
+            i += 1
+        elif i > points:
+            error[i] = wrap(rest[i - ROBOT] - at[i] - turn)
+            i += 1
+
+
+@kernel
+def heading_lever(pose: Float, rest: Float, landmarks: int, lever: Float) -> None:
+    """Leave what a turn of the whole map moves (n,): J p of points, 1 of headings."""
+    points = ROBOT + 2 * landmarks
+    lever[0], lever[1], lever[2] = -pose[1], pose[0], 1.0
+    i = ROBOT
+    while i < len(lever):
+        lever[i], lever[i + 1] = -rest[i - ROBOT + 1], rest[i - ROBOT]
+        i += 2
+        if i > points:
+            lever[i] = 1.0
+            i += 1
 
 
 @kernel
@@ -147,7 +158,7 @@ def cost(problem: Problem) -> float:
     sensor, prior, window, sights, kept, rest, landmarks = problem
     size = ROBOT + len(rest)
     error = np.empty(size)
-    prior_error(prior, window.pose[0], rest, landmarks, error, np.empty((size, 3)))
+    prior_error(prior, window.pose[0], rest, landmarks, error)
     total = 0.0
     for i in range(size):
         pull = 0.0
@@ -181,60 +192,42 @@ def _squared(sensor: int, pose: Float, rest: Float, sights: Sights, row: int, r:
 
 @kernel
 def add_prior(prior: Prior, pose: Float, rest: Float, landmarks: int, A: Float, b: Float) -> None:
-    """Set A (upper triangle) and b to what the prior says of steps of the first pose and the rest."""
+    """Set A (upper triangle) and b to what the prior says of steps of the first pose and the rest, from where it is."""
     size = ROBOT + len(rest)
-    error, by_pose, pull = np.empty(size), np.empty((size, 3)), np.empty(size)
-    turn = prior_error(prior, pose, rest, landmarks, error, by_pose)
-    for i in range(size):
-        pull[i] = prior.gradient[i]
-        for j in range(size):
-            pull[i] -= prior.information[i, j] * error[j]
-    in_other_terms(prior.information, pull, by_pose, turn, landmarks, A, b)
+    lever = np.empty(size)
+    heading_lever(pose, rest, landmarks, lever)
+    for i in range(size):  # an error is a step, less what the turn of the first pose moves
+        lever[i] = -lever[i] if i != 2 else 1.0
+    by_heading(prior.information, prior.gradient, lever, A, b)
 
 
 @kernel
-def in_other_terms(
-    information: Float, pull: Float, by_pose: Float, turn: float, landmarks: int, A: Float, b: Float
-) -> None:
-    """Set A (upper triangle) to E' information E and b to E' pull, for E = [by_pose, blocks].
-
-    The blocks are R(turn)' for each point, 1 for each heading, and nothing for the first pose.
-    """
-    size = len(pull)
-    c, s = math.cos(turn), math.sin(turn)
+def by_heading(information: Float, gradient: Float, lever: Float, A: Float, b: Float) -> None:
+    """A <- E' information E, b <- E' gradient, where E is the unit matrix with `lever` as the heading's column."""
+    size = len(lever)
+    A[:size, :size] = information
+    b[:size] = gradient
+    total, twice = 0.0, 0.0
     for i in range(size):
-        for j in range(i, size):
-            A[i, j] = information[i, j]
-        b[i] = pull[i]
-    for a in range(3):
-        along = np.empty(size)
-        for i in range(size):
-            along[i] = 0.0
-            for j in range(size):
-                along[i] += information[i, j] * by_pose[j, a]
-        total = 0.0
-        for i in range(size):
-            total += by_pose[i, a] * pull[i]
-        b[a] = total
-        for d in range(a + 1):
-            A[d, a] = 0.0
-            for i in range(size):
-                A[d, a] += by_pose[i, d] * along[i]
-        for i in range(ROBOT, size):
-            A[a, i] = along[i]
-    points = ROBOT + 2 * landmarks
-    i = ROBOT
-    while turn != 0.0 and i < size:
-        b[i], b[i + 1] = c * b[i] - s * b[i + 1], s * b[i] + c * b[i + 1]
-        for j in range(i):
-            A[j, i], A[j, i + 1] = c * A[j, i] - s * A[j, i + 1], s * A[j, i] + c * A[j, i + 1]
-        for j in range(i + 2, size):
-            A[i, j], A[i + 1, j] = c * A[i, j] - s * A[i + 1, j], s * A[i, j] + c * A[i + 1, j]
-        xx, xy, yy = A[i, i], A[i, i + 1], A[i + 1, i + 1]
-        A[i, i] = c * c * xx - 2.0 * c * s * xy + s * s * yy
-        A[i, i + 1] = c * s * (xx - yy) + (c * c - s * s) * xy
-        A[i + 1, i + 1] = s * s * xx + 2.0 * c * s * xy + c * c * yy
-        i += 3 if i >= points else 2
+        along = 0.0
+        for j in range(size):
+            along += information[i, j] * lever[j]
+        A[min(i, 2), max(i, 2)] = along
+        total += lever[i] * gradient[i]
+        twice += lever[i] * along
+    b[2], A[2, 2] = total, twice
+
+
+@kernel
+def rebase(prior: Prior, pose: Float, rest: Float, landmarks: int) -> None:
+    """Count the prior's errors from where a first pose and the rest are now."""
+    size = ROBOT + len(rest)
+    error = np.empty(size)
+    prior_error(prior, pose, rest, landmarks, error)
+    for i in range(size):
+        for j in range(size):
+            prior.gradient[i] -= prior.information[i, j] * error[j]
+    prior.at[:3], prior.at[3:] = pose, rest
 
 
 @kernel
@@ -457,25 +450,13 @@ def add_first(problem: Problem, A: Float, b: Float) -> None:
 def set_prior(pose: Float, rest: Float, landmarks: int, A: Float, b: Float, prior: Prior) -> None:
     """Make a prior of what A (upper triangle) and b say of steps of a first pose and the rest, where these stand."""
     size = ROBOT + len(rest)
-    prior.at[:3], prior.at[3:] = pose, 0.0
-    error, by_error, whole, half = np.empty(size), np.empty((size, 3)), np.empty((size, size)), np.empty((size, size))
-    prior_error(prior, pose, rest, landmarks, error, by_error)
-    prior.at[3:] = error[3:]
-    by_error[0, 2], by_error[1, 2] = -pose[1], pose[0]  # of steps by errors: all else stays as it is seen from the pose
-    points = ROBOT + 2 * landmarks
-    by_error[ROBOT:] = 0.0
-    i = ROBOT
-    while i < size:
-        by_error[i, 0], by_error[i, 2] = 1.0, -rest[i - ROBOT + 1]
-        by_error[i + 1, 1], by_error[i + 1, 2] = 1.0, rest[i - ROBOT]
-        if i >= points:
-            by_error[i + 2, 2] = 1.0
-            i += 1
-        i += 2
+    lever, whole, half = np.empty(size), np.empty((size, size)), np.empty((size, size))
+    heading_lever(pose, rest, landmarks, lever)
     for i in range(size):
         for j in range(size):
             whole[i, j] = A[min(i, j), max(i, j)]
-    in_other_terms(whole, b, by_error, 0.0, landmarks, half, prior.gradient)
+    by_heading(whole, b[:size], lever, half, prior.gradient)
     for i in range(size):
         for j in range(size):
             prior.information[i, j] = half[min(i, j), max(i, j)]
+    prior.at[:3], prior.at[3:] = pose, rest

@@ -9,6 +9,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels import window as passes
 from slamgauge.ekf.kernels.belief import ROBOT
+from slamgauge.ekf.kernels.corrections import mean_rotation
 
 CLOSE = 0.01  # squared standard deviations between twice the cost and what a step was to make of it: it was the last
 MOST = 50  # steps
@@ -63,41 +64,46 @@ def descended(problem: passes.Problem) -> tuple[passes.Problem, Float]:
         if not passes.solve(size, A, b, step, cov):
             raise np.linalg.LinAlgError
         expected = cost - fallen - float(b @ step)
-        turn, of_rest = float(step[2]), step[ROBOT:].copy()
+        of_rest = step[ROBOT:].copy()
         passes.go_back(problem.window, size, step, work)
         for halvings in range(MOST_HALVINGS):
-            moved = _moved(problem, 0.5**halvings, step[:ROBOT], turn, of_rest, work.step)
+            moved = _moved(problem, 0.5**halvings, step[:ROBOT], of_rest, work.step)
             cost_there = passes.cost(moved)
             if cost_there <= cost + CLOSE:
                 break
         else:
             break
-        problem, cost = moved, cost_there
-        if abs(cost - expected) < CLOSE:
+        problem = _rebased(moved)
+        if abs(cost_there - expected) < CLOSE:
             return problem, cov
+        cost = passes.cost(problem)
     raise NoMinimumError
 
 
-def _moved(
-    problem: passes.Problem, part: float, of_first: Float, turn: float, of_rest: Float, multipliers: Float
-) -> passes.Problem:
-    """A step taken, or part of it.
+def _rebased(problem: passes.Problem) -> passes.Problem:
+    """The same with the prior's errors counted from where it stands."""
+    prior = passes.Prior(*(each.copy() for each in problem.prior))
+    passes.rebase(prior, problem.window.pose[0], problem.rest, problem.landmarks)
+    return problem._replace(prior=prior)
+
+
+def _moved(problem: passes.Problem, part: float, of_first: Float, of_rest: Float, multipliers: Float) -> passes.Problem:
+    """A step taken, or part of it: all points turn with the first pose, as errors of the prior do.
 
     Args:
         problem: where it stands.
         part: how much of the step.
         of_first: (3,) the step of the first pose.
-        turn: of the newest pose, and with it of the landmarks.
         of_rest: (n-3,) the step of landmarks and kept poses.
         multipliers: (k+1, 3) that are sought.
     """
     window, count = problem.window, problem.landmarks
-    of_poses = part * of_rest[2 * count :].reshape(-1, 3)
-    of_landmarks = _turned(part * of_rest[: 2 * count].reshape(-1, 2), np.full(count, part * turn))
-    of_poses[:, :2] = _turned(of_poses[:, :2], of_poses[:, 2])
+    turn, of_poses = part * float(of_first[2]), part * of_rest[2 * count :].reshape(-1, 3)
+    of_landmarks = _turned(part * of_rest[: 2 * count].reshape(-1, 2), turn)
+    of_poses[:, :2] = _turned(of_poses[:, :2], turn)
     pose = window.pose.copy()
-    pose[0, :2] += _turned(part * of_first[None, :2], part * of_first[2:])[0]
-    pose[0, 2] += part * of_first[2]
+    pose[0, :2] += _turned(part * of_first[None, :2], turn)[0]
+    pose[0, 2] += turn
     multiplier = window.multiplier + part * (multipliers - window.multiplier)
     moved = problem._replace(
         window=window._replace(pose=pose, multiplier=multiplier),
@@ -107,8 +113,7 @@ def _moved(
     return moved
 
 
-def _turned(steps: Float, turns: Float) -> Float:
-    """V(turn) step, (k, 2), of steps (k, 2) and turns (k,): what is moved and turned by them keeps its distances."""
-    half = 0.5 * turns
-    along, across = np.sinc(turns / np.pi), np.sin(half) * np.sinc(half / np.pi)
-    return np.column_stack([along * steps[:, 0] - across * steps[:, 1], across * steps[:, 0] + along * steps[:, 1]])
+def _turned(steps: Float, turn: float) -> Float:
+    """V(turn) step, (k, 2), of steps (k, 2): what is moved and turned so keeps its distances."""
+    along, across = mean_rotation(turn)
+    return steps @ np.array([[along, across], [-across, along]])

@@ -22,11 +22,11 @@ def of_start(pose: Float, cov: Float) -> passes.Prior:
     return _prior_of(pose, np.zeros(0), 0, inverse(cov + LENT**2 * np.eye(3)), np.zeros(3))
 
 
-def with_landmark(prior: passes.Prior, landmarks: int) -> passes.Prior:
-    """The prior with a landmark more, the last of them, of which it says nothing."""
+def with_landmark(prior: passes.Prior, landmarks: int, place: Float) -> passes.Prior:
+    """The prior with a landmark (2,) more, the last of them, of which it says nothing."""
     rows = [ROBOT + 2 * landmarks] * 2
     information = np.insert(np.insert(prior.information, rows, 0.0, axis=0), rows, 0.0, axis=1)
-    return passes.Prior(information, np.insert(prior.gradient, rows, 0.0), np.insert(prior.at, rows, 0.0))
+    return passes.Prior(information, np.insert(prior.gradient, rows, 0.0), np.insert(prior.at, rows[0], place))
 
 
 def without_first(problem: passes.Problem) -> passes.Prior:

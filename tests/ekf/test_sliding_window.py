@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from textbook_window import textbook_sliding_window
 
 from slamgauge import load_scenario, simulate
 from slamgauge.arrays import Float
+from slamgauge.compare.datasets.victoria_park import read_victoria_park
 from slamgauge.ekf import SlidingWindowFilter, riekf, sliding_window, window_filter
 from slamgauge.ekf.window import descent, past
 from slamgauge.errors import UserError
@@ -20,6 +22,7 @@ from slamgauge.graph_baseline import batch, isam2
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import between, wrap
 
+VICTORIA_PARK = Path(__file__).parents[2] / "../shared/data/victoria_park/victoria_park.txt"
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position", "bearing"])
 
 
@@ -49,7 +52,10 @@ def covs_of(estimate: Estimate) -> Float:
 @SENSORS
 @pytest.mark.parametrize("lag", [1, 4])
 def test_equals_the_textbook(sensor: str, lag: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without what is lent to motions that are inverted, which is a thousandth of their noise."""
+    """Without what is lent to motions that are inverted, which is a thousandth of their noise.
+
+    The steps to each minimum are not the same, and errors are counted from where each ends: that is of third order.
+    """
     monkeypatch.setattr(past, "LENT", 0.0)
     monkeypatch.setattr(past, "SLIP", 0.0)
     recording = replace(recording_of(sensor, 3).first(11), prior_mean=np.array([0.0, 0.0, 0.4]))
@@ -58,9 +64,9 @@ def test_equals_the_textbook(sensor: str, lag: int, monkeypatch: pytest.MonkeyPa
     assert actual.landmarks is not None
     assert expected.landmarks is not None
     np.testing.assert_array_equal(actual.landmark_ids, expected.landmark_ids)
-    np.testing.assert_allclose(between(expected.poses, actual.poses), 0.0, rtol=0, atol=1e-7)
-    np.testing.assert_allclose(covs_of(actual), covs_of(expected), rtol=1e-6, atol=1e-10)
-    np.testing.assert_allclose(actual.landmarks, expected.landmarks, atol=1e-6)
+    np.testing.assert_allclose(between(expected.poses, actual.poses), 0.0, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(covs_of(actual), covs_of(expected), rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(actual.landmarks, expected.landmarks, atol=1e-5)
 
 
 @pytest.mark.usefixtures("to_the_end")
@@ -144,10 +150,7 @@ def test_nees_is_chi_square() -> None:
 @SENSORS
 @pytest.mark.parametrize("lag", [3, 30])
 def test_shift_and_turn_of_the_whole_map_are_never_learnt(sensor: str, lag: int) -> None:
-    """Doubt S about the world's place, of 1 m, 2 m and .1 rad, is left at every pose: N S N', N = [I, J p; 0, 1].
-
-    Where poses have moved since they left the window, p is that of then in part.
-    """
+    """Doubt S about the world's place, of 1 m, 2 m and .1 rad, is left at every pose: N S N', N = [I, J p; 0, 1]."""
     recording = recording_of(sensor, 6)
     S = np.diag([1.0, 4.0, 0.01])
 
@@ -158,11 +161,22 @@ def test_shift_and_turn_of_the_whole_map_are_never_learnt(sensor: str, lag: int)
 
     doubtful = replace(recording, prior_cov=recording.prior_cov + world(recording.prior_mean[None, :2])[0])
     sure, unsure = (sliding_window(each, lag) for each in (recording, doubtful))
-    np.testing.assert_allclose(unsure.poses, sure.poses, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(unsure.poses, sure.poses, rtol=0, atol=1e-4)
     expected = covs_of(sure) + world(sure.poses[:, :2])
     sigmas = np.sqrt(np.diagonal(expected, axis1=1, axis2=2))
     scale = sigmas[:, :, None] * sigmas[:, None, :]
-    np.testing.assert_allclose(covs_of(unsure) / scale, expected / scale, rtol=0, atol=0.02)
+    np.testing.assert_allclose(covs_of(unsure) / scale, expected / scale, rtol=0, atol=0.002)
+
+
+def test_on_a_recorded_drive_it_stays_with_the_optimum() -> None:
+    """500 steps of Victoria Park, with three loops: the textbook filter is 0.7 m off by then."""
+    if not VICTORIA_PARK.is_file():
+        pytest.skip(f"{VICTORIA_PARK} is not there")
+    recording = read_victoria_park(VICTORIA_PARK).first(501)
+    ours, optimum = sliding_window(recording, lag=10), isam2(recording)
+    assert np.hypot(*(ours.poses - optimum.poses)[:, :2].T).max() < 0.1
+    _, sigmas = off(ours, replace(optimum, pose_covs=covs_of(optimum) + 1e-9 * np.eye(3)))
+    assert sigmas[100:].max() < 0.1
 
 
 # --- soundness -----------------------------------------------------------------------------------

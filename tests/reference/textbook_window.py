@@ -133,6 +133,7 @@ class TextbookWindow:
         for _ in range(STEPS):
             A, b = normal_equations(self.of_all, self.values, names)
             self.values = stepped(self.values, names, np.asarray(np.linalg.solve(A, b), np.float64))
+            self.rebase()
         column = sum(len(self.values[name]) for name in names[: names.index(("pose", self.step))])
         covs = np.asarray(np.linalg.inv(A), np.float64)
         return self.values["pose", self.step], covs[column : column + 3, column : column + 3]
@@ -169,6 +170,11 @@ class TextbookWindow:
         stay = [("pose", self.first), *(name for name in self.values if name[0] == "landmark" or name[1] in self.kept)]
         self.condense(residual, stay, [gone])
 
+    def rebase(self) -> None:
+        """Count errors from the present values."""
+        self.gradient = self.gradient - self.information @ self.errors(self.values)
+        self.at = {name: self.values[name].copy() for name in self.known}
+
     def condense(self, residual: Callable[[Values], Float], stay: list[Name], gone: list[Name]) -> None:
         """Make a prior on `stay` of residuals of `stay` and `gone`, which is eliminated."""
         A, b = normal_equations(residual, self.values, [*stay, *gone])
@@ -184,15 +190,19 @@ class TextbookWindow:
 
 
 def invariant_error(name: Name, first: Name, values: Values, at: Values) -> Float:
-    """Of the first pose the right-invariant one; of all else how it is seen from there."""
-    turn = wrap(values[first][2] - at[first][2])
-    if name == first:
-        return np.append(values[first][:2] - rotation(turn) @ at[first][:2], turn)
-    error = values[name] - at[name]
-    error[:2] = rotation(turn).T @ (values[name][:2] - values[first][:2]) - (at[name][:2] - at[first][:2])
-    if len(error) == 3:
-        error[2] = wrap(error[2] - turn)
+    """Right-invariant, of a point or a pose, where the first pose says how far all has turned."""
+    turn = float(wrap(values[first][2] - at[first][2]))
+    moved = values[name][:2] - rotation(turn) @ at[name][:2]
+    error = np.linalg.solve(mean_turn(turn), moved)
+    if len(values[name]) == 3:
+        error = np.append(error, turn if name == first else wrap(values[name][2] - at[name][2] - turn))
     return error
+
+
+def mean_turn(turn: float) -> Float:
+    """V(turn), the mean of rotations from none to `turn`."""
+    a, b = (np.sin(turn) / turn, (1.0 - np.cos(turn)) / turn) if abs(turn) > 1e-6 else (1.0, 0.5 * turn)
+    return np.array([[a, -b], [b, a]])
 
 
 def whitened(v: Float, cov: Float) -> Float:

@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from jacobians import assert_jacobian, differentiate
-from scipy.linalg import block_diag
 
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels import window as passes
@@ -61,27 +60,27 @@ def test_what_is_too_close_says_nothing_of_its_bearing(sensor: int) -> None:
 
 @HEADINGS
 def test_the_errors_of_the_prior(heading: float) -> None:
+    """Where they are counted from, their Jacobian is the unit matrix but for the heading's column."""
     rng = np.random.default_rng(0)
     landmarks, size = 2, ROBOT + 2 * 2 + 2 * 3
-    at, now = rng.normal(scale=5.0, size=(2, size))
-    at[2], now[2] = heading, heading + 0.3
-    at[9], now[9] = PI - 0.1, -PI + 0.1  # a kept pose's heading, across the cut
+    at = rng.normal(scale=5.0, size=size)
+    at[2], at[9] = heading, PI - 1e-4
     prior = passes.Prior(np.eye(size), np.zeros(size), at)
 
-    def errors(values: Float) -> tuple[Float, Float]:
-        error, by_pose = np.zeros(size), np.zeros((size, 3))
-        passes.prior_error(prior, values[:3], values[3:], landmarks, error, by_pose)
-        return error, by_pose
+    def errors(values: Float) -> Float:
+        error = np.zeros(size)
+        passes.prior_error(prior, values[:3], values[3:], landmarks, error)
+        return error
 
-    turned = rotation(wrap(now[2] - at[2])).T
-    blocks = [np.zeros((3, 3)), turned, turned, *(block_diag(turned, 1.0) for _ in range(2))]
-    expected = np.array(block_diag(*blocks), np.float64)
-    expected[:, :3] = errors(now)[1]
-    assert_jacobian(lambda values: errors(values)[0], expected, now, angles=(2, 9, 12))
+    lever, expected = np.zeros(size), np.eye(size)
+    passes.heading_lever(at[:3], at[3:], landmarks, lever)
+    expected[:, 2] = -lever
+    expected[2, 2] = 1.0
+    assert_jacobian(errors, expected, at, angles=(2, 9, 12))
 
 
 def test_a_prior_is_what_it_was_made_of() -> None:
-    """Of steps from where it was made; and a shift and turn of everything changes none but the first pose's errors."""
+    """Of steps from where it was made; and a shift and turn of everything is none but the error of x_0's heading."""
     problem = some_problem(RANGE_BEARING)
     size = ROBOT + len(problem.rest)
     A, b = np.zeros((size, size)), np.zeros(size)
@@ -93,14 +92,25 @@ def test_a_prior_is_what_it_was_made_of() -> None:
     np.testing.assert_allclose(np.triu(again), np.triu(A), rtol=1e-12, atol=1e-12 * np.abs(A).max())
     np.testing.assert_allclose(pull, b, rtol=1e-12, atol=1e-12 * np.abs(b).max())
 
-    shift, turn = np.array([3.0, -7.0]), 2.0
+    turn = 2.0
     there = np.concatenate([problem.window.pose[0], problem.rest])
     for x in (0, 3, 5, 7):
-        there[x : x + 2] = rotation(turn) @ there[x : x + 2] + shift
+        there[x : x + 2] = rotation(turn) @ there[x : x + 2]
     there[[2, 9]] += turn
     error = np.zeros(size)
-    passes.prior_error(prior, there[:3], there[3:], 2, error, np.zeros((size, 3)))
-    np.testing.assert_allclose(error, [*shift, wrap(turn), *np.zeros(size - 3)], atol=1e-12)
+    passes.prior_error(prior, there[:3], there[3:], 2, error)
+    np.testing.assert_allclose(error, [0.0, 0.0, wrap(turn), *np.zeros(size - 3)], atol=1e-12)
+
+
+def test_a_prior_says_the_same_from_elsewhere() -> None:
+    """Its minimum is where it was, whatever the errors are counted from."""
+    problem = some_problem(RANGE_BEARING)
+    size = ROBOT + len(problem.rest)
+    prior = passes.Prior(*(each.copy() for each in problem.prior))
+    at, step = problem.prior.at, np.linalg.solve(problem.prior.information, problem.prior.gradient)
+    passes.rebase(prior, at[:3] + np.array([0.3, -0.1, 0.0]), at[3:], 2)
+    moved = np.linalg.solve(prior.information, prior.gradient)
+    np.testing.assert_allclose(moved, step - [0.3, -0.1, *np.zeros(size - 2)], atol=1e-9)
 
 
 def some_problem(sensor: int) -> passes.Problem:
@@ -113,7 +123,7 @@ def some_problem(sensor: int) -> passes.Problem:
     window = passes.Window(np.zeros((3, 3)), 2.0 * rng.normal(size=(3, 3)), increments, roots)
     window.pose[0] = 0.2, -0.1, 3.0
     passes.chain(window)
-    at = np.concatenate([window.pose[0], rest]) + 0.05 * rng.normal(size=size)
+    at = np.concatenate([window.pose[0], rest])
     prior = passes.Prior(root @ root.T, rng.normal(size=size), at)
     seen = passes.Sights(
         np.array([0, 1, 3, 4]), np.array([0, 1, -1, 0]), rng.uniform(1, 3, (4, 2)), np.tile(root_of(sensor), (4, 1, 1))
@@ -168,8 +178,8 @@ def gauss_newton_matrix(at: Callable[[Float], passes.Problem], zero: Float) -> F
 
     def residuals(step: Float) -> Float:
         problem = at(step)
-        error, by_pose = np.zeros(ROBOT + len(problem.rest)), np.zeros((ROBOT + len(problem.rest), 3))
-        passes.prior_error(problem.prior, problem.window.pose[0], problem.rest, problem.landmarks, error, by_pose)
+        error = np.zeros(ROBOT + len(problem.rest))
+        passes.prior_error(problem.prior, problem.window.pose[0], problem.rest, problem.landmarks, error)
         parts = [np.linalg.cholesky(problem.prior.information).T @ error]
         parts += [problem.window.root[i].T @ problem.window.multiplier[i] for i in (1, 2)]
         r, H = np.zeros(2), np.zeros((2, 5))
