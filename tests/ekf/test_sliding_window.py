@@ -80,7 +80,7 @@ def test_a_window_that_holds_everything_is_the_optimum(sensor: str, noise: float
     for steps in (12, recording.steps):
         part = recording.first(steps)
         poses, sigmas = off(sliding_window(part, lag=steps), batch(part))
-        assert poses[-1] < 1e-6
+        assert poses[-1] < 1e-5
         assert sigmas[-1] < 1e-4
 
 
@@ -150,7 +150,10 @@ def test_nees_is_chi_square() -> None:
 @SENSORS
 @pytest.mark.parametrize("lag", [3, 30])
 def test_shift_and_turn_of_the_whole_map_are_never_learnt(sensor: str, lag: int) -> None:
-    """Doubt S about the world's place, of 1 m, 2 m and .1 rad, is left at every pose: N S N', N = [I, J p; 0, 1]."""
+    """Doubt S about the world's place, of 1 m, 2 m and .1 rad, is left at every pose: N S N', N = [I, J p; 0, 1].
+
+    Covariances are those of where the last step to a minimum began.
+    """
     recording = recording_of(sensor, 6)
     S = np.diag([1.0, 4.0, 0.01])
 
@@ -165,7 +168,7 @@ def test_shift_and_turn_of_the_whole_map_are_never_learnt(sensor: str, lag: int)
     expected = covs_of(sure) + world(sure.poses[:, :2])
     sigmas = np.sqrt(np.diagonal(expected, axis1=1, axis2=2))
     scale = sigmas[:, :, None] * sigmas[:, None, :]
-    np.testing.assert_allclose(covs_of(unsure) / scale, expected / scale, rtol=0, atol=0.002)
+    np.testing.assert_allclose(covs_of(unsure) / scale, expected / scale, rtol=0, atol=0.01)
 
 
 def test_on_a_recorded_drive_it_stays_with_the_optimum() -> None:

@@ -193,7 +193,7 @@ def invariant_error(name: Name, first: Name, values: Values, at: Values) -> Floa
     """Right-invariant, of a point or a pose, where the first pose says how far all has turned."""
     turn = float(wrap(values[first][2] - at[first][2]))
     moved = values[name][:2] - rotation(turn) @ at[name][:2]
-    error = np.linalg.solve(mean_turn(turn), moved)
+    error = np.asarray(np.linalg.solve(mean_turn(turn), moved), np.float64)
     if len(values[name]) == 3:
         error = np.append(error, turn if name == first else wrap(values[name][2] - at[name][2] - turn))
     return error
