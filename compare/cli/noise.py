@@ -54,6 +54,7 @@ class Noise:
         from slamgauge.compare.noise.finding import find_noise
         from slamgauge.compare.noise.noise_json import noise_json
         from slamgauge.compare.noise.words import noise_table
+        from slamgauge.compare.scoring.comparison import digest
         from slamgauge.compare.storage.files import load_recording, save, write_json
         from slamgauge.compare.storage.result_files import NOISE, NOISE_FILES
         from slamgauge.compare.storage.staged_folder import staged_folder
@@ -63,7 +64,7 @@ class Noise:
             self._require_free(self.write)
         with results_folder(self.out, NOISE_FILES, last=NOISE) as folder:
             noise = find_noise(recording, systematic=self.systematic, heading=self.heading)
-            content = noise_json(noise)
+            content = noise_json(noise) | {"digest": digest(recording)}
             done = print_result(content if self.json else noise_table(noise))
             if folder is not None:
                 write_json(folder / NOISE, content)

@@ -37,6 +37,7 @@ def sweep_page(folder: Path) -> dict[str, str]:
             rows.append([Cell(value, link=links.get(value, "")), Cell(name), *figures])
     swept = Head(content["key"], "the key of the scenario, and its value", words=True)
     heads = [swept, ESTIMATOR, *figure_heads("sweep", bounded=bounded)]
+    digests = [(f"Digest at {point['value']}", point["summary"]["digest"]) for point in content["points"]]
     text = plain_page(
         kind="a sweep",
         title=f"{content['scenario']} over {content['key']}, {content['runs']} runs at each value",
@@ -44,7 +45,7 @@ def sweep_page(folder: Path) -> dict[str, str]:
         notes=["a value in the table leads to the page of its study, with its runs one by one", *content["notes"]],
         tables=[Table("sweep", "Means over runs, with the half width of their 95 % intervals", heads, rows)],
         pictures=pictures(folder, PICTURES),
-        origin=origin(folder / SWEEP, content, [("Runs at each value", str(content["runs"]))]),
+        origin=origin(folder / SWEEP, content, [("Runs at each value", str(content["runs"])), *digests]),
     )
     return {REPORT: text}
 

@@ -33,6 +33,7 @@ def claims() -> Schema:
         "optimum_check_share": known(number("share of the runs in which that optimum is in doubt")),
         "runs": count("with both figures"),
         "decidable": known(number("factor from an end of the range that the most runs decide with 90 %")),
+        "seed": count("from which those of the runs are spawned"),
         **ORIGIN,
     }
     return several(record(claim))
@@ -111,7 +112,8 @@ def noise() -> Schema:
             "first_sights_left_out": count("that the next ones contradict"),
             "left_without_id": count("observations that find no landmark"),
             "notes": several(text(), "the sentences under the table"),
-        }
+        },
+        optional={"digest": text("SHA-256 of the measurements")},
     )
 
 

@@ -161,6 +161,7 @@ def budget() -> Schema:
             "filter": text("whose error is split"),
             "runs": count(),
             "seed": known(count("from which those of the runs are spawned")),
+            "digest": known(text("of scenario and seed: equal digests, equal runs")),
             "rungs": several(record(rung), "from the hindsight optimum to the filter"),
             "costliest": text("the rung above the first that adds most"),
             "chi_square_per_dof": known(interval("of the hindsight optimum")),

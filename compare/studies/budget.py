@@ -36,6 +36,7 @@ from slamgauge.compare.storage.origin import origin
 from slamgauge.compare.storage.progress import tracked
 from slamgauge.compare.storage.result_files import BUDGET
 from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import IN_FLIGHT
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -74,7 +75,8 @@ class ErrorBudget:
 
     Its rungs are those of `RUNGS`, that of the fixed lag where one was asked for.
     `fit` is chi2/dof of the hindsight optimum, `rays` what became of the rays of a bearing-only filter, both in the
-    mean over runs; `scenario_text` is the scenario as a TOML file, `seed` the root of the runs' own.
+    mean over runs; `scenario_text` is the scenario as a TOML file, `seed` the root of the runs' own,
+    `digest` that of all that decides them.
     """
 
     scenario: str
@@ -86,6 +88,7 @@ class ErrorBudget:
     rays: RayFigures | None = None
     scenario_text: str | None = None
     seed: int | None = None
+    digest: str | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The content of budget.json; `rays` for bearings alone."""
@@ -106,6 +109,7 @@ class ErrorBudget:
             "filter": self.filter,
             "runs": self.runs,
             "seed": self.seed,
+            "digest": self.digest,
             "rungs": rungs,
             "costliest": self.costliest,
             "chi_square_per_dof": None if self.fit is None else self.fit._asdict(),
@@ -146,6 +150,7 @@ def read_budget(folder: Path) -> ErrorBudget:
             rays=None if rays is None else RayFigures(**rays),
             scenario_text=content["scenario_text"],
             seed=content.get("seed"),
+            digest=content.get("digest"),
         )
     except (KeyError, TypeError):
         raise UserError(f"{path}: not what `slamgauge budget` writes; run it again") from None
@@ -201,7 +206,8 @@ def error_budget(
             future.cancel()
     errors, checks, fits, rays = zip(*results, strict=True)
     budget = summarise_budget(scenario.name, asked.label, np.array(errors), np.array(checks), np.array(fits))
-    return replace(budget, rays=mean_figures(rays), scenario_text=scenario_text(scenario), seed=seed)
+    found = {"scenario_text": scenario_text(scenario), "seed": seed, "digest": digest(scenario, seed)}
+    return replace(budget, rays=mean_figures(rays), **found)
 
 
 def summarise_budget(scenario: str, filter_name: str, table: Float, checks: Float, fits: Float) -> ErrorBudget:

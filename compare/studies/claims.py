@@ -55,7 +55,7 @@ class Judgement:
     `optimum` is the share of the filter's error there that the causal optimum avoids, which is told true noise and
     associations (1 - geometric mean over the first look's runs of its ATE over the filter's); None if it has no run.
     `optimum_check_share` is the share of these runs in which it is in doubt; None if none was checked. `scenario_text`
-    is the setting as a TOML file.
+    is the setting as a TOML file, `seed` the root of the runs' own.
     """
 
     claim: Claim
@@ -63,6 +63,7 @@ class Judgement:
     optimum: float | None
     optimum_check_share: float | None
     scenario_text: str
+    seed: int
 
     @property
     def is_in_doubt(self) -> bool:
@@ -87,6 +88,7 @@ class Judgement:
             "optimum_check_share": self.optimum_check_share,
             "runs": evidence.runs,
             "decidable": evidence.decidable,
+            "seed": self.seed,
             **origin(self.scenario_text),
         }
 
@@ -118,7 +120,7 @@ def judge_claims(runs: int, seed: int, out: str | Path, executor: Executor, most
     studies = ClaimStudies(sampled_settings(SETTINGS), seed, out, executor)
     studies.require_room(most)
     texts = {name: scenario_text(scenario) for name, scenario in studies.scenarios.items()}
-    judged = [judge(claim, studies.load, runs, most, texts[claim.figure.setting]) for claim in CLAIMS]
+    judged = [judge(claim, studies.load, runs, most, texts[claim.figure.setting], seed) for claim in CLAIMS]
     for count in growing(runs, most)[1:]:
         for place, each in enumerate(judged):
             if each.evidence.verdict == "undecided":
@@ -137,13 +139,13 @@ def write_claims(out: Path, claims: Claims) -> None:
         write_json(stage / CLAIMS_FILE, [each.to_json() for each in claims.judgements])
 
 
-def judge(claim: Claim, load: Load, runs: int, most: int, text: str) -> Judgement:
+def judge(claim: Claim, load: Load, runs: int, most: int, text: str, seed: int) -> Judgement:
     """What the first runs say of a claim, where there may be `most`; `text` is its scenario's."""
     setting = claim.figure.setting
     optimum = mean(log_ratios(ate(setting, OPTIMUM), ate(setting), load, runs))
     avoidable = None if optimum is None else 1.0 - math.exp(optimum)
     share = share_in_doubt(load(setting, OPTIMUM, runs), {})
-    return Judgement(claim, evidence_for(claim, load, runs, most), avoidable, share, text)
+    return Judgement(claim, evidence_for(claim, load, runs, most), avoidable, share, text, seed)
 
 
 def evidence_for(claim: Claim, load: Load, runs: int, most: int) -> Evidence:

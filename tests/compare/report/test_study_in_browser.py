@@ -203,7 +203,7 @@ def budget(folder: Path) -> None:
 
 def claims(folder: Path) -> None:
     evidence = Evidence(1.5, 1.2, 1.9, p_value=0.001, support=4.0, runs=50, decidable=1.1)
-    found = [Judgement(each, evidence, 0.25, None, "x = 1").to_json() for each in CLAIMS]
+    found = [Judgement(each, evidence, 0.25, None, "x = 1", 7).to_json() for each in CLAIMS]
     (folder / "claims.json").write_text(json.dumps([{**found[0], "claim": NAMED}, *found[1:]]))
 
 

@@ -151,6 +151,7 @@ def test_the_command_writes_table_json_and_figure(tmp_path: Path, capsys: pytest
         "filter",
         "runs",
         "seed",
+        "digest",
         "rungs",
         "costliest",
         "verdict",
