@@ -13,24 +13,28 @@ that the oldest goes. What a step costs does not grow with time.
 
 from __future__ import annotations
 
+from collections.abc import Generator
+from contextlib import contextmanager
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels import window as passes
 from slamgauge.ekf.kernels.belief import ROBOT
-from slamgauge.ekf.kernels.models import BEARING, SENSOR_CODES, locate_all
+from slamgauge.ekf.kernels.models import BEARING, MIN_BEARING_DISTANCE, POSITION, SENSOR_CODES, locate_all
 from slamgauge.ekf.kernels.precision import EXHAUSTED, LARGEST, NO_MINIMUM
 from slamgauge.ekf.kernels.prediction import is_semidefinite
 from slamgauge.ekf.kernels.take_in import are_sound
 from slamgauge.ekf.kernels.warm_up import compile_window_once
 from slamgauge.ekf.maps.checks import (
+    WHY,
     explain_increment,
     explain_scan,
     ids_of,
     load_increment,
     require_ids,
-    require_room,
+    require_lag,
     require_sensor,
     rows_of,
     start_of,
@@ -55,7 +59,8 @@ class SlidingWindowFilter(PointFilter):
         sensor: `range-bearing`, `position` or `bearing` (see `slamgauge.Recording`).
         prior_mean: (3,) start pose.
         prior_cov: (3, 3) its covariance; zero is legal.
-        lag: steps that are linearised anew. A step's time grows with it, and with the square of the landmarks.
+        lag: steps that are linearised anew. A step's time grows with it, and with the square of the landmarks and of
+            the poses that are kept. With bearings alone a short one places landmarks too early: give some tens.
 
     Raises:
         UserError: a sensor that does not exist, an invalid prior, or no lag.
@@ -63,10 +68,9 @@ class SlidingWindowFilter(PointFilter):
 
     def __init__(self, sensor: str, prior_mean: ArrayLike, prior_cov: ArrayLike, lag: int = LAG) -> None:
         require_sensor(sensor, tuple(SENSOR_CODES))
-        if require_room(lag) < 1:
-            raise UserError(f"lag: {lag} steps leave no window; give at least 1")
+        self._lag = require_lag(lag)
         compile_window_once()
-        self._sensor, self._lag = sensor, lag
+        self._sensor = sensor
         self._origin, start, self._pose_cov = start_of(prior_mean, prior_cov)
         self._window = passes.Window(start[None], np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
         self._scans: list[Scan] = [NOTHING]  # of the window's poses
@@ -106,9 +110,15 @@ class SlidingWindowFilter(PointFilter):
 
     @property
     def landmark_covs(self) -> Float:
-        """(L, 2, 2) their covariances [m^2]."""
-        cov = inverse(symmetric(swept(self._problem()).A))
-        cov = 0.5 * (cov + cov.T)
+        """(L, 2, 2) their covariances [m^2], linearised where the window stands now.
+
+        Raises:
+            UserError: double precision does not hold them.
+        """
+        if not self._ids:
+            return np.zeros((0, 2, 2))
+        with self._all_or_nothing("landmark_covs: there are none"):
+            cov = inverse(symmetric(swept(self._problem()).A))
         block = ROBOT + np.arange(2 * len(self._ids)).reshape(-1, 2)
         return cov[block[:, :, None], block[:, None, :]]
 
@@ -127,7 +137,7 @@ class SlidingWindowFilter(PointFilter):
     @property
     def associated(self) -> Int:
         """(m,) ids of the current step's observations."""
-        return self._associated
+        return self._associated.copy()
 
     def standing(self, ids: Int) -> Int:
         """What has become of ids given earlier: -1 for those of landmarks that bearings do not place."""
@@ -139,7 +149,8 @@ class SlidingWindowFilter(PointFilter):
         """Move by a body-frame increment (3,) [m, m, rad] with covariance (3, 3).
 
         Raises:
-            UserError: shapes that do not fit, a number that is not finite, or no covariance; the filter is unchanged.
+            UserError: shapes that do not fit, a number that is not finite, no covariance, or no solution in double
+                precision; the filter is unchanged.
         """
         move, move_cov = np.empty(3), np.empty((3, 3))
         load_increment(increment, cov, move, move_cov)
@@ -147,7 +158,8 @@ class SlidingWindowFilter(PointFilter):
         if not (believable and is_semidefinite(move_cov)):
             raise explain_increment(move, move_cov)
         if len(self._scans) > self._lag:
-            self._slide()
+            with self._all_or_nothing("increment: no window is left without its first pose"):
+                self._slide()
         last = self._window.pose[-1]
         pose = compose(last, move)
         F, G = np.eye(3), np.eye(3)
@@ -178,16 +190,25 @@ class SlidingWindowFilter(PointFilter):
         values, covs = in_two_rows(given, given_covs)
         if not are_sound(self._code, values, covs):
             raise explain_scan(self._sensor, given, given_covs, np.nan, np.diagonal(self._pose_cov))
-        before = {name: each.copy() if isinstance(each, list | dict) else each for name, each in vars(self).items()}
-        try:
-            if len(ids):
+        if len(ids):
+            with self._all_or_nothing("observation: no update exists for this scan"):
                 self._take_in(ids, values, covs)
-        except (np.linalg.LinAlgError, NoMinimumError) as reason:
-            vars(self).update(before)
-            code = NO_MINIMUM if isinstance(reason, NoMinimumError) else EXHAUSTED
-            raise explain_scan(self._sensor, given, given_covs, code, np.diagonal(self._pose_cov)) from None
         self._associated = ids.copy()
         return 0.0, 0
+
+    @contextmanager
+    def _all_or_nothing(self, what: str) -> Generator[None]:
+        """Leave the filter as it was if what is done within raises; what precision does not hold is said in a line."""
+        before = {name: each.copy() if isinstance(each, list | dict) else each for name, each in vars(self).items()}
+        try:
+            with np.errstate(all="ignore"):
+                yield
+        except BaseException as reason:
+            vars(self).update(before)
+            if isinstance(reason, np.linalg.LinAlgError | NoMinimumError):
+                why = WHY[NO_MINIMUM if isinstance(reason, NoMinimumError) else EXHAUSTED]
+                raise UserError(f"{what}; {why}") from None
+            raise
 
     def _take_in(self, ids: Int, values: Float, covs: Float) -> None:
         for name in ids.tolist():
@@ -204,11 +225,15 @@ class SlidingWindowFilter(PointFilter):
             self._solve()
 
     def _place_seen(self, ids: Int, values: Float) -> None:
-        """Give a place to new landmarks where ranges or positions (m, 2) put them."""
+        """Give a place to new landmarks where ranges or positions (m, 2) put them.
+
+        One at the sensor waits for another sight: there its direction says nothing.
+        """
         deltas, _ = locate_all(self._code, values)
         pose = self._window.pose[-1]
-        for name, place in zip(ids.tolist(), pose[:2] + deltas @ rotation(pose[2]).T, strict=True):
-            self._place(name, place)
+        says = (np.hypot(*deltas.T) >= MIN_BEARING_DISTANCE) | (self._code == POSITION)
+        for row in np.flatnonzero(says).tolist():
+            self._place(int(ids[row]), pose[:2] + rotation(pose[2]) @ deltas[row])
 
     def _place_waiting(self, ids: Int) -> bool:
         """Give a place to landmarks of a scan that bearings of the window, or all there are, place; whether to any."""

@@ -106,6 +106,7 @@ def compile_window_once() -> None:
         window.cost(problem)
         window.add_first(problem, A, b)
         window.move_on(poses, 1, 5, A, b, work)
+        window.set_prior(poses.pose[1], rest, 1, A, b, prior)
         window.rebase(prior, poses.pose[1], rest, 1)
 
 

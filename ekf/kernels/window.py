@@ -34,6 +34,7 @@ from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.ekf.kernels.blas import cholesky, solve_factor
 from slamgauge.ekf.kernels.corrections import mean_rotation
 from slamgauge.ekf.kernels.models import observe, wrap, wrap_innovation
+from slamgauge.ekf.kernels.precision import LEAST
 
 
 class Prior(NamedTuple):
@@ -328,7 +329,7 @@ def divided_root(window: Window, i: int, row: Float, Z: Float) -> None:
                 U[a, d] -= U[e, a] * U[e, d]
             for d in range(3):
                 Z[a, d] -= U[e, a] * Z[e, d]
-        pivot = math.sqrt(U[a, a])
+        pivot = math.sqrt(max(U[a, a], 1.0))  # which rounding may undercut
         for d in range(a, 3):
             U[a, d] /= pivot
         for d in range(3):
@@ -377,10 +378,15 @@ def sweep(problem: Problem, A: Float, b: Float, work: Pass) -> float:
 def solve(size: int, A: Float, b: Float, step: Float, cov: Float) -> bool:
     """Leave the step A^-1 b (size,) and the robot's covariance (3, 3); False if A is not positive definite.
 
-    A holds its factor afterwards.
+    Or if what is left of an entry of its diagonal is the rounding of what there was (see `precision`). A holds its
+    factor afterwards.
     """
+    before = np.diag(A)[:size].copy()
     if not cholesky(A, size):
         return False
+    for i in range(size):
+        if not A[i, i] * A[i, i] > LEAST * before[i]:
+            return False
     W = np.zeros((size, 4))
     for i in range(size):
         W[i, 3] = b[i]

@@ -10,9 +10,11 @@ from slamgauge.arrays import Float
 from slamgauge.ekf.kernels import window as passes
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.ekf.kernels.corrections import mean_rotation
+from slamgauge.se2 import wrap
 
 CLOSE = 0.01  # squared standard deviations between twice the cost and what a step was to make of it: it was the last
-MOST = 50  # steps
+MOST = 20  # steps
+BESIDE = 1.0  # squared standard deviations that twice the cost may still have to fall by after the last of them
 MOST_HALVINGS = 20  # of one
 
 
@@ -43,22 +45,24 @@ def symmetric(A: Float) -> Float:
 
 
 def inverse(A: Float) -> Float:
-    """A^-1."""
-    return np.asarray(np.linalg.inv(A), np.float64)
+    """A^-1 of a covariance or its inverse, symmetric; scaled to ones on the diagonal in between."""
+    scale = 1.0 / np.sqrt(np.diag(A))
+    scaled = np.asarray(np.linalg.inv(A * np.outer(scale, scale)), np.float64)
+    return 0.5 * (scaled + scaled.T) * np.outer(scale, scale)
 
 
 def descended(problem: passes.Problem) -> tuple[passes.Problem, Float]:
     """The problem where its cost is least, and the covariance (3, 3) of its newest pose.
 
-    A step that raises the cost is halved. The last is one that does what its linear model says, and so ends where that
-    model's cost is least.
+    A step that raises the cost, by more than does not matter, is halved. The last is one that does what its linear
+    model says, and so ends where that model's cost is least; or, of many, one that lacks less than a deviation.
 
     Raises:
         numpy.linalg.LinAlgError: what is known does not determine everything, in double precision.
         NoMinimumError: the steps do not end.
     """
     size, cov = ROBOT + len(problem.rest), np.zeros((3, 3))
-    step, cost = np.zeros(size), passes.cost(problem)
+    step, cost, to_fall = np.zeros(size), passes.cost(problem), np.inf
     for _ in range(MOST):
         A, b, work, fallen = swept(problem)
         if not passes.solve(size, A, b, step, cov):
@@ -72,11 +76,14 @@ def descended(problem: passes.Problem) -> tuple[passes.Problem, Float]:
             if cost_there <= cost + CLOSE:
                 break
         else:
+            to_fall = cost - expected
             break
-        problem = _rebased(moved)
+        problem, to_fall = _rebased(moved), cost - expected
         if abs(cost_there - expected) < CLOSE:
             return problem, cov
         cost = passes.cost(problem)
+    if to_fall < BESIDE:
+        return problem, cov
     raise NoMinimumError
 
 
@@ -103,12 +110,11 @@ def _moved(problem: passes.Problem, part: float, of_first: Float, of_rest: Float
     of_poses[:, :2] = _turned(of_poses[:, :2], turn)
     pose = window.pose.copy()
     pose[0, :2] += _turned(part * of_first[None, :2], turn)[0]
-    pose[0, 2] += turn
+    pose[0, 2] = wrap(pose[0, 2] + turn)
+    rest = problem.rest + np.concatenate([of_landmarks.ravel(), of_poses.ravel()])
+    rest[2 * count + 2 :: 3] = wrap(rest[2 * count + 2 :: 3])
     multiplier = window.multiplier + part * (multipliers - window.multiplier)
-    moved = problem._replace(
-        window=window._replace(pose=pose, multiplier=multiplier),
-        rest=problem.rest + np.concatenate([of_landmarks.ravel(), of_poses.ravel()]),
-    )
+    moved = problem._replace(window=window._replace(pose=pose, multiplier=multiplier), rest=rest)
     passes.chain(moved.window)
     return moved
 

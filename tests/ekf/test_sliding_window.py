@@ -20,7 +20,7 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, isam2
 from slamgauge.recording import Observations, Recording
-from slamgauge.se2 import between, wrap
+from slamgauge.se2 import between, chain, wrap
 
 VICTORIA_PARK = Path(__file__).parents[2] / "../shared/data/victoria_park/victoria_park.txt"
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position", "bearing"])
@@ -224,6 +224,73 @@ def test_a_scan_in_two_parts_is_one_scan() -> None:
     np.testing.assert_allclose(parts.pose_cov, whole.pose_cov, rtol=0.01, atol=1e-9)
 
 
+def far_and_near(seed: int) -> Recording:
+    """Bearings of five landmarks nearby, and of one on the horizon, which a pass hardly moves."""
+    rng, steps = np.random.default_rng(seed), 450
+    increments = np.tile([0.05, 0.0, 0.02], (steps, 1))
+    cov = np.diag([0.01, 0.002, 0.005]) ** 2
+    poses = chain(np.zeros(3), increments + rng.multivariate_normal(np.zeros(3), cov, steps))
+    places = np.vstack([rng.uniform(-6.0, 6.0, (5, 2)), [1000.0, 1000.0]])
+    offset = places[None] - poses[:, None, :2]
+    bearings = np.arctan2(offset[..., 1], offset[..., 0]) - poses[:, None, 2] + 0.02 * rng.normal(size=(steps + 1, 6))
+    return Recording(
+        stamps=0.1 * np.arange(steps + 1),
+        prior_mean=np.zeros(3),
+        prior_cov=1e-6 * np.eye(3),
+        odometry=increments,
+        odometry_cov=cov,
+        sensor="bearing",
+        observation_step=np.repeat(np.arange(steps + 1), 6),
+        observation=np.asarray(wrap(bearings)).reshape(-1, 1),
+        observation_cov=np.array([[0.02**2]]),
+        landmark=np.tile(np.arange(6), steps + 1),
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_landmark_on_the_horizon_ends_no_run(seed: int) -> None:
+    estimate = sliding_window(far_and_near(seed), lag=60)
+    assert estimate.landmark_ids is not None
+    assert {*range(5)} <= {*estimate.landmark_ids.tolist()}
+    assert estimate.landmark_covs is not None
+    assert np.linalg.eigvalsh(estimate.landmark_covs).min() > 0.0
+
+
+def test_what_its_first_pose_leaves_behind_is_all_or_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = recording_of("bearing", 3)
+    slam = SlidingWindowFilter("bearing", recording.prior_mean, recording.prior_cov, lag=3)
+    for step, scan in enumerate(recording.first(6).scans()):
+        if step:
+            slam.predict(recording.odometry[step - 1], recording.odometry_cov[step - 1])
+        slam.update(scan)
+    before = (slam.pose, slam.pose_cov, slam.landmarks, slam.kept_poses, slam.provisional)
+
+    def exhausted(*_: object) -> None:
+        raise np.linalg.LinAlgError
+
+    for name in ("without_first", "with_first_kept", "without_kept"):
+        monkeypatch.setattr(past, name, exhausted)
+    with pytest.raises(UserError, match=r"^increment: no window is left without its first pose; its standard dev"):
+        slam.predict([0.1, 0.0, 0.0], 0.01 * np.eye(3))
+    after = (slam.pose, slam.pose_cov, slam.landmarks, slam.kept_poses, slam.provisional)
+    for was, has in zip(before, after, strict=True):
+        np.testing.assert_equal(has, was)
+
+
+def test_a_landmark_at_the_sensor_waits_for_another_sight() -> None:
+    slam = SlidingWindowFilter("range-bearing", np.zeros(3), 0.01 * np.eye(3), lag=3)
+    slam.update(Observations(np.array([4]), np.array([[0.0, 0.0]]), 0.01 * np.eye(2)[None]))
+    assert slam.provisional == {4: 0}
+    assert slam.landmark_covs.shape == (0, 2, 2)
+    assert slam.standing(np.array([4])).tolist() == [-1]
+    slam.predict([-1.0, 0.0, 0.0], 0.01 * np.eye(3))
+    slam.update(
+        Observations(np.array([4, 4]), np.array([[1.0, 0.1], [1.1, 0.0]]), np.tile(0.01 * np.eye(2), (2, 1, 1)))
+    )
+    assert slam.landmark_ids.tolist() == [4]
+    assert np.hypot(*slam.landmarks[0]) < 0.3
+
+
 # --- refusals ------------------------------------------------------------------------------------
 
 
@@ -231,8 +298,9 @@ def test_what_it_cannot_use_is_refused_in_one_line() -> None:
     _, recording = random_recording(4)
     with pytest.raises(UserError, match=r"^landmark: this filter needs known association; give the ids"):
         sliding_window(replace(recording, landmark=None))
-    with pytest.raises(UserError, match=r"^lag: 0 steps leave no window; give at least 1"):
-        sliding_window(recording, lag=0)
+    for lag in (0, -1, 2.5, True, None):
+        with pytest.raises(UserError, match=rf"^lag: {lag} steps leave no window; give a whole number, at least 1"):
+            SlidingWindowFilter("position", np.zeros(3), np.eye(3), lag)  # pyright: ignore[reportArgumentType]
     with pytest.raises(UserError, match=r"^sensor: 'sonar' does not fit this filter"):
         SlidingWindowFilter("sonar", np.zeros(3), np.eye(3))
 
