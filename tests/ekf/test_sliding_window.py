@@ -234,7 +234,7 @@ def far_and_near(seed: int) -> Recording:
     offset = places[None] - poses[:, None, :2]
     bearings = np.arctan2(offset[..., 1], offset[..., 0]) - poses[:, None, 2] + 0.02 * rng.normal(size=(steps + 1, 6))
     return Recording(
-        stamps=0.1 * np.arange(steps + 1),
+        stamps=np.asarray(0.1 * np.arange(steps + 1), np.float64),
         prior_mean=np.zeros(3),
         prior_cov=1e-6 * np.eye(3),
         odometry=increments,
