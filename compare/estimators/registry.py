@@ -142,7 +142,7 @@ _ENTRIES = (
         home="slamgauge.ekf:sliding_window",
         note=f"filter, the last 100 steps linearised anew; {SLIDING_WINDOW}-50: the last 50",
         is_benched=False,
-        look=Look("#999933", (0, (5, 1, 1, 1, 1, 1))),
+        look=Look("#661100", (0, (5, 1, 1, 1, 1, 1))),
     ),
     Entry(
         name=FIXED_LAG,
