@@ -19,6 +19,7 @@ from slamgauge.compare.storage.origin import origin
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.store import digest
 from slamgauge.errors import UserError
 
 T = TypeVar("T")
@@ -39,6 +40,7 @@ class Grades:
         reference_grade: the reference held against itself: its own figures.
         grades: of the submissions.
         scenario_text: the scenario as a TOML file.
+        digest: of scenario and root seed, which decide the runs.
     """
 
     folder: Path
@@ -49,10 +51,11 @@ class Grades:
     reference_grade: Grade
     grades: tuple[Grade, ...]
     scenario_text: str | None = None
+    digest: str | None = None
 
     def to_json(self) -> list[dict[str, Any]]:
         """A row for each submission, and where it comes from."""
-        where = {"scenario": self.scenario, **origin(self.scenario_text)}
+        where = {"scenario": self.scenario, "seed": self.seed, "digest": self.digest, **origin(self.scenario_text)}
         return [each.to_json() | where for each in self.grades]
 
 
@@ -108,6 +111,7 @@ def grade_folder(
         reference_grade=grade(reference.label, Trial(scores=scores), scores),
         grades=tuple(grade(each.name, trials[place], scores) for place, each in enumerate(submissions)),
         scenario_text=scenario_text(scenario),
+        digest=digest(scenario, seed),
     )
 
 

@@ -33,13 +33,14 @@ def claims_page(folder: Path) -> dict[str, str]:
     """The page of what `claims` has written into a folder."""
     found: list[dict[str, Any]] = read_json(folder / CLAIMS, "claims")
     counts = Counter(each["verdict"] for each in found)
+    digests = {f"Digest of {each['setting']}": each["digest"] for each in found if "digest" in each}
     text = plain_page(
         kind="claims",
         title="The practical's conclusions, put to the test",
         lead=[(f"{counts[verdict]} of {len(found)}", verdict) for verdict in ("holds", "does not hold", "undecided")],
         notes=doubts(found),
         tables=[claims_table(found)],
-        origin=origin(folder / CLAIMS, found[0]),
+        origin=origin(folder / CLAIMS, {**found[0], "digest": None}, [*digests.items()]),
     )
     return {REPORT: text}
 

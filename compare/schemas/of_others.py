@@ -33,7 +33,9 @@ def claims() -> Schema:
         "optimum_check_share": known(number("share of the runs in which that optimum is in doubt")),
         "runs": count("with both figures"),
         "decidable": known(number("factor from an end of the range that the most runs decide with 90 %")),
+        "setting": text("name of the scenario that the ratio is of"),
         "seed": count("from which those of the runs are spawned"),
+        "digest": text("of setting and seed: equal digests, equal runs"),
         **ORIGIN,
     }
     return several(record(claim))
@@ -68,6 +70,8 @@ def grades() -> Schema:
         "seconds_per_run": known(number("median over runs [s]")),
         **rows,
         "scenario": text("its name"),
+        "seed": count("from which those of the runs are spawned"),
+        "digest": known(text("of scenario and seed: equal digests, equal runs")),
         **ORIGIN,
     }
     return several(record(grade))

@@ -40,6 +40,7 @@ from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.studies.claim_evidence import ALPHA, Evidence, weigh
 from slamgauge.compare.studies.claim_list import CLAIMS, FILTER, OPTIMUM, SETTINGS, TESTS, Claim, Figure, ate
 from slamgauge.compare.studies.claim_studies import ClaimStudies, sampled_settings
+from slamgauge.compare.studies.store import digest
 from slamgauge.errors import UserError
 
 Load = Callable[[str, str, int], Runs]  # of a setting and an estimator the first so many runs
@@ -55,7 +56,7 @@ class Judgement:
     `optimum` is the share of the filter's error there that the causal optimum avoids, which is told true noise and
     associations (1 - geometric mean over the first look's runs of its ATE over the filter's); None if it has no run.
     `optimum_check_share` is the share of these runs in which it is in doubt; None if none was checked. `scenario_text`
-    is the setting as a TOML file, `seed` the root of the runs' own.
+    is the setting as a TOML file, `seed` the root of the runs' own, `digest` that of both.
     """
 
     claim: Claim
@@ -64,6 +65,7 @@ class Judgement:
     optimum_check_share: float | None
     scenario_text: str
     seed: int
+    digest: str
 
     @property
     def is_in_doubt(self) -> bool:
@@ -88,7 +90,9 @@ class Judgement:
             "optimum_check_share": self.optimum_check_share,
             "runs": evidence.runs,
             "decidable": evidence.decidable,
+            "setting": claim.figure.setting,
             "seed": self.seed,
+            "digest": self.digest,
             **origin(self.scenario_text),
         }
 
@@ -119,8 +123,8 @@ def judge_claims(runs: int, seed: int, out: str | Path, executor: Executor, most
     require_free(out, CLAIMS_FILES)
     studies = ClaimStudies(sampled_settings(SETTINGS), seed, out, executor)
     studies.require_room(most)
-    texts = {name: scenario_text(scenario) for name, scenario in studies.scenarios.items()}
-    judged = [judge(claim, studies.load, runs, most, texts[claim.figure.setting], seed) for claim in CLAIMS]
+    settings = studies.scenarios
+    judged = [judge(claim, studies.load, runs, most, settings[claim.figure.setting], seed) for claim in CLAIMS]
     for count in growing(runs, most)[1:]:
         for place, each in enumerate(judged):
             if each.evidence.verdict == "undecided":
@@ -139,13 +143,14 @@ def write_claims(out: Path, claims: Claims) -> None:
         write_json(stage / CLAIMS_FILE, [each.to_json() for each in claims.judgements])
 
 
-def judge(claim: Claim, load: Load, runs: int, most: int, text: str, seed: int) -> Judgement:
-    """What the first runs say of a claim, where there may be `most`; `text` is its scenario's."""
+def judge(claim: Claim, load: Load, runs: int, most: int, scenario: Scenario, seed: int) -> Judgement:
+    """What the first runs say of a claim, where there may be `most`; `scenario` is its setting."""
     setting = claim.figure.setting
     optimum = mean(log_ratios(ate(setting, OPTIMUM), ate(setting), load, runs))
     avoidable = None if optimum is None else 1.0 - math.exp(optimum)
     share = share_in_doubt(load(setting, OPTIMUM, runs), {})
-    return Judgement(claim, evidence_for(claim, load, runs, most), avoidable, share, text, seed)
+    where = scenario_text(scenario), seed, digest(scenario, seed)
+    return Judgement(claim, evidence_for(claim, load, runs, most), avoidable, share, *where)
 
 
 def evidence_for(claim: Claim, load: Load, runs: int, most: int) -> Evidence:

@@ -14,10 +14,12 @@ import pytest
 from held_by_schemas import held
 
 from slamgauge.compare.cli.main import main
+from slamgauge.compare.cli.options import sampled_scenario
 from slamgauge.compare.grading.grades import grade
 from slamgauge.compare.grading.submissions import submissions_in
 from slamgauge.compare.grading.trial import Trial
 from slamgauge.compare.scoring.scores import Score
+from slamgauge.compare.studies.store import digest
 from slamgauge.errors import UserError
 
 from ..scoring.test_against_reference import scores
@@ -150,10 +152,12 @@ def test_all_graded_is_status_0_and_json_has_the_rows(
     (tmp_path / "class").mkdir()
     shutil.copy(EXAMPLES / "student_ekf.py", tmp_path / "class/anna.py")
     shutil.copy(EXAMPLES / "student_ekf_no_cross_covariance.py", tmp_path / "class/bert.py")
-    words = ["--scenario", str(scenario), "--runs", "2", "--reference", f"right={EXAMPLES}/student_ekf.py:ekf_slam"]
+    words = ["--scenario", str(scenario), "--runs", "2", "--seed", "7"]
+    words += ["--reference", f"right={EXAMPLES}/student_ekf.py:ekf_slam"]
     assert main(["grade", str(tmp_path / "class"), *words, "--jobs", "1", "--json", "--out", str(tmp_path / "o")]) == 0
     content = held("grades", json.loads(capsys.readouterr().out))
     assert [(each["submission"], each["passed"]) for each in content] == [("anna", True), ("bert", False)]
+    assert {(each["seed"], each["digest"]) for each in content} == {(7, digest(sampled_scenario(str(scenario), []), 7))}
     assert content[0]["ate_ratio"] == 1.0  # the reference is the same filter
 
 

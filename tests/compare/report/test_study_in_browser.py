@@ -203,7 +203,9 @@ def budget(folder: Path) -> None:
 
 def claims(folder: Path) -> None:
     evidence = Evidence(1.5, 1.2, 1.9, p_value=0.001, support=4.0, runs=50, decidable=1.1)
-    found = [Judgement(each, evidence, 0.25, None, "x = 1", 7).to_json() for each in CLAIMS]
+    found = [
+        Judgement(each, evidence, 0.25, None, "x = 1", 7, f"of {each.figure.setting}").to_json() for each in CLAIMS
+    ]
     (folder / "claims.json").write_text(json.dumps([{**found[0], "claim": NAMED}, *found[1:]]))
 
 
@@ -224,6 +226,7 @@ def grades(folder: Path) -> None:
         "sigma_position_ratio",
         "sigma_heading_ratio",
     )
+    row |= {"seed": "7", "digest": "of q1-long-dense"}
     row |= {f"{key}{end}": "" for key in ratios for end in ("", "_low", "_high")}
     with (folder / "grades.csv").open("w", encoding="utf-8", newline="") as file:
         table = csv.DictWriter(file, row)
@@ -245,6 +248,10 @@ def test_pages_of_tables_hold_names_of_others_as_text(reader: Reader, write: Cal
         assert reader.complaints() == []
         assert reader.run("return document.documentElement.scrollWidth") <= 360
         assert reader.run("return document.querySelectorAll('script').length") == 2
+        if write is not budget:
+            assert {"7", "of q1-long-dense"} <= set(
+                reader.run("return [...document.querySelectorAll('.origin dd')].map(each => each.textContent)")
+            )
     assert NAMED in reader.run("return document.body.textContent")
 
 

@@ -92,7 +92,7 @@ def budget() -> Any:
 
 def claims() -> Any:
     none, some = Evidence(None, None, None, 1.0, 0.0, 0, None), Evidence(1.5, 1.2, 1.9, 0.001, 4.0, 50, 1.1)
-    return [Judgement(CLAIMS[0], each, None, None, "x = 1", 0).to_json() for each in (none, some)]
+    return [Judgement(CLAIMS[0], each, None, None, "x = 1", 0, "d1").to_json() for each in (none, some)]
 
 
 def grades() -> Any:

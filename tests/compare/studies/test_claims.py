@@ -50,7 +50,7 @@ def judged(claim: Claim, studies: dict[tuple[str, str], Runs]) -> Judgement:
     def load(setting: str, estimator: str, _: int) -> Runs:
         return studies[setting, estimator]
 
-    return judge(claim, load, 50, 50, "x = 1", 0)
+    return judge(claim, load, 50, 50, load_scenario("q1-short-dense"), 0)
 
 
 def table(judgements: list[Judgement], failures: list[str]) -> list[str]:
