@@ -58,7 +58,9 @@ def _of_run(folder: Path, names: Sequence[str], band: str | None) -> Drawings:
     metrics = read_json(folder / METRICS, "run")["estimators"]
     entries = {name: metrics[name] for name in chosen}
     drawings: Drawings = {
-        "figure": lambda out: save_figure(out, found.truth, found.recording, estimates, found.title, band)
+        "figure": lambda out: save_figure(
+            out, found.truth, found.recording, estimates, found.title, band, drift=not names
+        )
     }
     if any(each.get("rpe_by_distance") for each in entries.values()):
         drawings["drift"] = lambda out: save_drift_figure(out, entries, found.title)

@@ -56,13 +56,15 @@ def plot_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Map
     Dead reckoning is drawn from the recording where the estimates lack it, and cut where it leaves the rest far
     behind. The legend stands below the axes.
     """
-    _draw_run(ax, truth, recording, estimates)
+    _draw_run(ax, truth, recording, estimates, drift=True)
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, **LEGEND)
 
 
-def _draw_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]) -> None:
+def _draw_run(
+    ax: Axes, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate], *, drift: bool
+) -> None:
     truth = Truth() if truth is None else truth
-    paths = {DEAD_RECKONING: chain(recording.prior_mean, recording.odometry)}
+    paths = {DEAD_RECKONING: chain(recording.prior_mean, recording.odometry)} if drift else {}
     paths |= {name: estimate.poses for name, estimate in estimates.items()}
     chosen = styles(paths)
     if truth.poses is not None:
@@ -120,13 +122,13 @@ def _draw_marks(ax: Axes, truth: Truth, recording: Recording, paths: Mapping[str
 def _frame(ax: Axes, paths: Mapping[str, Float], others: list[Float]) -> None:
     """Limits at equal scales that hold everything but a dead reckoning that has gone astray."""
     ax.set_aspect("equal", adjustable="datalim")
-    drift = paths[DEAD_RECKONING][:, :2]
-    estimated = [poses for name, poses in paths.items() if name != DEAD_RECKONING] or [drift]
-    low, high = map_limits([each[:, :2] for each in estimated + others], [drift])
+    drift = [poses[:, :2] for name, poses in paths.items() if name == DEAD_RECKONING]
+    estimated = [poses for name, poses in paths.items() if name != DEAD_RECKONING] or drift
+    low, high = map_limits([each[:, :2] for each in estimated + others], drift)
     ax.set_xlim(low[0], high[0], auto=True)
     ax.set_ylim(low[1], high[1], auto=True)
     label_plane(ax)
-    if ((drift < low) | (drift > high)).any():
+    if any(((each < low) | (each > high)).any() for each in drift):
         ax.set_title("dead reckoning leaves the map and is cut")
 
 
@@ -137,10 +139,13 @@ def save_figure(
     estimates: Mapping[str, Estimate],
     title: str,
     band: str | None = None,
+    *,
+    drift: bool = True,
 ) -> None:
     """Write figure.png (200 dpi) and figure.svg into `folder`: the map beside the errors, in a column above them.
 
-    The bounds of the estimate `band` are filled. An optimum that its check puts in doubt, or its residuals, is named
+    The bounds of the estimate `band` are filled. Dead reckoning is drawn in the map where the estimates lack it, unless
+    `drift` is False. An optimum that its check puts in doubt, or its residuals, is named
     under the title.
     """
     with mpl.rc_context(PRINT):
@@ -152,7 +157,7 @@ def save_figure(
             parts = figure.subfigures(1, 2, width_ratios=(1.25, 1))
         left, right = cast("Iterable[SubFigure]", parts)
         left_axes = left.subplots()
-        _draw_run(left_axes, truth, recording, estimates)
+        _draw_run(left_axes, truth, recording, estimates, drift=drift)
         plot_errors(right.subplots(3, sharex=True), truth, recording, estimates, band)
         handles, labels = left_axes.get_legend_handles_labels()
         columns = page.legend_columns(len(labels))

@@ -108,6 +108,8 @@ def test_the_command_draws_the_estimators_and_the_band_that_are_chosen(
     words = ("export", str(results / "run"), "--format", "svg", "--out", str(tmp_path / "out"))
     assert main([*words, "--estimators", "ekf,isam2", "--band", "isam2"]) == 0
     assert set(drawn) == DRAWN["run"]
+    assert {"ekf", "isam2"} <= labels(drawn["figure"])
+    assert "dead-reckoning" not in labels(drawn["figure"])  # not even from the recording
     panel = drawn["figure"].axes[1]
     faces = [np.atleast_2d(np.asarray(each.get_facecolor(), dtype=float)) for each in panel.collections]
     bands = [face for face in faces if len(face) and np.allclose(face[0, :3], to_rgba("#CC9900")[:3])]
