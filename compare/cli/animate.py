@@ -59,6 +59,7 @@ class Animate:
     def _run_the_worst(self, out: Path) -> int:
         """Carry out the run of a study in which the first estimator that is to be shown has its largest ATE."""
         from slamgauge.compare.cli.one_run import Run
+        from slamgauge.compare.cli.pages import PageOptions
         from slamgauge.compare.report.rerun import run_of_study
         from slamgauge.compare.report.study_page import runs_to_look_at
         from slamgauge.compare.studies.run import run_seed
@@ -73,4 +74,6 @@ class Animate:
         print(f"run {run}, the worst of {name}:", file=sys.stderr)
         again = run_of_study(study.content, run_seed(study.summary.seed, run))
         settings = [tuple(again.settings)]
-        return Run(again.scenario, again.seed, again.estimators, set=settings, out=out, no_report=True)()
+        return Run(
+            again.scenario, again.seed, again.estimators, set=settings, out=out, page=PageOptions(no_report=True)
+        )()

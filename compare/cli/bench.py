@@ -37,9 +37,6 @@ class Bench:
     out: Folder | None = None
     """Folder for bench.json, bench.png and bench.svg."""
 
-    json: bool = False
-    """Print JSON on standard output instead of the table."""
-
     output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
@@ -56,7 +53,7 @@ class Bench:
         require_time_for_bench(sizes, ask(split_names(self.estimators)), agreed=self.yes)
         with results_folder(self.out, BENCH_FILES, last=BENCH) as folder:
             result = run_bench(sizes, split_names(self.estimators))
-            done = print_result(result if self.json else bench_table(result))
+            done = print_result(result if self.output.json else bench_table(result))
             if folder is not None:
                 write_json(folder / BENCH, result)
         if self.out is not None:

@@ -32,9 +32,6 @@ class Check:
     """Seconds that your own code, in a process of its own, may take for one of them; a law that it takes longer for
     fails, and the laws after it are not judged."""
 
-    json: bool = False
-    """Print JSON on standard output instead of the table."""
-
     output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
@@ -48,5 +45,5 @@ class Check:
         isolation = Isolation(require_timeout(self.timeout), strict=False)  # no-future is a law
         (asked,) = isolated(ask([self.estimator]), isolation)
         verdicts = check_estimator(asked.label, load(asked), self.seed)
-        printed = print_result(verdicts_json(verdicts) if self.json else verdicts_table(verdicts))
+        printed = print_result(verdicts_json(verdicts) if self.output.json else verdicts_table(verdicts))
         return 0 if printed and not any(verdict.is_failure for verdict in verdicts) else 1

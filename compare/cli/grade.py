@@ -9,16 +9,15 @@ from pathlib import Path
 import tyro
 
 from slamgauge.compare.cli.options import (
-    ALL_CORES,
     Folder,
-    Yes,
+    Work,
     carried_by,
     print_result,
     require_timeout,
     results_folder,
     sampled_scenario,
 )
-from slamgauge.compare.cli.pages import NoReport, Open, write_page
+from slamgauge.compare.cli.pages import PageOptions, write_page
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.errors import UserError
 
@@ -54,20 +53,12 @@ class Grade:
     timeout: float = 60.0
     """Seconds that a submission may take for a run."""
 
-    yes: Yes = False
-
-    jobs: int = ALL_CORES
-    """How many submissions are run at the same time."""
+    work: Work = field(default_factory=Work)
 
     out: Folder | None = None
     """Folder of grades.csv, grades.xml (JUnit) and submissions/NAME.md; results/grades-FOLDER if not given."""
 
-    no_report: NoReport = False
-
-    open: Open = False
-
-    json: bool = False
-    """Print JSON on standard output instead of the table."""
+    page: PageOptions = field(default_factory=PageOptions)
 
     output: Output = field(default_factory=Output)
 
@@ -87,20 +78,20 @@ class Grade:
         scenario, (reference,) = sampled_scenario(self.scenario, []), ask([self.reference])
         submissions, timeout = submissions_in(self.folder), require_timeout(self.timeout)
         work = [(scenario, [*ask([CAUSAL]), *[reference] * (1 + len(submissions))])]
-        require_time_for_runs(self.runs, work, self.jobs, agreed=self.yes)
+        require_time_for_runs(self.runs, work, self.work.jobs, agreed=self.work.yes)
         writes = grade_files(each.name for each in submissions)
         with results_folder(out, writes, GRADES, [f"{PAGES}/*.md", f"{PAGES}/*.html"]) as staged:
-            with carried_by(self.jobs) as executor:
+            with carried_by(self.work.jobs) as executor:
                 grades = grade_folder(
                     self.folder, submissions, scenario, self.runs, self.seed, reference, timeout, executor
                 )
             if not any(each.is_graded for each in grades.grades):
                 first = grades.grades[0]
                 raise UserError(f"{self.folder}: nothing could be graded; {first.submission}: {first.reasons[0]}")
-            printed = print_result(grades.to_json() if self.json else grade_table(grades))
+            printed = print_result(grades.to_json() if self.output.json else grade_table(grades))
             if staged is not None:
                 write_grades(staged, grades)
         told = write_pages(out, grades)
         print(f"written to {out}", file=sys.stderr)
-        explained = write_page(out, GRADES, wanted=not self.no_report, opened=self.open)
+        explained = write_page(out, GRADES, self.page)
         return 0 if printed and told and explained and all(each.is_graded for each in grades.grades) else 1

@@ -3,31 +3,28 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import tyro
 
 from slamgauge.compare.cli.options import (
-    ALL_CORES,
     Estimators,
     FilterName,
     Folder,
     Overrides,
-    Strict,
-    Timeout,
-    Yes,
+    OwnCode,
+    Work,
     carried_by,
     flattened,
-    kept_apart,
     named_after,
     print_result,
     results_folder,
     sampled_scenario,
     split_names,
 )
-from slamgauge.compare.cli.pages import NoReport, Open, write_page
+from slamgauge.compare.cli.pages import PageOptions, write_page
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.storage.result_files import BUDGET, BUDGET_FILES, CLAIMS, SUMMARY, SWEEP
 from slamgauge.errors import UserError
@@ -36,6 +33,15 @@ if TYPE_CHECKING:
     from slamgauge.compare.estimators.asked import Asked
     from slamgauge.compare.scoring.runs import Runs
     from slamgauge.compare.studies.summary import Summary
+
+
+@dataclass(frozen=True)
+class WorkAnywhere(Work):
+    """Who carries out the runs."""
+
+    scheduler: str | None = None
+    """Address of a Dask scheduler, tcp://host:port or tls://host:port, whose workers carry the runs instead. Whoever
+    reaches it can have code run there and here."""
 
 
 @dataclass
@@ -64,9 +70,7 @@ class Study:
 
     estimators: Estimators = "ekf,riekf,isam2"
 
-    strict: Strict = False
-
-    timeout: Timeout = None
+    own_code: OwnCode = field(default_factory=OwnCode)
 
     set: Overrides = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
@@ -84,21 +88,9 @@ class Study:
     sweep: str | None = None
     """A study at each value of a key, key=v1,v2,..., in a folder each; sweep.json and a figure beside them."""
 
-    jobs: int = ALL_CORES
-    """Worker processes, one BLAS thread each."""
+    work: WorkAnywhere = field(default_factory=WorkAnywhere)
 
-    scheduler: str | None = None
-    """Address of a Dask scheduler, tcp://host:port or tls://host:port, whose workers carry the runs instead. Whoever
-    reaches it can have code run there and here."""
-
-    yes: Yes = False
-
-    no_report: NoReport = False
-
-    open: Open = False
-
-    json: bool = False
-    """Print summary.json (of a sweep sweep.json) on standard output instead of the table."""
+    page: PageOptions = field(default_factory=PageOptions)
 
     output: Output = field(default_factory=Output)
 
@@ -113,13 +105,13 @@ class Study:
             raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
         print(f"written to {self.out}", file=sys.stderr)
         beside = SUMMARY if self.sweep is None else SWEEP
-        explained = write_page(self.out, beside, wanted=not self.no_report, opened=self.open)
+        explained = write_page(self.out, beside, self.page)
         return 0 if done and explained else 1
 
     def _asked(self) -> list[Asked]:
         from slamgauge.compare.estimators.asked import ask
 
-        return kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
+        return self.own_code.kept_apart(ask(split_names(self.estimators)))
 
     def _study(self) -> bool:
         """Carry out a study; whether nothing has failed."""
@@ -133,13 +125,13 @@ class Study:
 
         scenario, asked = sampled_scenario(self.scenario, self.set), self._asked()
         most = self.runs if self.precision is None else max(self.runs, self.max_runs)
-        require_time_for_runs(most, [(scenario, asked)], self.jobs, agreed=self.yes)
+        require_time_for_runs(most, [(scenario, asked)], self.work.jobs, agreed=self.work.yes)
         require_free(self.out, STUDY_FILES)
-        with carried_by(self.jobs, self.scheduler) as executor:
+        with carried_by(self.work.jobs, self.work.scheduler) as executor:
             until = None if self.precision is None else Until(self.precision, self.max_runs)
             arguments = (scenario, self.runs, self.seed, asked, self.out, executor)
             summary = run_study(*arguments, against=split_names(self.against), until=until)
-        printed = print_result(summary.to_json() if self.json else summary_table(summary))
+        printed = print_result(summary.to_json() if self.output.json else summary_table(summary))
         runs = load_runs(scenario, summary.runs, self.seed, asked, self.out)
         return write_study(self.out, summary, runs, scenario.trajectory.step) and printed and not summary.failures
 
@@ -153,17 +145,17 @@ class Study:
             raise UserError("sweep: takes no --against and no --precision; leave them out, or study a single value")
         overrides, asked = ["start=sampled", *flattened(self.set)], self._asked()
         work = [(scenario, asked) for scenario in scenarios_of(self.scenario, overrides, sweep)]
-        require_time_for_runs(self.runs, work, self.jobs, agreed=self.yes)
+        require_time_for_runs(self.runs, work, self.work.jobs, agreed=self.work.yes)
         drawn: list[bool] = []
 
         def finished(folder: Path, summary: Summary, runs: dict[str, Runs], step: float) -> None:
             drawn.append(write_study(folder, summary, runs, step))
-            drawn.append(write_page(folder, SUMMARY, wanted=not self.no_report, opened=False))
+            drawn.append(write_page(folder, SUMMARY, replace(self.page, open=False)))
 
-        with carried_by(self.jobs, self.scheduler) as executor:
+        with carried_by(self.work.jobs, self.work.scheduler) as executor:
             arguments = (self.scenario, overrides, sweep, self.runs, self.seed, asked, self.out, executor)
             result = run_sweep(*arguments, finished=finished)
-        printed = print_result(result.to_json() if self.json else sweep_table(result))
+        printed = print_result(result.to_json() if self.output.json else sweep_table(result))
         failed = any(each.failures for each in result.summaries)
         return write_sweep(self.out, result) and all(drawn) and printed and not failed
 
@@ -197,17 +189,9 @@ class Budget:
     set: Overrides = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
 
-    jobs: int = ALL_CORES
-    """Worker processes, one BLAS thread each."""
+    work: Work = field(default_factory=Work)
 
-    yes: Yes = False
-
-    no_report: NoReport = False
-
-    open: Open = False
-
-    json: bool = False
-    """Print budget.json on standard output instead of the table."""
+    page: PageOptions = field(default_factory=PageOptions)
 
     output: Output = field(default_factory=Output)
 
@@ -221,18 +205,20 @@ class Budget:
         from slamgauge.compare.studies.budget import budget_table, error_budget, rungs_of
 
         scenario = sampled_scenario(self.scenario, self.set)
-        require_time_for_runs(self.runs, [(scenario, rungs_of(self.filter, self.lag))], self.jobs, agreed=self.yes)
+        require_time_for_runs(
+            self.runs, [(scenario, rungs_of(self.filter, self.lag))], self.work.jobs, agreed=self.work.yes
+        )
         staged = results_folder(self.out, BUDGET_FILES, last=BUDGET)
-        with staged as folder, carried_by(self.jobs) as executor:
+        with staged as folder, carried_by(self.work.jobs) as executor:
             budget = error_budget(scenario, self.filter, self.runs, self.seed, executor, self.lag)
-            printed = print_result(budget.to_json() if self.json else budget_table(budget))
+            printed = print_result(budget.to_json() if self.output.json else budget_table(budget))
             if folder is not None:
                 write_json(folder / BUDGET, budget.to_json())
         from slamgauge.compare.figures.publishing import draw_budget
 
         drawn = draw_budget(self.out, budget)
         print(f"written to {self.out}", file=sys.stderr)
-        explained = write_page(self.out, BUDGET, wanted=not self.no_report, opened=self.open)
+        explained = write_page(self.out, BUDGET, self.page)
         return 0 if printed and drawn and explained else 1
 
 
@@ -258,17 +244,9 @@ class Claims:
     seed: int = 0
     """Root seed, from which the runs' own seeds are spawned."""
 
-    jobs: int = ALL_CORES
-    """Worker processes, one BLAS thread each."""
+    work: Work = field(default_factory=Work)
 
-    yes: Yes = False
-
-    no_report: NoReport = False
-
-    open: Open = False
-
-    json: bool = False
-    """Print claims.json on standard output instead of the table."""
+    page: PageOptions = field(default_factory=PageOptions)
 
     output: Output = field(default_factory=Output)
 
@@ -277,15 +255,15 @@ class Claims:
         from slamgauge.compare.estimators.demand import require_time_for_runs
         from slamgauge.compare.studies.claims import claims_table, judge_claims, studies_of_claims, write_claims
 
-        require_time_for_runs(max(self.runs, self.max_runs), studies_of_claims(), self.jobs, agreed=self.yes)
+        require_time_for_runs(max(self.runs, self.max_runs), studies_of_claims(), self.work.jobs, agreed=self.work.yes)
         try:
-            with carried_by(self.jobs) as executor:
+            with carried_by(self.work.jobs) as executor:
                 claims = judge_claims(self.runs, self.seed, self.out, executor, self.max_runs)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("what is done is stored; the same command goes on from there") from None
         content = [each.to_json() for each in claims.judgements]
-        printed = print_result(content if self.json else claims_table(claims))
+        printed = print_result(content if self.output.json else claims_table(claims))
         write_claims(self.out, claims)
         print(f"written to {self.out}", file=sys.stderr)
-        explained = write_page(self.out, CLAIMS, wanted=not self.no_report, opened=self.open)
+        explained = write_page(self.out, CLAIMS, self.page)
         return 0 if printed and explained else 1

@@ -10,7 +10,7 @@ from typing import Literal
 import tyro
 
 from slamgauge.compare.cli.options import Folder, print_result, results_folder
-from slamgauge.compare.cli.pages import NoReport, Open, write_page
+from slamgauge.compare.cli.pages import PageOptions, write_page
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.errors import UserError
 
@@ -40,12 +40,7 @@ class Noise:
     heading: Literal["sensor", "odometry"] = "sensor"
     """Whose straight ahead the start's heading is, where --systematic finds a bearing offset: the other is turned."""
 
-    no_report: NoReport = False
-
-    open: Open = False
-
-    json: bool = False
-    """Print noise.json on standard output instead of the table."""
+    page: PageOptions = field(default_factory=PageOptions)
 
     output: Output = field(default_factory=Output)
 
@@ -65,7 +60,7 @@ class Noise:
         with results_folder(self.out, NOISE_FILES, last=NOISE) as folder:
             noise = find_noise(recording, systematic=self.systematic, heading=self.heading)
             content = noise_json(noise) | {"digest": digest(recording)}
-            done = print_result(content if self.json else noise_table(noise))
+            done = print_result(content if self.output.json else noise_table(noise))
             if folder is not None:
                 write_json(folder / NOISE, content)
         if self.write is not None:
@@ -78,7 +73,7 @@ class Noise:
         for place in (self.out, self.write):
             if place is not None:
                 print(f"written to {place}", file=sys.stderr)
-        explained = write_page(self.out, NOISE, wanted=not self.no_report, opened=self.open)
+        explained = write_page(self.out, NOISE, self.page)
         return 0 if done and explained else 1
 
     def _require_free(self, write: Path) -> None:

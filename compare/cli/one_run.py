@@ -14,16 +14,14 @@ from slamgauge.compare.cli.options import (
     Estimators,
     Folder,
     Overrides,
-    Strict,
-    Timeout,
+    OwnCode,
     Yes,
     flattened,
-    kept_apart,
     print_result,
     results_folder,
     split_names,
 )
-from slamgauge.compare.cli.pages import NoReport, Open, write_page
+from slamgauge.compare.cli.pages import PageOptions, write_page
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.storage.result_files import METRICS
 from slamgauge.errors import UserError
@@ -59,9 +57,7 @@ class Run:
 
     estimators: Estimators = DEFAULT_ESTIMATORS
 
-    strict: Strict = False
-
-    timeout: Timeout = None
+    own_code: OwnCode = field(default_factory=OwnCode)
 
     yes: Yes = False
 
@@ -71,12 +67,7 @@ class Run:
     out: Folder | None = None
     """Folder of the results; results/SCENARIO-seed-SEED if not given."""
 
-    no_report: NoReport = False
-
-    open: Open = False
-
-    json: bool = False
-    """Print metrics.json on standard output instead of the table."""
+    page: PageOptions = field(default_factory=PageOptions)
 
     output: Output = field(default_factory=Output)
 
@@ -88,7 +79,7 @@ class Run:
         scenario = load_scenario(self.scenario, flattened(self.set))
         out = self.out or Path("results") / f"{file_name(scenario.name)}-seed-{self.seed}"
         status = self._grade(scenario, out)  # what it needs of memory is free again before the page is written
-        return status if write_page(out, METRICS, wanted=not self.no_report, opened=self.open) else 1
+        return status if write_page(out, METRICS, self.page) else 1
 
     def _grade(self, scenario: Scenario, out: Path) -> int:
         from slamgauge.compare.estimators.asked import ask
@@ -98,7 +89,7 @@ class Run:
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import comparison_files
 
-        asked = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
+        asked = self.own_code.kept_apart(ask(split_names(self.estimators)))
         require_free(out, comparison_files(each.label for each in asked))
         truth, recording, told = simulate_informed(scenario, self.seed)
         require_means_for_recording(told, asked, agreed=self.yes)
@@ -106,7 +97,7 @@ class Run:
         grading = Grading(
             asked,
             out,
-            self.json,
+            self.output.json,
             title,
             scenario.association,
             scenario.initialisation_settings,
@@ -141,9 +132,7 @@ class Evaluate:
     """Estimates that are graded as they lie there, LABEL=PATH ...: an estimate.npz, CSV, or TUM with or without the
     columns of covariances (docs/your_filter.md). Nothing of yours is run for them."""
 
-    strict: Strict = False
-
-    timeout: Timeout = None
+    own_code: OwnCode = field(default_factory=OwnCode)
 
     yes: Yes = False
 
@@ -165,19 +154,14 @@ class Evaluate:
     out: Folder | None = None
     """Folder of the results; without it only the table is printed."""
 
-    no_report: NoReport = False
-
-    open: Open = False
-
-    json: bool = False
-    """Print metrics.json on standard output instead of the table."""
+    page: PageOptions = field(default_factory=PageOptions)
 
     output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
         """Load, grade and, if asked to, write; the exit status."""
         status = self._grade()  # what it needs of memory is free again before the page is written
-        return status if write_page(self.out, METRICS, wanted=not self.no_report, opened=self.open) else 1
+        return status if write_page(self.out, METRICS, self.page) else 1
 
     def _grade(self) -> int:
         from slamgauge.compare.estimators.asked import ask
@@ -201,10 +185,10 @@ class Evaluate:
             Robustness(self.robust),
         )
         stored = {label: _as_it_lies(path, recording) for label, path in self._stored().items()}
-        named = kept_apart(ask(split_names(self.estimators)), strict=self.strict, timeout=self.timeout)
+        named = self.own_code.kept_apart(ask(split_names(self.estimators)))
         require_means_for_recording(recording, named, agreed=self.yes)
         asked = ask([*named, *ask(stored)])
-        grading = Grading(asked, self.out, self.json, title, *settings)
+        grading = Grading(asked, self.out, self.output.json, title, *settings)
         return grading.grade(truth, recording)
 
     def _stored(self) -> dict[str, Path]:

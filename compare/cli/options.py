@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -33,20 +34,40 @@ FilterName = Annotated[
     ),
 ]
 Overrides = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
-Strict = Annotated[
-    bool,
-    tyro.conf.arg(
-        help="Run your own code in processes of its own, without the truth, and refuse poses that use the future."
-    ),
-]
-Timeout = Annotated[
-    float | None,
-    tyro.conf.arg(help="Seconds that your own code may take for a run, in a process of its own; 600 with --strict."),
-]
 Yes = Annotated[bool, tyro.conf.arg(help="Begin even what will take days.")]
 PATIENCE = 600.0  # s
 ALL_CORES = os.cpu_count() or 1
 MOST_JOBS = 1024
+
+
+@dataclass(frozen=True)
+class OwnCode:
+    """How estimators of your own are run."""
+
+    strict: bool = False
+    """Run your own code in processes of its own, without the truth, and refuse poses that use the future."""
+
+    timeout: float | None = None
+    """Seconds that your own code may take for a run, in a process of its own; 600 with --strict."""
+
+    def kept_apart(self, asked: list[Asked]) -> list[Asked]:
+        """People's own code in processes of its own, if it is to be strict or has a time-out."""
+        from slamgauge.compare.estimators.asked import Isolation, isolated
+
+        if not self.strict and self.timeout is None:
+            return asked
+        seconds = PATIENCE if self.timeout is None else require_timeout(self.timeout)
+        return isolated(asked, Isolation(seconds, self.strict))
+
+
+@dataclass(frozen=True)
+class Work:
+    """Who carries out the runs."""
+
+    jobs: int = ALL_CORES
+    """Worker processes, one BLAS thread each."""
+
+    yes: Yes = False
 
 
 class EmptyPathError(Exception):
@@ -96,16 +117,6 @@ def require_timeout(seconds: float) -> float:
     if not 0 < seconds < math.inf:
         raise UserError(f"timeout: {seconds:g} s leaves no time, or no end; give seconds > 0")
     return seconds
-
-
-def kept_apart(asked: list[Asked], *, strict: bool, timeout: float | None) -> list[Asked]:
-    """People's own code in processes of its own, if it is to be strict or has a time-out."""
-    from slamgauge.compare.estimators.asked import Isolation, isolated
-
-    if not strict and timeout is None:
-        return asked
-    seconds = PATIENCE if timeout is None else require_timeout(timeout)
-    return isolated(asked, Isolation(seconds, strict))
 
 
 def split_names(comma_separated: str) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -10,22 +11,31 @@ import tyro
 
 from slamgauge.compare.storage.result_files import REPORT
 
-NoReport = Annotated[bool, tyro.conf.arg(help=f"Write no {REPORT} beside the results.")]
 Open = Annotated[bool, tyro.conf.arg(help=f"Open {REPORT} in the browser.")]
 
 
-def write_page(out: Path | None, beside: str, *, wanted: bool, opened: bool) -> bool:
+@dataclass(frozen=True)
+class PageOptions:
+    """The page that explains the results."""
+
+    no_report: bool = False
+    """Write no report.html beside the results."""
+
+    open: Open = False
+
+
+def write_page(out: Path | None, beside: str, page: PageOptions) -> bool:
     """Write the page of the results that the file `beside` in `out` tells of; whether it is there, if it is wanted.
 
     A page that fails costs nothing but the page.
     """
-    if out is None or not wanted:
+    if out is None or page.no_report:
         return True
     from slamgauge.compare.report.publishing import write_pages
     from slamgauge.compare.storage.decorations import decorate
 
     drawn = decorate(out, beside, {"report": lambda stage: write_pages(stage, out, beside)}, [REPORT])
-    if drawn and opened:
+    if drawn and page.open:
         open_page(out)
     return drawn
 

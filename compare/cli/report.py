@@ -26,8 +26,8 @@ class Report:
     """
 
     what: tyro.conf.Positional[Folder]
-    """What run, evaluate --out, study, budget, claims, grade or noise has written; or q1, q2, q3, q4: a question of
-    the practical, which is carried out and explained on one page."""
+    """What run, evaluate --out, study, study --sweep, budget, claims, grade or noise has written; or q1, q2, q3, q4: a
+    question of the practical, which is carried out and explained on one page."""
 
     out: Folder | None = None
     """Of a question: the folder of its runs and its page; results/QUESTION if not given."""

@@ -21,7 +21,10 @@ END = "\x1b[0m"
 
 @dataclass(frozen=True)
 class Output:
-    """How tables are printed."""
+    """How results are printed."""
+
+    json: bool = False
+    """Print JSON (docs/json.md) on standard output instead of the table."""
 
     wide: bool = False
     """Print all columns, and every line whole. Otherwise tables are as wide as the terminal, 80 characters at least

@@ -101,6 +101,16 @@ def test_help_mentions_every_option(arguments: list[str], mentions: list[str], c
     assert [each for each in mentions if each not in text] == []
 
 
+@pytest.mark.parametrize("command", ["run", "evaluate", "study", "budget", "claims", "grade"])
+def test_help_of_large_commands_is_in_groups(command: str, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit):
+        run(command, "--help")
+    groups = re.split(r"(?m)^\W*((?:\S+ )?options)\W*$", capsys.readouterr().out)[1:]
+    sizes = {name: len(re.findall(r"(?m)^\W* --", text)) for name, text in zip(groups[::2], groups[1::2], strict=True)}
+    assert {"options", "page options", "output options"} <= sizes.keys()
+    assert max(sizes.values()) <= 10
+
+
 def test_help_of_the_installed_command_answers_at_once(tmp_path: Path):
     """By the processor's time: other programs may keep it waiting."""
     script = Path(sys.executable).with_name("slamgauge")
