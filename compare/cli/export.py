@@ -21,8 +21,10 @@ if TYPE_CHECKING:
 
 
 OUT = Path("results/export-NAME")
+STANDARD_OUTPUT = Path("-")
 ENDINGS = {"csv": ".csv", "g2o": ".g2o", "mat": ".mat", "tum-cov": ".tum"}
 TABLES = ("latex", "markdown")
+FIGURES = ("pdf", "png", "svg")
 
 
 @dataclass
@@ -52,7 +54,7 @@ class Export:
 
     out: Folder = OUT
     """The file to write, with the ending of its format if none is given; of a recording as csv, and of figures, the
-    folder."""
+    folder. - is standard output, for a study's table."""
 
     recording: Path | None = None
     """The recording of an estimate, for the time stamps of tum-cov; by default the one of its run."""
@@ -79,6 +81,8 @@ class Export:
         """Load and write."""
         from slamgauge.compare.storage.result_files import SUMMARY
 
+        if self.out == STANDARD_OUTPUT and (self.format in FIGURES or not (self.path / SUMMARY).exists()):
+            raise UserError("out: - is standard output, which takes a study's table alone; name what to write")
         if self.format in ("pdf", "png", "svg"):
             self._write_figures(self.format)
         elif (self.path / SUMMARY).exists():
@@ -115,7 +119,7 @@ class Export:
             raise UserError(f"format: {self.format} is none of a study's table; use csv, latex or markdown")
         keys, estimators = split_names(self.columns), split_names(self.estimators)
         text = read_study_table(self.path, keys, estimators, intervals=not self.means_only).text(self.format)
-        if self.out == OUT:
+        if self.out in (OUT, STANDARD_OUTPUT):
             print_result(text.rstrip("\n"))
             return
         with staged_folder(self.out.parent, [self.out.name], last=self.out.name) as folder:

@@ -136,6 +136,7 @@ def test_misspelt_commands_and_options_are_refused(capsys: pytest.CaptureFixture
         ("run", "q1-long-dense", "--seed", "x"): "Error parsing --seed: ",
         ("run", "q1-long-dense", "--seed", "9" * 5000): "Error parsing --seed: has more than 4300 digits, give fewer",
         ("run", "q1-long-dense", "more"): "Unrecognized options: more; `slamgauge run --help` tells more",
+        ("animate", ".", "--out", "x"): "--out: no option of `slamgauge animate`; `slamgauge animate --help` lists",
         ("--versoin",): "--versoin: no option of `slamgauge`; did you mean --version?",
     }
     for arguments, line in told.items():
