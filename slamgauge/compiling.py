@@ -39,9 +39,9 @@ def _tell(what: str, done: threading.Event, loaded: int, compiled: int) -> None:
     began, said, terminal = monotonic(), "", sys.stderr.isatty()
     while not done.wait(ANNOUNCE_AFTER):
         if _compiled > compiled:
-            line = f"slamgauge: compiling the {what} (once per installation, kept on disk) ..."
+            line = f"slamgauge: compiling {what} (once{'' if terminal else ' per installation'}) ..."
         elif _loaded > loaded:
-            line = f"slamgauge: loading the {what} from disk ..."
+            line = f"slamgauge: loading {what} from disk ..."
         else:
             continue
         if terminal:

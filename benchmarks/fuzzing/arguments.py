@@ -60,7 +60,7 @@ def give_arguments(rng: np.random.Generator, folder: Path) -> tuple[str, str]:
         os.chdir(before)
     if status in (0, 1):
         return "accepted", ""
-    lines = [line for line in heard.getvalue().splitlines() if ": compiling the " not in line]
+    lines = [line for line in heard.getvalue().splitlines() if ": compiling " not in line]
     if status in (2, 71) and len(lines) == 1:
         return "refused in one line", ""
     return "traceback", f"{' '.join(words)!r:.150}: status {status}, {lines[-1:]!r:.200}"

@@ -9,6 +9,7 @@ from pathlib import Path
 import tyro
 
 from slamgauge.compare.cli.options import Folder, named_after
+from slamgauge.compare.cli.terminal import laid_out
 
 
 @dataclass
@@ -35,6 +36,7 @@ class MakeTwin:
         """Load, solve and write."""
         from slamgauge.compare.estimators.registry import HINDSIGHT, REGISTRY
         from slamgauge.compare.scoring.optimum_notes import fit_of_the_model
+        from slamgauge.compare.scoring.text_page import Page
         from slamgauge.compare.storage.files import load_recording
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.names import shown
@@ -53,7 +55,7 @@ class MakeTwin:
             print(f"{twin.left_out} observations are left out, which nobody places or associates", file=sys.stderr)
         fit = fit_of_the_model(REGISTRY[HINDSIGHT].title, twin.optimum)
         if fit is not None:
-            print(fit, file=sys.stderr)
+            print(laid_out(Page((fit,))), file=sys.stderr)
         print(
             f"{twin.recording.steps} steps, {len(twin.optimum.landmark_ids)} landmarks, "
             f"{len(twin.landmark)} sightings: written to {self.out / TWIN}",

@@ -151,13 +151,13 @@ def _whiteness(noise: Noise) -> Iterator[str]:
 
 
 def _gain(noise: Noise) -> Iterator[str]:
-    yield f"log-likelihood: {noise.log_likelihood_gain:+.1f} nats over the noise assumed"
+    yield f"log-likelihood: {noise.log_likelihood_gain:+z.1f} nats over the noise assumed"
     if noise.held_out is None:
         yield "held out: one half of the log tells too little to be fitted alone"
     else:
         gain, count = noise.held_out
         kept = "; it loses there, and the noise assumed is kept" if noise.keeps_assumed else ""
         yield (
-            f"held out: the first half's noise gains {gain:+.1f} nats on the {count} observations of the second "
-            f"({gain / count:+.3f} each){kept}"
+            f"held out: the first half's noise gains {gain:+z.1f} nats on the {count} observations of the second "
+            f"({gain / count:+z.3f} each){kept}"
         )

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import io
+import re
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
 from slamgauge import compiling
+
+ROOT = Path(__file__).parents[2]
 
 
 class Terminal(io.StringIO):
@@ -40,12 +44,20 @@ def told(monkeypatch: pytest.MonkeyPatch, *compiled: bool, terminal: bool = Fals
 
 
 def test_what_is_compiled_is_said_to_be(monkeypatch: pytest.MonkeyPatch):
-    line = "slamgauge: compiling the filter kernels (once per installation, kept on disk) ...\n"
+    line = "slamgauge: compiling filter kernels (once per installation) ...\n"
     assert told(monkeypatch, True) == line
 
 
 def test_what_is_loaded_is_said_to_be(monkeypatch: pytest.MonkeyPatch):
-    assert told(monkeypatch, False) == "slamgauge: loading the filter kernels from disk ...\n"
+    assert told(monkeypatch, False) == "slamgauge: loading filter kernels from disk ...\n"
+
+
+def test_lines_have_room(monkeypatch: pytest.MonkeyPatch):
+    sources = [path.read_text() for folder in ("ekf", "graph_baseline") for path in (ROOT / folder).rglob("*.py")]
+    names = [name for source in sources for name in re.findall(r'announced\("(.*)"\)', source)]
+    for terminal, more in ((False, 0), (True, len("999" * 2) - len("1" + "0"))):
+        line = told(monkeypatch, True, terminal=terminal).strip()
+        assert len(line.replace("filter kernels", max(names, key=len))) + more <= 80
 
 
 def test_one_line_outside_terminals(monkeypatch: pytest.MonkeyPatch):
@@ -61,7 +73,7 @@ def test_one_line_outside_terminals(monkeypatch: pytest.MonkeyPatch):
 
 def test_a_terminal_is_shown_how_many_there_were(monkeypatch: pytest.MonkeyPatch):
     text = told(monkeypatch, True, True, True, terminal=True)
-    assert "\rslamgauge: compiling the filter kernels (once per installation, kept on disk) ... 1 so far, 0 s" in text
+    assert "\rslamgauge: compiling filter kernels (once) ... 1 so far, 0 s" in text
     assert text.endswith(" s\n")
 
 

@@ -140,6 +140,9 @@ def test_noise_that_loses_on_what_was_held_out_is_not_written():
     found = find_noise(recording)
     assert found.held_out is not None
     assert found.held_out.log_likelihood_gain < 0.0
+    hardly = replace(found, held_out=found.held_out._replace(log_likelihood_gain=-0.01))
+    assert "gains +0.0 nats" in str(noise_table(hardly))
+    assert "(+0.000 each)" in str(noise_table(hardly))
     assert found.told == recording
     assert "the noise assumed is kept" in str(noise_table(found))
 

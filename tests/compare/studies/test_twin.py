@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from random_recordings import random_recording
 
+from slamgauge.compare.cli import terminal
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.datasets.lost_in_the_woods import read_lost_in_the_woods
 from slamgauge.compare.scenarios.scenario import load_scenario
@@ -90,11 +91,16 @@ def test_a_twin_may_be_moved_and_is_told_by_its_content(tmp_path: Path) -> None:
     assert digest(load_scenario(there / "twin.toml"), 0) != digest(one, 0)
 
 
-def test_commands_take_a_twin_like_any_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands_take_a_twin_like_any_scenario(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Workers of a study too, wherever they run."""
+    monkeypatch.setattr(terminal, "PIPED", 80)
     save(tmp_path / "recording.npz", log())
     assert main(["twin", str(tmp_path / "recording.npz"), "--out", str(tmp_path / "twin")]) == 0
-    assert "sightings: written to" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "sightings: written to" in told
+    assert max(len(line) for line in told.splitlines() if "written to" not in line) <= 80
     toml = str(tmp_path / "twin" / "twin.toml")
     assert main(["run", toml, "--estimators", "ekf", "--out", str(tmp_path / "run")]) == 0
     command = ["study", toml, "--runs", "2", "--jobs", "1", "--estimators", "ekf", "--out", str(tmp_path / "study")]
