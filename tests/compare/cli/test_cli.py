@@ -8,6 +8,7 @@ import resource
 import shutil
 import subprocess
 import sys
+import webbrowser
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -229,6 +230,24 @@ def test_evaluate_reproduces_the_run(stored: Path, tmp_path: Path, capsys: pytes
     assert (again["digest"], again["truth"], again["scenario"], again["seed"]) == (before["digest"], True, None, None)
     assert without_times(again) == without_times(before)
     assert_same_estimates(stored, tmp_path / "again")
+
+
+def test_the_page_is_opened_where_that_is_asked_for(
+    stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    opened: list[str] = []
+
+    def browse(address: str) -> bool:
+        opened.append(address)
+        return len(opened) == 1
+
+    monkeypatch.setattr(webbrowser, "open", browse)
+    arguments = ("evaluate", stored / "recording.npz", "--estimators", "ekf", "--out", tmp_path / "a page")
+    assert run(*arguments, "--no-report", "--open") == 0
+    assert run(*arguments, "--open") == 0
+    assert run("report", tmp_path / "a page", "--open") == 0
+    assert opened == [(tmp_path / "a page" / "report.html").as_uri()] * 2
+    assert capsys.readouterr().err.endswith(f"no browser was found; open {tmp_path / 'a page' / 'report.html'}\n")
 
 
 def test_evaluate_without_truth_invents_nothing(stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
