@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.transforms import ScaledTranslation
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import YARDSTICKS
@@ -46,6 +47,7 @@ HEIGHTS = {"page": 4.6, "column": 7.2}  # [in] of figure.png
 DIAMOND: dict[str, Any] = {"markersize": 3, "color": "w", "markeredgecolor": TRUTH_COLOR, "markeredgewidth": 0.6}
 OUTLINE: dict[str, Any] = {"markersize": 6, "color": "none", "markeredgecolor": MARK_COLOR, "markeredgewidth": 0.5}
 LONG_LABEL = 20  # characters; import paths of guests, mostly
+ROOM_OF_LABEL = 3.5  # heights of the letters of an axis' label: what stands below the axes before a legend
 POSE_ELLIPSES = 15  # along each path; odd, or two loops would show the same places
 LANDMARK_ELLIPSES = 150  # more than these in all: only the first map's are drawn
 
@@ -57,7 +59,10 @@ def plot_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Map
     behind. The legend stands below the axes.
     """
     _draw_run(ax, truth, recording, estimates, drift=True)
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, **LEGEND)
+    room = ROOM_OF_LABEL * ax.xaxis.label.get_fontproperties().get_size_in_points() / 72
+    lower = ScaledTranslation(0.0, -room, ax.figure.dpi_scale_trans)
+    place: dict[str, Any] = {"bbox_to_anchor": (0.5, 0.0), "bbox_transform": ax.transAxes + lower}
+    ax.legend(loc="upper center", ncols=2, **place, **LEGEND)
 
 
 def _draw_run(

@@ -132,6 +132,18 @@ def test_the_map_shows_paths_landmarks_and_marks() -> None:
     assert ax.get_legend() is not None
 
 
+@pytest.mark.parametrize("height", [2.0, 6.0])
+def test_the_legend_is_clear_of_the_label_however_low_the_axes_are(height: float) -> None:
+    figure = Figure(figsize=(3.4, height))
+    ax = figure.subplots()
+    plot_run(ax, *circle(), {})
+    figure.draw_without_rendering()
+    legend = ax.get_legend()
+    assert legend is not None
+    gap = ax.xaxis.label.get_window_extent().y0 - legend.get_texts()[0].get_window_extent().y1
+    assert 0.0 < gap < 0.2 * figure.dpi
+
+
 def test_ellipses_have_three_sigma_axes_along_the_covariance() -> None:
     truth, recording = circle()
     turn = rotation(0.5)
