@@ -79,7 +79,9 @@ def plot_errors(
         _finish(panel, label, times, times[closures], limit)
     label = [label_time(panel) for panel in panels][-1]
     ticks = "loop closures" if mark == "loop closure" else mark
-    panels[-1].set_xlabel(f"{label}; ticks: {ticks}" if len(closures) else label)
+    is_row = panels[0].get_position().y0 == panels[-1].get_position().y0
+    loc = "right" if is_row else "center"  # beside others the panel is narrower than its label
+    panels[-1].set_xlabel(f"{label}; ticks: {ticks}" if len(closures) else label, loc=loc)
 
 
 def _title(what: str, remark: str) -> str:

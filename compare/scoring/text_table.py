@@ -10,14 +10,17 @@ VAST = 1e9  # figures from here on have an exponent, so that one lost filter doe
 
 
 def aligned(rows: Sequence[Sequence[str]], words: int | Collection[int]) -> list[str]:
-    """Lines of equal columns: the first `words`, or those of these places, to the left, the figures to the right."""
+    """Columns as lines: the first `words`, or those of these places, to the left, the figures to the right.
+
+    No line ends in blanks.
+    """
     left = range(words) if isinstance(words, int) else words
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
             cell.ljust(width) if place in left else cell.rjust(width)
             for place, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
+        ).rstrip()
         for row in rows
     ]
 

@@ -132,6 +132,15 @@ def test_the_map_shows_paths_landmarks_and_marks() -> None:
     assert ax.get_legend() is not None
 
 
+def test_the_label_of_panels_in_a_row_is_within_the_figure() -> None:
+    figure = Figure(figsize=(7.0, 2.6), layout="constrained")
+    panels: list[Axes] = list(figure.subplots(1, 4))[1:]
+    truth, recording = circle()
+    plot_errors(panels, truth, recording, {"ekf": estimate(truth, [0.1, 0, 0])})
+    figure.draw_without_rendering()
+    assert panels[2].xaxis.label.get_window_extent().x1 <= figure.bbox.x1
+
+
 @pytest.mark.parametrize("height", [2.0, 6.0])
 def test_the_legend_is_clear_of_the_label_however_low_the_axes_are(height: float) -> None:
     figure = Figure(figsize=(3.4, height))
