@@ -36,7 +36,10 @@ def main() -> None:
         runs = load_runs(scenario, options.runs, options.seed, names, Path(folder))
     print(f"{'estimator':20}{'RMSE [m]':>9}{'x bound':>16}{'NEES/3':>8}{'mapped':>8}{'step [ms]':>11}{'failed':>8}")
     for name, entry in summary.estimators.items():
+        if name == "bound":
+            continue
         if entry.ate_m is None or entry.ratio_to_bound is None or entry.seconds_total is None:
+            print(f"{name:20}{'-':>9}{'-':>16}{'-':>8}{'-':>8}{'-':>11}{options.runs - entry.runs:8}", flush=True)
             continue
         steps = runs[name].series["error_x"].shape[1]
         mean, low, _ = entry.ratio_to_bound

@@ -1,10 +1,10 @@
 """Where the members of a ray should lie: the right-invariant filter with other rays, over several maps.
 
-    python benchmarks/ray_members.py [--maps ring,three,dense,random] [--roots 0-9] [--runs 5] [--jobs 2]
+    python benchmarks/ray_members.py [--maps ring,three,dense,random,wide] [--roots 0-9] [--runs 5] [--jobs 2]
 
-Of each map and choice of alpha (a member's sigma over its distance), beta (from member to member) and s_min [m] the RMS
-of the ATE over all runs [m] and the median NEES / 3, and over the maps the mean ratio of that ATE to the least of its
-map; N is the number of members. `--roots 100` reports on runs that nothing was chosen on.
+Of each map and choice of alpha (a member's sigma over its distance), beta (from member to member) and s_min (over the
+sensor's reach) the RMS of the ATE over all runs [m] and the median NEES / 3, and over the maps the mean ratio of that
+ATE to the least of its map; N is the number of members. `--roots 100` reports on runs that nothing was chosen on.
 """
 
 from __future__ import annotations
@@ -22,18 +22,20 @@ from slamgauge import Rays, Scenario, evaluate, load_scenario, simulate
 from slamgauge.compare.studies.run import run_seed
 from slamgauge.ekf.estimators import riekf
 
-DENSE = ["sensor.kind=bearing", "initialisation=fis"]
 CHOICES = [
-    (0.3, 2.0, 1.0),
-    (0.3, 2.0, 2.0),
-    (0.3, 2.0, 3.0),
-    (0.2, 1.5, 1.0),
-    (0.2, 1.5, 2.0),
-    (0.2, 1.5, 3.0),
-    (0.2, 1.8, 1.0),
-    (0.15, 1.35, 1.0),
-    (0.15, 1.35, 2.0),
-    (0.4, 2.5, 1.0),
+    (0.3, 2.0, 0.1),
+    (0.3, 2.0, 0.2),
+    (0.3, 2.0, 0.3),
+    (0.25, 1.7, 0.3),
+    (0.2, 1.5, 0.1),
+    (0.2, 1.5, 0.2),
+    (0.2, 1.5, 0.25),
+    (0.2, 1.5, 0.3),
+    (0.2, 1.5, 0.4),
+    (0.2, 1.8, 0.1),
+    (0.15, 1.35, 0.2),
+    (0.15, 1.35, 0.3),
+    (0.4, 2.5, 0.1),
 ]
 
 
@@ -51,15 +53,24 @@ def scenario_of(name: str) -> Scenario:
     scattered = load_scenario("q1-long-dense").landmarks.all().tolist()
     if name == "random":
         scattered = np.random.default_rng(4).uniform([-15.0, -5.0], [15.0, 25.0], (40, 2)).round(1).tolist()
-    return load_scenario("q4-ring", ["start=sampled", f"landmarks.positions={scattered}"])
+    if name == "wide":
+        scattered = np.random.default_rng(5).uniform([-30.0, -20.0], [30.0, 40.0], (40, 2)).round(1).tolist()
+    reach = {"wide": 20.0}.get(name, 10.0)
+    return load_scenario("q4-ring", ["start=sampled", f"landmarks.positions={scattered}", f"sensor.max_range={reach}"])
+
+
+def rays(alpha: float, beta: float, share: float, reach: float) -> Rays:
+    """The rays of a choice, for a sensor of that reach [m]."""
+    return Rays(alpha, beta, share * reach, reach)
 
 
 def carry_out(name: str, seed: int) -> list[Found]:
     """Every choice on one run."""
-    truth, recording = simulate(scenario_of(name), seed)
+    scenario = scenario_of(name)
+    truth, recording = simulate(scenario, seed)
     found: list[Found] = []
-    for alpha, beta, s_min in CHOICES:
-        score = evaluate(truth, recording, riekf(recording, initialisation=Rays(alpha, beta, s_min)))
+    for choice in CHOICES:
+        score = evaluate(truth, recording, riekf(recording, initialisation=rays(*choice, scenario.sensor.max_range)))
         assert score.ate_m is not None
         assert score.nees_pose is not None
         found.append(Found(score.ate_m, score.nees_pose / 3.0))
@@ -68,7 +79,7 @@ def carry_out(name: str, seed: int) -> list[Found]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--maps", default="ring,three,dense,random")
+    parser.add_argument("--maps", default="ring,three,dense,random,wide")
     parser.add_argument("--roots", default="0-9")
     parser.add_argument("--runs", type=int, default=5, help="of each root")
     parser.add_argument("--jobs", type=int, default=2)
@@ -92,8 +103,8 @@ def main() -> None:
 
 def row(choice: tuple[float, float, float]) -> str:
     """The settings, and how many members they make."""
-    alpha, beta, s_min = choice
-    return f"{alpha:6.2f} {beta:5.2f} {s_min:6.1f} {len(Rays(*choice).distances()):3}"
+    alpha, beta, share = choice
+    return f"{alpha:6.2f} {beta:5.2f} {share:6.2f} {len(rays(*choice, reach=1.0).distances()):3}"
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.ekf.settings.initialisation import Initialisation, Rays
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.ekf.sigma_points import InvariantBelief
-from slamgauge.ekf.window_filter import LAG, SlidingWindowFilter
+from slamgauge.ekf.window_filter import KEPT, LAG, SlidingWindowFilter
 from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
 from slamgauge.notices import tell_once
@@ -145,10 +145,11 @@ def sliding_window(recording: Recording, lag: int = LAG) -> Estimate:
         lag: steps that are linearised anew, at least 1.
 
     Raises:
-        UserError: no ids, or no lag.
+        UserError: no ids, no lag, or no solution in double precision.
     """
-    _require_room(0 if recording.landmark is None else len(distinct(recording.landmark)), ROOM_IN_NUMPY)
     slam = SlidingWindowFilter(recording.sensor, recording.prior_mean, recording.prior_cov, lag)
+    landmarks = 0 if recording.landmark is None else len(distinct(recording.landmark))
+    _require_room(landmarks, ROOM_IN_NUMPY, poses=min(lag, recording.steps), keeps=recording.sensor == "bearing")
     return replace(_driven(slam, recording, frames=0), nis=None, nis_dof=None)
 
 
@@ -259,7 +260,12 @@ def online_filter(
     return CompressedFilter(recording.sensor, *prior, radius, robust, landmarks, correction)
 
 
-def _require_room(landmarks: int, room: float) -> None:
-    """Refuse a map whose covariance, `room` times, does not fit into memory."""
-    size = 3 + 2 * landmarks
-    require_memory(room * 8.0 * size * size, f"the covariance of {landmarks} landmarks", "give fewer landmarks")
+def _require_room(landmarks: int, room: float, poses: int = 0, *, keeps: bool = False) -> None:
+    """Refuse a map whose covariance, `room` times, does not fit into memory; with so many poses of a window.
+
+    Some of these may stay, as unknowns, when they leave it.
+    """
+    size = 3 + 2 * landmarks + 3 * int(KEPT * poses) * keeps
+    what = f"the covariance of {landmarks} landmarks" + f" beside a window of {poses} steps" * (poses > 0)
+    remedy = "give fewer landmarks" + ", or a shorter lag" * (poses > 0)
+    require_memory(8.0 * size * (room * size + 3 * poses), what, remedy)

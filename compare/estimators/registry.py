@@ -6,6 +6,7 @@ Nothing is imported before it is asked for, so that the help of a command that l
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple, cast
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 DEAD_RECKONING = "dead-reckoning"  # what figures show faintly, and pictures of a map leave out
 FIXED_LAG, SLIDING_WINDOW = LAGGING = ("fixed-lag", "sliding-window")  # fixed-lag-50: of 50 steps
-LONGEST_LAG = 9  # digits
+LAG = "0|[1-9][0-9]{0,8}"  # as a name ends
 UNDER = "@"  # isam2@ekf: isam2 under the associations that ekf makes
 
 
@@ -231,7 +232,7 @@ def entry_of(name: str) -> Entry:
 def _plain_entry_of(name: str) -> Entry | None:
     """The entry of a name without a filter behind it, if there is one."""
     stem, _, steps = name.rpartition("-")
-    if stem in LAGGING and steps.isdecimal() and len(steps) <= LONGEST_LAG:
+    if stem in LAGGING and re.fullmatch(LAG, steps):
         return replace(REGISTRY[stem], name=name, note="", lag=int(steps))
     return (REGISTRY | BOUNDS).get(name)
 

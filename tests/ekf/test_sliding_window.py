@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,7 +39,8 @@ def off(estimate: Estimate, optimum: Estimate) -> tuple[Float, Float]:
     sigmas, own = (np.sqrt(np.diagonal(covs_of(each), axis1=1, axis2=2)) for each in (optimum, estimate))
     apart = estimate.poses - optimum.poses
     apart[:, 2] = wrap(apart[:, 2])
-    return np.abs(apart / sigmas).max(axis=1), np.abs(own / sigmas - 1.0).max(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a start may be known exactly
+        return np.abs(apart / sigmas).max(axis=1), np.abs(own / sigmas - 1.0).max(axis=1)
 
 
 def covs_of(estimate: Estimate) -> Float:
@@ -275,6 +278,50 @@ def test_what_its_first_pose_leaves_behind_is_all_or_nothing(monkeypatch: pytest
     after = (slam.pose, slam.pose_cov, slam.landmarks, slam.kept_poses, slam.provisional)
     for was, has in zip(before, after, strict=True):
         np.testing.assert_equal(has, was)
+
+
+def test_steps_that_do_not_end_are_refused_while_landmarks_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = recording_of("bearing", 3)
+    slam = SlidingWindowFilter("bearing", recording.prior_mean, recording.prior_cov, lag=6)
+    scans = list(recording.first(12).scans())
+    for step, scan in enumerate(scans[:-1]):
+        if step:
+            slam.predict(recording.odometry[step - 1], recording.odometry_cov[step - 1])
+        slam.update(scan)
+    slam.predict(recording.odometry[len(scans) - 2], recording.odometry_cov[len(scans) - 2])
+    new = Observations(np.array([77]), np.array([[0.3]]), np.array([[[0.01]]]))
+    slam.update(new)
+    before = pickle.dumps(vars(slam))
+    assert 77 in slam.provisional
+    with monkeypatch.context() as patch:
+        patch.setattr(descent, "MOST", 0)
+        with pytest.raises(UserError, match=r"^observation: no update exists for this scan; [^\n]*$"):
+            slam.update(scans[-1])
+    assert pickle.dumps(vars(slam)) == before
+    slam.update(scans[-1])
+
+
+@SENSORS
+def test_copies_go_on_by_themselves(sensor: str) -> None:
+    recording = recording_of(sensor, 3).first(12)
+    whole = sliding_window(recording, lag=4)
+    slam, poses = SlidingWindowFilter(sensor, recording.prior_mean, recording.prior_cov, lag=4), []
+    for step, scan in enumerate(recording.scans()):
+        if step:
+            slam.predict(recording.odometry[step - 1], recording.odometry_cov[step - 1])
+        slam.update(scan)
+        poses.append(slam.pose)
+        left, slam = slam, (copy.deepcopy(slam) if step % 2 else pickle.loads(pickle.dumps(slam)))
+        left.predict([9.0, 0.0, 0.0], np.eye(3))
+    np.testing.assert_array_equal(poses, whole.poses)
+
+
+def test_a_window_that_outgrows_memory_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = recording_of("bearing", 3)
+    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 10_000.0)
+    window = f"beside a window of {recording.steps} steps needs"
+    with pytest.raises(UserError, match=rf"^the covariance of \d+ landmarks {window} .*; give fewer landmarks, or"):
+        sliding_window(recording, lag=10_000)
 
 
 def test_a_landmark_at_the_sensor_waits_for_another_sight() -> None:

@@ -68,7 +68,7 @@ def test_names_say_how_long_the_lag_is() -> None:
     np.testing.assert_array_equal(loaded["fixed-lag-3"](recording).poses, fixed_lag(recording, lag=3).poses)
     under = load_estimators(["fixed-lag-3@ekf"])["fixed-lag-3@ekf"]
     np.testing.assert_array_equal(under(recording).poses, fixed_lag(recording, ekf(recording).association, lag=3).poses)
-    for steps in ("x", "", "1e3", "9" * 5000):
+    for steps in ("x", "", "1e3", "007", "9" * 5000):
         with pytest.raises(UserError, match=f"'fixed-lag-{steps}' is not known"):
             load_estimators([f"fixed-lag-{steps}"])
     with pytest.raises(UserError, match="lag: 0 steps leave no window; give at least 1"):
