@@ -35,9 +35,8 @@ def main() -> None:
         summary = run_study(scenario, options.runs, options.seed, names, Path(folder), executor)
         runs = load_runs(scenario, options.runs, options.seed, names, Path(folder))
     print(f"{'estimator':20}{'RMSE [m]':>9}{'x bound':>16}{'NEES/3':>8}{'mapped':>8}{'step [ms]':>11}{'failed':>8}")
-    for name, entry in summary.estimators.items():
-        if name == "bound":
-            continue
+    for name in names[:-1]:
+        entry = summary.estimators[name]
         if entry.ate_m is None or entry.ratio_to_bound is None or entry.seconds_total is None:
             print(f"{name:20}{'-':>9}{'-':>16}{'-':>8}{'-':>8}{'-':>11}{options.runs - entry.runs:8}", flush=True)
             continue

@@ -28,14 +28,14 @@ class Bounds(NamedTuple):
 
 
 BOUNDS = {
-    ("q4-three-landmarks", "ekf", "fis"): Bounds(0.879, 1.714),  # means 0.658, 1.234
-    ("q4-three-landmarks", "riekf", "fis"): Bounds(0.802, 1.457),  # 0.601, 1.102
+    ("q4-three-landmarks", "ekf", "fis"): Bounds(0.858, 1.522),  # means 0.639, 1.169
+    ("q4-three-landmarks", "riekf", "fis"): Bounds(0.767, 1.309),  # 0.596, 1.071
     ("q4-three-landmarks", "ekf", "inverse-depth"): Bounds(0.733, 1.111),  # 0.568, 1.014
     ("q4-three-landmarks", "riekf", "inverse-depth"): Bounds(0.731, 1.105),  # 0.564, 1.007
     ("q4-three-landmarks", "ekf", "delayed"): Bounds(0.774, 1.318),  # 0.593, 1.084
     ("q4-three-landmarks", "riekf", "delayed"): Bounds(0.751, 1.293),  # 0.584, 1.071
-    ("q4-ring", "ekf", "fis"): Bounds(1.032, 2.396),  # 0.759, 1.443
-    ("q4-ring", "riekf", "fis"): Bounds(0.866, 1.742),  # 0.653, 1.172
+    ("q4-ring", "ekf", "fis"): Bounds(1.079, 2.122),  # 0.791, 1.353
+    ("q4-ring", "riekf", "fis"): Bounds(0.822, 1.496),  # 0.637, 1.074
     ("q4-ring", "ekf", "inverse-depth"): Bounds(0.784, 1.361),  # 0.608, 1.079
     ("q4-ring", "riekf", "inverse-depth"): Bounds(0.772, 1.324),  # 0.605, 1.073
     ("q4-ring", "ekf", "delayed"): Bounds(0.892, 1.686),  # 0.675, 1.201
@@ -82,7 +82,7 @@ def test_the_best_initialisation_is_within_the_bars():
 
 
 def test_rays_make_the_textbook_filter_too_sure_of_itself():
-    """Its time-mean NEES/3 on the other seeds is 2.7; resampled, 0.4 % of the means of 20 runs come below 1.5."""
+    """Its time-mean NEES/3 on the other seeds is 2.6; resampled, 0.4 % of the means of 20 runs come below 1.5."""
     found = [score.nees_pose for score in of("q4-ring", "fis", "ekf")]
     assert np.mean([nees for nees in found if nees is not None]) / 3 > 1.5
 
@@ -96,22 +96,30 @@ def test_every_ray_is_a_point_or_lost_in_the_end(scenario: str, name: str):
         assert score.rays.collapsed == score.landmarks_true
 
 
+FOUR_MEMBERS = ("fis.alpha=0.3", "fis.beta=2", "fis.s_min=1")
+
+
 @pytest.mark.parametrize(
-    ("sharing", "times"),
-    [("none", 2.0), ("uniform", 1.3), ("best", 3.0), ("weights", 1.05)],
+    ("sharing", "of_four", "of_three"),
+    [("none", 2.0, 1.380), ("uniform", 1.3, 1.126), ("best", 3.0, 1.772), ("weights", 1.05, 1.044)],
 )
-def test_federated_sharing_beats_the_others(sharing: str, times: float):
-    """Mean ATE of the right-invariant filter; `docs/bearings.md` has the figures of more runs."""
-    ate = {}
-    for each in ("federated", sharing):
-        found = scores("q4-ring", ("riekf",), ABLATED_RUNS, (f"fis.sharing={each}",))["riekf"]
-        ate[each] = np.mean([score.ate_m for score in found if score.ate_m is not None])
-    assert ate[sharing] > times * ate["federated"]
+def test_federated_sharing_beats_the_others(sharing: str, of_four: float, of_three: float):
+    """Mean ATE of the right-invariant filter over that with federated sharing; `docs/bearings.md` has more runs.
+
+    Three members, the default, make less of a difference. Their bounds are 0.1 % quantiles of the ratio of means,
+    resampled from the other seeds, where it is 1.66, 1.28, 2.56 and 1.27.
+    """
+    for members, times in ((FOUR_MEMBERS, of_four), ((), of_three)):
+        ate = {}
+        for each in ("federated", sharing):
+            found = scores("q4-ring", ("riekf",), ABLATED_RUNS, (*members, f"fis.sharing={each}"))["riekf"]
+            ate[each] = np.mean([score.ate_m for score in found if score.ate_m is not None])
+        assert ate[sharing] > times * ate["federated"]
 
 
 def test_bearings_of_one_degree_without_ids_cost_hardly_any_accuracy():
     """Loops were closed with the wrong landmarks in one run of six, at five to eight times the error."""
-    sharp = ("sensor.sigma_bearing_deg=1", "fis.s_min=2")
-    methods = [(*sharp, f"association.method={method}") for method in ("jcbb", "known")]
+    sharp = "sensor.sigma_bearing_deg=1"
+    methods = [(sharp, f"association.method={method}") for method in ("jcbb", "known")]
     blind, known = (scores("q4-ring", ("riekf",), 6, each)["riekf"] for each in methods)
     assert sum(each.ate_m or np.nan for each in blind) <= 1.1 * sum(each.ate_m or np.nan for each in known)

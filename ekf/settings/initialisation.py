@@ -22,10 +22,13 @@ FEWEST = 3  # bearings that place a landmark
 class Rays:
     """How rays are made, weighed and shared out.
 
+    The defaults suit a sensor that reaches 10 m: in general members from 0.3 of the reach on. Most landmarks come into
+    view at the reach, and a member close by costs most (`docs/bearings.md`, *Where members should lie*).
+
     Attributes:
         alpha: a member's standard deviation over its distance, below 1.
         beta: distance of a member over that of the one before, above 1.
-        s_min: nearest distance of a landmark [m].
+        s_min: nearest distance of a landmark [m], by which members begin.
         s_max: farthest distance of a landmark [m]; no shorter than the sensor's range, which it is by default.
         threshold: tau; members with a weight below tau / (number of members at first) go.
         gate: largest squared Mahalanobis distance (1 degree of freedom) of the nearest member.
@@ -34,9 +37,9 @@ class Rays:
             member), `best` (R to the heaviest alone), `weights` (no corrections before the ray is a point).
     """
 
-    alpha: float = setting(0.3, lambda a: 0.0 < a < 1.0, "{} is no share of a distance; choose it above 0 and below 1")
-    beta: float = setting(2.0, lambda b: b > 1.0, "{} makes no progression; choose it above 1")
-    s_min: float = setting(1.0, lambda s: s > 0.0, "{} m is no distance; choose it above 0")
+    alpha: float = setting(0.25, lambda a: 0.0 < a < 1.0, "{} is no share of a distance; choose it above 0 and below 1")
+    beta: float = setting(1.7, lambda b: b > 1.0, "{} makes no progression; choose it above 1")
+    s_min: float = setting(3.0, lambda s: s > 0.0, "{} m is no distance; choose it above 0", lambda reach: 0.3 * reach)
     s_max: float = setting(10.0, lambda s: s > 0.0, "{} m is no distance; choose it above 0", lambda reach: reach)
     threshold: float = setting(1e-3, lambda t: 0.0 < t < 1.0, "{} prunes all or nothing; choose it in (0, 1)")
     gate: float = gate_setting()

@@ -123,7 +123,7 @@ SMALLEST = {
     "ray_members": (  # 3 s
         "--maps three --roots 0 --runs 1 --jobs 1",
         "map alpha beta s_min N ATE [m] median NEES/3",
-        "three 0.30 2.00 0.10 4 ",
+        "three 0.40 2.50 0.10 3 ",
         "over maps ATE over the least",
     ),
     "scale_of_bearings": (  # 4 s
