@@ -148,7 +148,7 @@ def test_a_landmark_may_be_seen_two_hundred_times_in_a_scan(name: str):
 def test_1100_bearings_of_a_landmark_are_no_recursion():
     slam = BearingFilter(*START)
     slam.update(scan([5] * 1100, np.tile(SEEN[1][1], (1100, 1)), NOISE[1]))
-    assert slam.provisional == {5: 4} or len(slam.landmark_ids) == 1
+    assert slam.provisional == {5: 3} or len(slam.landmark_ids) == 1
 
 
 @pytest.mark.parametrize("increment", [[1e308, 0.0, 0.0], [1e60, 0.0, 0.0]])

@@ -330,12 +330,12 @@ def test_questions_2_and_3_are_question_1_with_another_association_and_noise(
         ),
         (
             ["fis.beta=1.000001"],
-            "fis.beta: 1.000001 makes 1683548 members of a ray from s_min to s_max; choose it larger, "
+            "fis.beta: 1.000001 makes 693149 members of a ray from s_min to s_max; choose it larger, "
             "for 1000 members at most",
         ),
         (
             ["fis.s_min=1e-307"],
-            "fis.beta: 2.0 makes 1024 members of a ray from s_min to s_max; choose it larger, for 1000 members at most",
+            "fis.beta: 1.7 makes 1337 members of a ray from s_min to s_max; choose it larger, for 1000 members at most",
         ),
         (["initialisation=ekf"], "initialisation: must be 'fis', 'inverse-depth' or 'delayed', not 'ekf'"),
         (["delayed.poses=2"], "delayed.poses: 2 place no landmark; choose at least 3"),

@@ -216,7 +216,7 @@ def test_members_are_counted_as_they_are_told(initialisation: Initialisation) ->
         counts.append(slam.member_count)
         pose = moved(pose)
         slam.predict(STEP, Q)
-    assert counts[0] == {Rays: 32, InverseDepth: 8, Delayed: 0}[type(initialisation)]
+    assert counts[0] == {Rays: 8 * 3, InverseDepth: 8, Delayed: 0}[type(initialisation)]
 
 
 @pytest.mark.parametrize("gate", [1e-12, 1e50])

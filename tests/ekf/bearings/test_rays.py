@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,7 @@ from slamgauge.se2 import rotation, wrap
 
 CORRECTIONS = pytest.mark.parametrize("correction", ["standard", "right-invariant"])
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
+FOUR = Rays(alpha=0.3, beta=2.0, s_min=1.0)  # members
 
 
 @pytest.mark.parametrize(
@@ -104,7 +107,7 @@ def test_a_ray_by_the_book():
     """One landmark, seen from a bending path, until one member is left; every state and covariance of it."""
     rng = np.random.default_rng(4)
     mean, cov = np.array([0.3, -0.2, 0.5]), np.diag([0.01, 0.02, 0.001])
-    slam, twin = BearingFilter(mean, cov, initialisation=Rays(beta=2.0)), Twin(mean, cov, Rays(beta=2.0))
+    slam, twin = BearingFilter(mean, cov, initialisation=FOUR), Twin(mean, cov, FOUR)
     truth, landmark, R = mean.copy(), np.array([4.0, 3.5]), np.deg2rad(5.0) ** 2
     Q = np.diag([0.03, 0.0, 0.005]) ** 2
     members = [0]
@@ -149,7 +152,7 @@ def test_every_ray_collapses_and_covariances_stay_sound(correction: Correction):
 
 
 def test_a_ray_that_fits_no_bearing_is_lost():
-    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=Rays(beta=2.0, lost_after=3))
+    slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=replace(FOUR, lost_after=3))
 
     def see(bearing: float) -> None:
         slam.update(Observations(np.array([1]), np.array([[bearing]]), np.array([[[1e-4]]])))
@@ -167,7 +170,7 @@ def test_a_ray_that_fits_no_bearing_is_lost():
 
 def test_a_member_at_the_robot_explains_any_bearing_alike():
     """Its likelihood is that of the whole circle, not that of a bearing it had predicted exactly."""
-    rays, variance = Rays(beta=2.0, threshold=1e-9), 1e-2
+    rays, variance = replace(FOUR, threshold=1e-9), 1e-2
     slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=rays)
     for increment in (0.0, float(rays.distances()[0])):
         slam.predict([increment, 0.0, 0.0], np.zeros((3, 3)))

@@ -143,7 +143,7 @@ def walk(slam: BearingFilter) -> None:
 
 
 @METHODS
-@pytest.mark.parametrize("rays", [Rays(), Rays(s_min=9.0)], ids=["rays", "points at the second sight"])
+@pytest.mark.parametrize("rays", [Rays(0.3, 2.0, 1.0), Rays(s_min=9.0)], ids=["rays", "points at the second sight"])
 def test_false_starts_are_deleted(method: Method, rays: Rays) -> None:
     """Seen twice and never again: gone after probation, members and all, whether it is a ray still or a point."""
     management = MapManagement(sights=3, probation=5)
