@@ -31,6 +31,7 @@ ABOUT = (
     "(`slamgauge --version` prints its version, `slamgauge COMMAND --help` the options of a command.)"
 )
 BAD_INPUT = 2  # exit status
+IS_OPTION = re.compile(r"--|-[a-z]")  # and -1 is a number
 OWN = ("-h", "--help", "--tyro-print-completion")  # options of tyro that are no command's
 TOO_LONG = re.compile(r"Exceeds the limit \((\d+) digits\).*")  # of numbers; Python's advice is for programmers
 REPEATED = ("For full helptext", "Argument helptext")  # what follows is told by --help
@@ -81,7 +82,7 @@ def _mistake(kind: Any, program: str, words: Sequence[str], told: str) -> str:
     known = _options(kind, program, words)
     for word in words:
         option = word.partition("=")[0]
-        if option.startswith("--") and known and option.replace("_", "-") not in known:
+        if IS_OPTION.match(option) and known and option.replace("_", "-") not in known:
             return (
                 f"{option}: no option of `{program}`; {did_you_mean(option, known, f'`{program} --help` lists them')}"
             )
@@ -92,7 +93,7 @@ def _mistake(kind: Any, program: str, words: Sequence[str], told: str) -> str:
 
 
 def _options(kind: Any, program: str, words: Sequence[str]) -> set[str]:
-    """The options of a command, as its help has them."""
+    """The options of a command, as its help has them at the head of a row: what else it names is other commands'."""
     before = list(takewhile(lambda word: not word.startswith("-"), words))
     told = StringIO()
     try:
@@ -100,4 +101,5 @@ def _options(kind: Any, program: str, words: Sequence[str]) -> set[str]:
             tyro.cli(kind, prog=program, args=[*before, "--help"], config=CONFIG)
     except SystemExit:
         pass
-    return set(re.findall(r"(?<![\w-])--[a-z][\w-]*", told.getvalue()))
+    heads = re.findall(r"(?m)^[│ ] {1,2}(-.*?)(?:  |$)", told.getvalue())
+    return {option for head in heads for option in re.findall(r"(?<![\w-])-(?:h|-[a-z][\w-]*)", head)}
