@@ -130,6 +130,7 @@ def question_page(folder: Path, name: str) -> str:
     many = "slamgauge claims --out results/claims" if claims else study
     first = next(iter(runs))
     came = {"scenario": ", ".join(runs), **{key: runs[first].get(key) for key in ("command", "seed", "version")}}
+    digests = [(f"Digest of {scenario}", metrics["digest"]) for scenario, metrics in runs.items()]
     return plain_page(
         kind=f"question {name[1:]} of the practical",
         title=question.title,
@@ -148,7 +149,7 @@ def question_page(folder: Path, name: str) -> str:
             for picture in pictures(folder / each, PICTURES)
         ],
         glossary=TERMS["run"],
-        origin=origin(folder / first / METRICS, came),
+        origin=origin(folder / first / METRICS, came, digests),
     )
 
 

@@ -149,6 +149,8 @@ def test_a_question_of_the_practical_is_carried_out_and_explained(
     assert "the error accumulates along the loop" in page
     assert "<strong>stationary, ekf</strong>: RMS position error " in page
     assert "<code>slamgauge report q1</code>" in page
+    made = json.loads((tmp_path / "results/q1/stationary/metrics.json").read_text(encoding="utf-8"))
+    assert f"<dt>Digest of stationary</dt><dd>{made['digest']}</dd>" in page
     assert "<dt>time [s]</dt>" not in page  # no column of its table
     assert unexplained(tmp_path / "results/q1/report.html") == []
     assert (tmp_path / "results/q1/stationary/report.html").exists()
