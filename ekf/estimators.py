@@ -31,6 +31,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
 from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
+from slamgauge.validation import require_type
 
 __all__ = ["dead_reckoning", "ekf", "fej_ekf", "iekf", "oc_ekf", "riekf", "riukf", "robocentric_ekf", "sliding_window"]
 
@@ -147,6 +148,7 @@ def sliding_window(recording: Recording, lag: int = LAG) -> Estimate:
     Raises:
         UserError: no ids, no lag, or no solution in double precision.
     """
+    require_type("recording", recording, Recording)
     slam = SlidingWindowFilter(recording.sensor, recording.prior_mean, recording.prior_cov, lag)
     landmarks = 0 if recording.landmark is None else len(distinct(recording.landmark))
     _require_room(landmarks, ROOM_IN_NUMPY, poses=min(lag, recording.steps), keeps=recording.sensor == "bearing")
@@ -155,6 +157,7 @@ def sliding_window(recording: Recording, lag: int = LAG) -> Estimate:
 
 def dead_reckoning(recording: Recording) -> Estimate:
     """Odometry alone: the prior carried along the increments."""
+    require_type("recording", recording, Recording)
     blind = SlamFilter("position", recording.prior_mean, recording.prior_cov, landmarks=0)
     poses, pose_covs = np.empty((recording.steps + 1, 3)), np.empty((recording.steps + 1, 3, 3))
     poses[0], pose_covs[0] = blind.pose, blind.pose_cov
@@ -194,12 +197,14 @@ def _run(
     frames: int,
     robust: Robustness,
 ) -> Estimate:
+    require_type("recording", recording, Recording)
     return _driven(
         online_filter(recording, CORRECTIONS[estimator], association, initialisation, robust), recording, frames
     )
 
 
 def _in_numpy(recording: Recording, belief: Callable[[str, Float, Float], MovingBelief]) -> Estimate:
+    require_type("recording", recording, Recording)
     _require_room(0 if recording.landmark is None else len(distinct(recording.landmark)), ROOM_IN_NUMPY)
     start = belief(recording.sensor, recording.prior_mean, recording.prior_cov)
     return _driven(NumpyFilter(recording.sensor, start), recording, frames=0)

@@ -16,6 +16,7 @@ from slamgauge.graph_baseline.triangulation import do_not_meet, triangulate_all
 from slamgauge.graph_baseline.undetermined import undetermined_variable
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, compose, rotation
+from slamgauge.validation import require_type
 
 Rest = ParamSpec("Rest")
 
@@ -146,6 +147,7 @@ def relative_to_start(
 
     @wraps(estimator)
     def relative(recording: Recording, /, *rest: Rest.args, **named: Rest.kwargs) -> Estimate:
+        require_type("recording", recording, Recording)
         start = recording.prior_mean
         found = estimator(in_frame_of_start(recording), *rest, **named)
         if not start.any():

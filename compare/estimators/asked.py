@@ -83,6 +83,8 @@ def ask(chosen: Chosen) -> list[Asked]:
     Raises:
         UserError: an unknown name, an address of a wrong form, or two of one label.
     """
+    if isinstance(chosen, str):
+        raise UserError(f"estimators: {chosen!r} is no list; give one of names, or a dict by labels")
     if isinstance(chosen, Mapping):
         asked = [_asked(label, what) for label, what in chosen.items()]
     else:

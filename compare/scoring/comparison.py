@@ -92,6 +92,7 @@ def compare_estimators(
         UserError: the truth is of another recording; or every estimator raised, or returned what does not fit.
     """
     require_type("recording", recording, Recording)
+    require_type("estimators", estimators, Mapping)
     require_same_run(truth, recording)
     if informed is None:
         informed = recording

@@ -29,6 +29,7 @@ from slamgauge import (
     simulate,
     write_study,
 )
+from slamgauge.compare.estimators.registry import REGISTRY
 from slamgauge.ekf import ekf
 
 SHORT = load_scenario("q1-short-dense", ["trajectory.duration=1"])
@@ -118,6 +119,17 @@ def test_arguments_of_another_type_are_named(shown: dict[str, Any]):
         evaluate(None, simulate(SHORT, 0)[1], "ekf")  # pyright: ignore[reportArgumentType]
     with pytest.raises(UserError, match="recording: is a Truth; give a Recording"):
         compare_estimators(None, Truth(), {})  # pyright: ignore[reportArgumentType]
+    with pytest.raises(UserError, match="estimators: is a list; give a Mapping"):
+        compare_estimators(None, recording, ["ekf"])  # pyright: ignore[reportArgumentType]
+    with pytest.raises(UserError, match="estimators: 'ekf' is no list; give one of names, or a dict by labels"):
+        load_estimators("ekf")
+
+
+@pytest.mark.parametrize("name", [*REGISTRY])
+def test_a_recording_of_another_type_is_named(name: str):
+    estimator = load_estimators([name])[name]
+    with pytest.raises(UserError, match="recording: is a str; give a Recording"):
+        estimator("q1-long-dense")  # pyright: ignore[reportArgumentType]
 
 
 def test_the_floor_of_comparisons_lists_its_names():
