@@ -150,8 +150,8 @@ def sliding_window(recording: Recording, lag: int = LAG) -> Estimate:
     """
     require_type("recording", recording, Recording)
     slam = SlidingWindowFilter(recording.sensor, recording.prior_mean, recording.prior_cov, lag)
-    landmarks = 0 if recording.landmark is None else len(distinct(recording.landmark))
-    _require_room(landmarks, ROOM_IN_NUMPY, poses=min(lag, recording.steps), keeps=recording.sensor == "bearing")
+    landmarks, poses = 0 if recording.landmark is None else len(distinct(recording.landmark)), min(lag, recording.steps)
+    _require_room(landmarks, ROOM_IN_NUMPY, int(poses), keeps=recording.sensor == "bearing")
     return replace(_driven(slam, recording, frames=0), nis=None, nis_dof=None)
 
 

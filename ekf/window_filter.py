@@ -34,7 +34,6 @@ from slamgauge.ekf.maps.checks import (
     ids_of,
     load_increment,
     require_ids,
-    require_lag,
     require_sensor,
     rows_of,
     start_of,
@@ -46,6 +45,7 @@ from slamgauge.ekf.window.scans import NOTHING, Bearings, Scan, in_two_rows, joi
 from slamgauge.errors import UserError
 from slamgauge.recording import OBSERVATION_DIM, Observations
 from slamgauge.se2 import compose, rotation
+from slamgauge.validation import require_lag
 
 LAG = 100  # steps
 KEPT = 0.5  # of so many poses may be kept for landmarks that wait

@@ -8,12 +8,12 @@ import numpy as np
 
 from slamgauge.arrays import Int
 from slamgauge.correlations import without_negative_eigenvalues
-from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.factors import among_mapped, relative_to_start, require_known_landmarks
 from slamgauge.graph_baseline.gtsam_missing import gtsam_needed
 from slamgauge.graph_baseline.undetermined import explained
 from slamgauge.recording import Recording
+from slamgauge.validation import require_lag
 
 LAG = 20  # steps
 
@@ -34,8 +34,7 @@ def fixed_lag(recording: Recording, association: Int | None = None, lag: int = L
         UserError: the recording cannot be turned into a graph or leaves a variable undetermined, the lag is none, or
             there is no GTSAM on this system.
     """
-    if lag < 1:
-        raise UserError(f"lag: {lag} steps leave no window; give at least 1")
+    lag = min(require_lag(lag), max(recording.steps, 1))
     if association is not None:
         return among_mapped(fixed_lag(recording.associated(association), lag=lag), association)
     with gtsam_needed("isam2"):

@@ -5,6 +5,7 @@ A value that does not fit raises ``UserError`` with the field, the row, the valu
 
 from __future__ import annotations
 
+import operator
 from dataclasses import fields, is_dataclass
 from typing import TypeGuard, TypeVar
 
@@ -203,3 +204,18 @@ def require_rows(name: str, good: ArrayLike, rows: NDArray[np.generic], rule: st
     if len(bad):
         value = np.array2string(np.asarray(rows[bad[0]]), precision=6, separator=", ").replace("\n", "")
         raise UserError(f"{name}[{first + bad[0]}] = {value}: {rule}")
+
+
+def require_lag(lag: int) -> int:
+    """The steps of a window, as Python's own number.
+
+    Raises:
+        UserError: that is no number of steps.
+    """
+    try:
+        steps = operator.index(lag)
+    except TypeError:
+        steps = 0
+    if steps < 1 or isinstance(lag, bool):
+        raise UserError(f"lag: {lag!r} steps leave no window; give a whole number, at least 1")
+    return steps

@@ -79,6 +79,8 @@ def _owners(names: Int, landmark_ids: Int, ids: Int) -> Int:
 def _nearest_survived(truth: Truth, rays: RayLog, owner: Int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """Whether each ray's survivor was at birth the member nearest to the true distance; True where nobody can tell."""
     assert truth.poses is not None
+    if not len(rays.birth):  # nothing was seen: rays have no members either
+        return np.zeros(0, dtype=np.bool_)
     born_at = truth.poses[rays.birth, :2]
     offsets = landmark_errors(owner, born_at, truth.landmark_ids, truth.landmarks)
     gaps = np.abs(rays.distances - np.hypot(*offsets.T)[:, None])

@@ -44,6 +44,7 @@ from slamgauge.facts import counted
 from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY, Truth
+from slamgauge.validation import require_lag
 
 RUNGS = {
     "hindsight optimum": "all measurements at once: what no estimator avoids",
@@ -236,9 +237,7 @@ def rungs_of(chosen: str | Asked, lag: int | None = None) -> list[Asked]:
 
 
 def _of_lag(lag: int) -> str:
-    if lag < 1:
-        raise UserError(f"lag: {lag} steps leave no window; give at least 1")
-    return f"{FIXED_LAG}-{lag}"
+    return f"{FIXED_LAG}-{require_lag(lag)}"
 
 
 def rung_errors(scenario: Scenario, seed: int, chosen: str | Asked, lag: int | None = None) -> RungErrors:

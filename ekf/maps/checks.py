@@ -62,17 +62,6 @@ def require_room(landmarks: int) -> int:
     return count
 
 
-def require_lag(lag: int) -> int:
-    """The steps of a window, if that is a number of steps."""
-    try:
-        steps = operator.index(lag)
-    except TypeError:
-        steps = 0
-    if steps < 1 or isinstance(lag, bool):
-        raise UserError(f"lag: {lag!r} steps leave no window; give a whole number, at least 1")
-    return steps
-
-
 def require_radius(area_radius: float) -> None:
     """Refuse a radius that is no distance."""
     if not (is_number(area_radius) and area_radius > 0.0):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.ekf import ekf
+from slamgauge.ekf import ekf, sliding_window
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, fixed_lag, isam2
@@ -71,8 +72,23 @@ def test_names_say_how_long_the_lag_is() -> None:
     for steps in ("x", "", "1e3", "007", "9" * 5000):
         with pytest.raises(UserError, match=f"'fixed-lag-{steps}' is not known"):
             load_estimators([f"fixed-lag-{steps}"])
-    with pytest.raises(UserError, match="lag: 0 steps leave no window; give at least 1"):
+    with pytest.raises(UserError, match="lag: 0 steps leave no window; give a whole number, at least 1"):
         load_estimators(["fixed-lag-0"])["fixed-lag-0"](recording)
+
+
+@pytest.mark.parametrize("lag", [-1, 2.5, True, None, "5", float("nan")])
+def test_what_is_no_number_of_steps_is_refused_in_one_line(lag: object) -> None:
+    _, recording = random_recording(0, steps=2)
+    with pytest.raises(UserError, match=rf"^lag: {lag!r} steps leave no window; give a whole number, at least 1$"):
+        fixed_lag(recording, lag=lag)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("smoother", [fixed_lag, sliding_window])
+def test_a_lag_may_be_numpys_number_and_longer_than_any_recording(smoother: Callable[..., Estimate]) -> None:
+    _, recording = random_recording(0)
+    of_three, of_all = smoother(recording, lag=3), smoother(recording, lag=recording.steps)
+    np.testing.assert_array_equal(smoother(recording, lag=np.int64(3)).poses, of_three.poses)
+    np.testing.assert_array_equal(smoother(recording, lag=10**400).poses, of_all.poses)
 
 
 def test_given_associations_stand_in_for_ids() -> None:

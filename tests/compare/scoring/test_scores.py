@@ -10,10 +10,13 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float
+from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.defined import mean
 from slamgauge.compare.scoring.landmark_identity import association_figures
 from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.compare.scoring.scores import evaluate
+from slamgauge.ekf import ekf
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, compose, rotation
@@ -197,6 +200,15 @@ def test_wrong_associations_with_known_ids_are_those_that_differ() -> None:
     figures = association_figures(truth, recording, estimate)
     assert (figures.wrong_associations, figures.observations_rejected) == (2, 1)
     assert association_figures(true(), recording, estimate).wrong_associations is None
+
+
+def test_bearings_that_see_nothing_begin_no_rays() -> None:
+    far = ["trajectory.duration=1", "landmarks.positions=[[100.0, 100.0]]"]
+    truth, recording = simulate(load_scenario("q4-ring", far), 0)
+    assert not len(recording.observation)
+    rays = evaluate(truth, recording, ekf(recording)).rays
+    assert rays is not None
+    assert {*rays} == {0.0}
 
 
 def test_tracks_of_unknown_association_are_matched_one_to_one() -> None:
