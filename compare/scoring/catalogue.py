@@ -89,7 +89,7 @@ CATALOGUE = (
         key="nees_pose_per_dof",
         help="mean over runs and steps from the 11th on of the pose NEES over 3",
         over_runs=late_mean_of("nees_pose", 3),
-        column=Column(title="NEES/3", form="{:.2f}", study=5, sweep=5, needs=(*TRUTH, "covariances")),
+        column=Column(title="NEES/3", form="{:.2f}", study=5, sweep=5, needs=(*TRUTH, "covariances", "late steps")),
     ),
     Quantity(
         key="nees_position_per_dof", help="likewise of the position, over 2", over_runs=late_mean_of("nees_position", 2)
@@ -113,7 +113,9 @@ CATALOGUE = (
         scored=True,
         measure=credibility.coverage_95,
         over_runs=late_coverage(0.95),
-        column=Column(title="in 95% ellipse", form="{:.1%}", run=4, study=6, needs=(*TRUTH, "covariances")),
+        column=Column(
+            title="in 95% ellipse", form="{:.1%}", run=4, study=6, needs=(*TRUTH, "covariances", "late steps")
+        ),
     ),
     Quantity(
         key="coverage_99",

@@ -188,6 +188,7 @@ def what_is_there(comparison: Comparison) -> set[str]:
         "true landmarks": truth.landmarks is not None,
         "true associations": truth.association is not None,
         "covariances": any(each.pose_covs is not None for each in estimates),
+        "late steps": True,
         "map": any(len(each.landmark_ids) for each in estimates),
         "associations": any(each.association is not None for each in estimates),
         "nis": any(score.nis_dof_total for score in comparison.scores.values()),

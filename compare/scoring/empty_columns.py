@@ -11,6 +11,7 @@ REASONS = {
     "true landmarks": "truth.npz has no landmarks",
     "true associations": "truth.npz has no associations",
     "covariances": "no estimate has `pose_covs`",
+    "late steps": "of a study these begin with the 11th step, and no run has as many",
     "map": "no estimate has landmarks",
     "associations": "no estimate has `association`",
     "nis": "no estimate has `nis` and `nis_dof`",
