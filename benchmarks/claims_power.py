@@ -1,6 +1,6 @@
 """What `slamgauge claims` can decide, before it is asked: power and false verdicts on runs like those of other roots.
 
-    python benchmarks/claims_power.py [--claims all] [--roots 10] [--runs 20] [--most 2000] [--studies 400] [--jobs 2]
+    python benchmarks/claims_power.py [--claims all] [--roots 10] [--runs 20] [--most 3000] [--studies 400] [--jobs 2]
         [--out results/claims-power]
 
 Runs of the root seeds 0 to 9 say how ratios scatter; `--claims` are ids with commas. Studies are drawn from them with
@@ -36,7 +36,7 @@ def main() -> None:
     parser.add_argument("--claims", default="all")
     parser.add_argument("--roots", type=int, default=10)
     parser.add_argument("--runs", type=int, default=20)
-    parser.add_argument("--most", type=int, default=2000)
+    parser.add_argument("--most", type=int, default=3000)
     parser.add_argument("--studies", type=int, default=400)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("results/claims-power"))

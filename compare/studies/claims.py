@@ -119,6 +119,8 @@ def judge_claims(runs: int, seed: int, out: str | Path, executor: Executor, most
     """
     if runs < 2:
         raise UserError(f"runs: {runs} show no spread; give at least 2")
+    if most is not None and most < 1:
+        raise UserError(f"max-runs: {most} are none; give at least 1")
     most, out = max(runs, most or 0), Path(out)
     require_free(out, CLAIMS_FILES)
     studies = ClaimStudies(sampled_settings(SETTINGS), seed, out, executor)

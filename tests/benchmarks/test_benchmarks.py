@@ -12,7 +12,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import gtsam
 import numpy as np
 import pytest
 
@@ -193,8 +192,11 @@ def test_a_benchmark_tells_its_options(name: str):
     assert {*re.findall(r"--[a-z]+", usage)} == has
 
 
+@pytest.mark.gtsam
 def test_an_indeterminate_system_is_a_row():
     """GTSAM's `Marginals` refuses some constrained systems; that is a figure of the table, not the end of it."""
+    import gtsam
+
     marginals_time = runpy.run_path(str(BENCHMARKS / "optimum_times.py"))["marginals_time"]
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     step = gtsam.Pose2(1.0, 0.0, 0.0)

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import gtsam
 import numpy as np
 import pytest
 from jacobians import assert_jacobian
@@ -130,8 +129,11 @@ def test_an_edge_turned_round_has_the_same_cost(tmp_path: Path, read: Read):
     assert_allclose(back.odometry_cov, recording.odometry_cov, rtol=1e-9, atol=1e-16)
 
 
+@pytest.mark.gtsam
 def test_our_optimum_has_gtsams_cost_of_the_file(tmp_path: Path):
     """Of ranges and bearings GTSAM reads the very file: its error at our optimum is half our chi-square."""
+    import gtsam
+
     recording = replace(uncorrelated(random_recording(7)[1]), prior_cov=np.zeros((3, 3)))
     path = tmp_path / "graph.g2o"
     write_g2o(path, recording)

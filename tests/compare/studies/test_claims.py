@@ -236,6 +236,8 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     assert again[0]["command"] == f"{content[0]['command']} --json"
     assert main(["claims", "--runs", "1", "--out", str(tmp_path / "other")]) == 2
     assert "give at least 2" in capsys.readouterr().err
+    assert main(["claims", "--max-runs", "-5", "--out", str(tmp_path / "other")]) == 2
+    assert "max-runs: -5 are none; give at least 1" in capsys.readouterr().err
 
 
 def test_what_rests_on_an_optimum_in_doubt_is_marked():
