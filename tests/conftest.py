@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import re
 from collections.abc import Generator
 from pathlib import Path
 
@@ -26,6 +27,7 @@ def gtsam_is_missing() -> bool:
 
 WITHOUT_GTSAM = gtsam_is_missing()
 OF_GTSAM = ("test_fixed_lag.py", "test_hard_recordings.py", "test_linearisation.py", "test_optimum.py")
+OPTIMA_OF_GTSAM = re.compile("robust.(batch|optimum)|fixed.lag")  # in the names of tests that are told an estimator
 collect_ignore = [f"graph_baseline/{name}" for name in OF_GTSAM if WITHOUT_GTSAM]
 
 
@@ -33,7 +35,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The files beside this one take long: none of them is left for one worker when the others are done."""
     items.sort(key=lambda item: item.path.parent != HERE)
     for item in items:
-        if WITHOUT_GTSAM and item.get_closest_marker("gtsam") is not None:
+        needed = item.get_closest_marker("gtsam") is not None or OPTIMA_OF_GTSAM.search(item.name)
+        if WITHOUT_GTSAM and needed:
             item.add_marker(pytest.mark.skip(reason="GTSAM cannot be had here"))
 
 

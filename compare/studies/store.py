@@ -53,6 +53,8 @@ LATER_KEYS = {
     "inverse_depth": ("lost_after",),
     "landmarks": ("random",),
 }
+# defaults that were others in version 0.3, by which studies without bearings still go by their names of then
+FORMER_RAYS = {"alpha": 0.3, "beta": 2.0, "s_min": 1.0}
 BUSY = 10  # s that another program may keep the store from taking in a run
 LATER_SECTIONS = ("update",)  # likewise whole sections
 _UNNUMBERED = {"0.3.0": "1"}  # the schema of stores that were begun before they carried its number, by version
@@ -69,6 +71,8 @@ def digest(scenario: Scenario, seed: int) -> str:
 
 def _as_text(scenario: Scenario) -> str:
     """The scenario as JSON, without later keys that have their default: a new key leaves old studies as they are."""
+    if scenario.sensor.kind != "bearing" and scenario.fis == type(scenario.fis)():  # other members change nothing
+        scenario = scenario.model_copy(update={"fis": scenario.fis.model_copy(update=FORMER_RAYS)})
     sections = {name: getattr(scenario, name) for name in LATER_KEYS}
     left_out: dict[str, set[str] | bool] = {
         name: {key for key in LATER_KEYS[name] if getattr(section, key) == type(section).model_fields[key].default}
