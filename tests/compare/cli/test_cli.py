@@ -82,6 +82,16 @@ def test_scenarios_are_listed(capsys: pytest.CaptureFixture[str]):
     assert [[entry["name"], entry["description"]] for entry in entries] == [line.split(maxsplit=1) for line in lines]
 
 
+def test_a_line_of_scenarios_is_no_longer_than_there_is_room(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(terminal, "PIPED", 80)
+    assert run("scenarios") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert [line.split()[0] for line in lines if not line.startswith(" ")] == SCENARIOS
+
+
 @pytest.mark.parametrize(
     ("arguments", "mentions"),
     [
