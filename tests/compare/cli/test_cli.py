@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from command_line import SHORT, Module, arrays, command, metrics_of, run
 
+from slamgauge.compare.cli import terminal
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
 from slamgauge.compare.storage.manifest import MANIFEST
 
