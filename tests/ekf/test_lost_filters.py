@@ -12,6 +12,7 @@ from slamgauge.ekf import AssociatingFilter, BearingFilter, CompressedFilter, Sl
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.online import OnlineFilter
 from slamgauge.ekf.settings.association import Association
+from slamgauge.ekf.settings.initialisation import Rays
 from slamgauge.notices import tell_once
 from slamgauge.recording import Observations
 
@@ -54,7 +55,8 @@ def test_it_is_said_at_the_step_where_it_shows(name: str, capsys: pytest.Capture
 def test_so_it_is_with_bearings_alone(sigma: float, notices: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     changed = [f"sensor.sigma_bearing_deg={sigma}", "trajectory.duration=30"]
     truth, recording = simulate(load_scenario("q4-three-landmarks", changed), 0)
-    slam = BearingFilter(recording.prior_mean, recording.prior_cov)
+    rays = Rays(alpha=0.3, beta=2.0, s_min=1.0)  # four members, of which the first is close by
+    slam = BearingFilter(recording.prior_mean, recording.prior_cov, initialisation=rays)
     for _ in drive(slam, recording):
         pass
     assert said(capsys) == notices
