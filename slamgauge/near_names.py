@@ -7,9 +7,8 @@ from difflib import get_close_matches
 
 
 def near_names(name: str, known: Iterable[str], most: int = 1) -> list[str]:
-    """The names that `name` may be a slip of, nearest first; that options begin alike makes none near."""
-    bare = {each.lstrip("-"): each for each in known}
-    return [bare[near] for near in get_close_matches(name.lstrip("-"), bare, n=most)]
+    """The names that `name` may be a slip of, nearest first."""
+    return get_close_matches(name, list(known), n=most)
 
 
 def did_you_mean(name: str, known: Iterable[str], otherwise: str = "", most: int = 1) -> str:

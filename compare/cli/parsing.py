@@ -14,7 +14,7 @@ from typing import Annotated, Any, Protocol, Union
 import tyro
 
 from slamgauge.errors import UserError
-from slamgauge.near_names import did_you_mean
+from slamgauge.near_names import did_you_mean, near_names
 
 
 class Command(Protocol):
@@ -83,13 +83,18 @@ def _mistake(kind: Any, program: str, words: Sequence[str], told: str) -> str:
     for word in words:
         option = word.partition("=")[0]
         if IS_OPTION.match(option) and known and option.replace("_", "-") not in known:
-            return (
-                f"{option}: no option of `{program}`; {did_you_mean(option, known, f'`{program} --help` lists them')}"
-            )
+            return f"{option}: no option of `{program}`; {_remedy(option, known, program)}"
     lines = [line.strip("│| ") for line in told.splitlines() if re.search(r"\w", line)][1:]  # in tyro's box
     said = " ".join(takewhile(lambda line: not line.startswith(REPEATED), lines))
     said = TOO_LONG.sub(r"has more than \1 digits, give fewer", said)
     return f"{said.rstrip('.')}; `{program} --help` tells more"
+
+
+def _remedy(option: str, known: set[str], program: str) -> str:
+    """What to give instead of an option: the nearest by its name; that all begin with dashes makes none near."""
+    near = near_names(option.lstrip("-"), [each.lstrip("-") for each in known])
+    meant = [each for each in known if each.lstrip("-") in near]
+    return f"did you mean {meant[0]}?" if meant else f"`{program} --help` lists them"
 
 
 def _options(kind: Any, program: str, words: Sequence[str]) -> set[str]:
