@@ -150,8 +150,9 @@ def sliding_window(recording: Recording, lag: int = LAG) -> Estimate:
     """
     require_type("recording", recording, Recording)
     slam = SlidingWindowFilter(recording.sensor, recording.prior_mean, recording.prior_cov, lag)
-    landmarks, poses = 0 if recording.landmark is None else len(distinct(recording.landmark)), min(lag, recording.steps)
-    _require_room(landmarks, ROOM_IN_NUMPY, int(poses), keeps=recording.sensor == "bearing")
+    poses = int(min(lag, recording.steps))
+    kept = int(KEPT * poses) if recording.sensor == "bearing" else 0
+    _require_room(_landmarks_of(recording), ROOM_IN_NUMPY, poses, kept)
     return replace(_driven(slam, recording, frames=0), nis=None, nis_dof=None)
 
 
@@ -205,7 +206,7 @@ def _run(
 
 def _in_numpy(recording: Recording, belief: Callable[[str, Float, Float], MovingBelief]) -> Estimate:
     require_type("recording", recording, Recording)
-    _require_room(0 if recording.landmark is None else len(distinct(recording.landmark)), ROOM_IN_NUMPY)
+    _require_room(_landmarks_of(recording), ROOM_IN_NUMPY)
     start = belief(recording.sensor, recording.prior_mean, recording.prior_cov)
     return _driven(NumpyFilter(recording.sensor, start), recording, frames=0)
 
@@ -252,7 +253,7 @@ def online_filter(
         return BearingFilter(*start, initialisation, association if recording.landmark is None else None, robust)
     if recording.landmark is None:
         return AssociatingFilter(recording.sensor, *start, association, robust)
-    landmarks = len(distinct(recording.landmark))
+    landmarks = _landmarks_of(recording)
     _require_room(landmarks, ROOM)
     radius = area_that_pays(recording, correction)
     if radius is None:
@@ -265,12 +266,22 @@ def online_filter(
     return CompressedFilter(recording.sensor, *prior, radius, robust, landmarks, correction)
 
 
-def _require_room(landmarks: int, room: float, poses: int = 0, *, keeps: bool = False) -> None:
-    """Refuse a map whose covariance, `room` times, does not fit into memory; with so many poses of a window.
+def _landmarks_of(recording: Recording) -> int:
+    """How many landmarks a recording tells of; none where it has no ids."""
+    return 0 if recording.landmark is None else len(distinct(recording.landmark))
 
-    Some of these may stay, as unknowns, when they leave it.
+
+def _require_room(landmarks: int, room: float, window: int = 0, kept: int = 0) -> None:
+    """Refuse what does not fit into memory: the covariance of a map, `room` times, and the poses of a window.
+
+    Args:
+        landmarks: of the map.
+        room: how much is needed over the covariance.
+        window: its poses.
+        kept: poses that stay unknowns beside the landmarks when they leave it.
     """
-    size = 3 + 2 * landmarks + 3 * int(KEPT * poses) * keeps
-    what = f"the covariance of {landmarks} landmarks" + f" beside a window of {poses} steps" * (poses > 0)
-    remedy = "give fewer landmarks" + ", or a shorter lag" * (poses > 0)
-    require_memory(8.0 * size * (room * size + 3 * poses), what, remedy)
+    size = 3 + 2 * landmarks + 3 * kept
+    what, remedy = f"the covariance of {landmarks} landmarks", "give fewer landmarks"
+    if window:
+        what, remedy = f"{what} beside a window of {window} steps", f"{remedy}, or a shorter lag"
+    require_memory(8.0 * size * (room * size + 3 * window), what, remedy)
