@@ -55,7 +55,7 @@ def scenario_of(name: str) -> Scenario:
         scattered = np.random.default_rng(4).uniform([-15.0, -5.0], [15.0, 25.0], (40, 2)).round(1).tolist()
     if name == "wide":
         scattered = np.random.default_rng(5).uniform([-30.0, -20.0], [30.0, 40.0], (40, 2)).round(1).tolist()
-    reach = {"wide": 20.0}.get(name, 10.0)
+    reach = 20.0 if name == "wide" else 10.0
     return load_scenario("q4-ring", ["start=sampled", f"landmarks.positions={scattered}", f"sensor.max_range={reach}"])
 
 

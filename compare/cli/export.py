@@ -83,7 +83,7 @@ class Export:
 
         if self.out == STANDARD_OUTPUT and (self.format in FIGURES or not (self.path / SUMMARY).exists()):
             raise UserError("out: - is standard output, which takes a study's table alone; name what to write")
-        if self.format in ("pdf", "png", "svg"):
+        if self.format in FIGURES:
             self._write_figures(self.format)
         elif (self.path / SUMMARY).exists():
             self._write_study_table()
