@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from textwrap import fill
 
-from slamgauge.compare.cli.options import print_result
-from slamgauge.compare.cli.terminal import line_width
+from slamgauge.compare.cli.options import (
+    print_result,
+)
 
 
 @dataclass
 class Scenarios:
-    """List the shipped scenarios.
+    """List the shipped scenarios with a line each.
 
     For example:
       slamgauge scenarios
@@ -26,8 +26,6 @@ class Scenarios:
 
         found = shipped_scenarios()
         width = max(len(name) for name, _ in found)
-        below = " " * (width + 2)
-        lines = [fill(f"{name:{width}}  {text}", line_width(), subsequent_indent=below) for name, text in found]
-        table = "\n".join(lines)
+        table = "\n".join(f"{name:{width}}  {text}" for name, text in found)
         printed = print_result([{"name": name, "description": text} for name, text in found] if self.json else table)
         return 0 if printed else 1

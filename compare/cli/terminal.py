@@ -52,11 +52,10 @@ def laid_out(page: Page) -> str:
     from slamgauge.compare.scoring.text_page import plain
 
     output = _OUTPUT.get(Output())
-    return page.text(None if output.wide else line_width(), _painted if _has_colours(output) else plain)
+    return page.text(None if output.wide else _width(), _painted if _has_colours(output) else plain)
 
 
-def line_width() -> int:
-    """Characters that a line has room for."""
+def _width() -> int:
     return max(PIPED, shutil.get_terminal_size().columns) if sys.stdout.isatty() else PIPED
 
 
