@@ -14,6 +14,7 @@ from slamgauge.compare.storage.files import load_estimate, load_recording, load_
 from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 
+pytestmark = pytest.mark.gtsam  # the run of all has robust-batch
 DURATION = "trajectory.duration=6"
 
 

@@ -115,6 +115,7 @@ def test_an_optimum_is_known_by_what_it_is_not_by_its_name():
     assert comparison.scores["ekf"].final_distance_to_batch_m is not None
 
 
+@pytest.mark.gtsam
 def test_every_entry_leads_to_an_estimator_that_is_known_again():
     for name, entry in REGISTRY.items():
         assert entry.name == name

@@ -83,6 +83,7 @@ def test_a_filter_without_ids_pays_for_its_associations_alone() -> None:
     assert errors[4] != errors[3]
 
 
+@pytest.mark.gtsam
 def test_a_window_that_holds_everything_costs_nothing_and_a_short_one_does() -> None:
     """Of bearings alone, whose landmarks a short window never places."""
     scenario = load_scenario("q4-three-landmarks", ["start=sampled", "trajectory.duration=4"])
@@ -94,6 +95,7 @@ def test_a_window_that_holds_everything_costs_nothing_and_a_short_one_does() -> 
     np.testing.assert_array_equal(np.delete(held, 4), np.delete(short, 4))
 
 
+@pytest.mark.gtsam
 def test_the_rung_of_a_lag_stands_where_one_was_asked_for() -> None:
     with ThreadPoolExecutor(1) as executor:
         budget = error_budget(load_scenario("q1-short-dense", SHORT), "ekf", 2, 0, executor, lag=3)
