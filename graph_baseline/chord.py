@@ -19,7 +19,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compiled import inner, kernel
 from slamgauge.graph_baseline.linear_problem import Linear, Place
-from slamgauge.graph_baseline.models import Measured, observe, step_noise, wrap
+from slamgauge.graph_baseline.models import Measured, facing, observe, right_jacobian, sight_of, step_residual, wrap
 from slamgauge.graph_baseline.three_by_three import multiply
 
 
@@ -52,12 +52,12 @@ def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, 
     poses, places = place
     chord.landmark[:] = 0.0
     chord.pull[: newest + 1] = 0.0
-    r, Hx, Hm = np.empty(2), np.empty((2, 3)), np.empty((2, 2))
-    w, B, t, Qt = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(3)
+    sensor, dim = measured.sensor, measured.value.shape[1]
     l0, l1, l2 = 0.0, 0.0, 0.0
     moved, norm, squares = 0.0, 0.0, 0.0
     turned, length = 0.0, 0.0
     lever = np.zeros(2)  # from pose k - 1 to the newest, as taken in
+    turn = facing(poses[newest])
     for k in range(newest, -1, -1):
         if k > 0:
             lever += linear.lever[k]
@@ -70,27 +70,34 @@ def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, 
             slot = measured.slot[row]
             if slot < 0:
                 continue
-            observe(measured, row, poses[k], places[slot], r, Hx, Hm)
-            for i in range(measured.value.shape[1]):
-                squares += r[i] * r[i]
-                l0 -= Hx[i, 0] * r[i]
-                l1 -= Hx[i, 1] * r[i]
-                l2 -= Hx[i, 2] * r[i]
-                chord.landmark[slot, 0] -= Hm[i, 0] * r[i]
-                chord.landmark[slot, 1] -= Hm[i, 1] * r[i]
-                for j in range(2):
-                    moved += (Hm[i, j] - linear.Hm[row, i, j]) ** 2
-                    norm += Hm[i, j] ** 2
+            ex, ey = places[slot, 0] - poses[k, 0], places[slot, 1] - poses[k, 1]
+            r0, r1, a00, a01, a10, a11 = observe(sensor, sight_of(measured, row), turn, ex, ey)
+            squares += r0 * r0 + r1 * r1
+            g0, g1 = a00 * r0 + a10 * r1, a01 * r0 + a11 * r1
+            norm += a00 * a00 + a01 * a01 + a10 * a10 + a11 * a11
+            moved += (a00 - linear.Hm[row, 0, 0]) ** 2 + (a01 - linear.Hm[row, 0, 1]) ** 2
+            if dim == 2:
+                moved += (a10 - linear.Hm[row, 1, 0]) ** 2 + (a11 - linear.Hm[row, 1, 1]) ** 2
+            chord.landmark[slot, 0] -= g0
+            chord.landmark[slot, 1] -= g1
+            l0 += g0
+            l1 += g1
+            l2 += g1 * ex - g0 * ey
         start = measured.start if k == 0 else poses[k - 1]
-        step_noise(start, measured.motion[k], poses[k], w, B)
+        turn_before = facing(start)
+        x, y, t = step_residual(start, turn_before, measured.motion[k], measured.motion_turn[k], poses[k])
+        j00, j01, j02, j12 = right_jacobian(x, y, t)
+        c, s = turn
+        b0, b1 = c * l0 + s * l1, c * l1 - s * l0  # the multipliers in the body frame, then those of the residual
+        t0, t1, t2 = j00 * b0 - j01 * b1, j01 * b0 + j00 * b1, j02 * b0 + j12 * b1 + l2
         Q = measured.motion_cov[k]
-        for i in range(3):
-            t[i] = B[0, i] * l0 + B[1, i] * l1 + B[2, i] * l2
-        for i in range(3):
-            Qt[i] = Q[i, 0] * t[0] + Q[i, 1] * t[1] + Q[i, 2] * t[2]
-        for i in range(3):
-            squares += t[i] * Qt[i]
-            chord.defect[k, i] = B[i, 0] * Qt[0] + B[i, 1] * Qt[1] + B[i, 2] * Qt[2] - w[i]
+        q0 = Q[0, 0] * t0 + Q[0, 1] * t1 + Q[0, 2] * t2
+        q1 = Q[1, 0] * t0 + Q[1, 1] * t1 + Q[1, 2] * t2
+        q2 = Q[2, 0] * t0 + Q[2, 1] * t1 + Q[2, 2] * t2
+        squares += t0 * q0 + t1 * q1 + t2 * q2
+        d0, d1 = j00 * q0 + j01 * q1 + j02 * q2 - x, j00 * q1 - j01 * q0 + j12 * q2 - y
+        chord.defect[k, 0], chord.defect[k, 1], chord.defect[k, 2] = c * d0 - s * d1, s * d0 + c * d1, q2 - t
+        turn = turn_before
     seen, walked = moved / norm if norm > 0.0 else 0.0, turned / length if length > 0.0 else 0.0
     return math.sqrt(max(seen, walked)), squares
 

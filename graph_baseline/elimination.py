@@ -25,7 +25,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.compiled import inner, kernel
 from slamgauge.graph_baseline.linear_problem import Linear, Place
-from slamgauge.graph_baseline.models import Measured, step_noise
+from slamgauge.graph_baseline.models import Measured, facing, right_jacobian, step_residual
 from slamgauge.graph_baseline.scan_rows import projected_scan, reflected_scan, seen_slots
 from slamgauge.graph_baseline.three_by_three import (
     add_identity,
@@ -160,9 +160,14 @@ def add_information(linear: Linear, rows: Float, width: int) -> None:
 def predict(measured: Measured, linear: Linear, width: int, k: int) -> None:
     """M <- F M, P <- F P F' + W of the step that leads to pose k."""
     poses, M, P = linear.at.poses, linear.M, linear.newest_cov
-    w, B = np.empty(3), np.empty((3, 3))
+    B = np.zeros((3, 3))
     start = measured.start if k == 0 else poses[k - 1]
-    step_noise(start, measured.motion[k], poses[k], w, B)
+    x, y, t = step_residual(start, facing(start), measured.motion[k], measured.motion_turn[k], poses[k])
+    j00, j01, j02, j12 = right_jacobian(x, y, t)
+    c, s = facing(poses[k])
+    B[0, 0], B[0, 1], B[0, 2] = c * j00 + s * j01, c * j01 - s * j00, c * j02 - s * j12
+    B[1, 0], B[1, 1], B[1, 2] = s * j00 - c * j01, s * j01 + c * j00, s * j02 + c * j12
+    B[2, 2] = 1.0
     BQ, W = np.empty((3, 3)), np.empty((3, 3))
     product(B, measured.motion_cov[k], BQ)
     product_transposed(BQ, B, W)

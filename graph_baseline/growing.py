@@ -32,7 +32,7 @@ from slamgauge.se2 import chain, compose, wrap
 
 SHORT = 100  # poses of a path that is settled at every scan
 LONGEST = 64  # scans between two settlings
-MISSED = 0.002  # sigmas of the newest pose that may be missed between them
+MISSED = 0.003  # sigmas of the newest pose that may be missed between them
 PATIENCE = 0.7  # of what is expected to be missed remains expected after a settling that found less
 LOWER = 1.0 - 1e-6  # of the squared residuals: another minimum
 SOUGHT_AGAIN = 1.2  # times the steps at which no minimum, or none that is lower, was found: look again

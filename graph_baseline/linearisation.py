@@ -150,10 +150,11 @@ def log_se2(increment: Float) -> Float:
 def right_jacobian(tangent: Float) -> Float:
     """Right Jacobian (n, 3, 3) of SE(2) at `tangent` (n, 3) (Sola et al., arXiv 1812.01537, equation 163)."""
     x, y, t = tangent.T
-    safe = np.where(t == 0, 1.0, t)
-    sine = np.where(t == 0, 1.0, np.sin(t) / safe)
-    versine = 2.0 * np.sin(t / 2.0) ** 2 / safe
-    b = np.where(t == 0, 0.5, versine / safe)
+    tiny = np.abs(t) < 1e-9  # squares of what is far smaller are zero
+    safe = np.where(tiny, 1.0, t)
+    sine = np.where(tiny, 1.0, np.sin(t) / safe)
+    versine = np.where(tiny, 0.5 * t, 2.0 * np.sin(t / 2.0) ** 2 / safe)
+    b = np.where(tiny, 0.5, versine / safe)
     a = np.where(np.abs(t) < 1e-2, t / 6.0 - t**3 / 120.0 + t**5 / 5040.0, (t - np.sin(t)) / safe**2)
     jacobian = np.zeros((len(tangent), 3, 3))
     jacobian[:, 0] = np.column_stack([sine, versine, a * x - b * y])

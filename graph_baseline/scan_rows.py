@@ -14,7 +14,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.compiled import inner
 from slamgauge.graph_baseline.linear_problem import Linear, Place
-from slamgauge.graph_baseline.models import Measured, observe
+from slamgauge.graph_baseline.models import Measured, facing, observe, sight_of
 from slamgauge.graph_baseline.three_by_three import gram
 
 DEPENDENT = 1e-24  # of the square of a column, all that others leave of it: rounding
@@ -32,16 +32,36 @@ def seen_slots(measured: Measured, k: int) -> Int:
 
 
 @inner
-def look(measured: Measured, linear: Linear, place: Place, before: Place, k: int, row: int, residual: Float) -> None:
-    """Leave an observation's Jacobians in `linear`, and its residual at `before` in `residual[0]`; [1] is scratch."""
+def look(
+    measured: Measured,
+    linear: Linear,
+    place: Place,
+    before: Place,
+    k: int,
+    row: int,
+    turns: tuple[tuple[float, float], tuple[float, float]],
+    residual: Float,
+) -> None:
+    """Leave an observation's Jacobians in `linear`, and its residual (d,) carried to `before`.
+
+    `turns`: how pose k is `facing` at `place`, and where it is linearised.
+    """
     slot, Hx, Hm = measured.slot[row], linear.Hx[row], linear.Hm[row]
-    observe(measured, row, place.poses[k], place.landmarks[slot], residual[0], Hx, Hm)
-    observe(measured, row, linear.at.poses[k], linear.at.landmarks[slot], residual[1], Hx, Hm)
+    sight = sight_of(measured, row)
+    at, place_at = linear.at.landmarks[slot], place.landmarks[slot]
+    ex, ey = place_at[0] - place.poses[k, 0], place_at[1] - place.poses[k, 1]
+    r0, r1, _, _, _, _ = observe(measured.sensor, sight, turns[0], ex, ey)
+    ex, ey = at[0] - linear.at.poses[k, 0], at[1] - linear.at.poses[k, 1]
+    _, _, a00, a01, a10, a11 = observe(measured.sensor, sight, turns[1], ex, ey)
+    residual[0], Hm[0, 0], Hm[0, 1] = r0, a00, a01
+    if measured.value.shape[1] == 2:
+        residual[1], Hm[1, 0], Hm[1, 1] = r1, a10, a11
     for i in range(measured.value.shape[1]):
+        Hx[i, 0], Hx[i, 1], Hx[i, 2] = -Hm[i, 0], -Hm[i, 1], Hm[i, 0] * ey - Hm[i, 1] * ex
         for j in range(3):
-            residual[0, i] += Hx[i, j] * (before.poses[k, j] - place.poses[k, j])
+            residual[i] += Hx[i, j] * (before.poses[k, j] - place.poses[k, j])
         for j in range(2):
-            residual[0, i] += Hm[i, j] * (before.landmarks[slot, j] - place.landmarks[slot, j])
+            residual[i] += Hm[i, j] * (before.landmarks[slot, j] - place.landmarks[slot, j])
 
 
 @inner
@@ -49,14 +69,15 @@ def reflected_scan(measured: Measured, linear: Linear, place: Place, before: Pla
     """Turn the rows of a scan by reflections, so that from the fourth on Hx is zero."""
     d, taken = measured.value.shape[1], len(slots)
     scan = np.zeros((max(3, d * taken), 4 + 2 * taken))
-    residual, n = np.empty((2, 2)), 0
+    turns = facing(place.poses[k]), facing(linear.at.poses[k])
+    residual, n = np.empty(2), 0
     for row in range(measured.first[k], measured.first[k + 1]):
         if measured.slot[row] < 0:
             continue
-        look(measured, linear, place, before, k, row, residual)
+        look(measured, linear, place, before, k, row, turns, residual)
         for i in range(d):
             of_row = scan[d * n + i]
-            of_row[-1] = residual[0, i]
+            of_row[-1] = residual[i]
             for j in range(3):
                 of_row[j] = linear.Hx[row, i, j]
             for j in range(2):
@@ -74,18 +95,19 @@ def projected_scan(measured: Measured, linear: Linear, place: Place, before: Pla
     """Project a scan on its pose: three rows, Q' times it with Hx = Q R; all rows less these say the rest."""
     d, taken = measured.value.shape[1], len(slots)
     columns, n = np.empty((4, d * taken)), 0  # of Hx, then of Q, and the residuals
-    residual, R, scan = np.empty((2, 2)), np.zeros((3, 3)), np.zeros((3, 4 + 2 * taken))
+    residual, R, scan = np.empty(2), np.zeros((3, 3)), np.zeros((3, 4 + 2 * taken))
+    turns = facing(place.poses[k]), facing(linear.at.poses[k])
     for row in range(measured.first[k], measured.first[k + 1]):
         slot = measured.slot[row]
         if slot < 0:
             continue
-        look(measured, linear, place, before, k, row, residual)
+        look(measured, linear, place, before, k, row, turns, residual)
         for i in range(d):
-            columns[3, d * n + i] = residual[0, i]
+            columns[3, d * n + i] = residual[i]
             for j in range(3):
                 columns[j, d * n + i] = linear.Hx[row, i, j]
             for j in range(2):
-                linear.pull[2 * slot + j] -= linear.Hm[row, i, j] * residual[0, i]
+                linear.pull[2 * slot + j] -= linear.Hm[row, i, j] * residual[i]
                 for o in range(2):
                     linear.information[2 * slot + j, 2 * slot + o] += linear.Hm[row, i, j] * linear.Hm[row, i, o]
         n += 1

@@ -43,9 +43,11 @@ def _one_sight() -> Measured:
         sensor=POSITION,
         start=np.zeros(3),
         motion=np.zeros((1, 3)),
+        motion_turn=np.array([[1.0, 0.0]]),
         motion_cov=np.eye(3)[None],
         first=np.array([0, 1]),
         value=value,
+        direction=np.array([[1.0, 0.0]]),
         whitener=np.eye(2)[None],
         slot=np.array([0]),
     )
