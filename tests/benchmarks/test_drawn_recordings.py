@@ -86,8 +86,12 @@ def test_where_nothing_fits_rounding_may_be_as_much_larger_as_residuals_are():
     assert estimate.chi_square / 2 <= minimum.cost * (1 + 1e-9)
 
 
+@pytest.mark.gtsam
 def test_damped_steps_go_on_to_a_minimum_where_nothing_fits():
-    """What is left above it seems little beside residuals of hundreds of sigmas, and Newton steps from there stray."""
+    """What is left above it seems little beside residuals of hundreds of sigmas, and Newton steps from there stray.
+
+    GTSAM's search leads near it; our own, on which `docs/limits.md` has a word, does not.
+    """
     recording = in_frame_of_start(draw(2040, 1540).recording)
     ids = first_sights(recording)[0]
     found = settle(recording, ids, approach(recording, ids, *grown(recording)))
