@@ -57,7 +57,7 @@ def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, 
     moved, norm, squares = 0.0, 0.0, 0.0
     turned, length = 0.0, 0.0
     lever = np.zeros(2)  # from pose k - 1 to the newest, as taken in
-    turn = facing(poses[newest])
+    heading = facing(poses[newest])
     for k in range(newest, -1, -1):
         if k > 0:
             lever += linear.lever[k]
@@ -71,7 +71,7 @@ def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, 
             if slot < 0:
                 continue
             ex, ey = places[slot, 0] - poses[k, 0], places[slot, 1] - poses[k, 1]
-            r0, r1, a00, a01, a10, a11 = observe(sensor, sight_of(measured, row), turn, ex, ey)
+            r0, r1, a00, a01, a10, a11 = observe(sensor, sight_of(measured, row), heading, ex, ey)
             squares += r0 * r0 + r1 * r1
             g0, g1 = a00 * r0 + a10 * r1, a01 * r0 + a11 * r1
             norm += a00 * a00 + a01 * a01 + a10 * a10 + a11 * a11
@@ -84,10 +84,10 @@ def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, 
             l1 += g1
             l2 += g1 * ex - g0 * ey
         start = measured.start if k == 0 else poses[k - 1]
-        turn_before = facing(start)
-        x, y, t = step_residual(start, turn_before, measured.motion[k], measured.motion_turn[k], poses[k])
+        heading_before = facing(start)
+        x, y, t = step_residual(start, heading_before, measured.motion[k], measured.motion_turn[k], poses[k])
         j00, j01, j02, j12 = right_jacobian(x, y, t)
-        c, s = turn
+        c, s = heading
         b0, b1 = c * l0 + s * l1, c * l1 - s * l0  # the multipliers in the body frame, then those of the residual
         t0, t1, t2 = j00 * b0 - j01 * b1, j01 * b0 + j00 * b1, j02 * b0 + j12 * b1 + l2
         Q = measured.motion_cov[k]
@@ -97,7 +97,7 @@ def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, 
         squares += t0 * q0 + t1 * q1 + t2 * q2
         d0, d1 = j00 * q0 + j01 * q1 + j02 * q2 - x, j00 * q1 - j01 * q0 + j12 * q2 - y
         chord.defect[k, 0], chord.defect[k, 1], chord.defect[k, 2] = c * d0 - s * d1, s * d0 + c * d1, q2 - t
-        turn = turn_before
+        heading = heading_before
     seen, walked = moved / norm if norm > 0.0 else 0.0, turned / length if length > 0.0 else 0.0
     return math.sqrt(max(seen, walked)), squares
 

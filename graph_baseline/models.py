@@ -1,4 +1,4 @@
-"""The measurements' exact models, compiled: the noise of a step, an observation's residual, and their Jacobians."""
+"""The measurements' exact models, compiled: residuals of steps and of observations, and their Jacobians."""
 
 from __future__ import annotations
 
@@ -101,48 +101,51 @@ def angle_of(along: float, across: float) -> float:
 
 @inner
 def step_residual(
-    start: Float, facing_start: tuple[float, float], motion: Float, motion_turn: Float, end: Float
+    start: Float, heading: tuple[float, float], motion: Float, motion_turn: Float, end: Float
 ) -> tuple[float, float, float]:
-    """Log(measured^-1 between) of a step from pose `start` to `end`, in the frame of its end."""
-    c, s = facing_start
+    """Log(measured^-1 between) of a step from pose `start` to `end`, in the frame of its end.
+
+    `heading` is that of the start as `facing` has it.
+    """
+    c, s = heading
     dx, dy = end[0] - start[0], end[1] - start[1]
     x, y = c * dx + s * dy - motion[0], c * dy - s * dx - motion[1]
     turn = wrap(end[2] - start[2] - motion[2])
-    c, s = motion_turn
+    c, s = motion_turn[0], motion_turn[1]
     x, y = log_se2(c * x + s * y, c * y - s * x, turn)
     return x, y, turn
 
 
 @inner
 def right_jacobian(x: float, y: float, turn: float) -> tuple[float, float, float, float]:
-    """Entries a, b, c, d of [[a, b, c], [-b, a, d], [0, 0, 1]], SE(2)'s right Jacobian at a logarithm."""
+    """SE(2)'s right Jacobian at a logarithm, [[j00, j01, j02], [-j01, j00, j12], [0, 0, 1]]: j00, j01, j02 and j12."""
     if abs(turn) < 1e-2:
-        sine = 1.0 - turn * turn / 6.0 + turn**4 / 120.0
-        versine = 0.5 * turn - turn**3 / 24.0 + turn**5 / 720.0
+        j00 = 1.0 - turn * turn / 6.0 + turn**4 / 120.0
+        j01 = 0.5 * turn - turn**3 / 24.0 + turn**5 / 720.0
         b = 0.5 - turn * turn / 24.0 + turn**4 / 720.0
         a = turn / 6.0 - turn**3 / 120.0 + turn**5 / 5040.0
     else:
-        sine, versine = math.sin(turn) / turn, 2.0 * math.sin(0.5 * turn) ** 2 / turn
-        b, a = versine / turn, (turn - math.sin(turn)) / (turn * turn)
-    return sine, versine, a * x - b * y, b * x + a * y
+        j00, j01 = math.sin(turn) / turn, 2.0 * math.sin(0.5 * turn) ** 2 / turn
+        b, a = j01 / turn, (turn - math.sin(turn)) / (turn * turn)
+    return j00, j01, a * x - b * y, b * x + a * y
 
 
 @inner
 def sight_of(measured: Measured, row: int) -> Sight:
     """The observation in a row; of bearings alone, what is of a second number repeats the first."""
-    z, (cosine, sine), whitener = measured.value[row], measured.direction[row], measured.whitener[row]
-    return Sight(z[0], z[-1], cosine, sine, whitener[0, 0], whitener[-1, 0], whitener[-1, -1])
+    z, direction, whitener = measured.value[row], measured.direction[row], measured.whitener[row]
+    return Sight(z[0], z[-1], direction[0], direction[1], whitener[0, 0], whitener[-1, 0], whitener[-1, -1])
 
 
 @inner
 def observe(
-    sensor: int, sight: Sight, turn: tuple[float, float], ex: float, ey: float
+    sensor: int, sight: Sight, heading: tuple[float, float], ex: float, ey: float
 ) -> tuple[float, float, float, float, float, float]:
     """Whitened residual h - z (2,) and its gradients (2, 2) by the landmark, which is at (ex, ey) from the pose.
 
-    Of bearings alone, the second row is zero.
+    `heading` is that of the pose as `facing` has it. Of bearings alone, the second row is zero.
     """
-    c, s = turn
+    c, s = heading
     w00, w10, w11 = sight.w00, sight.w10, sight.w11
     if sensor == POSITION:
         r0, r1, a00, a01, a10, a11 = c * ex + s * ey - sight.z0, c * ey - s * ex - sight.z1, c, s, -s, c

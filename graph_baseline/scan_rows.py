@@ -39,20 +39,20 @@ def look(
     before: Place,
     k: int,
     row: int,
-    turns: tuple[tuple[float, float], tuple[float, float]],
+    headings: tuple[tuple[float, float], tuple[float, float]],
     residual: Float,
 ) -> None:
     """Leave an observation's Jacobians in `linear`, and its residual (d,) carried to `before`.
 
-    `turns`: how pose k is `facing` at `place`, and where it is linearised.
+    `headings`: how pose k is `facing` at `place`, and where it is linearised.
     """
     slot, Hx, Hm = measured.slot[row], linear.Hx[row], linear.Hm[row]
     sight = sight_of(measured, row)
     at, place_at = linear.at.landmarks[slot], place.landmarks[slot]
     ex, ey = place_at[0] - place.poses[k, 0], place_at[1] - place.poses[k, 1]
-    r0, r1, _, _, _, _ = observe(measured.sensor, sight, turns[0], ex, ey)
+    r0, r1, _, _, _, _ = observe(measured.sensor, sight, headings[0], ex, ey)
     ex, ey = at[0] - linear.at.poses[k, 0], at[1] - linear.at.poses[k, 1]
-    _, _, a00, a01, a10, a11 = observe(measured.sensor, sight, turns[1], ex, ey)
+    _, _, a00, a01, a10, a11 = observe(measured.sensor, sight, headings[1], ex, ey)
     residual[0], Hm[0, 0], Hm[0, 1] = r0, a00, a01
     if measured.value.shape[1] == 2:
         residual[1], Hm[1, 0], Hm[1, 1] = r1, a10, a11
@@ -69,12 +69,12 @@ def reflected_scan(measured: Measured, linear: Linear, place: Place, before: Pla
     """Turn the rows of a scan by reflections, so that from the fourth on Hx is zero."""
     d, taken = measured.value.shape[1], len(slots)
     scan = np.zeros((max(3, d * taken), 4 + 2 * taken))
-    turns = facing(place.poses[k]), facing(linear.at.poses[k])
+    headings = facing(place.poses[k]), facing(linear.at.poses[k])
     residual, n = np.empty(2), 0
     for row in range(measured.first[k], measured.first[k + 1]):
         if measured.slot[row] < 0:
             continue
-        look(measured, linear, place, before, k, row, turns, residual)
+        look(measured, linear, place, before, k, row, headings, residual)
         for i in range(d):
             of_row = scan[d * n + i]
             of_row[-1] = residual[i]
@@ -96,12 +96,12 @@ def projected_scan(measured: Measured, linear: Linear, place: Place, before: Pla
     d, taken = measured.value.shape[1], len(slots)
     columns, n = np.empty((4, d * taken)), 0  # of Hx, then of Q, and the residuals
     residual, R, scan = np.empty(2), np.zeros((3, 3)), np.zeros((3, 4 + 2 * taken))
-    turns = facing(place.poses[k]), facing(linear.at.poses[k])
+    headings = facing(place.poses[k]), facing(linear.at.poses[k])
     for row in range(measured.first[k], measured.first[k + 1]):
         slot = measured.slot[row]
         if slot < 0:
             continue
-        look(measured, linear, place, before, k, row, turns, residual)
+        look(measured, linear, place, before, k, row, headings, residual)
         for i in range(d):
             columns[3, d * n + i] = residual[i]
             for j in range(3):

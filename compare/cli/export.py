@@ -42,8 +42,8 @@ class Export:
 
     For example:
       slamgauge export first-run --format mat
-      slamgauge export results/study --format latex --estimators ekf,riekf --columns ate_m,nees_pose_per_dof
-      slamgauge export first-run --format pdf --width column --estimators ekf,isam2 --band ekf
+      slamgauge export results/q1 --format latex --columns ate_m,nees_pose_per_dof
+      slamgauge export first-run --format pdf --width column --band ekf
     """
 
     path: tyro.conf.Positional[Path]

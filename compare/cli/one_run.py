@@ -117,7 +117,7 @@ class Evaluate:
     that makes any (isam2@ekf). The noise that all assume is the recording's.
 
     For example:
-      slamgauge evaluate first-run/recording.npz --estimators ekf,my_filter.py:estimate
+      slamgauge evaluate first-run/recording.npz --estimators my_filter.py:estimate
     """
 
     recording: tyro.conf.Positional[Path]

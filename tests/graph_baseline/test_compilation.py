@@ -13,7 +13,7 @@ from random_recordings import random_recording
 
 from slamgauge import Recording, batch, isam2, load_scenario, simulate
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline import chord, elimination, recursions, scan_rows, three_by_three
+from slamgauge.graph_baseline import chord, elimination, models, recursions, scan_rows, three_by_three
 from slamgauge.graph_baseline.three_by_three import factorise, invert
 from slamgauge.graph_baseline.warm_up import compile_graphs_once
 
@@ -22,7 +22,7 @@ def specialisations() -> dict[str, int]:
     """How many types of arguments each kernel has been compiled for."""
     return {
         f"{module.__name__}.{name}": len(each.signatures)
-        for module in (chord, elimination, recursions, scan_rows, three_by_three)
+        for module in (chord, elimination, models, recursions, scan_rows, three_by_three)
         for name, each in vars(module).items()
         if isinstance(each, Dispatcher)
     }
