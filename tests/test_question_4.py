@@ -105,17 +105,22 @@ def test_the_sliding_window_is_as_good_as_the_causal_optimum():
 FOUR_MEMBERS = ("fis.alpha=0.3", "fis.beta=2", "fis.s_min=1")
 
 
-@pytest.mark.parametrize(("sharing", "times"), [("none", 2.0), ("uniform", 1.3), ("best", 3.0), ("weights", 1.05)])
-def test_federated_sharing_beats_the_others(sharing: str, times: float):
-    """Mean ATE of the right-invariant filter over that with federated sharing, of four members.
+@pytest.mark.parametrize(
+    ("sharing", "of_four", "of_three"),
+    [("none", 2.0, 1.380), ("uniform", 1.3, 1.126), ("best", 3.0, 1.772), ("weights", 1.05, 1.044)],
+)
+def test_federated_sharing_beats_the_others(sharing: str, of_four: float, of_three: float):
+    """Mean ATE of the right-invariant filter over that with federated sharing; `docs/bearings.md` has more runs.
 
-    The three of the default make less of a difference: `docs/bearings.md` has both.
+    Three members, the default, make less of a difference. Their bounds are 0.1 % quantiles of the ratio of means,
+    resampled from the other seeds, where it is 1.66, 1.28, 2.56 and 1.27.
     """
-    ate = {}
-    for each in ("federated", sharing):
-        found = scores("q4-ring", ("riekf",), ABLATED_RUNS, (*FOUR_MEMBERS, f"fis.sharing={each}"))["riekf"]
-        ate[each] = np.mean([score.ate_m for score in found if score.ate_m is not None])
-    assert ate[sharing] > times * ate["federated"]
+    for members, times in ((FOUR_MEMBERS, of_four), ((), of_three)):
+        ate = {}
+        for each in ("federated", sharing):
+            found = scores("q4-ring", ("riekf",), ABLATED_RUNS, (*members, f"fis.sharing={each}"))["riekf"]
+            ate[each] = np.mean([score.ate_m for score in found if score.ate_m is not None])
+        assert ate[sharing] > times * ate["federated"]
 
 
 def test_bearings_of_one_degree_without_ids_cost_hardly_any_accuracy():

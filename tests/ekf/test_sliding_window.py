@@ -61,7 +61,7 @@ def test_equals_the_textbook(sensor: str, lag: int, monkeypatch: pytest.MonkeyPa
     """
     monkeypatch.setattr(past, "LENT", 0.0)
     monkeypatch.setattr(past, "SLIP", 0.0)
-    recording = replace(recording_of(sensor, 3).first(8), prior_mean=np.array([0.0, 0.0, 0.4]))
+    recording = replace(recording_of(sensor, 3).first(11), prior_mean=np.array([0.0, 0.0, 0.4]))
     actual, expected = sliding_window(recording, lag), textbook_sliding_window(recording, lag)
     assert actual.landmark_ids is not None
     assert actual.landmarks is not None
