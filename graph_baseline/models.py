@@ -91,7 +91,7 @@ def wrap(angle: float) -> float:
 
 @inner
 def angle_of(along: float, across: float) -> float:
-    """The angle [rad] of the vector (along, across): `atan2`, in a fifth of the time where it is small."""
+    """The angle [rad] of the vector (along, across); where it is small a series spares the call of `atan2`."""
     if abs(across) < 0.05 * along:
         t = across / along
         q = t * t

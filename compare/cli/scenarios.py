@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from slamgauge.compare.cli.options import (
-    print_result,
-)
+from slamgauge.compare.cli.options import print_result
 
 
 @dataclass

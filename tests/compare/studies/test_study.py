@@ -22,6 +22,7 @@ from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.over_runs import FIRST_STEP
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.storage.manifest import MANIFEST, begin_file, write_manifest
+from slamgauge.compare.studies import cluster
 from slamgauge.compare.studies import run as study_run
 from slamgauge.compare.studies.cluster import dask_cluster
 from slamgauge.compare.studies.executors import local_processes
@@ -232,7 +233,10 @@ def test_processes_and_a_dask_cluster_give_the_same_figures_bit_for_bit(
     assert blobs[0] == blobs[1] == blobs[2]
 
 
-def test_no_scheduler_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_scheduler_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster, "CONNECT", 1.0)
     words = ["study", "q1-long-dense", "--runs", "1", "--scheduler", "tcp://127.0.0.1:1", "--out", str(tmp_path / "a")]
     assert main(words) == 2
     error = capsys.readouterr().err.splitlines()[-1]
