@@ -46,11 +46,13 @@ class Doctor:
 
     def __call__(self) -> int:
         """Look, print; the exit status."""
+        from slamgauge.compare.scoring.text_page import Page
+
         if self.clear_cache:
             print(f"kept machine code: {_clear()} files removed", file=sys.stderr)
         found = examine()
-        lines = [f"{name:17}  {text}" for name, text in found.items()]
-        print_result(found if self.json else "\n".join(lines))
+        page = Page(tuple(f"{name:17}  {text}" for name, text in found.items()))
+        print_result(found if self.json else page)
         return 1 if any(text == MISSING or text.startswith(BROKEN) for text in found.values()) else 0
 
 

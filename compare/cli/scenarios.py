@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 
 from slamgauge.compare.cli.options import print_result
@@ -9,7 +10,7 @@ from slamgauge.compare.cli.options import print_result
 
 @dataclass
 class Scenarios:
-    """List the shipped scenarios with a line each.
+    """List the shipped scenarios, with a line each in pipes.
 
     For example:
       slamgauge scenarios
@@ -21,9 +22,11 @@ class Scenarios:
     def __call__(self) -> int:
         """Print the list; the exit status."""
         from slamgauge.compare.scenarios.scenario import shipped_scenarios
+        from slamgauge.compare.scoring.text_page import Page
 
         found = shipped_scenarios()
         width = max(len(name) for name, _ in found)
-        table = "\n".join(f"{name:{width}}  {text}" for name, text in found)
+        page = Page(tuple(f"{name:{width}}  {text}" for name, text in found))
+        table = page if sys.stdout.isatty() else str(page)  # programs read a line each
         printed = print_result([{"name": name, "description": text} for name, text in found] if self.json else table)
         return 0 if printed else 1

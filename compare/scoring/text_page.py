@@ -74,8 +74,8 @@ def _wrapped(line: str, width: int | None) -> list[str]:
 
 
 def _grid_lines(grid: Grid, width: int | None, paint: Paint) -> list[str]:
-    head, *body = aligned(grid.rows, grid.words)
-    if width is not None and len(head) > width:
+    head, *body = lines = aligned(grid.rows, grid.words)
+    if width is not None and max(map(len, lines)) > width:
         return _fitted_lines(grid, width, paint)
     return [paint(head, "head"), *(_painted(line, row, paint) for line, row in zip(body, grid.rows[1:], strict=True))]
 

@@ -291,7 +291,7 @@ def budget_table(budget: ErrorBudget) -> Page:
         if doubtful:
             adds = marked(adds, MARK, is_marked=rung.name in doubtful)
         rows.append((rung.name, f"{rung.mse_m2:.5f}", adds, interval, RUNGS[rung.name]))
-    return Page((Grid(rows, words=(0, 4)), "", verdict(budget), *notes(budget)))
+    return Page((Grid(rows, words=(0, 4), sentences=4), "", verdict(budget), *notes(budget)))
 
 
 def notes(budget: ErrorBudget) -> list[str]:

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from command_line import SHORT, Module, arrays, command, metrics_of, run
 
+from slamgauge.compare.cli import terminal
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
 from slamgauge.compare.storage.manifest import MANIFEST
 
@@ -80,6 +81,16 @@ def test_scenarios_are_listed(capsys: pytest.CaptureFixture[str]):
     assert run("scenarios", "--json") == 0
     entries = json.loads(capsys.readouterr().out)
     assert [[entry["name"], entry["description"]] for entry in entries] == [line.split(maxsplit=1) for line in lines]
+
+
+def test_scenarios_fit_a_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(terminal, "PIPED", 80)
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr(terminal.sys.stdout, "isatty", lambda: True, raising=False)
+    assert run("scenarios") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert [line.split()[0] for line in lines if not line.startswith(" ")] == SCENARIOS
 
 
 @pytest.mark.parametrize(

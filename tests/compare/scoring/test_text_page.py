@@ -31,6 +31,18 @@ def test_columns_from_the_right_are_left_out_and_named():
     assert max(map(len, lines)) <= 24
 
 
+def test_a_column_that_is_longer_than_its_title_is_left_out_too():
+    grid = Grid([["rung", "adds", "for"], ["causal", "0.5", "for knowing only the past"]], words=(0, 2), sentences=2)
+    lines = Page((grid,)).text(30).splitlines()
+    assert lines[:2] == ["rung    adds", "causal   0.5"]
+    assert max(map(len, lines)) <= 30
+    assert Page((grid,)).text(36).splitlines() == [
+        "rung    adds  for",
+        "causal   0.5  for knowing only the",
+        "              past",
+    ]
+
+
 def test_where_there_is_much_room_nothing_is_left_out():
     titles = [f"figure {place:02}" for place in range(40)]
     grid = Grid([["gate", "estimator", *titles], ["1", "ekf", *titles], ["9", "mine", *titles]], 2)

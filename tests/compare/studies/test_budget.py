@@ -111,6 +111,7 @@ def test_the_costliest_rung_is_named_with_its_share() -> None:
     budget = summarise_budget("somewhere", "ekf", table, unchecked, np.ones(2))
     assert budget.costliest == "linearisation"
     assert budget.rungs[1].increment_m2.mean == 0.75
+    assert max(map(len, budget_table(budget).text(80).splitlines())) <= 80
     assert str(budget_table(budget)).splitlines()[-1] == (
         "ekf on somewhere, 2 runs: of 4.0000 m^2 (RMS 2.000 m) 1.0000 m^2 no estimator avoids; "
         "most of the rest goes to linearisation: 2.2500 m^2, 56% of the whole."
