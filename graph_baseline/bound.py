@@ -85,26 +85,27 @@ def causal_covariances(model: LinearModel, landmarks: int) -> Float:
     A = filter_maps(start, model.c, X, carry, gain)
     innovation = whitener @ (G @ A + X)
     A -= P @ (whitener @ G).swapaxes(1, 2) @ innovation  # with the pose's own scan
-    own = model.Hm.swapaxes(1, 2) @ model.Hm
-    first = np.searchsorted(model.step, np.arange(len(G) + 1)).tolist()
+    sights, of_row = np.unique(model.step * landmarks + model.slot, return_inverse=True)
+    own = np.zeros((len(sights), 2, 2))  # of what a scan says of a landmark, however often it has seen it
+    np.add.at(own, of_row, model.Hm.swapaxes(1, 2) @ model.Hm)
+    step, slot = np.divmod(sights, max(landmarks, 1))
+    first = np.searchsorted(step, np.arange(len(G) + 1)).tolist()
+    rows = np.concatenate([innovation, X], axis=1)  # what the poses add to the landmarks' information, and take of it
+    signed = rows * np.repeat([1.0, -1.0], 3)[:, None]
     information = np.eye(2 * landmarks) / MAX_LANDMARK_SIGMA**2  # bearings leave a new landmark undetermined
     blocks = information.reshape(landmarks, 2, landmarks, 2)
     covs, width, factor = updated.copy(), 0, information[:0, :0]
     for k in range(len(G)):
-        slots = model.slot[first[k] : first[k + 1]]
+        slots = slot[first[k] : first[k + 1]]
         if len(slots):
-            width = max(width, 2 * (int(slots.max()) + 1))
+            width = max(width, 2 * (int(slots[-1]) + 1))
             known = information[:width, :width]
-            for slot, block in zip(slots.tolist(), own[first[k] : first[k + 1]], strict=True):
-                blocks[slot, :, slot] += block
-            known += _gram(innovation[k, :, :width]) - _gram(X[k, :, :width])
+            blocks[slots, :, slots] += own[first[k] : first[k + 1]]
+            known += rows[k, :, :width].T @ signed[k, :, :width]
             factor, failed = factorise(known, lower=1, clean=0)
             if failed:
                 raise np.linalg.LinAlgError("the information of the landmarks is not positive definite")
         if width:
-            covs[k] += _gram(solve_triangular(factor, A[k, :, :width].T, lower=1)[0])
+            spread = solve_triangular(factor, A[k, :, :width].T, lower=1)[0]
+            covs[k] += spread.T @ spread
     return covs
-
-
-def _gram(rows: Float) -> Float:
-    return rows.T @ rows
