@@ -22,9 +22,9 @@ from scipy.special import chdtri
 
 from slamgauge import simulate
 from slamgauge.arrays import Float
-from slamgauge.compare.bench.bench import workload
+from slamgauge.compare.bench.step_times import workload
 from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.association import AssociatingFilter
+from slamgauge.ekf.associating_filter import AssociatingFilter
 from slamgauge.ekf.maps.matching import Matcher
 from slamgauge.ekf.settings.association import Association, MapManagement
 from slamgauge.recording import Observations, Recording

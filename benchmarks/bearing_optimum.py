@@ -20,12 +20,12 @@ import numpy as np
 
 from slamgauge import load_scenario, local_processes, simulate
 from slamgauge.arrays import Float
-from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.ekf import riekf
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch, cost
-from slamgauge.graph_baseline.descent import approach, settle
-from slamgauge.graph_baseline.factors import landmarks_at_first_sight
+from slamgauge.graph_baseline.solver.levenberg_marquardt import approach, settle
+from slamgauge.graph_baseline.problem.preparation import landmarks_at_first_sight
 from slamgauge.graph_baseline.gtsam_graph import (
     LENT_SLIP,
     build_graph,

@@ -18,7 +18,7 @@ from scipy.optimize import linear_sum_assignment
 
 from slamgauge import BearingFilter, Rays, load_scenario, simulate
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.ekf.maps.matching import innovations
 from slamgauge.recording import Observations, Recording
 

@@ -21,10 +21,10 @@ from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.studies.executors import local_processes
-from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.graph_baseline.bound import causal_covariances, model_at_truth
-from slamgauge.graph_baseline.linearisation import LinearModel
-from slamgauge.graph_baseline.smoother import solve
+from slamgauge.graph_baseline.problem.linearisation import LinearModel
+from slamgauge.graph_baseline.solver.smoother import solve
 from slamgauge.se2 import between, rotation
 
 NAMES = ("riekf", "isam2", "batch")

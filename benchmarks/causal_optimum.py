@@ -24,7 +24,7 @@ from gtsam_isam2 import gtsam_isam2
 
 from slamgauge import Estimate, Recording, batch, isam2, simulate
 from slamgauge.arrays import Float
-from slamgauge.compare.bench.bench import workload
+from slamgauge.compare.bench.step_times import workload
 from slamgauge.se2 import chain, wrap
 
 TITLES = (

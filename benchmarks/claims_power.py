@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float, Marks
-from slamgauge.compare.scoring.betting import growth_of, location, smallest_effect
+from slamgauge.compare.scoring.confidence_sequence import growth_of, location, smallest_effect
 from slamgauge.compare.scoring.sequential import growing
 from slamgauge.compare.studies.claim_evidence import log_threshold
 from slamgauge.compare.studies.claim_list import CLAIMS, SETTINGS, TESTS, Claim, Figure

@@ -23,7 +23,7 @@ from numba import njit
 
 from slamgauge import Recording, SlamFilter, simulate
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.bench.bench import workload
+from slamgauge.compare.bench.step_times import workload
 from slamgauge.ekf.estimators import drive
 
 

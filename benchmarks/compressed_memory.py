@@ -21,7 +21,7 @@ from time import perf_counter
 import numpy as np
 
 from slamgauge import CompressedFilter
-from slamgauge.ekf.maps.rules import Correction
+from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.recording import Observations
 
 SCAN = 80  # landmarks

@@ -23,11 +23,11 @@ import numpy as np
 
 from slamgauge import simulate
 from slamgauge.arrays import Float
-from slamgauge.compare.bench.bench import workload
+from slamgauge.compare.bench.step_times import workload
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.ekf import CompressedFilter, SlamFilter
 from slamgauge.ekf.estimators import drive
-from slamgauge.ekf.large_maps import area_that_pays
+from slamgauge.ekf.advanced.area_radius import area_that_pays
 from slamgauge.recording import Recording
 
 

@@ -31,11 +31,11 @@ from large_maps import field
 
 from slamgauge import batch, simulate
 from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.graph_baseline.chain import shorten
-from slamgauge.graph_baseline.fronts import largest
-from slamgauge.graph_baseline.linearisation import linearise
-from slamgauge.graph_baseline.pieces import plan
-from slamgauge.graph_baseline.smoother import solve
+from slamgauge.graph_baseline.solver.motion_elimination import shorten
+from slamgauge.graph_baseline.solver.multifrontal import largest
+from slamgauge.graph_baseline.problem.linearisation import linearise
+from slamgauge.graph_baseline.solver.chain_partition import plan
+from slamgauge.graph_baseline.solver.smoother import solve
 
 NEAREST = 0.5  # m
 

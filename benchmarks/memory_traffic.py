@@ -27,9 +27,9 @@ from time import perf_counter
 import numpy as np
 
 from slamgauge import simulate
-from slamgauge.compare.bench.bench import workload
+from slamgauge.compare.bench.step_times import workload
 from slamgauge.ekf import ekf
-from slamgauge.ekf.maps.rules import BLOCK
+from slamgauge.ekf.maps.correction_table import BLOCK
 
 
 def bandwidth() -> float:

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge import Recording, find_noise, load_scenario, simulate
-from slamgauge.compare.noise.finding import Supported
+from slamgauge.compare.noise.estimation import Supported
 from slamgauge.compare.studies.executors import local_processes
 
 SCENARIOS = ("q1-long-dense", "q1-short-dense")

@@ -23,12 +23,12 @@ import gtsam
 
 from slamgauge import Recording, simulate
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.bench.bench import workload
-from slamgauge.graph_baseline.descent import Minimum, approach, settle
-from slamgauge.graph_baseline.factors import first_sights
+from slamgauge.compare.bench.step_times import workload
+from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, approach, settle
+from slamgauge.graph_baseline.problem.preparation import first_sights
 from slamgauge.graph_baseline.gtsam_graph import LENT_SLIP, build_graph, make_values
-from slamgauge.graph_baseline.search import searched
-from slamgauge.graph_baseline.smoother import solve_at
+from slamgauge.graph_baseline.solver.multistart import searched
+from slamgauge.graph_baseline.solver.smoother import solve_at
 from slamgauge.se2 import chain
 
 Arguments = ParamSpec("Arguments")

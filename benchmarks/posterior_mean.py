@@ -30,15 +30,15 @@ from slamgauge import Recording, load_scenario, local_processes, simulate
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.intervals import ratio_interval
-from slamgauge.compare.studies.run import run_seed
-from slamgauge.correlations import square_roots
+from slamgauge.compare.studies.study_run import run_seed
+from slamgauge.covariances import square_roots
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch
-from slamgauge.graph_baseline.free_noise import FreeNoise
-from slamgauge.graph_baseline.linearisation import linearise, whitened_residuals
-from slamgauge.graph_baseline.moving import driven
-from slamgauge.graph_baseline.scans import NOT_DAMPED
-from slamgauge.graph_baseline.smoother import damped_step
+from slamgauge.graph_baseline.problem.constrained_motion import FreeNoise
+from slamgauge.graph_baseline.problem.linearisation import linearise, whitened_residuals
+from slamgauge.graph_baseline.problem.retraction import driven
+from slamgauge.graph_baseline.solver.reduced_scans import NOT_DAMPED
+from slamgauge.graph_baseline.solver.smoother import damped_step
 from slamgauge.se2 import wrap
 
 BURN_IN = 0.25  # of the samples, before them; the walk's stride is fitted meanwhile

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge import Rays, Scenario, evaluate, load_scenario, simulate
-from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.ekf.estimators import riekf
 
 CHOICES = [

@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # Python may be told not to look
 from referees.map_scale import too_large
 
 from slamgauge import Estimate, Recording, Truth, batch, load_scenario, simulate
-from slamgauge.compare.scenarios.observing import Streams, observe
+from slamgauge.compare.scenarios.observation_simulation import Streams, observe
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.ekf.estimators import ekf, iekf, riekf
 from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth

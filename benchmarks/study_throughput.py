@@ -19,7 +19,7 @@ pin_blas_threads()
 
 from slamgauge import load_estimators, load_scenario, simulate
 from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.studies.run import run_once, run_seed
+from slamgauge.compare.studies.study_run import run_once, run_seed
 from slamgauge.compare.studies.study import run_study
 
 NAMES = ("ekf", "riekf")

@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from slamgauge.ekf import estimators
-    from slamgauge.ekf.association import AssociatingFilter
+    from slamgauge.ekf.associating_filter import AssociatingFilter
     from slamgauge.ekf.bearings.bearing_filter import BearingFilter
-    from slamgauge.ekf.compressed import CompressedFilter
+    from slamgauge.ekf.advanced.compressed_filter import CompressedFilter
     from slamgauge.ekf.estimators import *
-    from slamgauge.ekf.filter import SlamFilter
-    from slamgauge.ekf.online import OnlineFilter
+    from slamgauge.ekf.slam_filter import SlamFilter
+    from slamgauge.ekf.online_filter import OnlineFilter
     from slamgauge.ekf.settings.association import Association, MapManagement
     from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
     from slamgauge.ekf.settings.robustness import Robustness
-    from slamgauge.ekf.window_filter import SlidingWindowFilter
+    from slamgauge.ekf.advanced.sliding_window import SlidingWindowFilter
 
     __all__ = [
         "AssociatingFilter",

@@ -10,23 +10,23 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, distinct, freeze
-from slamgauge.ekf.association import AssociatingFilter
+from slamgauge.ekf.associating_filter import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
-from slamgauge.ekf.compressed import CompressedFilter
-from slamgauge.ekf.filter import SlamFilter
+from slamgauge.ekf.advanced.compressed_filter import CompressedFilter
+from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.ekf.given_ids import GivenIds
 from slamgauge.ekf.history import History
-from slamgauge.ekf.large_maps import area_that_pays
-from slamgauge.ekf.maps.checks import without_rounding
-from slamgauge.ekf.maps.rules import CORRECTIONS, TABLE, Correction
-from slamgauge.ekf.numpy_filter import MovingBelief, NumpyFilter
-from slamgauge.ekf.online import OnlineFilter
-from slamgauge.ekf.robocentric import RobocentricBelief
+from slamgauge.ekf.advanced.area_radius import area_that_pays
+from slamgauge.ekf.maps.input_checks import without_rounding
+from slamgauge.ekf.maps.correction_table import CORRECTIONS, TABLE, Correction
+from slamgauge.ekf.advanced.numpy_filter import MovingBelief, NumpyFilter
+from slamgauge.ekf.online_filter import OnlineFilter
+from slamgauge.ekf.advanced.robocentric import RobocentricBelief
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.ekf.settings.initialisation import Initialisation, Rays
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
-from slamgauge.ekf.sigma_points import InvariantBelief
-from slamgauge.ekf.window_filter import KEPT, LAG, SlidingWindowFilter
+from slamgauge.ekf.advanced.sigma_points import InvariantBelief
+from slamgauge.ekf.advanced.sliding_window import KEPT, LAG, SlidingWindowFilter
 from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
 from slamgauge.notices import tell_once

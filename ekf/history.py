@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamgauge.ekf.maps.checks import without_rounding
+from slamgauge.ekf.maps.input_checks import without_rounding
 from slamgauge.ekf.maps.members import Members, joined
-from slamgauge.ekf.online import OnlineFilter
+from slamgauge.ekf.online_filter import OnlineFilter
 from slamgauge.estimate import MapHistory
 
 

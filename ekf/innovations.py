@@ -1,7 +1,7 @@
 """The innovations of a log: what the right-invariant filter did not foresee, and how likely that was.
 
 The filter is `riekf` with a weight for each row of an observation where there are outliers (see
-`kernels.rows_with_tails`); without outliers it is `riekf` itself.
+`kernels.outlier_likelihood`); without outliers it is `riekf` itself.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compiling import announced
+from slamgauge.compile_progress import announced
 from slamgauge.ekf.kernels.belief import allocate_belief
-from slamgauge.ekf.kernels.evidence import WHOLE, Measured, Order, run_log
+from slamgauge.ekf.kernels.log_likelihood import WHOLE, Measured, Order, run_log
 from slamgauge.ekf.kernels.models import SENSOR_CODES
-from slamgauge.ekf.kernels.rows_with_tails import GAUSSIAN, MIXTURE, STUDENT_T, Rows, Tails, weigh
+from slamgauge.ekf.kernels.outlier_likelihood import GAUSSIAN, MIXTURE, STUDENT_T, Rows, Tails, weigh
 from slamgauge.ekf.kernels.workspace import allocate
-from slamgauge.ekf.maps.checks import start_of
-from slamgauge.ekf.maps.rules import BLOCK
+from slamgauge.ekf.maps.input_checks import start_of
+from slamgauge.ekf.maps.correction_table import BLOCK
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 

@@ -4,9 +4,9 @@ from slamgauge.graph_baseline.bound import causal_bound, hindsight_bound
 from slamgauge.graph_baseline.causal import isam2
 from slamgauge.graph_baseline.fixed_lag import fixed_lag
 from slamgauge.graph_baseline.hindsight import batch
-from slamgauge.graph_baseline.linearisation import cost
+from slamgauge.graph_baseline.problem.linearisation import cost
 from slamgauge.graph_baseline.robust import robust_batch
-from slamgauge.graph_baseline.undetermined import UndeterminedError
+from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 
 __all__ = [
     "UndeterminedError",

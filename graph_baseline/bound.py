@@ -18,12 +18,12 @@ from scipy.linalg import get_lapack_funcs
 
 from slamgauge.arrays import Float
 from slamgauge.errors import UserError
-from slamgauge.graph_baseline.demand import require_room
-from slamgauge.graph_baseline.factors import MAX_LANDMARK_SIGMA, are_seen_again
-from slamgauge.graph_baseline.linearisation import LinearModel, linearise
-from slamgauge.graph_baseline.scans import NOT_DAMPED, compressed_scans, filter_covariances, filter_maps
-from slamgauge.graph_baseline.smoother import solve
-from slamgauge.graph_baseline.warm_up import compile_graphs_once
+from slamgauge.graph_baseline.solver.cost_estimate import require_room
+from slamgauge.graph_baseline.problem.preparation import MAX_LANDMARK_SIGMA, are_seen_again
+from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
+from slamgauge.graph_baseline.solver.reduced_scans import NOT_DAMPED, compressed_scans, filter_covariances, filter_maps
+from slamgauge.graph_baseline.solver.smoother import solve
+from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation
 from slamgauge.truth import Truth

@@ -13,14 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.correlations import without_negative_eigenvalues
+from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.demand import require_room, tell_if_long
-from slamgauge.graph_baseline.factors import among_mapped, relative_to_start, require_known_landmarks
-from slamgauge.graph_baseline.growing import SHORT, GrowingOptimum
+from slamgauge.graph_baseline.solver.cost_estimate import require_room, tell_if_long
+from slamgauge.graph_baseline.problem.preparation import among_mapped, relative_to_start, require_known_landmarks
+from slamgauge.graph_baseline.solver.incremental import SHORT, GrowingOptimum
 from slamgauge.graph_baseline.hindsight import batch, optimum_from, optimum_near, optimum_of_bearings
-from slamgauge.graph_baseline.search import chi_square_of
-from slamgauge.graph_baseline.undetermined import UndeterminedError
+from slamgauge.graph_baseline.solver.multistart import chi_square_of
+from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 

@@ -14,14 +14,14 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.graph_baseline.factors import (
+from slamgauge.graph_baseline.problem.preparation import (
     as_range_bearing,
     first_sights,
     prior_cov_in_body,
     require_known_landmarks,
     require_placeable,
 )
-from slamgauge.graph_baseline.undetermined import explained
+from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 
 # Lent to a motion direction of zero variance, as a share of the largest standard deviation of its step

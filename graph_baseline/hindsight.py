@@ -22,19 +22,19 @@ from contextlib import suppress
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.correlations import without_negative_eigenvalues
+from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.demand import require_room
-from slamgauge.graph_baseline.descent import Minimum
-from slamgauge.graph_baseline.factors import (
+from slamgauge.graph_baseline.solver.cost_estimate import require_room
+from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum
+from slamgauge.graph_baseline.problem.preparation import (
     among_mapped,
     first_sights,
     landmarks_at_first_sight,
     relative_to_start,
     require_known_landmarks,
 )
-from slamgauge.graph_baseline.growing import GrowingOptimum
-from slamgauge.graph_baseline.search import (
+from slamgauge.graph_baseline.solver.incremental import GrowingOptimum
+from slamgauge.graph_baseline.solver.multistart import (
     Start,
     degrees_of_freedom,
     grown,
@@ -43,7 +43,7 @@ from slamgauge.graph_baseline.search import (
     searched,
     softened,
 )
-from slamgauge.graph_baseline.undetermined import UndeterminedError
+from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 

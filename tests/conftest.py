@@ -10,7 +10,7 @@ from pathlib import Path
 import lighter
 import pytest
 
-from slamgauge import compiling
+from slamgauge import compile_progress
 from slamgauge.compare.cli import terminal
 
 HERE = Path(__file__).parent
@@ -55,7 +55,7 @@ def whole_lines(monkeypatch: pytest.MonkeyPatch):
 @pytest.fixture(autouse=True)
 def silent_compiler(monkeypatch: pytest.MonkeyPatch):
     """How long kernels take to load is the machine's affair; `slamgauge/test_compiling.py` tests what is said of it."""
-    monkeypatch.setattr(compiling, "ANNOUNCE_AFTER", 3600.0)
+    monkeypatch.setattr(compile_progress, "ANNOUNCE_AFTER", 3600.0)
 
 
 @pytest.fixture

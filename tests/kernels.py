@@ -9,7 +9,7 @@ from slamgauge.ekf.kernels.warm_up import (
     compile_sights_once,
     compile_window_once,
 )
-from slamgauge.graph_baseline.warm_up import compile_graphs_once
+from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 
 if __name__ == "__main__":
     compile_once()

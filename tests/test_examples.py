@@ -16,7 +16,7 @@ from scipy.stats import chi2
 from slamgauge.compare.storage.files import load_recording
 from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_bearings_once, compile_once
 from slamgauge.graph_baseline import batch
-from slamgauge.graph_baseline.warm_up import compile_graphs_once
+from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

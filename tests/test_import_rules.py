@@ -39,9 +39,9 @@ ROOMS = {
 # beyond the standard library and slamgauge itself
 LIBRARIES = {
     "slamgauge": {"numpy"},
-    "slamgauge.compiled": {"numba"},
-    "slamgauge.facts": {"numpy", "pandas"},
-    "slamgauge.kept_code": {"numba"},
+    "slamgauge.jit": {"numba"},
+    "slamgauge.display": {"numpy", "pandas"},
+    "slamgauge.kernel_cache": {"numba"},
     "slamgauge.ekf": {"numpy", "scipy"},
     "slamgauge.ekf.kernels.blas": {"numba", "llvmlite"},
     "slamgauge.graph_baseline": {"numpy", "scipy", "gtsam"},

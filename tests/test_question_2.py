@@ -13,7 +13,7 @@ import pytest
 from questions import Expected, graded_scores, scores
 
 from slamgauge import Association, MapManagement, Score, assert_error_bounds, load_scenario, riekf, simulate
-from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.study_run import run_seed
 
 FILTERS = ("ekf", "riekf")
 RUNS = 24  # without the optimum; seeds 0 ..

@@ -21,7 +21,7 @@ from referees.extended import DIGITS_GAINED, Long, Path, as_long, extended, long
 from referees.verdicts import FILTER_BAR, Outcome, attempt
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter, ekf, fej_ekf, iekf, oc_ekf, riekf
-from slamgauge.ekf.maps.rules import Correction
+from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording

@@ -23,9 +23,9 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf import riekf
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, hindsight, isam2
-from slamgauge.graph_baseline.factors import in_frame_of_start
-from slamgauge.graph_baseline.growing import GrowingOptimum
-from slamgauge.graph_baseline.undetermined import UndeterminedError
+from slamgauge.graph_baseline.problem.preparation import in_frame_of_start
+from slamgauge.graph_baseline.solver.incremental import GrowingOptimum
+from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, wrap
 

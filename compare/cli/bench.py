@@ -41,8 +41,8 @@ class Bench:
 
     def __call__(self) -> int:
         """Measure, print and, if asked to, write; the exit status."""
-        from slamgauge.compare.bench.bench import bench_table, require_time_for_bench, run_bench
-        from slamgauge.compare.estimators.asked import ask
+        from slamgauge.compare.bench.step_times import bench_table, require_time_for_bench, run_bench
+        from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.storage.files import write_json
         from slamgauge.compare.storage.result_files import BENCH, BENCH_FILES
 

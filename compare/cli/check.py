@@ -37,7 +37,7 @@ class Check:
     def __call__(self) -> int:
         """Judge and print; the exit status."""
         from slamgauge.compare.checks.examination import check_estimator, verdicts_json, verdicts_table
-        from slamgauge.compare.estimators.asked import Isolation, ask, isolated
+        from slamgauge.compare.estimators.requests import Isolation, ask, isolated
         from slamgauge.compare.estimators.loading import load
 
         if self.seed < 0:

@@ -22,7 +22,7 @@ EXTRAS = ("distributed",)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
 WARM_UPS = {  # module and function that make kernels ready
     "filter": ("slamgauge.ekf.kernels.warm_up", "compile_once"),
-    "graph": ("slamgauge.graph_baseline.warm_up", "compile_graphs_once"),
+    "graph": ("slamgauge.graph_baseline.solver.warm_up", "compile_graphs_once"),
 }
 MISSING, BROKEN = "missing", "broken: "
 MEGABYTE, GIGABYTE = 1e6, 1e9
@@ -113,7 +113,7 @@ def _warm(module: str, warm_up: str) -> Callable[[], str]:
 
 
 def _kept() -> str:
-    from slamgauge.kept_code import kept_files
+    from slamgauge.kernel_cache import kept_files
 
     kept = kept_files()
     sizes = [file.stat().st_size for files in kept.values() for file in files]
@@ -131,6 +131,6 @@ def _clear() -> int:
     """Remove all kernels' machine code from the disk; how many files are gone."""
     for module, _ in WARM_UPS.values():  # each imports kernels of its folder
         importlib.import_module(module)
-    from slamgauge.kept_code import clear_kept
+    from slamgauge.kernel_cache import clear_kept
 
     return clear_kept()

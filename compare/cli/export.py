@@ -14,7 +14,7 @@ from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
     from slamgauge.arrays import Float
-    from slamgauge.compare.figures.sheet import Format
+    from slamgauge.compare.figures.figure_size import Format
     from slamgauge.estimate import Estimate
     from slamgauge.recording import Recording
     from slamgauge.truth import Truth
@@ -94,8 +94,8 @@ class Export:
 
     def _write_figures(self, form: Format) -> None:
         """Draw the figures of a folder of results."""
-        from slamgauge.compare.figures.from_results import drawings_of
-        from slamgauge.compare.figures.sheet import Sheet, printed_on
+        from slamgauge.compare.figures.redraw import drawings_of
+        from slamgauge.compare.figures.figure_size import Sheet, printed_on
         from slamgauge.compare.storage.staged_folder import staged_folder
 
         drawings = drawings_of(self.path, split_names(self.estimators), self.band)
@@ -128,7 +128,7 @@ class Export:
 
     def _write_records(self) -> None:
         """Write recordings and estimates."""
-        from slamgauge.compare.datasets.imported import of_file
+        from slamgauge.compare.datasets.imported_log import of_file
         from slamgauge.compare.storage.staged_folder import staged_folder
 
         if self.lend is not None and not 0.0 < self.lend < 1.0:

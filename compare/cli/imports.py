@@ -19,7 +19,7 @@ from slamgauge.compare.cli.options import (
 from slamgauge.compare.storage.result_files import MAPPING, RECORDING, TRUTH
 
 if TYPE_CHECKING:
-    from slamgauge.compare.datasets.imported import Imported
+    from slamgauge.compare.datasets.imported_log import Imported
 
 
 IMPORTED = (RECORDING, TRUTH, MAPPING)
@@ -208,7 +208,7 @@ class VictoriaPark:
 
     def __call__(self) -> None:
         """Read and store."""
-        from slamgauge.compare.datasets.imported import Imported
+        from slamgauge.compare.datasets.imported_log import Imported
         from slamgauge.compare.datasets.victoria_park import read_victoria_park
 
         _store(self.out, Imported(read_victoria_park(self.path, max_range=self.max_range), None, ()))
@@ -232,7 +232,7 @@ class LostInTheWoods:
 
     def __call__(self) -> None:
         """Read and store."""
-        from slamgauge.compare.datasets.imported import Imported
+        from slamgauge.compare.datasets.imported_log import Imported
         from slamgauge.compare.datasets.lost_in_the_woods import read_lost_in_the_woods
 
         recording, truth = read_lost_in_the_woods(self.path, max_range=self.max_range, lateral_slip=self.lateral_slip)

@@ -46,9 +46,9 @@ class Noise:
 
     def __call__(self) -> int:
         """Find, print and, if asked to, write; the exit status."""
-        from slamgauge.compare.noise.finding import find_noise
+        from slamgauge.compare.noise.estimation import find_noise
         from slamgauge.compare.noise.noise_json import noise_json
-        from slamgauge.compare.noise.words import noise_table
+        from slamgauge.compare.noise.report_text import noise_table
         from slamgauge.compare.scoring.comparison import digest
         from slamgauge.compare.storage.files import load_recording, save, write_json
         from slamgauge.compare.storage.result_files import NOISE, NOISE_FILES

@@ -21,7 +21,7 @@ from slamgauge.errors import UserError
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from slamgauge.compare.estimators.asked import Asked
+    from slamgauge.compare.estimators.requests import Asked
     from slamgauge.compare.scenarios.scenario import Scenario
 
 OWN = "Your own: [LABEL=]FILE.py:callable or [LABEL=]package.module:callable. THIS LOADS AND RUNS THAT CODE."
@@ -52,7 +52,7 @@ class OwnCode:
 
     def kept_apart(self, asked: list[Asked]) -> list[Asked]:
         """People's own code in processes of its own, if it is to be strict or has a time-out."""
-        from slamgauge.compare.estimators.asked import Isolation, isolated
+        from slamgauge.compare.estimators.requests import Isolation, isolated
 
         if not self.strict and self.timeout is None:
             return asked
@@ -135,7 +135,7 @@ def results_folder(
 
 def named_after(out: Path, source: str | Path) -> Path:
     """A default of --out with NAME in it, for the scenario, file or folder that `source` is."""
-    from slamgauge.compare.storage.names import file_name
+    from slamgauge.compare.storage.safe_names import file_name
 
     name = Path(source).resolve().name.removesuffix(".toml").removesuffix(".npz")
     return Path(str(out).replace("NAME", file_name(name)))

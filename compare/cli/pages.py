@@ -32,7 +32,7 @@ def write_page(out: Path | None, beside: str, page: PageOptions) -> bool:
     if out is None or page.no_report:
         return True
     from slamgauge.compare.report.publishing import write_pages
-    from slamgauge.compare.storage.decorations import decorate
+    from slamgauge.compare.storage.best_effort import decorate
 
     drawn = decorate(out, beside, {"report": lambda stage: write_pages(stage, out, beside)}, [REPORT])
     if drawn and page.open:

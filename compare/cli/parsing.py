@@ -14,7 +14,7 @@ from typing import Annotated, Any, Protocol, Union
 import tyro
 
 from slamgauge.errors import UserError
-from slamgauge.near_names import did_you_mean, near_names
+from slamgauge.suggestions import did_you_mean, near_names
 
 
 class Command(Protocol):

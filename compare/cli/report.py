@@ -8,7 +8,7 @@ from pathlib import Path
 
 import tyro
 
-from slamgauge.compare.cli.one_run import Run
+from slamgauge.compare.cli.run import Run
 from slamgauge.compare.cli.options import Folder
 from slamgauge.compare.cli.pages import Open, open_page
 from slamgauge.compare.storage.result_files import REPORT
@@ -36,7 +36,7 @@ class Report:
 
     def __call__(self) -> int:
         """Write and, if asked to, open the page; the exit status."""
-        from slamgauge.compare.report.practical import QUESTIONS
+        from slamgauge.compare.report.exercise import QUESTIONS
         from slamgauge.compare.report.publishing import publish_question, publish_report
 
         name, folder, status = str(self.what), self.what, 0

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.lines import REMARKS, Line, read_lines
-from slamgauge.compare.datasets.mapping import UNITS, Columns
+from slamgauge.compare.datasets.text_lines import REMARKS, Line, read_lines
+from slamgauge.compare.datasets.csv_mapping import UNITS, Columns
 from slamgauge.errors import UserError
-from slamgauge.near_names import did_you_mean
+from slamgauge.suggestions import did_you_mean
 
 KINDS: dict[str, tuple[str, ...]] = {
     "increments": ("stamp", "dx", "dy", "dtheta"),

@@ -16,10 +16,10 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.datasets.csv_columns import Source, Table, read_columns, require_known
-from slamgauge.compare.datasets.imported import Imported, diagonal_covariances, identified, of_file
-from slamgauge.compare.datasets.lines import require_order, require_ranges
-from slamgauge.compare.datasets.mapping import LogMapping, ObservationsTable, OdometryTable, load_mapping
-from slamgauge.compare.datasets.timeline import (
+from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, identified, of_file
+from slamgauge.compare.datasets.text_lines import require_order, require_ranges
+from slamgauge.compare.datasets.csv_mapping import LogMapping, ObservationsTable, OdometryTable, load_mapping
+from slamgauge.compare.datasets.synchronisation import (
     Odometry,
     constant_twist,
     interpolated,

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.imported import Imported, identified, of_file, require_covariances
-from slamgauge.compare.datasets.lines import Line, read_lines
+from slamgauge.compare.datasets.imported_log import Imported, identified, of_file, require_covariances
+from slamgauge.compare.datasets.text_lines import Line, read_lines
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.imported import Imported, diagonal_covariances, of_file, require_sigmas
-from slamgauge.compare.datasets.lines import Line, read_lines, read_table
+from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, of_file, require_sigmas
+from slamgauge.compare.datasets.text_lines import Line, read_lines, read_table
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap

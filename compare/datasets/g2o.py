@@ -32,13 +32,13 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.datasets.imported import Imported, diagonal_covariances, of_file, require_covariances
-from slamgauge.compare.datasets.lines import Line, read_lines
+from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, of_file, require_covariances
+from slamgauge.compare.datasets.text_lines import Line, read_lines
 from slamgauge.compare.datasets.pose_chain import Edges, chained
-from slamgauge.compare.storage.triangles import from_triangles
-from slamgauge.correlations import inverted
+from slamgauge.compare.storage.covariance_columns import from_triangles
+from slamgauge.covariances import inverted
 from slamgauge.errors import UserError
-from slamgauge.near_names import did_you_mean
+from slamgauge.suggestions import did_you_mean
 from slamgauge.recording import Recording, Sensor
 from slamgauge.se2 import rotation, wrap
 

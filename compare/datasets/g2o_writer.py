@@ -15,12 +15,12 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.storage.triangles import upper_triangles
-from slamgauge.correlations import inverted, scale_of
+from slamgauge.compare.storage.covariance_columns import upper_triangles
+from slamgauge.covariances import inverted, scale_of
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation
-from slamgauge.sights import positions_seen
+from slamgauge.back_projection import positions_seen
 
 
 def write_g2o(path: Path, recording: Recording, *, lend: float | None = None) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.imported import require_max_range, require_sigmas
+from slamgauge.compare.datasets.imported_log import require_max_range, require_sigmas
 from slamgauge.compare.datasets.mat_arrays import read_mat
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording

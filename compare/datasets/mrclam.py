@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.datasets.imported import Imported, diagonal_covariances, of_file, require_sigmas
-from slamgauge.compare.datasets.lines import Line, read_table, require_order, require_ranges
-from slamgauge.compare.datasets.timeline import (
+from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, of_file, require_sigmas
+from slamgauge.compare.datasets.text_lines import Line, read_table, require_order, require_ranges
+from slamgauge.compare.datasets.synchronisation import (
     Odometry,
     constant_twist,
     interpolated,

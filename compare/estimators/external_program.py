@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgauge.compare.estimators.own import OwnCodeError
+from slamgauge.compare.estimators.user_code import OwnCodeError
 from slamgauge.compare.storage.csv_folder import read_estimate_csv, write_recording_csv
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind

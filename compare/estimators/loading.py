@@ -11,11 +11,11 @@ import numpy as np
 
 from slamgauge.arrays import Marks
 from slamgauge.compare.estimators.adapters import adapt, adapted
-from slamgauge.compare.estimators.asked import Asked, Chosen, Isolation, ask
-from slamgauge.compare.estimators.isolated import Isolated, Spent
-from slamgauge.compare.estimators.own import Address
+from slamgauge.compare.estimators.requests import Asked, Chosen, Isolation, ask
+from slamgauge.compare.estimators.isolated_process import Isolated, Spent
+from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
-from slamgauge.compare.estimators.strict import Strict
+from slamgauge.compare.estimators.causality_check import Strict
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.ekf.settings.initialisation import Initialisation
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness

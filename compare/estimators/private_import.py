@@ -27,7 +27,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from weakref import WeakValueDictionary
 
-from slamgauge.compare.estimators.quiet_import import hold_windows
+from slamgauge.compare.estimators.headless_import import hold_windows
 
 PREFIX = "_slamgauge_own_"
 OURS = "slamgauge"  # what people import by this name is always this program

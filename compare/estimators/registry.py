@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 from slamgauge.errors import UserError
-from slamgauge.near_names import did_you_mean
+from slamgauge.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,7 +45,7 @@ class Entry:
         kind: of its estimates; None where only they can tell.
         note: what it is, in a word or two for help texts.
         is_filter: whether it takes a filter's settings: how it associates, how landmarks begin, at how many steps it
-            keeps its map. Its rule of correction is that of `ekf.maps.rules` for this name.
+            keeps its map. Its rule of correction is that of `ekf.maps.correction_table` for this name.
         is_graph: whether it can be told associations, as in `isam2@ekf`.
         is_yardstick: whether it is the optimum that estimates of its kind are compared with. It is told true
             noise and associations, as nobody else.

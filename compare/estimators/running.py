@@ -10,9 +10,9 @@ from typing import cast
 
 import numpy as np
 
-from slamgauge.compare.estimators.isolated import OverdueError
+from slamgauge.compare.estimators.isolated_process import OverdueError
 from slamgauge.compare.estimators.loading import entry_behind, spent_by
-from slamgauge.compare.estimators.own import reason_of
+from slamgauge.compare.estimators.user_code import reason_of
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording

@@ -10,8 +10,8 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from slamgauge.compare.figures.plot_style import LEGEND, PRINT, WRAPPED, logarithmic, styles
-from slamgauge.compare.figures.sheet import save_printed, sheet
-from slamgauge.compare.storage.names import math_text
+from slamgauge.compare.figures.figure_size import save_printed, sheet
+from slamgauge.compare.storage.safe_names import math_text
 
 PANELS = (("translation_m", "error of the motion [m]"), ("heading_rad", "error of the turn [rad]"))
 

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, logarithmic
-from slamgauge.compare.figures.sheet import save_printed, sheet
+from slamgauge.compare.figures.figure_size import save_printed, sheet
 from slamgauge.compare.noise.noise_json import supported
-from slamgauge.compare.noise.words import verdict
+from slamgauge.compare.noise.report_text import verdict
 
 BEFORE, AFTER = "#EE7733", "#0077BB"
 LOOKS: dict[str, dict[str, Any]] = {  # of what noise.json has of both

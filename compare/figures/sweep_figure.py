@@ -20,10 +20,10 @@ from slamgauge.compare.figures.plot_style import (
     logarithmic,
     styles,
 )
-from slamgauge.compare.figures.sheet import save_printed, sheet
+from slamgauge.compare.figures.figure_size import save_printed, sheet
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import at_places, distance_in_runs
-from slamgauge.compare.storage.names import math_text
+from slamgauge.compare.storage.safe_names import math_text
 from slamgauge.compare.studies.sweep import Sweep, shares_in_doubt
 
 PANELS = (

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from slamgauge.compare.estimators.isolated import printable
-from slamgauge.compare.estimators.own import Address
+from slamgauge.compare.estimators.isolated_process import printable
+from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.estimators.sources import sources_of
 from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Int
-from slamgauge.compare.noise.model import NoiseModel
+from slamgauge.compare.noise.innovation_model import NoiseModel
 from slamgauge.compare.noise.outliers import fit
-from slamgauge.compare.noise.told import Told
+from slamgauge.compare.noise.parameters import Told
 from slamgauge.ekf.estimators import riekf
 from slamgauge.ekf.settings.association import Association, MapManagement
 from slamgauge.errors import UserError

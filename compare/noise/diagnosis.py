@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri, ndtri_exp, stdtr
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.noise.model import Law, NoiseModel
+from slamgauge.compare.noise.innovation_model import Law, NoiseModel
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.ekf.innovations import Innovations
 

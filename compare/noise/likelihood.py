@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.noise.model import NoiseModel
+from slamgauge.compare.noise.innovation_model import NoiseModel
 from slamgauge.ekf.innovations import Innovations
 
 DIFFERENCE = 1e-4  # of a parameter: errors of the gradient are smaller than its chance by some 1e-3

@@ -7,10 +7,10 @@ from typing import Any
 
 from slamgauge.arrays import Float
 from slamgauge.compare.noise.diagnosis import Nis, normal_quantiles, quantiles
-from slamgauge.compare.noise.finding import Noise, Supported
-from slamgauge.compare.noise.told import UNITS
-from slamgauge.compare.noise.words import lines
-from slamgauge.compare.storage.origin import origin
+from slamgauge.compare.noise.estimation import Noise, Supported
+from slamgauge.compare.noise.parameters import UNITS
+from slamgauge.compare.noise.report_text import lines
+from slamgauge.compare.storage.provenance import origin
 
 
 def noise_json(noise: Noise) -> dict[str, Any]:

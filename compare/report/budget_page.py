@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
+from slamgauge.compare.report.page_elements import Cell, Head, Table, origin, pictures
 from slamgauge.compare.report.plain_page import figure_cell, from_to, plain_page
 from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.storage.files import read_json

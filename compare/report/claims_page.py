@@ -6,9 +6,9 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from slamgauge.compare.report.content import Cell, Head, Table, origin
+from slamgauge.compare.report.page_elements import Cell, Head, Table, origin
 from slamgauge.compare.report.plain_page import figure_cell, from_to, plain_page
-from slamgauge.compare.scoring.betting import POWER
+from slamgauge.compare.scoring.confidence_sequence import POWER
 from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import CLAIMS, REPORT

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from slamgauge.compare.report.content import Head
-from slamgauge.compare.report.content import Table as PageTable
+from slamgauge.compare.report.page_elements import Head
+from slamgauge.compare.report.page_elements import Table as PageTable
 from slamgauge.compare.scoring.catalogue import CATALOGUE, columns
-from slamgauge.compare.scoring.quantity import Table
+from slamgauge.compare.scoring.metric import Table
 
 HELP = {each.key: each.help for each in CATALOGUE}
 ESTIMATOR = Head("estimator", "who made the estimate", words=True)

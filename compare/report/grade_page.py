@@ -7,7 +7,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from slamgauge.compare.checks.examination import LAWS
-from slamgauge.compare.report.content import Cell, Head, Table, origin
+from slamgauge.compare.report.page_elements import Cell, Head, Table, origin
 from slamgauge.compare.report.plain_page import from_to, plain_page
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.result_files import GRADES, PAGES, REPORT

@@ -8,8 +8,8 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.figures.map_at_step import map_at
-from slamgauge.compare.figures.sightings import first_seen
-from slamgauge.compare.report.packing import pack
+from slamgauge.compare.figures.observed_landmarks import first_seen
+from slamgauge.compare.report.array_encoding import pack
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from slamgauge.compare.noise.noise_json import supported
-from slamgauge.compare.noise.words import systematic_verdict, verdict
-from slamgauge.compare.report.content import Cell, Head, Table, origin, pictures
+from slamgauge.compare.noise.report_text import systematic_verdict, verdict
+from slamgauge.compare.report.page_elements import Cell, Head, Table, origin, pictures
 from slamgauge.compare.report.plain_page import figure_cell, from_to, plain_page
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.result_files import NOISE, REPORT

@@ -18,7 +18,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from markupsafe import Markup
 
 from slamgauge import __version__
-from slamgauge.compare.storage.names import shown
+from slamgauge.compare.storage.safe_names import shown
 
 ASSETS = files("slamgauge.compare.report") / "assets"
 # in the order in which they build upon each other

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from slamgauge.compare.report.content import Cell, Picture, Table
+from slamgauge.compare.report.page_elements import Cell, Picture, Table
 from slamgauge.compare.report.glossary import glossary as explained
 from slamgauge.compare.report.page import render
 from slamgauge.compare.scoring.intervals import Interval

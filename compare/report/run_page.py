@@ -7,7 +7,7 @@ from typing import Any
 
 from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
-from slamgauge.compare.report.content import Cell, Head, Table, looks, origin, pictures, sized
+from slamgauge.compare.report.page_elements import Cell, Head, Table, looks, origin, pictures, sized
 from slamgauge.compare.report.glossary import ESTIMATOR, KIND, TERMS, figure_heads, glossary
 from slamgauge.compare.report.page import render
 from slamgauge.compare.report.replay_data import replay_data

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scenarios.derived import Number, Whole
+from slamgauge.compare.scenarios.settings_sections import Number, Whole
 from slamgauge.compare.scenarios.section import NonNegative, Section
 
 _TRIES = 1000  # places that are tried for a landmark before it is said that there is no room

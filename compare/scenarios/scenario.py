@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from slamgauge.compare.scenarios.landmarks import Landmarks, RandomLandmarks
-from slamgauge.compare.scenarios.motion import Motion
+from slamgauge.compare.scenarios.odometry_errors import Motion
 from slamgauge.compare.scenarios.schema import (
     Association,
     Assumed,
@@ -29,14 +29,14 @@ from slamgauge.compare.scenarios.schema import (
     Scenario,
     Update,
 )
-from slamgauge.compare.scenarios.sensor import Sensor
-from slamgauge.compare.scenarios.tables import FOLDER
+from slamgauge.compare.scenarios.sensor_errors import Sensor
+from slamgauge.compare.scenarios.csv_tables import FOLDER
 from slamgauge.compare.scenarios.trajectory import KINDS, Segment, kind_of
-from slamgauge.compare.storage.names import shown
+from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.toml_tables import Table, parse_toml
 from slamgauge.compare.storage.toml_tables import override as set_key
 from slamgauge.errors import UserError
-from slamgauge.near_names import did_you_mean, near_names
+from slamgauge.suggestions import did_you_mean, near_names
 
 __all__ = ["Scenario", "ScenarioError", "load_scenario", "shipped_scenarios"]
 

@@ -9,11 +9,11 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scenarios.derived import Number, Whole, rule_of, section_of
+from slamgauge.compare.scenarios.settings_sections import Number, Whole, rule_of, section_of
 from slamgauge.compare.scenarios.landmarks import Landmarks
-from slamgauge.compare.scenarios.motion import Motion, covs
+from slamgauge.compare.scenarios.odometry_errors import Motion, covs
 from slamgauge.compare.scenarios.section import NonNegative, Positive, Section
-from slamgauge.compare.scenarios.sensor import Sensor
+from slamgauge.compare.scenarios.sensor_errors import Sensor
 from slamgauge.compare.scenarios.trajectory import Csv, Trajectory
 from slamgauge.ekf.settings.association import Association as FilterAssociation
 from slamgauge.ekf.settings.association import MapManagement, Method
@@ -21,7 +21,7 @@ from slamgauge.ekf.settings.initialisation import Delayed as DelayedSettings
 from slamgauge.ekf.settings.initialisation import Initialisation, Rays
 from slamgauge.ekf.settings.initialisation import InverseDepth as InverseDepthSettings
 from slamgauge.ekf.settings.robustness import Robustness
-from slamgauge.ekf.settings.rules import fitted
+from slamgauge.ekf.settings.validation import fitted
 from slamgauge.errors import UserError
 from slamgauge.se2 import between
 from slamgauge.validation import as_covariances

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, freeze
-from slamgauge.compare.scenarios.motion import covs
-from slamgauge.compare.scenarios.observing import Observed, Streams, observe
+from slamgauge.compare.scenarios.odometry_errors import covs
+from slamgauge.compare.scenarios.observation_simulation import Observed, Streams, observe
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario
 from slamgauge.compare.scenarios.schema import Association, Assumed, Delayed, Fis, InverseDepth, Update
-from slamgauge.correlations import square_roots
+from slamgauge.covariances import square_roots
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from slamgauge.compare.schemas.of_others import bench, check, claims, doctor, grades, noise, scenarios
-from slamgauge.compare.schemas.of_runs import budget, metrics, summary, sweep
-from slamgauge.compare.schemas.parts import document
+from slamgauge.compare.schemas.command_schemas import bench, check, claims, doctor, grades, noise, scenarios
+from slamgauge.compare.schemas.run_schemas import budget, metrics, summary, sweep
+from slamgauge.compare.schemas.json_types import document
 
 SCHEMAS = {
     "metrics": document("metrics.json", "a run, by `run` and `evaluate`", metrics()),

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from typing import Any
 
 from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
-from slamgauge.compare.scoring import credibility, optimum_figures, verdicts
-from slamgauge.compare.scoring.over_runs import (
+from slamgauge.compare.scoring import coverage, optimum_figures, verdicts
+from slamgauge.compare.scoring.aggregation import (
     excess_over,
     final_sigma_ratio,
     late_coverage,
@@ -27,7 +27,7 @@ from slamgauge.compare.scoring.over_runs import (
     share_inside_band,
     total_nis,
 )
-from slamgauge.compare.scoring.quantity import Column, Quantity, Table
+from slamgauge.compare.scoring.metric import Column, Quantity, Table
 from slamgauge.compare.scoring.ray_figures import RayFigures
 from slamgauge.compare.scoring.relative_error import relative_errors
 from slamgauge.estimate import Estimate
@@ -104,14 +104,14 @@ CATALOGUE = (
         key="coverage_50",
         help="share of the positions inside their 50 % ellipses; of a study, from the 11th step on",
         scored=True,
-        measure=credibility.coverage_50,
+        measure=coverage.coverage_50,
         over_runs=late_coverage(0.5),
     ),
     Quantity(
         key="coverage_95",
         help="share of the positions inside their 95 % ellipses; of a study, from the 11th step on",
         scored=True,
-        measure=credibility.coverage_95,
+        measure=coverage.coverage_95,
         over_runs=late_coverage(0.95),
         column=Column(
             title="in 95% ellipse", form="{:.1%}", run=4, study=6, needs=(*TRUTH, "covariances", "late steps")
@@ -121,7 +121,7 @@ CATALOGUE = (
         key="coverage_99",
         help="share of the positions inside their 99 % ellipses; of a study, from the 11th step on",
         scored=True,
-        measure=credibility.coverage_99,
+        measure=coverage.coverage_99,
         over_runs=late_coverage(0.99),
     ),
     Quantity(
@@ -129,7 +129,7 @@ CATALOGUE = (
         help="mean over time of -log p of the true pose [m, m, rad] under the estimate's Gaussian, in nats per step",
         scored=True,
         stored=True,
-        measure=credibility.log_score,
+        measure=coverage.log_score,
         over_runs=mean_of("log_score"),
     ),
     Quantity(

@@ -28,12 +28,12 @@ from slamgauge.compare.scoring.optimum_notes import (
 from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell, marked
-from slamgauge.compare.scoring.too_good import WHY, is_too_near_the_truth
+from slamgauge.compare.scoring.implausible import WHY, is_too_near_the_truth
 from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
-from slamgauge.compare.storage.origin import origin
+from slamgauge.compare.storage.provenance import origin
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
-from slamgauge.facts import data_frame
+from slamgauge.display import data_frame
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth, require_same_run
 from slamgauge.validation import require_type

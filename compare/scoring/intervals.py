@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scoring.defined import number
+from slamgauge.compare.scoring.nan_stats import number
 
 LEVEL = 0.95
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, chunks, distinct
-from slamgauge.compare.scoring.defined import number
+from slamgauge.compare.scoring.nan_stats import number
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY, Truth
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.defined import mean
+from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, chunks
-from slamgauge.compare.scoring.defined import rms
+from slamgauge.compare.scoring.nan_stats import rms
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, wrap

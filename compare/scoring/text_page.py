@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from slamgauge.compare.scoring.text_table import aligned
-from slamgauge.facts import html_table
+from slamgauge.display import html_table
 
 Tone = Literal["plain", "head", "good", "bad", "faint"]
 Paint = Callable[[str, Tone], str]

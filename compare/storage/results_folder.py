@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, read_json
-from slamgauge.compare.storage.names import shown
+from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording

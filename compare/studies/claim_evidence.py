@@ -1,7 +1,7 @@
 """What the runs say of one ratio that a claim is about.
 
 The effect is the geometric mean of the ratio over runs, in which no run counts as farther off than by the claim's
-limit. Its interval is that of `scoring.betting`, corrected for the number of ratios (Bonferroni): with probability
+limit. Its interval is that of `scoring.confidence_sequence`, corrected for the number of ratios (Bonferroni): with probability
 1 - ALPHA all intervals hold, after any number of runs, so that a claim may be looked at again and again until it is
 decided.
 """
@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scoring.betting import location, log_wealth, lower_end, smallest_effect, upper_end
-from slamgauge.compare.scoring.defined import number
+from slamgauge.compare.scoring.confidence_sequence import location, log_wealth, lower_end, smallest_effect, upper_end
+from slamgauge.compare.scoring.nan_stats import number
 from slamgauge.compare.studies.claim_list import Claim
 
 ALPHA = 0.05

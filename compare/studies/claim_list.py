@@ -11,7 +11,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import CAUSAL
-from slamgauge.compare.scoring.over_runs import reported_sigma
+from slamgauge.compare.scoring.aggregation import reported_sigma
 from slamgauge.compare.scoring.runs import Runs
 
 FILTER, OPTIMUM = "ekf", CAUSAL  # the practical's filter, and the causal optimum

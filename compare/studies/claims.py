@@ -21,19 +21,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.asked import Asked, ask
+from slamgauge.compare.estimators.requests import Asked, ask
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.scenario_text import scenario_text
-from slamgauge.compare.scoring.defined import mean
+from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.optimum_notes import MARK, at_places
-from slamgauge.compare.scoring.over_runs import share_in_doubt
+from slamgauge.compare.scoring.aggregation import share_in_doubt
 from slamgauge.compare.scoring.runs import Runs, paired
 from slamgauge.compare.scoring.sequential import growing
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell, marked
 from slamgauge.compare.storage.files import write_json
 from slamgauge.compare.storage.manifest import require_free
-from slamgauge.compare.storage.origin import origin
+from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.storage.result_files import CLAIMS as CLAIMS_FILE
 from slamgauge.compare.storage.result_files import CLAIMS_FILES
 from slamgauge.compare.storage.staged_folder import staged_folder

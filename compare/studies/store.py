@@ -22,7 +22,7 @@ from slamgauge import __version__
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.catalogue import LATER, STORED
 from slamgauge.compare.scoring.runs import SERIES, Ates, Runs
-from slamgauge.compare.studies.run import Outcome
+from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.compare.studies.store_damage import (
     INSERT,
     TABLES,

@@ -9,7 +9,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.storage.names import shown
+from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.partial_folder import lock
 from slamgauge.compare.storage.result_files import LOCK
 from slamgauge.errors import UserError

@@ -10,8 +10,8 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
-from slamgauge.compare.estimators.asked import Asked, Chosen, ask, labels_among
-from slamgauge.compare.estimators.demand import require_room_for_runs
+from slamgauge.compare.estimators.requests import Asked, Chosen, ask, labels_among
+from slamgauge.compare.estimators.cost_estimate import require_room_for_runs
 from slamgauge.compare.scenarios.scenario import Scenario, sampled
 from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scoring.runs import Runs
@@ -20,7 +20,7 @@ from slamgauge.compare.storage.manifest import begin_file, require_free
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.result_files import STORE, STORE_FILES
 from slamgauge.compare.studies.executors import lost_worker
-from slamgauge.compare.studies.resolution import (
+from slamgauge.compare.studies.stopping_rule import (
     Pair,
     Precision,
     Until,
@@ -29,7 +29,7 @@ from slamgauge.compare.studies.resolution import (
     pairs_to_resolve,
     ratios_at,
 )
-from slamgauge.compare.studies.run import Outcome, run_once, run_seed
+from slamgauge.compare.studies.study_run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.store import StudyStore, begin_store, digest, open_store
 from slamgauge.compare.studies.store_damage import require_whole
 from slamgauge.compare.studies.store_file import sole_use

@@ -14,10 +14,10 @@ from slamgauge.compare.scoring.catalogue import CATALOGUE, columns
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.text_table import cell, interval_cell
 from slamgauge.compare.storage.files import read_json
-from slamgauge.compare.storage.names import shown
+from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.result_files import SUMMARY
 from slamgauge.errors import UserError
-from slamgauge.near_names import did_you_mean
+from slamgauge.suggestions import did_you_mean
 
 Form = Literal["csv", "latex", "markdown"]
 KEY_COLUMNS = 4  # the first ones of the printed table are what is written unless columns are chosen

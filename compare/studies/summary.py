@@ -12,17 +12,17 @@ from slamgauge.compare.scoring.empty_columns import empty_lines
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, mean_fit, misfits
-from slamgauge.compare.scoring.over_runs import BAND_LEVEL
-from slamgauge.compare.scoring.quantity import Table
+from slamgauge.compare.scoring.aggregation import BAND_LEVEL
+from slamgauge.compare.scoring.metric import Table
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell, interval_cell, marked
-from slamgauge.compare.scoring.too_good import beats_the_optimum
+from slamgauge.compare.scoring.implausible import beats_the_optimum
 from slamgauge.compare.scoring.verdicts import verdict_lines
-from slamgauge.compare.storage.origin import origin
-from slamgauge.compare.studies.resolution import Against, Precision, against_parts
-from slamgauge.facts import data_frame
+from slamgauge.compare.storage.provenance import origin
+from slamgauge.compare.studies.stopping_rule import Against, Precision, against_parts
+from slamgauge.display import data_frame
 
 
 @dataclass(frozen=True, kw_only=True)

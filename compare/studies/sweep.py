@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from slamgauge.compare.estimators.asked import Asked, Chosen, ask
+from slamgauge.compare.estimators.requests import Asked, Chosen, ask
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.scenario_text import scenario_text
@@ -19,7 +19,7 @@ from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.storage.files import read_json
 from slamgauge.compare.storage.manifest import require_folder, require_free
-from slamgauge.compare.storage.origin import origin
+from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.storage.result_files import OPTIMA, STORE_FILES, STUDY_FILES, SWEEP, SWEEP_FILES
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.stored_study import optima_beside

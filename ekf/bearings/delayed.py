@@ -25,8 +25,8 @@ import numpy as np
 from scipy.special import chdtri
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.bearings.gradient import bearing_gradient
-from slamgauge.ekf.maps.ids import Ids
+from slamgauge.ekf.bearings.bearing_jacobian import bearing_gradient
+from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.members import NO_MEMBERS, Members
 from slamgauge.ekf.settings.initialisation import FEWEST, Delayed

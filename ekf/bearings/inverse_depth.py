@@ -22,10 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.bearings.gradient import bearing_gradient
+from slamgauge.ekf.bearings.bearing_jacobian import bearing_gradient
 from slamgauge.ekf.bearings.ray_recorder import RayRecorder
 from slamgauge.ekf.kernels.models import MIN_BEARING_DISTANCE
-from slamgauge.ekf.maps.ids import Ids
+from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.members import NO_MEMBERS, Members
 from slamgauge.ekf.settings.initialisation import InverseDepth

@@ -2,12 +2,12 @@
 
 A bearing is as far from a ray as from the nearest of its members. `nearest-neighbour` then goes through the pairs of a
 scan, the nearest first, and takes those of which both are free; `jcbb` finds the pairs that are jointly compatible
-(`kernels.joint_search`), each ray standing for its member that is nearest to the bearing.
+(`kernels.joint_compatibility`), each ray standing for its member that is nearest to the bearing.
 
 With map management a ray must be seen often enough at first, or it was none, and one that is not seen for long is given
 up: it lies in the direction of whatever comes there next. `jcbb` leaves out bearings that are ambiguous, and those of a
 point that was not seen lately and whose direction is not known: they begin a ray, and where that becomes a point, the
-two are joined, all of a scan jointly (`maps.joining`). One rule for ranges does not hold here: a bearing that may be an
+two are joined, all of a scan jointly (`maps.duplicate_landmarks`). One rule for ranges does not hold here: a bearing that may be an
 outlier of a landmark begins a ray all the same (many landmarks lie in a direction, most of them out of reach, and would
 keep new ones from beginning).
 """
@@ -18,9 +18,9 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.ekf.kernels.compatibility import NONE, Pairs, keep_pairs
-from slamgauge.ekf.maps.ids import GONE, Ids, followed
-from slamgauge.ekf.maps.joining import find_matchings
+from slamgauge.ekf.kernels.individual_compatibility import NONE, Pairs, keep_pairs
+from slamgauge.ekf.maps.landmark_ids import GONE, Ids, followed
+from slamgauge.ekf.maps.duplicate_landmarks import find_matchings
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import Matcher
 from slamgauge.ekf.maps.scan_clock import ScanClock

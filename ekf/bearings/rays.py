@@ -21,7 +21,7 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.bearings.ray_recorder import RayRecorder
-from slamgauge.ekf.maps.ids import Ids
+from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import innovations
 from slamgauge.ekf.maps.members import NO_MEMBERS, Members

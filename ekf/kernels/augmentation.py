@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from slamgauge.arrays import Float
-from slamgauge.compiled import kernel
+from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.belief import Belief, resized
 from slamgauge.ekf.kernels.models import locate
 from slamgauge.ekf.kernels.workspace import Workspace

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Marks
-from slamgauge.compiled import kernel
+from slamgauge.jit import kernel
 
 ROBOT = 3  # entries of the robot: x, y, heading
 AT_POINT = 0  # form of Jacobians: as they are at a belief's `point`

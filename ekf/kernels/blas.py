@@ -16,7 +16,7 @@ from numba.core.types import ExternalFunction
 from numba.extending import get_cython_function_address
 
 from slamgauge.arrays import Float
-from slamgauge.compiled import kernel
+from slamgauge.jit import kernel
 
 
 def _fortran(library: str, routine: str, arguments: int) -> Callable[..., None]:

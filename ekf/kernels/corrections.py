@@ -1,6 +1,6 @@
 """What tells the filters apart: how the innovations of a step correct the state and its covariance.
 
-All start from the same additive correction, which `kernels.take_in` makes of a scan: dx = W'y and
+All start from the same additive correction, which `kernels.joint_update` makes of a scan: dx = W'y and
 P <- P - W'W, with the factor W of the gain and the whitened innovation y.
 
 The first-estimates filter is the standard one with Jacobians at another `point`: where a landmark was
@@ -11,7 +11,7 @@ The observability-constrained filter predicts with the same F, and so keeps the 
 estimate and then projected: the nearest matrix in Frobenius norm with H N = 0 (`linearisation.project_on_observable`).
 
 The iterated filter takes its Jacobians where its own correction leads, until that place stands still: see
-`kernels.iterated`.
+`kernels.iterated_update`.
 
 The right-invariant filter needs no other coordinates than these. Its error xi, with
 theta = theta^ + xi_theta and p = R(xi_theta) p^ + V(xi_theta) xi_p (landmarks likewise), is
@@ -38,13 +38,13 @@ import math
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compiled import kernel
+from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.blas import add_outer_pair
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.models import wrap
-from slamgauge.ekf.kernels.take_in import take_in
-from slamgauge.ekf.kernels.waiting import postpone
+from slamgauge.ekf.kernels.joint_update import take_in
+from slamgauge.ekf.kernels.deferred_downdate import postpone
 from slamgauge.ekf.kernels.workspace import CORRECTION, HEADING_ROW, MOVE, Workspace
 
 

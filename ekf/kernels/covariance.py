@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compiled import kernel
+from slamgauge.jit import kernel
 
 TILE = 64  # rows of `cov` that a strided pass keeps in cache
 ROUNDING = 1e-8  # of a correlation: ten times what `slamgauge.validation` allows, so that nothing it takes is refused

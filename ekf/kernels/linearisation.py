@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compiled import kernel
+from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import noise, projected
 from slamgauge.ekf.kernels.models import observe, wrap_innovation

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compiled import kernel
+from slamgauge.jit import kernel
 
 RANGE_BEARING = 0
 POSITION = 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from slamgauge.arrays import Int
-from slamgauge.compiled import kernel
+from slamgauge.jit import kernel
 
 
 @kernel

@@ -6,18 +6,19 @@ import functools
 
 import numpy as np
 
-from slamgauge.compiling import announced
-from slamgauge.ekf.kernels import compatibility, corrections, iterated, linear, map_edits, one_by_one, window
+from slamgauge.compile_progress import announced
+from slamgauge.ekf.advanced.window import kernels
+from slamgauge.ekf.kernels import corrections, individual_compatibility, iterated_update, linear_update, map_edits, sequential_association
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import Belief, allocate_belief
-from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
+from slamgauge.ekf.kernels.joint_compatibility import mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.linearisation import describe
 from slamgauge.ekf.kernels.models import locate_all, observe_all, wrap
 from slamgauge.ekf.kernels.prediction import is_semidefinite, predict
 from slamgauge.ekf.kernels.slots import find_slots
-from slamgauge.ekf.kernels.take_in import are_sound
-from slamgauge.ekf.kernels.waiting import settle
-from slamgauge.ekf.kernels.weighing import weigh
+from slamgauge.ekf.kernels.joint_update import are_sound
+from slamgauge.ekf.kernels.deferred_downdate import settle
+from slamgauge.ekf.kernels.student_t_weights import weigh
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
 from slamgauge.triangulation import triangulate
 
@@ -31,7 +32,7 @@ def compile_once() -> None:
         augment(0, belief._replace(size=3), 1, work)
         find_slots(work.ids, work.slots, work.ids, work.slots)
         weigh(0, belief, 1, work, np.empty((1, 2, 2)), 4.0)
-        for update in (corrections.update_standard, iterated.update_iterated, corrections.update_right_invariant):
+        for update in (corrections.update_standard, iterated_update.update_iterated, corrections.update_right_invariant):
             update(0, belief, 1, work)
         settle(belief.cov, belief.size, work.waiting)
 
@@ -41,12 +42,12 @@ def compile_association_once() -> None:
     """The same for the kernels of unknown association."""
     belief, work = _robot_and_landmark()
     values, covs, marks = np.array([[1.0, 0.0]]), np.eye(2)[None], np.zeros((2, 2), dtype=np.bool_)
-    pairs, quantiles = compatibility.allocate_pairs(1), np.array([0.0, 9.0])
+    pairs, quantiles = individual_compatibility.allocate_pairs(1), np.array([0.0, 9.0])
     with announced("association kernels"):
-        gates, form = one_by_one.Gates(9.0, 9.0), one_by_one.Sequential()
-        one_by_one.update_one_by_one(0, belief, 1, gates, form, work)
-        count = compatibility.find_compatible(0, belief, values, covs, 9.0, pairs)
-        compatibility.find_located(belief.cov, covs, pairs, count, 9.0, marks[0])
+        gates, form = sequential_association.Gates(9.0, 9.0), sequential_association.Sequential()
+        sequential_association.update_one_by_one(0, belief, 1, gates, form, work)
+        count = individual_compatibility.find_compatible(0, belief, values, covs, 9.0, pairs)
+        individual_compatibility.find_located(belief.cov, covs, pairs, count, 9.0, marks[0])
         search_jointly(belief.cov, covs, pairs, count, 9.0, quantiles, 1, work.slots)
         mark_ambiguous(belief.cov, covs, pairs, count, 9.0, 0.0, 1, work.slots, marks[0, :1])
         both = belief._replace(size=7)
@@ -64,9 +65,9 @@ def compile_bearings_once() -> None:
     columns, jacobian, one = np.arange(3), np.zeros((1, 3)), np.ones((1, 1))
     with announced("kernels of bearings alone"):
         describe(2, belief, 1, work, np.empty((1, 2, 2)))
-        linear.append_linear(belief._replace(size=3), columns, np.zeros((2, 3)), np.eye(2))
-        room = linear.Room(np.zeros((1, 7)), one.copy(), work.scratch[CORRECTION])
-        linear.take_in_linear(belief, columns, jacobian, np.zeros(1), one, room)
+        linear_update.append_linear(belief._replace(size=3), columns, np.zeros((2, 3)), np.eye(2))
+        room = linear_update.Room(np.zeros((1, 7)), one.copy(), work.scratch[CORRECTION])
+        linear_update.take_in_linear(belief, columns, jacobian, np.zeros(1), one, room)
         map_edits.remove_landmark(belief, 0)
         corrections.retract_standard(belief, work)
         corrections.retract_right_invariant(belief, work)
@@ -88,26 +89,26 @@ def compile_sights_once() -> None:
 def compile_window_once() -> None:
     """The same for the kernels of a sliding window."""
     A, b, rest = np.eye(5), np.zeros(5), np.array([1.0, 0.0])
-    prior = window.Prior(np.eye(5), np.zeros(5), np.zeros(5))
-    poses = window.Window(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3, 3)))
-    seen = window.Sights(np.array([0, 0, 1]), np.array([0]), np.array([[1.0, 0.0]]), np.eye(2)[None])
-    none = window.Sights(np.array([0]), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)))
-    work, step = window.allocate_pass(2, 5), np.zeros(5)
-    problem = window.Problem(0, prior, poses, seen, none, rest, 1)
+    prior = kernels.Prior(np.eye(5), np.zeros(5), np.zeros(5))
+    poses = kernels.Window(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3, 3)))
+    seen = kernels.Sights(np.array([0, 0, 1]), np.array([0]), np.array([[1.0, 0.0]]), np.eye(2)[None])
+    none = kernels.Sights(np.array([0]), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)))
+    work, step = kernels.allocate_pass(2, 5), np.zeros(5)
+    problem = kernels.Problem(0, prior, poses, seen, none, rest, 1)
     with announced("kernels of a sliding window"):
         is_semidefinite(np.zeros((3, 3)))
         are_sound(0, np.ones((1, 2)), np.eye(2)[None])
         locate_all(0, np.ones((1, 2)))
         triangulate(np.zeros((1, 3)), np.zeros(1), np.ones(1), 1.0)
-        window.sweep(problem, A, b, work)
-        window.solve(5, A, b, step, np.zeros((3, 3)))
-        window.go_back(poses, 5, step, work)
-        window.chain(poses)
-        window.cost(problem)
-        window.add_first(problem, A, b)
-        window.move_on(poses, 1, 5, A, b, work)
-        window.set_prior(poses.pose[1], rest, 1, A, b, prior)
-        window.rebase(prior, poses.pose[1], rest, 1)
+        kernels.sweep(problem, A, b, work)
+        kernels.solve(5, A, b, step, np.zeros((3, 3)))
+        kernels.go_back(poses, 5, step, work)
+        kernels.chain(poses)
+        kernels.cost(problem)
+        kernels.add_first(problem, A, b)
+        kernels.move_on(poses, 1, 5, A, b, work)
+        kernels.set_prior(poses.pose[1], rest, 1, A, b, prior)
+        kernels.rebase(prior, poses.pose[1], rest, 1)
 
 
 def _robot_and_landmark() -> tuple[Belief, Workspace]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.kernels.waiting import Waiting, allocate_waiting
+from slamgauge.ekf.kernels.deferred_downdate import Waiting, allocate_waiting
 
 # Rows of `Workspace.scratch` by what they hold; names that share a row are never needed at once.
 CORRECTION = 0  # dx, from an update until the state has moved

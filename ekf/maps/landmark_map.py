@@ -16,17 +16,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compiled import direct
-from slamgauge.ekf.kernels import linear, map_edits
+from slamgauge.jit import direct
+from slamgauge.ekf.kernels import linear_update, map_edits
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import ROBOT, Belief, allocate_belief, enlarged
 from slamgauge.ekf.kernels.models import BEARING, RANGE_BEARING, SENSOR_CODES
-from slamgauge.ekf.kernels.take_in import are_sound
-from slamgauge.ekf.kernels.waiting import allocate_waiting, settle
+from slamgauge.ekf.kernels.joint_update import are_sound
+from slamgauge.ekf.kernels.deferred_downdate import allocate_waiting, settle
 from slamgauge.ekf.kernels.warm_up import compile_once
-from slamgauge.ekf.kernels.weighing import weigh
+from slamgauge.ekf.kernels.student_t_weights import weigh
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
-from slamgauge.ekf.maps.checks import (
+from slamgauge.ekf.maps.input_checks import (
     DIVERGED,
     explain_increment,
     explain_scan,
@@ -36,7 +36,7 @@ from slamgauge.ekf.maps.checks import (
     start_of,
     why_not,
 )
-from slamgauge.ekf.maps.rules import Correction, Rule, rule_of
+from slamgauge.ekf.maps.correction_table import Correction, Rule, rule_of
 from slamgauge.errors import UserError
 from slamgauge.memory import require_memory
 
@@ -50,12 +50,12 @@ class LandmarkMap:
         prior_cov: (3, 3) its covariance; zero is legal.
         correction: name or rule; see `rules`.
         landmarks: how many to make room for at first; the map grows beyond that by itself.
-        tails: degrees of freedom of the observations' noise (see `kernels.weighing`).
+        tails: degrees of freedom of the observations' noise (see `kernels.student_t_weights`).
 
     Attributes:
         origin: (2,) of the belief's positions [m] in the world frame.
         unsettled: the belief, for who reads no landmarks' covariances with each other; these may wait (see
-            `kernels.waiting`).
+            `kernels.deferred_downdate`).
 
     Raises:
         UserError: a sensor or correction that does not exist, an invalid prior, or an invalid number of landmarks.
@@ -239,8 +239,8 @@ class LandmarkMap:
             UserError: there is no update, because something is not finite or `noise_cov` not positive definite.
         """
         rows = len(innovation)
-        room = linear.Room(np.empty((rows, self.belief.size)), np.empty((rows, rows)), self._work.scratch[CORRECTION])
-        nis = linear.take_in_linear(self.belief, columns, jacobian, innovation, noise_cov, room)
+        room = linear_update.Room(np.empty((rows, self.belief.size)), np.empty((rows, rows)), self._work.scratch[CORRECTION])
+        nis = linear_update.take_in_linear(self.belief, columns, jacobian, innovation, noise_cov, room)
         if not np.isfinite(nis):
             remedy = "make every value finite and every covariance positive definite"
             raise UserError(f"observation: no update exists; {remedy}; {why_not(nis, self.variances)}")
@@ -295,7 +295,7 @@ class LandmarkMap:
         first, size = self.belief.size, self.belief.size + len(values)
         self.reserve(size)
         self.belief.state[first:size] = self.belief.point[first:size] = values
-        linear.append_linear(self.belief, columns, jacobian, own_cov)
+        linear_update.append_linear(self.belief, columns, jacobian, own_cov)
         self.belief.points[(first - 3) // 2 : (size - 3) // 2] = points
         self.resize(size)
         self.name(np.concatenate([self.ids, ids]))

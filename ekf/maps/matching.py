@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.ekf.kernels.compatibility import Pairs, allocate_pairs, find_compatible, find_located, keep_pairs
-from slamgauge.ekf.kernels.joint_search import mark_ambiguous, search_jointly
+from slamgauge.ekf.kernels.individual_compatibility import Pairs, allocate_pairs, find_compatible, find_located, keep_pairs
+from slamgauge.ekf.kernels.joint_compatibility import mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.linearisation import describe
-from slamgauge.ekf.kernels.one_by_one import Gates, update_one_by_one
+from slamgauge.ekf.kernels.sequential_association import Gates, update_one_by_one
 from slamgauge.ekf.kernels.warm_up import compile_association_once
-from slamgauge.ekf.maps.checks import explain_scan
-from slamgauge.ekf.maps.ids import Ids
+from slamgauge.ekf.maps.input_checks import explain_scan
+from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.maps.rules import sequential_of
-from slamgauge.ekf.maps.undo import is_addition_certain, undone_if_refused
+from slamgauge.ekf.maps.correction_table import sequential_of
+from slamgauge.ekf.maps.transaction import is_addition_certain, undone_if_refused
 
 
 class Matcher:
@@ -44,7 +44,7 @@ class Matcher:
     def located(self, count: int, vagueness: float, recent: Marks) -> int:
         """Keep those of the first `count` pairs of `compatible` whose landmarks the robot knows the place of.
 
-        See `kernels.compatibility.find_located`. Returns how many these are.
+        See `kernels.individual_compatibility.find_located`. Returns how many these are.
         """
         cov = self._map.belief.cov
         return keep_pairs(self._pairs, find_located(cov, self._covs, self._pairs, count, vagueness, recent))
@@ -54,7 +54,7 @@ class Matcher:
 
         Args:
             count: how many pairs.
-            gate: see `kernels.joint_search.search_jointly`, also for the others.
+            gate: see `kernels.joint_compatibility.search_jointly`, also for the others.
             quantiles: (m + 1,).
             node_limit: pairs to try.
         """
@@ -65,7 +65,7 @@ class Matcher:
     def ambiguous(self, count: int, gate: float, margin: float, node_limit: int, slots: Int) -> Marks:
         """Which observations (m,) of `compatible` another association than `slots` (m,) explains nearly as well.
 
-        See `kernels.joint_search.mark_ambiguous`.
+        See `kernels.joint_compatibility.mark_ambiguous`.
         """
         marks = np.zeros(len(slots), dtype=np.bool_)
         mark_ambiguous(self._map.belief.cov, self._covs, self._pairs, count, gate, margin, node_limit, slots, marks)
@@ -75,7 +75,7 @@ class Matcher:
 def update_nearest(
     landmarks: LandmarkMap, ids: Ids, values: Float, covs: Float, gates: Gates
 ) -> tuple[Int, float, int]:
-    """Associate the observations with the nearest landmarks, correcting and mapping at once; see `kernels.one_by_one`.
+    """Associate the observations with the nearest landmarks, correcting and mapping at once; see `kernels.sequential_association`.
 
     New landmarks get their ids from `ids`.
 

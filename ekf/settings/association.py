@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, cast
 
-from slamgauge.ekf.settings.rules import check, gate_setting, setting
+from slamgauge.ekf.settings.validation import check, gate_setting, setting
 from slamgauge.errors import UserError
 
 Method = Literal["nearest-neighbour", "jcbb"]
@@ -25,12 +25,12 @@ class MapManagement:
             exceeded once in a million (chi-square, 2 degrees of freedom).
         vagueness: a scan tells by itself a landmark that one of the last `probation` scans has seen, unless the robot
             has been blind since (see `maps.scan_clock`), or whose place relative to the robot is known to this many
-            times the noise of an observation (variances; see `kernels.compatibility.find_located`). What it sees of
+            times the noise of an observation (variances; see `kernels.individual_compatibility.find_located`). What it sees of
             others begins tracks, which are joined with them.
         merge_gate: two landmarks never seen in one scan may be one when the squared Mahalanobis distance
             of their difference from zero is below this (again, one in a million of true doubles fails that), ...
         certainty: ... and are joined when of all ways to match the tracks of a scan with landmarks, by weight, at
-            least this share agrees on it (see `maps.joining`), ...
+            least this share agrees on it (see `maps.duplicate_landmarks`), ...
         new_density: ... where landmarks that were never seen before are this dense [1/m^2].
     """
 

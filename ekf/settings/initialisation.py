@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.ekf.settings.rules import check, gate_setting, setting
+from slamgauge.ekf.settings.validation import check, gate_setting, setting
 from slamgauge.errors import UserError
 
 Sharing = Literal["federated", "uniform", "none", "best", "weights"]

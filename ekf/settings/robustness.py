@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from slamgauge.ekf.settings.rules import check, setting
+from slamgauge.ekf.settings.validation import check, setting
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class Robustness:
     Attributes:
         robust: `none`; `gate` leaves out observations with ids that are beyond `gate` (without ids the gate of the
             association does that); `student-t` trusts an observation the less the farther off it is, as if its noise
-            had Student's distribution (see `kernels.weighing`), with ids and without.
+            had Student's distribution (see `kernels.student_t_weights`), with ids and without.
         gate: largest squared Mahalanobis distance of an observation by itself. The default is exceeded once in a
             thousand (chi-square, 2 degrees of freedom).
         degrees_of_freedom: of Student's distribution; the fewer, the heavier its tails (1 is Cauchy's).

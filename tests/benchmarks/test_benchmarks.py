@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once, compile_sights_once
-from slamgauge.graph_baseline.warm_up import compile_graphs_once
+from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 

@@ -10,10 +10,10 @@ from referees.recordings import draw
 from referees.verdicts import COST_BAR
 
 from slamgauge.graph_baseline import batch, isam2
-from slamgauge.graph_baseline.descent import approach, settle
-from slamgauge.graph_baseline.factors import first_sights, in_frame_of_start, landmarks_at_first_sight
-from slamgauge.graph_baseline.search import grown, is_low
-from slamgauge.graph_baseline.undetermined import UndeterminedError
+from slamgauge.graph_baseline.solver.levenberg_marquardt import approach, settle
+from slamgauge.graph_baseline.problem.preparation import first_sights, in_frame_of_start, landmarks_at_first_sight
+from slamgauge.graph_baseline.solver.multistart import grown, is_low
+from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.se2 import chain
 
 

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch
-from slamgauge.graph_baseline.linearisation import linearise
+from slamgauge.graph_baseline.problem.linearisation import linearise
 from slamgauge.recording import Recording
 
 DRAWS = 2000

@@ -10,7 +10,7 @@ from random_recordings import random_recording
 from textbook_pairs import PAIRS
 
 from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.maps.rules import RULES, Correction
+from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 

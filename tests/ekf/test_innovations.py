@@ -13,7 +13,7 @@ from scipy.stats import norm, t
 
 from slamgauge import Recording, UserError, load_scenario, riekf, simulate
 from slamgauge.ekf.innovations import GAUSSIAN, MIXTURE, STUDENT_T, Log, Tails, gaussian_tails, weigh
-from slamgauge.ekf.kernels.evidence import run_log
+from slamgauge.ekf.kernels.log_likelihood import run_log
 
 
 def recording_of(*overrides: str, seed: int = 3) -> Recording:

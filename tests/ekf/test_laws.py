@@ -17,7 +17,7 @@ from random_recordings import random_recording
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter, dead_reckoning, ekf, fej_ekf, iekf, oc_ekf, riekf, riukf, robocentric_ekf
-from slamgauge.ekf.maps.rules import RULES, Correction
+from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording, Sensor
 from slamgauge.se2 import between, compose, rotation

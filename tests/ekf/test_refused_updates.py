@@ -22,7 +22,7 @@ from slamgauge.ekf import (
     Robustness,
     SlamFilter,
 )
-from slamgauge.ekf.maps.rules import RULES, Rule
+from slamgauge.ekf.maps.correction_table import RULES, Rule
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
 

@@ -13,14 +13,15 @@ from scipy.optimize import least_squares
 
 from slamgauge import load_scenario, simulate
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import UndeterminedError, batch, cost, isam2, robust_batch, search
-from slamgauge.graph_baseline.descent import Minimum, approach, settle
-from slamgauge.graph_baseline.factors import first_sights, require_known_landmarks
-from slamgauge.graph_baseline.linearisation import log_se2
-from slamgauge.graph_baseline.smoother import solve_at
-from slamgauge.graph_baseline.triangulation import SURE
+from slamgauge.graph_baseline import UndeterminedError, batch, cost, isam2, robust_batch
+from slamgauge.graph_baseline.solver import multistart
+from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, approach, settle
+from slamgauge.graph_baseline.problem.preparation import first_sights, require_known_landmarks
+from slamgauge.graph_baseline.problem.linearisation import log_se2
+from slamgauge.graph_baseline.solver.smoother import solve_at
+from slamgauge.graph_baseline.problem.placement import SURE
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, wrap
 from slamgauge.triangulation import triangulate
@@ -252,10 +253,10 @@ def test_landmarks_that_searches_leave_out_in_turn_are_taken_in_once(monkeypatch
         positions = np.ones((1, 2))
         return Minimum(path, positions, solve_at(part, ids, path, positions), 1.0)
 
-    def no_starts(_: Recording, __: Float) -> list[search.Start]:
+    def no_starts(_: Recording, __: Float) -> list[multistart.Start]:
         return []
 
-    monkeypatch.setattr(search, "are_placed", placed)
-    monkeypatch.setattr(search, "lowest_minimum", lowest)
-    association = search.placed_minimum(recording, path, no_starts)[0]
+    monkeypatch.setattr(multistart, "are_placed", placed)
+    monkeypatch.setattr(multistart, "lowest_minimum", lowest)
+    association = multistart.placed_minimum(recording, path, no_starts)[0]
     assert set(association) == {-1, second}

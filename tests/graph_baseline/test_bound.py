@@ -16,7 +16,7 @@ from slamgauge.ekf import ekf
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 from slamgauge.graph_baseline import batch, causal_bound, hindsight_bound, isam2
-from slamgauge.graph_baseline.factors import MAX_LANDMARK_SIGMA
+from slamgauge.graph_baseline.problem.preparation import MAX_LANDMARK_SIGMA
 from slamgauge.recording import Recording, Sensor
 from slamgauge.se2 import between, rotation, wrap
 from slamgauge.truth import Truth

@@ -25,9 +25,9 @@ from slamgauge.arrays import Float
 from slamgauge.ekf import dead_reckoning
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, batch, hindsight, isam2
-from slamgauge.graph_baseline.factors import require_known_landmarks
+from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
 from slamgauge.graph_baseline.gtsam_graph import LENT_SLIP
-from slamgauge.graph_baseline.undetermined import explained
+from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import between
 

@@ -13,12 +13,12 @@ from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, isam2
-from slamgauge.graph_baseline.chord_descent import ChordDescent
-from slamgauge.graph_baseline.factors import require_known_landmarks
-from slamgauge.graph_baseline.growing import GrowingOptimum, Leap
-from slamgauge.graph_baseline.linearisation import linearise
-from slamgauge.graph_baseline.scans import Damping
-from slamgauge.graph_baseline.smoother import damped_step
+from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
+from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
+from slamgauge.graph_baseline.solver.incremental import GrowingOptimum, Leap
+from slamgauge.graph_baseline.problem.linearisation import linearise
+from slamgauge.graph_baseline.solver.reduced_scans import Damping
+from slamgauge.graph_baseline.solver.smoother import damped_step
 from slamgauge.se2 import chain
 
 

@@ -15,7 +15,8 @@ from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.ekf import riekf
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import batch, descent, search
+from slamgauge.graph_baseline import batch
+from slamgauge.graph_baseline.solver import levenberg_marquardt, multistart
 from slamgauge.graph_baseline.hindsight import optimum_from
 from slamgauge.recording import Recording
 
@@ -31,9 +32,9 @@ SHORT = "not given_ids and not shrinks"
 def both_ways(recording: Recording, path: np.ndarray | None, monkeypatch: pytest.MonkeyPatch) -> list[Estimate]:
     """The optimum by GTSAM's search and by ours, from a path, or from what `batch` begins with."""
     found: list[Estimate] = []
-    for descended in (search.descended, descent.descended):
+    for descended in (multistart.descended, levenberg_marquardt.descended):
         with monkeypatch.context() as context:
-            context.setattr(search, "descended", descended)
+            context.setattr(multistart, "descended", descended)
             found.append(batch(recording) if path is None else optimum_from(recording, path))
     return found
 
@@ -69,8 +70,8 @@ def without_gtsam(*words: str) -> subprocess.CompletedProcess[str]:
 def test_tests_of_what_does_not_need_it_pass() -> None:
     done = without_gtsam("-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "-k", SHORT, *SELECTED)
     assert done.returncode == 0, done.stdout
-    looked = without_gtsam("-c", "import slamgauge.graph_baseline.search as s; print(s.descended.__module__)")
-    assert looked.stdout == "slamgauge.graph_baseline.descent\n"
+    looked = without_gtsam("-c", "import slamgauge.graph_baseline.solver.multistart as s; print(s.descended.__module__)")
+    assert looked.stdout == "slamgauge.graph_baseline.solver.levenberg_marquardt\n"
 
 
 def test_all_but_two_estimators_run_and_those_say_why(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Association by the book, dense and slow: the references that `ekf.association` is held against.
+"""Association by the book, dense and slow: the references that `ekf.associating_filter` is held against.
 
 `textbook_nearest_neighbour` is the practical's filter of question 2: observation by observation, the landmark
 of the smallest squared Mahalanobis distance below the gate corrects at once, else a new landmark is mapped at

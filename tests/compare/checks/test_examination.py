@@ -14,7 +14,7 @@ from referees.seeded_bugs import SEEDED, seeded_ekf
 from slamgauge import Estimate, Recording, load_estimators
 from slamgauge.compare.checks import law as law_module
 from slamgauge.compare.checks.examination import LAWS, Verdict, check_estimator, verdicts_json, verdicts_table
-from slamgauge.compare.checks.speed import SPEED
+from slamgauge.compare.checks.step_time_check import SPEED
 from slamgauge.compare.cli.main import main
 from slamgauge.estimate import Estimator
 

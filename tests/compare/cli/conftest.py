@@ -11,7 +11,7 @@ import pytest
 from command_line import SHORT, Module, Refuse, run
 
 from slamgauge.ekf.kernels.warm_up import compile_once
-from slamgauge.graph_baseline.warm_up import compile_graphs_once
+from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 
 
 @pytest.fixture(scope="package")

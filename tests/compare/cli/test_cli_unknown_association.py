@@ -12,7 +12,7 @@ import pytest
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
 from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once
-from slamgauge.graph_baseline.warm_up import compile_graphs_once
+from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 
 pytestmark = pytest.mark.gtsam  # the run of all has robust-batch
 DURATION = "trajectory.duration=6"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge import __version__, kept_code
+from slamgauge import __version__, kernel_cache
 from slamgauge.compare.cli import doctor
 from slamgauge.compare.cli.main import main
 
@@ -49,7 +49,7 @@ def test_what_is_broken_is_a_line_and_exit_status_1(
     def refuse() -> None:
         raise ImportError("libgtsam.so:\nwrong ELF class")
 
-    monkeypatch.setattr("slamgauge.graph_baseline.warm_up.compile_graphs_once", refuse)
+    monkeypatch.setattr("slamgauge.graph_baseline.solver.warm_up.compile_graphs_once", refuse)
     assert main(["doctor"]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert "graph kernels      broken: ImportError: libgtsam.so: wrong ELF class" in lines
@@ -62,7 +62,7 @@ def test_kept_machine_code_is_removed_and_nothing_else(
         (tmp_path / name).touch()
     for module, _ in doctor.WARM_UPS.values():
         importlib.import_module(module)  # from here on their folders are known
-    monkeypatch.setattr(kept_code, "_folders", {tmp_path})
+    monkeypatch.setattr(kernel_cache, "_folders", {tmp_path})
     assert main(["doctor", "--clear-cache"]) == 0
     out, error = capsys.readouterr()
     assert error == "kept machine code: 2 files removed\n"

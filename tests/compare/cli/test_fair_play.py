@@ -12,8 +12,8 @@ from slamgauge import load_scenario, simulate
 from slamgauge.compare.checks import law as law_module
 from slamgauge.compare.checks.examination import LAWS, OVERDUE, check_estimator
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.estimators.isolated import Isolated, OverdueError
-from slamgauge.compare.estimators.own import address
+from slamgauge.compare.estimators.isolated_process import Isolated, OverdueError
+from slamgauge.compare.estimators.user_code import address
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 

@@ -13,7 +13,7 @@ import pytest
 from command_line import Refuse, command_after, contents
 
 from slamgauge.compare.storage.manifest import MANIFEST
-from slamgauge.graph_baseline.warm_up import compile_graphs_once
+from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 
 
 @pytest.mark.parametrize("place", ["FILE", "FILE/run", "/proc/nowhere/run", "/proc/run", "/sys/run"])

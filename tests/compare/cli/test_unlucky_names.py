@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.storage.names import file_name, shown
+from slamgauge.compare.storage.safe_names import file_name, shown
 
 NAMES = (r"cost $\frac$", "bad\udcff", "red\x1b[31m", "<b onclick=alert(1)>&amp;", "n" * 240)
 SHORT = 'extends = "q1-long-dense"\n[trajectory]\nduration = 1.0\n'

@@ -13,7 +13,7 @@ from robot_logs import CSV
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.datasets.csv_log import read_csv_log
-from slamgauge.compare.datasets.imported import Imported
+from slamgauge.compare.datasets.imported_log import Imported
 from slamgauge.compare.storage.csv_folder import read_recording_csv, write_recording_csv
 from slamgauge.compare.storage.files import load_recording, load_truth, save
 from slamgauge.errors import UserError

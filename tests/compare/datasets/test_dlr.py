@@ -12,7 +12,7 @@ from robot_logs import DLR
 
 from slamgauge.arrays import Float
 from slamgauge.compare.datasets.dlr import read_dlr
-from slamgauge.compare.datasets.imported import Imported
+from slamgauge.compare.datasets.imported_log import Imported
 from slamgauge.errors import UserError
 from slamgauge.se2 import chain, compose
 

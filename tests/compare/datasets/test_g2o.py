@@ -18,7 +18,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.datasets.g2o import read_g2o
 from slamgauge.compare.datasets.g2o_writer import write_g2o
-from slamgauge.compare.datasets.imported import Imported
+from slamgauge.compare.datasets.imported_log import Imported
 from slamgauge.compare.datasets.pose_chain import adjoints
 from slamgauge.compare.datasets.victoria_park import read_victoria_park
 from slamgauge.compare.storage.files import save

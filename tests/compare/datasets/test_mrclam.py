@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from robot_logs import MRCLAM
 
-from slamgauge.compare.datasets.imported import Imported
+from slamgauge.compare.datasets.imported_log import Imported
 from slamgauge.compare.datasets.mrclam import read_mrclam
 from slamgauge.errors import UserError
 

@@ -12,7 +12,7 @@ from slamgauge.compare.estimators.adapters import adapt
 from slamgauge.compare.estimators.course_steps import Sight, turn
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.ekf import ekf
-from slamgauge.ekf.filter import SlamFilter
+from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose

@@ -16,9 +16,9 @@ from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.comparison import compare_estimators
-from slamgauge.compare.studies.run import run_once
+from slamgauge.compare.studies.study_run import run_once
 from slamgauge.ekf import ekf, riekf
-from slamgauge.ekf.maps.rules import CORRECTIONS
+from slamgauge.ekf.maps.correction_table import CORRECTIONS
 from slamgauge.ekf.settings.association import Association as FilterAssociation
 from slamgauge.ekf.settings.association import MapManagement
 from slamgauge.errors import UserError

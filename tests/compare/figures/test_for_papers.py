@@ -16,10 +16,10 @@ from matplotlib.figure import Figure
 
 from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.figures.from_results import drawings_of
+from slamgauge.compare.figures.redraw import drawings_of
 from slamgauge.compare.figures.publishing import write_study, write_sweep
-from slamgauge.compare.figures.robust_limits import robust_limits
-from slamgauge.compare.figures.sheet import INCHES, Sheet, Width, printed_on
+from slamgauge.compare.figures.axis_limits import robust_limits
+from slamgauge.compare.figures.figure_size import INCHES, Sheet, Width, printed_on
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.scoring.comparison import metrics

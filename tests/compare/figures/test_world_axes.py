@@ -14,7 +14,7 @@ from random_recordings import random_recording
 
 from slamgauge.compare.figures import animation_scene, ray_strip
 from slamgauge.compare.figures.animation_scene import Scene
-from slamgauge.compare.figures.plots import plot_errors, plot_run, save_figure
+from slamgauge.compare.figures.run_figures import plot_errors, plot_run, save_figure
 from slamgauge.compare.figures.world_axes import label_plane, label_time, round_origin
 from slamgauge.compare.storage.results_folder import Results
 from slamgauge.ekf import Rays, riekf

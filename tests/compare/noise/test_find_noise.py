@@ -14,10 +14,10 @@ from scipy.stats import kstest, norm
 from slamgauge import Recording, UserError, find_noise, load_scenario, simulate
 from slamgauge.compare.noise.diagnosis import autocorrelation, normal_quantiles, normal_scores, quantiles
 from slamgauge.compare.noise.likelihood import Likelihood
-from slamgauge.compare.noise.model import Law, NoiseModel
+from slamgauge.compare.noise.innovation_model import Law, NoiseModel
 from slamgauge.compare.noise.noise_json import noise_json
-from slamgauge.compare.noise.profile import CRITICAL, ends
-from slamgauge.compare.noise.words import noise_table
+from slamgauge.compare.noise.profile_likelihood import CRITICAL, ends
+from slamgauge.compare.noise.report_text import noise_table
 
 TRUE = {"forward": 0.03, "turn": math.radians(0.3), "range": 0.1, "bearing": math.radians(5.0)}
 

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgauge import Recording, UserError, load_scenario, riekf, simulate
-from slamgauge.compare.noise.model import Law, NoiseModel
+from slamgauge.compare.noise.innovation_model import Law, NoiseModel
 from slamgauge.compare.noise.odometry_form import odometry_form
-from slamgauge.compare.noise.told import SYSTEMATIC, Told
+from slamgauge.compare.noise.parameters import SYSTEMATIC, Told
 from slamgauge.se2 import rotation, wrap
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge import find_noise, load_scenario, simulate
-from slamgauge.compare.noise.finding import Noise
+from slamgauge.compare.noise.estimation import Noise
 from slamgauge.compare.noise.noise_json import noise_json
-from slamgauge.compare.noise.words import noise_table
+from slamgauge.compare.noise.report_text import noise_table
 from slamgauge.compare.report.publishing import PAGES
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.studies.budget import RUNGS, budget_table, summarise_budget

@@ -16,13 +16,13 @@ from slamgauge import UserError, load_scenario
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.publishing import write_study
 from slamgauge.compare.report.publishing import PAGES, publish_report
-from slamgauge.compare.report.rerun import command_of_run, swept
-from slamgauge.compare.storage.decorations import decorate
+from slamgauge.compare.report.rerun_command import command_of_run, swept
+from slamgauge.compare.storage.best_effort import decorate
 from slamgauge.compare.studies.budget import RUNGS, summarise_budget
 from slamgauge.compare.studies.claim_evidence import Evidence
 from slamgauge.compare.studies.claim_list import CLAIMS
 from slamgauge.compare.studies.claims import Judgement
-from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.study import load_runs, run_study
 

@@ -13,7 +13,7 @@ import pytest
 from held_by_schemas import complaints, held
 
 from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
-from slamgauge.compare.bench.bench import run_bench
+from slamgauge.compare.bench.step_times import run_bench
 from slamgauge.compare.checks.examination import check_estimator, verdicts_json
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.cli.schema import Kind
@@ -27,7 +27,7 @@ from slamgauge.compare.studies.budget import RUNGS, summarise_budget
 from slamgauge.compare.studies.claim_evidence import Evidence
 from slamgauge.compare.studies.claim_list import CLAIMS
 from slamgauge.compare.studies.claims import Judgement
-from slamgauge.compare.studies.resolution import Until
+from slamgauge.compare.studies.stopping_rule import Until
 from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.sweep import Sweep
 from slamgauge.ekf import ekf

@@ -12,12 +12,12 @@ from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring import catalogue, comparison, scores
 from slamgauge.compare.scoring.comparison import compare_estimators, table
-from slamgauge.compare.scoring.over_runs import mean_of
-from slamgauge.compare.scoring.quantity import Column, Quantity
+from slamgauge.compare.scoring.aggregation import mean_of
+from slamgauge.compare.scoring.metric import Column, Quantity
 from slamgauge.compare.scoring.runs import SERIES, Runs
 from slamgauge.compare.scoring.scores import Score
-from slamgauge.compare.studies import run, summary
-from slamgauge.compare.studies.run import run_once
+from slamgauge.compare.studies import study_run, summary
+from slamgauge.compare.studies.study_run import run_once
 from slamgauge.compare.studies.summary import EstimatorSummary, Summary, summarise, summary_table
 
 SHORT = ["start=sampled", "trajectory.duration=2"]
@@ -68,7 +68,7 @@ def test_a_further_score_needs_its_entry_alone(monkeypatch: pytest.MonkeyPatch):
     )
     monkeypatch.setattr(catalogue, "CATALOGUE", (*catalogue.CATALOGUE, further))
     # what is read off the catalogue when it is imported
-    monkeypatch.setattr(run, "STORED", (*catalogue.STORED, "way_m"))
+    monkeypatch.setattr(study_run, "STORED", (*catalogue.STORED, "way_m"))
     monkeypatch.setattr(summary, "SUMMED_UP", {**catalogue.SUMMED_UP, "way_m": further.over_runs})
     assert comparison.columns is catalogue.columns
     assert scores.measured is catalogue.measured

@@ -13,7 +13,7 @@ from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.scoring.trajectory_error import align, aligned_errors
-from slamgauge.compare.studies.run import near_and_far, step_series
+from slamgauge.compare.studies.study_run import near_and_far, step_series
 from slamgauge.ekf import Delayed, Rays, ekf, riekf
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording

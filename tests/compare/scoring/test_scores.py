@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.scoring.defined import mean
+from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.landmark_identity import association_figures
 from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.compare.scoring.scores import evaluate

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgauge.compare.scoring.defined import rms
+from slamgauge.compare.scoring.nan_stats import rms
 from slamgauge.compare.scoring.trajectory_error import align
 from slamgauge.se2 import compose, rotation
 

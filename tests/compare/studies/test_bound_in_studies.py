@@ -11,12 +11,12 @@ import pytest
 from matplotlib.figure import Figure
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.estimators.asked import ask
+from slamgauge.compare.estimators.requests import ask
 from slamgauge.compare.figures.publishing import write_study
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
-from slamgauge.compare.studies.resolution import pairs_to_resolve
-from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.stopping_rule import pairs_to_resolve
+from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import summary_table
 from slamgauge.compare.studies.sweep import run_sweep, sweep_table

@@ -19,7 +19,7 @@ from slamgauge.compare.figures.budget_figure import save_budget_figure
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.studies.budget import RUNGS, budget_table, error_budget, rung_errors, rungs_of, summarise_budget
-from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording

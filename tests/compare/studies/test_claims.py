@@ -15,7 +15,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed, simulate
-from slamgauge.compare.scoring.betting import log_wealth, lower_end, smallest_effect, upper_end
+from slamgauge.compare.scoring.confidence_sequence import log_wealth, lower_end, smallest_effect, upper_end
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.studies import claims as module
 from slamgauge.compare.studies.claim_evidence import ALPHA, Evidence
@@ -229,7 +229,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     assert {entry["runs"] for entry in content} == {3}
     assert all(entry["scenario_text"] for entry in content)
 
-    monkeypatch.setattr("slamgauge.compare.studies.run.simulate_informed", None)  # nothing is simulated again
+    monkeypatch.setattr("slamgauge.compare.studies.study_run.simulate_informed", None)  # nothing is simulated again
     assert main([*arguments, "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
     assert again == [{**entry, "command": again[0]["command"]} for entry in content]

@@ -15,7 +15,7 @@ from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.figures.sweep_figure import save_sweep_figure
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.compare.studies.sweep import Sweep, sweep_table

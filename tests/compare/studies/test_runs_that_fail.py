@@ -18,10 +18,10 @@ import pytest
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.studies import run as study_run
+from slamgauge.compare.studies import study_run as study_run
 from slamgauge.compare.studies.executors import local_processes, lost_worker
-from slamgauge.compare.studies.resolution import Until
-from slamgauge.compare.studies.run import Outcome, run_once, run_seed
+from slamgauge.compare.studies.stopping_rule import Until
+from slamgauge.compare.studies.study_run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.study import AGAIN, load_runs, run_study
 from slamgauge.compare.studies.summary import summary_table
 from slamgauge.errors import UserError

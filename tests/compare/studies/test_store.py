@@ -17,7 +17,7 @@ from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scoring.catalogue import LATER, STORED
 from slamgauge.compare.scoring.runs import SERIES
 from slamgauge.compare.studies import store as study_store
-from slamgauge.compare.studies.run import Outcome
+from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.errors import UserError

@@ -13,20 +13,20 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.estimators.asked import Asked
+from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.figures.publishing import write_study
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.over_runs import FIRST_STEP
+from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.storage.manifest import MANIFEST, begin_file, write_manifest
 from slamgauge.compare.studies import cluster
-from slamgauge.compare.studies import run as study_run
+from slamgauge.compare.studies import study_run as study_run
 from slamgauge.compare.studies.cluster import dask_cluster
 from slamgauge.compare.studies.executors import local_processes
-from slamgauge.compare.studies.run import run_seed
+from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.errors import UserError

@@ -12,7 +12,7 @@ from textbook_association import Scan, brute_force_ambiguous, brute_force_joint
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import Association, MapManagement
 from slamgauge.ekf.bearings.ray_association import RayAssociation
-from slamgauge.ekf.kernels.compatibility import NONE
+from slamgauge.ekf.kernels.individual_compatibility import NONE
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.se2 import wrap
 

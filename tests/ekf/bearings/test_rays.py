@@ -13,7 +13,7 @@ from slamgauge.ekf import ekf, riekf
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.rays import MIN_SHARE
 from slamgauge.ekf.estimators import drive
-from slamgauge.ekf.maps.rules import Correction
+from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.ekf.settings.initialisation import Rays
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap

@@ -12,8 +12,8 @@ from slamgauge.arrays import Int
 from slamgauge.ekf import Association, BearingFilter, MapManagement, Rays, ekf
 from slamgauge.ekf.bearings.ray_association import RayAssociation
 from slamgauge.ekf.estimators import drive
-from slamgauge.ekf.kernels.compatibility import NONE
-from slamgauge.ekf.maps.rules import CORRECTIONS, RULES, Correction
+from slamgauge.ekf.kernels.individual_compatibility import NONE
+from slamgauge.ekf.maps.correction_table import CORRECTIONS, RULES, Correction
 from slamgauge.ekf.settings.association import Method
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations, Recording

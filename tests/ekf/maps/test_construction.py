@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slamgauge.ekf import AssociatingFilter, Association, BearingFilter, CompressedFilter, SlamFilter
-from slamgauge.ekf.maps.rules import CORRECTIONS, RULES
+from slamgauge.ekf.maps.correction_table import CORRECTIONS, RULES
 from slamgauge.errors import UserError
 
 START = (np.array([0.1, 0.2, 0.3]), 1e-4 * np.eye(3))

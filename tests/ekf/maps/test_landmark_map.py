@@ -9,8 +9,8 @@ import pytest
 
 from slamgauge.arrays import Int
 from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.kernels.iterated import update_iterated
-from slamgauge.ekf.maps.rules import Correction, Rule
+from slamgauge.ekf.kernels.iterated_update import update_iterated
+from slamgauge.ekf.maps.correction_table import Correction, Rule
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
 

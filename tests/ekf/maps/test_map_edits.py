@@ -20,7 +20,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.kernels.map_edits import equate_landmarks, find_duplicates
 from slamgauge.ekf.kernels.workspace import CORRECTION, allocate
-from slamgauge.ekf.maps.rules import RULES, Correction
+from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.recording import Observations
 from slamgauge.se2 import wrap
 

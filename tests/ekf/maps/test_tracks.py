@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.maps.ids import GONE
+from slamgauge.ekf.maps.landmark_ids import GONE
 from slamgauge.ekf.maps.tracks import Tracks
 from slamgauge.ekf.settings.association import MapManagement
 

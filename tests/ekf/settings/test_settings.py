@@ -11,7 +11,7 @@ import pytest
 from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario
 from slamgauge.ekf.settings.association import Association, MapManagement
 from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
-from slamgauge.ekf.settings.rules import fitted
+from slamgauge.ekf.settings.validation import fitted
 from slamgauge.errors import UserError
 
 

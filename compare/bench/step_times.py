@@ -1,0 +1,187 @@
+"""Step time against map size, side by side in one run.
+
+The workload is two rounds of a circle at 1 m/s with a 10 m sensor; medians are over the second round,
+when the map is complete.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from slamgauge.arrays import Float
+from slamgauge.compare.bench.numpy_filter import plain_numpy_ekf
+from slamgauge.compare.estimators.requests import Asked, Chosen, ask
+from slamgauge.compare.estimators.cost_estimate import require_time, seconds_of
+from slamgauge.compare.estimators.loading import load_estimators
+from slamgauge.compare.estimators.registry import CAUSAL
+from slamgauge.compare.estimators.running import run_estimator
+from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.compare.scoring.text_page import Grid, Page
+from slamgauge.compare.scoring.text_table import cell
+from slamgauge.compare.storage.provenance import origin
+from slamgauge.compare.storage.progress import counted
+from slamgauge.jit import direct
+from slamgauge.ekf import SlamFilter
+from slamgauge.ekf.estimators import drive
+from slamgauge.ekf.maps.correction_table import CORRECTIONS, RULES, Rule
+from slamgauge.estimate import Estimate
+from slamgauge.memory import require_memory
+from slamgauge.recording import Recording
+
+WORKLOAD = (
+    "circle, 1 m/s, two rounds, 0.1 s steps, range 10 m, the practical's noise, known association; "
+    "up to 300 landmarks: radius 10 m, landmarks uniform in a 30 x 30 m box; "
+    "above: radius 20 m, landmarks uniform within 9.8 m of the circle; none nearer to it than 0.5 m"
+)
+YARDSTICK = "plain-numpy"
+PLAIN = "ekf"  # which that takes as long as, nearly
+COPIES = 3.0  # of its covariance that it needs
+SHARE_STEPS = 500  # of the second round, over which the time outside kernels is measured
+
+
+def workload(landmarks: int, seed: int = 0) -> Scenario:
+    """The scenario of the bench with that many landmarks."""
+    radius = 10.0 if landmarks <= 300 else 20.0
+    return Scenario.model_validate(
+        {
+            "name": f"bench-{landmarks}",
+            "description": WORKLOAD,
+            "trajectory": {"step": 0.1, "speed": 1.0, "yaw_rate": 1.0 / radius, "duration": 4.0 * np.pi * radius},
+            "motion": {"sigma_speed": 0.3, "sigma_yaw_rate_deg": 3.0},
+            "sensor": {"kind": "range-bearing", "max_range": 10.0, "sigma_range": 0.1, "sigma_bearing_deg": 5.0},
+            "landmarks": {"positions": _positions(landmarks, radius, np.random.default_rng(seed)).tolist()},
+        }
+    )
+
+
+def _positions(landmarks: int, radius: float, rng: np.random.Generator) -> Float:
+    reach, furthest = (15.0, np.inf) if landmarks <= 300 else (radius + 9.8, 9.8)
+    drawn = rng.uniform(-reach, reach, (10 * landmarks, 2))
+    distance = np.abs(np.hypot(*drawn.T) - radius)
+    return np.array([0.0, radius]) + drawn[(distance >= 0.5) & (distance <= furthest)][:landmarks]
+
+
+def require_time_for_bench(sizes: Sequence[int], asked: Sequence[Asked], *, agreed: bool) -> None:
+    """Refuse maps that memory does not hold, or that would take days; see `require_time`.
+
+    Raises:
+        UserError: they do.
+    """
+    for size in sizes:
+        what = f"landmarks: the covariance of {size}"
+        require_memory(COPIES * 8.0 * (3.0 + 2.0 * size) ** 2, what, "give a smaller map")
+    circle = 4.0 * np.pi * 20.0 / 0.1  # the larger one's steps
+    seconds = sum(seconds_of(int(circle), size, [*asked, *ask([PLAIN])]) for size in sizes)
+    require_time(seconds, f"landmarks: maps of {', '.join(map(str, sizes))}", "give smaller ones", agreed=agreed)
+
+
+def run_bench(sizes: Sequence[int], chosen: Chosen, seed: int = 0) -> dict[str, Any]:
+    """Measure every estimator on every map size; see `slamgauge bench --json` for the keys.
+
+    Raises:
+        UserError: an estimator that is not known.
+    """
+    contestants = {**load_estimators(chosen), YARDSTICK: plain_numpy_ekf}
+    results: dict[str, dict[str, dict[str, float]]] = {name: {} for name in contestants}
+    with counted(len(sizes) * len(contestants), "run") as progress:
+        for size in sizes:
+            _, recording = simulate(workload(size, seed), seed)
+            for name, estimator in contestants.items():
+                progress.set_description(f"{name}, {size} landmarks")
+                run_estimator(name, estimator, recording.first(20))  # compiled code loaded, caches warm
+                estimate, seconds = run_estimator(name, estimator, recording)
+                results[name][str(size)] = _figures(name, recording, estimate, seconds)
+                progress.update()
+    for name, by_size in results.items():
+        for size, figures in by_size.items():
+            for other in (YARDSTICK, CAUSAL):
+                if other in results and other != name and "median_s" in figures:
+                    figures[f"ratio_to_{other}"] = figures["median_s"] / results[other][size]["median_s"]
+    exponents = {name: growth_exponent(by_size) for name, by_size in results.items()}
+    return {**origin(None), "workload": WORKLOAD, "estimators": results, "growth_exponent": exponents}
+
+
+def _figures(name: str, recording: Recording, estimate: Estimate, run_s: float) -> dict[str, float]:
+    figures = {
+        "mean_observations": len(recording.observation) / (recording.steps + 1),
+        "run_s": run_s,
+        "runs_per_second": 1.0 / run_s,
+        "mean_s": run_s / recording.steps,
+    }
+    if estimate.seconds is not None:
+        second_round = estimate.seconds[recording.steps // 2 :]
+        figures["median_s"] = float(np.median(second_round))
+        figures["p95_s"] = float(np.quantile(second_round, 0.95))
+    if name in CORRECTIONS:
+        figures["share_outside_kernels"] = _share_outside_kernels(recording, RULES[CORRECTIONS[name]])
+    return figures
+
+
+def _share_outside_kernels(recording: Recording, rule: Rule) -> float:
+    """Share of the second round's time that is not spent in compiled kernels."""
+    inside, total = 0.0, 0.0
+
+    def timed(kernel: Callable[..., Any]) -> Callable[..., Any]:
+        fast = None
+
+        def call(*arguments: object) -> object:
+            nonlocal inside, fast
+            fast = fast or direct(kernel, *arguments)  # as the filter calls it
+            start = perf_counter()
+            result = fast(*arguments)
+            inside += perf_counter() - start
+            return result
+
+        return call
+
+    clocked = rule._replace(update=timed(rule.update), predict=timed(rule.predict), find_slots=timed(rule.find_slots))
+    slam = SlamFilter(recording.sensor, recording.prior_mean, recording.prior_cov, clocked)
+    first = recording.steps // 2
+    part = recording.first(min(first + SHARE_STEPS, recording.steps))
+    for step, result in enumerate(drive(slam, part)):
+        if step == first:  # the map is complete
+            inside, total = 0.0, 0.0
+        else:
+            total += result.seconds
+    return 1.0 - inside / total
+
+
+def growth_exponent(by_size: dict[str, dict[str, float]]) -> float | None:
+    """Slope of log(step time) over log(map size), least squares; None for a single size."""
+    if len(by_size) < 2:
+        return None
+    sizes = np.log([float(size) for size in by_size])
+    return float(np.polyfit(sizes, np.log([step_time(figures) for figures in by_size.values()]), 1)[0])
+
+
+def step_time(figures: dict[str, float]) -> float:
+    """The median step [s]; for an estimator that takes the recording as a whole, its time over the steps."""
+    return figures["median_s"] if "median_s" in figures else figures["mean_s"]
+
+
+def bench_table(result: dict[str, Any]) -> Page:
+    """The result as text: milliseconds a step against map size, whole runs, shares and ratios."""
+    titles = ("median [ms]", "p95 [ms]", "mean [ms]", "runs/s", "outside kernels", f"x {YARDSTICK}", f"x {CAUSAL}")
+    rows: list[tuple[str, ...]] = [("estimator", "landmarks", *titles)]
+    for name, by_size in result["estimators"].items():
+        for size, figures in by_size.items():
+            cells = (
+                *(_milliseconds(figures.get(key)) for key in ("median_s", "p95_s", "mean_s")),
+                cell(figures["runs_per_second"], "{:.3g}"),
+                cell(figures.get("share_outside_kernels"), "{:.0%}"),
+                cell(figures.get(f"ratio_to_{YARDSTICK}"), "{:.3f}"),
+                cell(figures.get(f"ratio_to_{CAUSAL}"), "{:.4f}"),
+            )
+            rows.append((name, size, *cells))
+    exponents = result["growth_exponent"].items()
+    growth = [f"growth of {name}: landmarks^{cell(exponent, '{:.2f}')}" for name, exponent in exponents]
+    return Page((f"workload: {result['workload']}", "", Grid(rows), *growth))
+
+
+def _milliseconds(seconds: float | None) -> str:
+    return cell(None if seconds is None else 1e3 * seconds, "{:.4f}")

@@ -1,0 +1,138 @@
+"""What is asked for: estimators by name or address, light enough to travel to a worker. Nothing of them has run."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from slamgauge.compare.estimators.user_code import Address, address, require_label
+from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HINDSIGHT_BOUND, YARDSTICKS, entry_of, is_ours
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimator
+
+
+@dataclass(frozen=True)
+class Isolation:
+    """How people's own code is run in a process of its own (`isolated`).
+
+    Attributes:
+        timeout: of a run [s].
+        strict: whether a filtered estimate is looked at for the future (`strict`).
+    """
+
+    timeout: float
+    strict: bool
+
+
+@dataclass(frozen=True)
+class Asked:
+    """An estimator that is asked for.
+
+    Attributes:
+        label: what rows and files of results are called.
+        name: of the registry, if it is one of ours.
+        where: the address of people's own.
+        call: a callable given in Python.
+        isolation: how people's own is kept apart from this process; None runs it within.
+    """
+
+    label: str
+    name: str = ""
+    where: Address | None = None
+    call: Estimator | None = None
+    isolation: Isolation | None = None
+
+    @property
+    def is_yardstick(self) -> bool:
+        """Whether it is an optimum, which is told true noise and associations."""
+        return self.name in YARDSTICKS.values()
+
+    @property
+    def is_bound(self) -> bool:
+        """Whether it is a bound, which needs the truth."""
+        return self.name in BOUNDS
+
+    @property
+    def is_told(self) -> bool:
+        """Whether it is told true noise and associations: what others are measured by."""
+        return self.is_yardstick or self.is_bound
+
+    @property
+    def key(self) -> str:
+        """What stores call its results: people's own by label and digest, so that edited code is another estimator."""
+        if self.where is not None and self.where.sources is not None:
+            apart = "" if self.isolation is None else f" {self.isolation.timeout:g}s strict={self.isolation.strict}"
+            return f"{self.label} {self.where.attribute} {self.where.sources.digest[:16]}{apart}"
+        if self.call is not None:
+            return f"{self.label} {_digest_of(self.call)[:16]}"
+        return self.label
+
+
+Chosen = Sequence[str | Asked] | Mapping[str, str | Estimator]  # names and addresses; or by a label of their own
+
+
+def ask(chosen: Chosen) -> list[Asked]:
+    """Estimators by name, by address `[LABEL=]FILE.py:callable`, or callables by label.
+
+    `isam2@ekf` is a name like any; `bound` stands for both bounds, causal and hindsight. What has been asked
+    for stays as it was then: a file that is edited meanwhile does not change it.
+
+    Raises:
+        UserError: an unknown name, an address of a wrong form, or two of one label.
+    """
+    if isinstance(chosen, str):
+        raise UserError(f"estimators: {chosen!r} is no list; give one of names, or a dict by labels")
+    if isinstance(chosen, Mapping):
+        asked = [_asked(label, what) for label, what in chosen.items()]
+    else:
+        both = BOUNDS if HINDSIGHT_BOUND not in chosen else [BOUND]
+        chosen = [name for each in chosen for name in (both if each == BOUND else [each])]
+        asked = [each if isinstance(each, Asked) else _asked("", each) for each in chosen]
+    labels = [each.label for each in asked]
+    for each in asked:
+        is_taken = not each.name and is_ours(each.label)
+        if is_taken or labels.count(each.label) > 1:
+            text = each.label if each.where is None else each.where.text
+            why = "is one of ours" if is_taken else "stands there twice"
+            raise UserError(f"estimator {text!r}: {each.label} {why}; write another LABEL= in front")
+    return asked
+
+
+def isolated(asked: Sequence[Asked], isolation: Isolation | None) -> list[Asked]:
+    """People's own among them kept apart; the others are ours, or at hand in this process."""
+    return [each if each.where is None else replace(each, isolation=isolation) for each in asked]
+
+
+def labels_among(names: Sequence[str], among: Collection[str], otherwise: str) -> list[str]:
+    """The labels, given as such or by address, of estimators that are `among` those at hand.
+
+    Raises:
+        UserError: one is not; `otherwise` says so.
+    """
+    labels = [name if name in among or ":" not in name else address(name).label for name in names]
+    for name, label in zip(names, labels, strict=True):
+        if label not in among:
+            raise UserError(f"estimator {name!r}: {otherwise}; choose from {', '.join(among)}")
+    return labels
+
+
+def _asked(label: str, what: str | Estimator) -> Asked:
+    if not isinstance(what, str):
+        require_label(label, label)
+        return Asked(label, call=what)
+    if not set(":=/\\") & set(what):
+        return Asked(label or what, entry_of(what).name)
+    where = address(what)
+    return Asked(label or where.label, where=where)
+
+
+def _digest_of(call: Estimator) -> str:
+    """SHA-256 of the file that a callable stands in; of its name where there is none."""
+    module = inspect.getmodule(call)
+    file = getattr(module, "__file__", None)
+    content = Path(file).read_bytes() if file is not None and Path(file).is_file() else b""
+    name = getattr(call, "__qualname__", type(call).__qualname__)
+    return hashlib.sha256(name.encode() + content).hexdigest()

@@ -1,0 +1,105 @@
+"""What filters leave behind that hand out their whole state after every step, made into an estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.compare.estimators.user_code import OwnCodeError
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.validation import REAL
+
+
+class Trail:
+    """Poses, covariances and the map of a filter with the state (3+2n,): robot, then landmarks as they were mapped.
+
+    With known association a landmark is named by the order of first sight. A filter that maps otherwise (several
+    members for a landmark, doubles, none at first) leaves a map that nobody can name, and reports none.
+
+    Args:
+        recording: what the filter is fed.
+        names: of what it returns, for error texts.
+    """
+
+    def __init__(self, recording: Recording, names: tuple[str, str] = ("xEst", "PEst")) -> None:
+        self._recording = recording
+        self._names = names
+        self._ids: list[int] = []
+        self._is_named = True
+        self._poses = [recording.prior_mean]
+        self._covs = [recording.prior_cov]
+        self._seconds = [0.0]
+        self._state, self._cov = self._poses[0], self._covs[0]
+
+    def step(self, number: int, seen: Int | None, advance: Callable[[], tuple[object, object]]) -> None:
+        """Keep what `advance` returns of step `number`: state and covariance.
+
+        Args:
+            number: of the step; the one before has been kept.
+            seen: (m,) ids of its observations, None where they are unknown.
+            advance: takes the filter one step on.
+
+        Raises:
+            OwnCodeError: no state and covariance that fit each other, or numbers that are not finite.
+        """
+        start = perf_counter()
+        state, cov = advance()
+        seconds = perf_counter() - start
+        self._state, self._cov = self._checked(number, state, cov)
+        del self._poses[number:], self._covs[number:], self._seconds[number:]
+        self._poses.append(self._state[:3])
+        self._covs.append((self._cov[:3, :3] + self._cov[:3, :3].T) / 2)
+        self._seconds.append(seconds)
+        self._name((len(self._state) - 3) // 2, seen)
+
+    def estimate(self) -> Estimate:
+        """What was kept, and the last map."""
+        ids = np.array(self._ids if self._is_named else [], dtype=np.int64)
+        ends = 3 + 2 * np.arange(len(ids))
+        covs = np.array([self._cov[at : at + 2, at : at + 2] for at in ends]).reshape(-1, 2, 2)
+        is_told = self._recording.landmark is not None and np.isin(self._recording.landmark, ids).all()
+        return Estimate(
+            kind="filtered",
+            poses=np.array(self._poses),
+            pose_covs=np.array(self._covs),
+            landmark_ids=ids,
+            landmarks=self._state[3 : 3 + 2 * len(ids)].reshape(-1, 2),
+            landmark_covs=(covs + covs.swapaxes(1, 2)) / 2,
+            association=self._recording.landmark if is_told else None,
+            seconds=np.array(self._seconds),
+        )
+
+    def _name(self, count: int, seen: Int | None) -> None:
+        """Name the landmarks that are new; without ids they are 0, 1, ... as they were mapped."""
+        if seen is None:
+            self._ids = [*range(count)]
+            self._is_named = self._recording.landmark is None  # its numbers would be taken for the recording's ids
+            return
+        new = [name for name in dict.fromkeys(seen.tolist()) if name not in self._ids]
+        self._ids += new
+        self._is_named = self._is_named and len(self._ids) == count
+
+    def _checked(self, number: int, state: object, cov: object) -> tuple[Float, Float]:
+        """Copies (3+2n,) and (3+2n, 3+2n), whatever shape the state has."""
+        (x, P), (x_name, P_name) = (_array(state), _array(cov)), self._names
+        size = x.size
+        if size < 3 or not size % 2 or P.shape != (size, size):
+            what = f"{x_name} {x.shape} and {P_name} {P.shape}"
+            raise OwnCodeError(f"step {number}: returned {what}; return (3+2n, 1) and (3+2n, 3+2n)")
+        for name, array in ((x_name, x), (P_name, P)):
+            if not np.isfinite(array).all():
+                raise OwnCodeError(f"step {number}: {name} is not finite from here on; look for what divides by zero")
+        return x.reshape(-1), P
+
+
+def _array(value: object) -> Float:
+    """A copy; empty if it is no array of numbers."""
+    try:
+        given = np.asarray(value)
+    except ValueError:
+        return np.zeros(0)
+    return given.astype(np.float64) if given.dtype.kind in REAL else np.zeros(0)

@@ -1,0 +1,175 @@
+"""Print figures of a run: the map and the errors, drawn on the axes that the caller gives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from itertools import islice
+from pathlib import Path
+from typing import Any, cast
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.transforms import ScaledTranslation
+
+from slamgauge.arrays import Float
+from slamgauge.compare.estimators.registry import YARDSTICKS
+from slamgauge.compare.figures.closure_marks import marked_closures
+from slamgauge.compare.figures.ellipses import draw_ellipses
+from slamgauge.compare.figures.error_panels import plot_errors
+from slamgauge.compare.figures.map_limits import map_limits
+from slamgauge.compare.figures.plot_style import (
+    DEAD_RECKONING,
+    LEGEND,
+    MARK_COLOR,
+    PRINT,
+    TRUTH_COLOR,
+    WRAPPED,
+    Style,
+    styles,
+)
+from slamgauge.compare.figures.figure_size import save_printed, sheet
+from slamgauge.compare.figures.downsampling import even_rows
+from slamgauge.compare.figures.world_axes import label_plane
+from slamgauge.compare.scoring.landmark_identity import true_landmarks
+from slamgauge.compare.scoring.optimum_figures import is_misfit
+from slamgauge.compare.scoring.optimum_notes import distance_from_optimum, misfits
+from slamgauge.compare.storage.safe_names import math_text
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import chain
+from slamgauge.truth import Truth
+
+__all__ = ["plot_errors", "plot_run", "save_figure"]
+
+HEIGHTS = {"page": 4.6, "column": 7.2}  # [in] of figure.png
+DIAMOND: dict[str, Any] = {"markersize": 3, "color": "w", "markeredgecolor": TRUTH_COLOR, "markeredgewidth": 0.6}
+OUTLINE: dict[str, Any] = {"markersize": 6, "color": "none", "markeredgecolor": MARK_COLOR, "markeredgewidth": 0.5}
+LONG_LABEL = 20  # characters; import paths of guests, mostly
+ROOM_OF_LABEL = 3.5  # heights of the letters of an axis' label: what stands below the axes before a legend
+POSE_ELLIPSES = 15  # along each path; odd, or two loops would show the same places
+LANDMARK_ELLIPSES = 150  # more than these in all: only the first map's are drawn
+
+
+def plot_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]) -> None:
+    """Draw the map of a run: paths, landmarks and 3-sigma ellipses in the world frame [m].
+
+    Dead reckoning is drawn from the recording where the estimates lack it, and cut where it leaves the rest far
+    behind. The legend stands below the axes.
+    """
+    _draw_run(ax, truth, recording, estimates, drift=True)
+    room = ROOM_OF_LABEL * ax.xaxis.label.get_fontproperties().get_size_in_points() / 72
+    lower = ScaledTranslation(0.0, -room, ax.figure.dpi_scale_trans)
+    place: dict[str, Any] = {"bbox_to_anchor": (0.5, 0.0), "bbox_transform": ax.transAxes + lower}
+    ax.legend(loc="upper center", ncols=2, **place, **LEGEND)
+
+
+def _draw_run(
+    ax: Axes, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate], *, drift: bool
+) -> None:
+    truth = Truth() if truth is None else truth
+    paths = {DEAD_RECKONING: chain(recording.prior_mean, recording.odometry)} if drift else {}
+    paths |= {name: estimate.poses for name, estimate in estimates.items()}
+    chosen = styles(paths)
+    if truth.poses is not None:
+        ax.plot(*_drawn(truth.poses), color=TRUTH_COLOR, linewidth=1.0, label="truth", zorder=2)
+    for name, poses in paths.items():
+        color, dashes = chosen[name]
+        ax.plot(*_drawn(poses), color=color, linestyle=dashes, linewidth=1.0, label=name, zorder=2.5)
+    _draw_maps(ax, truth, recording, estimates, chosen)
+    _draw_marks(ax, truth, recording, paths)
+    mapped = [true_landmarks(truth, recording, estimate)[1] for estimate in estimates.values()]
+    _frame(ax, paths, [each for each in (truth.poses, truth.landmarks) if each is not None] or mapped)
+
+
+def _drawn(poses: Float) -> Float:
+    """Positions (2, n) [m] that the line of a path goes through."""
+    return poses[even_rows(len(poses)), :2].T
+
+
+def _draw_maps(
+    ax: Axes,
+    truth: Truth,
+    recording: Recording,
+    estimates: Mapping[str, Estimate],
+    chosen: Mapping[str, Style],
+) -> None:
+    """True landmarks, mapped landmarks and the ellipses of both maps and paths."""
+    if truth.landmarks is not None:
+        ax.plot(*truth.landmarks.T, "k+", markersize=5, markeredgewidth=0.8, label="true landmark", zorder=3)
+    landmark_covs = {name: each.landmark_covs for name, each in estimates.items() if each.landmark_covs is not None}
+    if sum(len(covs) for covs in landmark_covs.values()) > LANDMARK_ELLIPSES:
+        landmark_covs = dict(islice(landmark_covs.items(), 1))
+    some = np.linspace(0, recording.steps, POSE_ELLIPSES + 1).astype(int)[1:]
+    for name, estimate in estimates.items():
+        color = chosen[name].color
+        _, landmarks = true_landmarks(truth, recording, estimate)
+        ax.plot(*landmarks.T, ".", color=color, markersize=2.5, zorder=3)
+        if name in landmark_covs:
+            draw_ellipses(ax, landmarks, landmark_covs[name], color)
+        if estimate.pose_covs is not None and name != DEAD_RECKONING:
+            draw_ellipses(ax, estimate.poses[some, :2], estimate.pose_covs[some, :2, :2], color)
+
+
+def _draw_marks(ax: Axes, truth: Truth, recording: Recording, paths: Mapping[str, Float]) -> None:
+    """The start, the loop closures, and keys to the dots and ellipses."""
+    path = truth.poses if truth.poses is not None else list(paths.values())[-1]
+    closures, label = marked_closures(truth, recording)
+    if len(closures):
+        ax.plot(*path[closures, :2].T, "d", label=label, zorder=4, **DIAMOND)
+    ax.plot(*recording.prior_mean[:2, None], "o", color=TRUTH_COLOR, markersize=4, label="start", zorder=4)
+    ax.plot([], [], ".", color=MARK_COLOR, markersize=2.5, label="mapped landmark")
+    if ax.collections:
+        ax.plot([], [], "o", label="3σ ellipse", **OUTLINE)
+
+
+def _frame(ax: Axes, paths: Mapping[str, Float], others: list[Float]) -> None:
+    """Limits at equal scales that hold everything but a dead reckoning that has gone astray."""
+    ax.set_aspect("equal", adjustable="datalim")
+    drift = [poses[:, :2] for name, poses in paths.items() if name == DEAD_RECKONING]
+    estimated = [poses for name, poses in paths.items() if name != DEAD_RECKONING] or drift
+    low, high = map_limits([each[:, :2] for each in estimated + others], drift)
+    ax.set_xlim(low[0], high[0], auto=True)
+    ax.set_ylim(low[1], high[1], auto=True)
+    label_plane(ax)
+    if any(((each < low) | (each > high)).any() for each in drift):
+        ax.set_title("dead reckoning leaves the map and is cut")
+
+
+def save_figure(
+    folder: str | Path,
+    truth: Truth | None,
+    recording: Recording,
+    estimates: Mapping[str, Estimate],
+    title: str,
+    band: str | None = None,
+    *,
+    drift: bool = True,
+) -> None:
+    """Write figure.png (200 dpi) and figure.svg into `folder`: the map beside the errors, in a column above them.
+
+    The bounds of the estimate `band` are filled. Dead reckoning is drawn in the map where the estimates lack it, unless
+    `drift` is False. An optimum that its check puts in doubt, or its residuals, is named
+    under the title.
+    """
+    with mpl.rc_context(PRINT):
+        page = sheet()
+        figure = Figure(figsize=(page.inches, HEIGHTS[page.width]), layout="constrained")
+        if page.is_narrow:
+            parts = figure.subfigures(2, 1, height_ratios=(1, 1.1))
+        else:
+            parts = figure.subfigures(1, 2, width_ratios=(1.25, 1))
+        left, right = cast("Iterable[SubFigure]", parts)
+        left_axes = left.subplots()
+        _draw_run(left_axes, truth, recording, estimates, drift=drift)
+        plot_errors(right.subplots(3, sharex=True), truth, recording, estimates, band)
+        handles, labels = left_axes.get_legend_handles_labels()
+        columns = page.legend_columns(len(labels))
+        if max(map(len, labels)) > LONG_LABEL:
+            columns = -(-2 * columns // 3)
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns, **LEGEND)
+        doubts = [misfits([name for name in YARDSTICKS.values() if name in estimates and is_misfit(estimates[name])])]
+        doubts += [distance_from_optimum(name, estimate.optimum_check) for name, estimate in estimates.items()]
+        figure.suptitle(math_text("\n".join([title, *filter(None, doubts)])), **WRAPPED)
+        save_printed(figure, Path(folder) / "figure")

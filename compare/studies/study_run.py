@@ -1,0 +1,143 @@
+"""One run of a study, as a worker carries it out: simulate, estimate, score."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+
+import numpy as np
+
+from slamgauge.arrays import Float
+from slamgauge.compare.estimators.requests import Asked, Chosen, ask
+from slamgauge.compare.estimators.loading import load, without
+from slamgauge.compare.estimators.registry import entry_of
+from slamgauge.compare.estimators.running import run_estimator
+from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.compare.scenarios.simulation import simulate_informed
+from slamgauge.compare.scoring.catalogue import STORED, measured
+from slamgauge.compare.scoring.consistency import squared_mahalanobis
+from slamgauge.compare.scoring.nan_stats import number, rms
+from slamgauge.compare.scoring.landmark_identity import landmark_errors, true_landmarks
+from slamgauge.compare.scoring.ray_figures import RayFigures
+from slamgauge.compare.scoring.runs import SERIES
+from slamgauge.compare.scoring.scores import filter_figures, map_figures, pose_covs_of
+from slamgauge.compare.scoring.trajectory_error import pose_errors, stored_distances
+from slamgauge.compare.storage.safe_names import shown
+from slamgauge.errors import failure_text, refused_by_the_machine
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one estimator made of one run: its figures and series, or the error that it ended with."""
+
+    estimator: str
+    kind: str = ""
+    figures: dict[str, float | None] = field(default_factory=dict)
+    series: bytes = b""  # (len(SERIES), N+1) in single precision
+    error: str | None = None
+    transient: bool = False  # the error is the machine's, not the input's: the same run may succeed another time
+
+
+def run_seed(seed: int, run: int) -> int:
+    """The seed of run number `run` of a study: independent streams, whatever the number of runs."""
+    return int(np.random.SeedSequence(seed, spawn_key=(run,)).generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+
+def run_once(scenario: Scenario, seed: int, estimators: Chosen) -> list[Outcome]:
+    """Simulate one run and score estimators on it; one that cannot be loaded, or fails, leaves its error.
+
+    The optima see the measurements with their true noise and associations (`simulation.informed`).
+    """
+    asked = ask(estimators)
+    try:
+        truth, recording, told = simulate_informed(scenario, seed)
+    except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
+        failed = _failed("", error)
+        return [replace(failed, estimator=each.key, error=f"simulation: {failed.error}") for each in asked]
+    return [_outcome(scenario, each, truth, told if each.is_told else recording) for each in asked]
+
+
+def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recording) -> Outcome:
+    try:
+        if asked.is_bound:
+            return _bounded(asked, truth, recording)
+        estimator = load(
+            asked, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
+        )
+        if asked.is_yardstick:
+            estimator = without(estimator, recording, truth.misleading)
+        estimate, seconds = run_estimator(asked.label, estimator, recording)
+        series = step_series(truth, estimate)
+        off = stored_distances(series[0], series[1])
+        known = map_figures(truth, recording, estimate, None) | filter_figures(estimate)
+        known |= near_and_far(truth, recording, estimate) | measured(truth, recording, estimate)
+        known |= {"ate_m": rms(off), "final_position_error_m": number(off[-1])}
+        known["observations"] = len(recording.observation)
+        if estimate.seconds is None:
+            known["seconds_total"] = seconds
+        rays = known["rays"]
+        known |= {f"rays_{name}": None if rays is None else getattr(rays, name) for name in RayFigures._fields}
+        figures = {key: known[key] for key in STORED}
+        return Outcome(asked.key, estimate.kind, figures, series.astype(np.float32).tobytes())
+    except Exception as error:  # noqa: BLE001 the study goes on, and shows what happened
+        return _failed(asked.key, error)
+
+
+def _bounded(asked: Asked, truth: Truth, recording: Recording) -> Outcome:
+    """What an estimator makes of the run whose errors are as large as the bound's standard deviations."""
+    entry = entry_of(asked.name)
+    begun = perf_counter()
+    covs = entry.bounds(truth, recording)
+    figures = dict.fromkeys(STORED) | {
+        "observations": len(recording.observation),
+        "seconds_total": perf_counter() - begun,
+    }
+    sigmas = np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0)).T
+    series = np.concatenate([sigmas, sigmas, np.full((len(SERIES) - 6, len(covs)), np.nan)])
+    return Outcome(asked.key, str(entry.kind), figures, series.astype(np.float32).tobytes())
+
+
+def _failed(name: str, error: Exception) -> Outcome:
+    """An outcome that is a failure."""
+    return Outcome(name, error=shown(failure_text(error)), transient=refused_by_the_machine(error))
+
+
+def near_and_far(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, float | None]:
+    """RMS error and RMS sigma [m] of the mapped landmarks: the half of them nearer to the start, and the other."""
+    assert truth.poses is not None
+    ids, landmarks = true_landmarks(truth, recording, estimate)
+    errors = np.linalg.norm(landmark_errors(ids, landmarks, truth.landmark_ids, truth.landmarks), axis=1)
+    covs = estimate.landmark_covs
+    sigmas = np.full(len(ids), np.nan) if covs is None else np.sqrt(np.trace(covs, axis1=1, axis2=2).clip(min=0))
+    offsets = landmark_errors(ids, np.tile(truth.poses[0, :2], (len(ids), 1)), truth.landmark_ids, truth.landmarks)
+    distances = np.linalg.norm(offsets, axis=1)
+    known = ~np.isnan(distances)
+    near = distances <= np.median(distances[known]) if known.any() else known
+    far = ~near & known
+    return {
+        "landmark_sigma_near_m": rms(sigmas[near]),
+        "landmark_sigma_far_m": rms(sigmas[far]),
+        "landmark_error_near_m": rms(errors[near]),
+        "landmark_error_far_m": rms(errors[far]),
+    }
+
+
+def step_series(truth: Truth, estimate: Estimate) -> Float:
+    """The rows of `SERIES` (11, N+1); NaN where a figure is undefined."""
+    assert truth.poses is not None
+    errors = pose_errors(truth.poses, estimate.poses)
+    undefined = np.full(len(errors), np.nan)
+    covs = pose_covs_of(estimate)
+    rows = [
+        *errors.T,
+        *np.sqrt(np.diagonal(covs, axis1=1, axis2=2).clip(min=0)).T,
+        squared_mahalanobis(errors, covs),
+        squared_mahalanobis(errors[:, :2], covs[:, :2, :2]),
+        squared_mahalanobis(errors[:, 2:], covs[:, 2:, 2:]),
+        undefined if estimate.nis is None else estimate.nis,
+        undefined if estimate.nis_dof is None else estimate.nis_dof,
+    ]
+    return np.array(rows, dtype=np.float64)

@@ -1,0 +1,238 @@
+"""What an estimator returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.errors import UserError
+from slamgauge.display import counted, data_frame, fact_table
+from slamgauge.recording import Recording
+from slamgauge.validation import (
+    are_among,
+    as_array,
+    as_covariances,
+    as_distinct_ids,
+    as_floats,
+    as_ints,
+    equal,
+    require_rows,
+    store,
+    wrap_headings,
+)
+
+Kind = Literal["filtered", "smoothed"]
+AXES = ("x", "y", "heading")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapHistory:
+    """The map as it stood at some steps: a row for every landmark, or for every member of one that is a ray still.
+
+    Equal by value, and therefore not hashable, as arrays are not.
+
+    Attributes:
+        step: (K,) in increasing order.
+        landmark: (K,) id.
+        member: (K,) number of the member along its ray, from 0; -1 for a landmark that is a point.
+        weight: (K,) probability of the member; 1 for a point.
+        position: (K, 2) [m].
+        cov: (K, 2, 2) [m^2].
+    """
+
+    step: Int
+    landmark: Int
+    member: Int
+    weight: Float
+    position: Float
+    cov: Float
+
+    def __post_init__(self) -> None:
+        step = as_ints("history.step", self.step, (None,))
+        require_rows(
+            "history.step", np.diff(step, prepend=0) >= 0, step, "steps must not decrease; sort the rows by step"
+        )
+        weight = as_floats("history.weight", self.weight, (len(step),))
+        require_rows("history.weight", (weight >= 0) & (weight <= 1), weight, "a weight is a probability")
+        store(
+            self,
+            step=step,
+            landmark=as_ints("history.landmark", self.landmark, (len(step),)),
+            member=as_ints("history.member", self.member, (len(step),)),
+            weight=weight,
+            position=as_floats("history.position", self.position, (len(step), 2)),
+            cov=as_covariances("history.cov", self.cov, (len(step), 2, 2)),
+        )
+
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RayLog:
+    """What became of every ray of a bearing-only estimate.
+
+    Equal by value, and therefore not hashable, as arrays are not.
+
+    Attributes:
+        landmark: (B,) id of each ray's landmark.
+        birth: (B,) step at which it began.
+        end: (B,) step at which it became a point or was lost; -1 if it is a ray still.
+        survivor: (B,) number of the member that became the point; -1 if there is none.
+        distances: (B, G) distances of the members at birth [m], NaN where a ray had fewer.
+        members: (N+1,) members of all rays after each step.
+    """
+
+    landmark: Int
+    birth: Int
+    end: Int
+    survivor: Int
+    distances: Float
+    members: Int
+
+    def __post_init__(self) -> None:
+        landmark = as_ints("rays.landmark", self.landmark, (None,))
+        birth, end = (as_ints(f"rays.{name}", getattr(self, name), (len(landmark),)) for name in ("birth", "end"))
+        require_rows("rays.birth", birth >= 0, birth, "give the step at which the ray began, >= 0")
+        require_rows("rays.end", (end == -1) | (end >= birth), end, "a ray cannot end before its birth; -1: it goes on")
+        distances = as_array("rays.distances", self.distances, (len(landmark), None))
+        survivor = as_ints("rays.survivor", self.survivor, (len(landmark),))
+        known = (survivor >= -1) & (survivor < distances.shape[1])
+        require_rows("rays.survivor", known, survivor, "give the number of a member, or -1")
+        members = as_ints("rays.members", self.members, (None,))
+        require_rows("rays.members", members >= 0, members, "a number of members cannot be negative")
+        store(self, landmark=landmark, birth=birth, end=end, survivor=survivor, distances=distances, members=members)
+
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """What an estimator returns; only `kind` and `poses` are required.
+
+    Equal by value, and therefore not hashable, as arrays are not.
+
+    Attributes:
+        kind: `filtered` (pose k uses the measurements up to step k) or `smoothed` (uses all).
+        poses: (N+1, 3).
+        pose_covs: (N+1, 3, 3) world frame, additive error (x, y, heading); None if not estimated.
+        landmark_ids: (L,) distinct ids of the mapped landmarks; none by default.
+        landmarks: (L, 2) [m] at the end of the recording, in the order of their ids.
+        landmark_covs: (L, 2, 2) [m^2]; None if not estimated.
+        association: (M,) id of the landmark that each observation was given, -1 if rejected.
+        nis: (N+1,) normalised innovation squared of each step's update; None if there is none.
+        nis_dof: (N+1,) its degrees of freedom, 0 where there was no update.
+        seconds: (N+1,) computing time of each step; None if not measured.
+        rays: what became of the rays of a bearing-only estimate; None without rays.
+        history: the map at some of the steps; None if it was not kept.
+        chi_square: of an optimum, its squared residuals in units of their stated noise, summed; None of a filter.
+        chi_square_dof: its degrees of freedom, the rows of all observations less two for every landmark.
+        optimum_check: of a causal optimum, how far its last pose and sigmas are from the hindsight optimum's, in sigmas
+            of the latter; infinite where that could not be found; None where nothing was checked.
+    """
+
+    kind: Kind
+    poses: Float
+    pose_covs: Float | None = None
+    landmark_ids: Int = field(default_factory=lambda: np.zeros(0, np.int64))
+    landmarks: Float = field(default_factory=lambda: np.zeros((0, 2)))
+    landmark_covs: Float | None = None
+    association: Int | None = None
+    nis: Float | None = None
+    nis_dof: Int | None = None
+    seconds: Float | None = None
+    rays: RayLog | None = None
+    history: MapHistory | None = None
+    chi_square: float | None = None
+    chi_square_dof: int | None = None
+    optimum_check: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("filtered", "smoothed"):
+            raise UserError(f"kind: {self.kind!r} is not known; use 'filtered' or 'smoothed'")
+        poses = wrap_headings(as_floats("poses", self.poses, (None, 3)))
+        count = len(poses)
+        ids = as_distinct_ids("landmark_ids", self.landmark_ids)
+        if not len(ids) and np.size(self.landmarks):
+            raise UserError("landmark_ids: none for the landmarks that are given; give the id of each row")
+        store(self, poses=poses, landmark_ids=ids, landmarks=as_floats("landmarks", self.landmarks, (len(ids), 2)))
+        if self.pose_covs is not None:
+            store(self, pose_covs=as_covariances("pose_covs", self.pose_covs, (count, 3, 3)))
+        if self.landmark_covs is not None:
+            store(self, landmark_covs=as_covariances("landmark_covs", self.landmark_covs, (len(ids), 2, 2)))
+        if self.association is not None:
+            association = as_ints("association", self.association, (None,))
+            known = are_among(association, ids) | (association == -1)
+            require_rows(
+                "association", known, association, "give an id of landmark_ids, or -1 for a rejected observation"
+            )
+            store(self, association=association)
+        if (self.nis is None) != (self.nis_dof is None):
+            raise UserError("nis: give nis and nis_dof together, or neither")
+        if self.nis is not None and self.nis_dof is not None:
+            store(self, nis=as_floats("nis", self.nis, (count,)), nis_dof=as_ints("nis_dof", self.nis_dof, (count,)))
+        if self.seconds is not None:
+            store(self, seconds=as_floats("seconds", self.seconds, (count,)))
+        for name in ("chi_square", "chi_square_dof", "optimum_check"):
+            if getattr(self, name) is not None:
+                store(self, **{name: _as_figure(name, getattr(self, name))})
+        if (self.chi_square is None) != (self.chi_square_dof is None):
+            raise UserError("chi_square: give chi_square and chi_square_dof together, or neither")
+        _require_on_the_path(self.rays, self.history, steps=count - 1)
+
+    def __repr__(self) -> str:
+        return f"Estimate({', '.join(str(each) for each in self._facts().values())})"
+
+    def _repr_html_(self) -> str:
+        return fact_table({"Estimate": "", **self._facts()})
+
+    def _facts(self) -> dict[str, object]:
+        has = ("without", "with")[self.pose_covs is not None]
+        return {
+            "kind": self.kind,
+            "poses": f"{counted(len(self.poses), 'pose')} {has} covariances",
+            "map": counted(len(self.landmark_ids), "landmark"),
+        }
+
+    def to_frame(self) -> Any:
+        """The path as a `pandas.DataFrame`: x, y [m], heading [rad], and their sigmas if there are any."""
+        columns: dict[str, Any] = dict(zip(AXES, self.poses.T, strict=True))
+        if self.pose_covs is not None:
+            sigmas = np.sqrt(np.diagonal(self.pose_covs, axis1=1, axis2=2).clip(min=0))
+            columns |= {f"sigma_{name}": sigma for name, sigma in zip(AXES, sigmas.T, strict=True)}
+        return data_frame(columns)
+
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other)
+
+
+def _as_figure(name: str, value: object) -> float | int:
+    """A number >= 0 as plain Python has it: degrees of freedom are whole, and only the check may be infinite."""
+    figure = float(as_array(name, value, ())[()])
+    whole, endless = name == "chi_square_dof", name == "optimum_check"
+    if not figure >= 0 or (figure == np.inf and not endless) or (whole and not figure.is_integer()):
+        raise UserError(f"{name}: {figure:g} does not fit; give a {'whole ' * whole}number >= 0, or None")
+    return int(figure) if whole else figure
+
+
+def _require_on_the_path(rays: RayLog | None, history: MapHistory | None, steps: int) -> None:
+    """Refuse rays and maps of steps that the path of an estimate does not have."""
+    rule = f"a step must lie in 0..{steps}, as the poses do"
+    if rays is not None:
+        require_rows("rays.birth", rays.birth <= steps, rays.birth, rule)
+        require_rows("rays.end", rays.end <= steps, rays.end, rule)
+        as_ints("rays.members", rays.members, (steps + 1,))
+    if history is not None:
+        require_rows("history.step", history.step <= steps, history.step, rule)
+
+
+class Estimator(Protocol):
+    """Anything that turns a recording into an estimate."""
+
+    def __call__(self, recording: Recording, /) -> Estimate:
+        """Estimate from the recording alone."""
+        ...

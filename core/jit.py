@@ -1,0 +1,46 @@
+"""Compilation of kernels: by numba on first use, kept on disk for later processes (`kept_code`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar
+
+from numba import njit, typeof
+from numba.core.dispatcher import Dispatcher
+
+from slamgauge.kernel_cache import cache_of
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+
+def kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Compile `function` on first call; machine code is cached on disk where that is possible."""
+    return _compiled(function, callable_from_python=True)
+
+
+def inner(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """A kernel for other kernels alone: no way into it from Python is compiled, half the time where it is small."""
+    return _compiled(function, callable_from_python=False)
+
+
+def _compiled(function: Callable[Arguments, Result], *, callable_from_python: bool) -> Callable[Arguments, Result]:
+    options: dict[str, Any] = {  # numba's stubs lack the last two
+        "error_model": "numpy",
+        "no_cfunc_wrapper": True,
+        "no_cpython_wrapper": not callable_from_python,
+    }
+    dispatcher: Any = njit(**options)(function)
+    dispatcher._cache = cache_of(function)  # where `cache=True` puts numba's own
+    return dispatcher
+
+
+def direct(function: Callable[Arguments, Result], *arguments: object) -> Callable[Arguments, Result]:
+    """The machine code of a kernel for arguments of these types, compiled if it is not yet.
+
+    A call then spares numba's look at every argument's type, a microsecond where there are a dozen arrays: they must be
+    of the same types each time. What is no kernel is returned as it is.
+    """
+    if not isinstance(function, Dispatcher):
+        return function
+    return function.compile(tuple(map(typeof, arguments)))

@@ -1,0 +1,120 @@
+"""Machine code that is kept on disk, and when it may be used.
+
+The machine code of a kernel includes that of the kernels it calls, but numba compares it with its own source file
+alone: an edited kernel would live on in its callers. What is kept therefore carries a seal, a digest of the machine
+code and of every source in the kernel's folder. Code whose seal does not fit, because a source was edited or because a
+power cut has left half a file, is compiled anew. Contents are compared, not dates.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any, cast
+
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache
+
+from slamgauge.compile_progress import note
+
+COMPILED = Path(__file__).with_name("compiled.py")  # says how kernels are compiled
+_folders: set[Path] = set()  # where numba keeps the kernels that have been imported
+
+
+class DamagedError(Exception):
+    """What is kept is not what was written, or of other sources or types."""
+
+
+class _Sealed(CompileResultCacheImpl):
+    """How the machine code of a function becomes a file, and a file machine code."""
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        super().__init__(function)
+        self._folder = Path(inspect.getfile(function)).parent
+
+    def reduce(self, cres: Any) -> tuple[str, Any]:
+        """What is written: the seal, and what numba would write."""
+        parts = super().reduce(cres)
+        return self._seal(parts), parts
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """Machine code of what was read."""
+        seal, parts = payload
+        if seal != self._seal(parts):
+            raise DamagedError
+        return super().rebuild(target_context, parts)
+
+    def _seal(self, parts: Any) -> str:
+        library = parts[0]  # the machine code; damage elsewhere cannot be read at all
+        return hashlib.sha256(sources_digest(self._folder) + repr(library).encode()).hexdigest()
+
+
+class _KernelCache(FunctionCache):
+    """numba's cache of a function; damaged files are as good as none, and a full disk does not end the program."""
+
+    _impl_class = _Sealed
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Machine code for these types, None where it must be compiled."""
+        found = None
+        try:
+            found = super().load_overload(sig, target_context)
+            damaged = found is not None and tuple(found.signature.args) != tuple(sig)  # two programs wrote at once
+        except Exception:  # noqa: BLE001 half a pickle fails in every way
+            damaged = True
+        if damaged:
+            found = None
+            with suppress(OSError):  # the folder is not ours to write to
+                self.flush()
+        note(compiled=found is None)
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep machine code, if that can be done."""
+        with suppress(Exception):  # no room, or a damaged index that cannot be replaced
+            super().save_overload(sig, data)
+
+
+class _NoCache(NullCache):
+    """Where numba may write to no folder."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> None:  # noqa: ARG002
+        """Nothing is kept."""
+        note(compiled=True)
+
+
+def cache_of(function: Callable[..., object]) -> FunctionCache | NullCache:
+    """Where numba shall keep the machine code of a function."""
+    try:
+        found = _KernelCache(function)
+    except RuntimeError:  # no folder that numba may write to
+        return _NoCache()
+    _folders.add(Path(cast("str", found.cache_path)))
+    return found
+
+
+@cache
+def sources_digest(folder: Path) -> bytes:
+    """Digest of the names and contents of all sources in a folder, and of how they are compiled."""
+    digest = hashlib.sha256()
+    for source in (COMPILED, *sorted(folder.rglob("*.py"))):
+        content = source.read_bytes()
+        digest.update(f"{source.name} {len(content)}\n".encode() + content)
+    return digest.digest()
+
+
+def kept_files() -> dict[Path, list[Path]]:
+    """The folders in which machine code of the kernels imported so far is kept, and their files."""
+    names = ("*.nbi", "*.nbc", "*.nb[ic].tmp.*")  # the last is left by processes that were killed
+    return {folder: sorted(file for name in names for file in folder.glob(name)) for folder in sorted(_folders)}
+
+
+def clear_kept() -> int:
+    """Remove that machine code; how many files are gone."""
+    files = [file for found in kept_files().values() for file in found]
+    for file in files:
+        file.unlink(missing_ok=True)
+    return len(files)

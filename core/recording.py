@@ -1,0 +1,177 @@
+"""All that an estimator may see of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamgauge.arrays import Float, Int, chunks, distinct
+from slamgauge.errors import UserError
+from slamgauge.display import counted, data_frame, fact_table
+from slamgauge.validation import as_covariances, as_floats, as_ints, equal, for_all, require_rows, store
+
+Sensor = Literal["range-bearing", "bearing", "position"]
+
+
+OBSERVATION_DIM: dict[str, int] = {"range-bearing": 2, "bearing": 1, "position": 2}
+VALUES = {"range-bearing": ("range", "bearing"), "bearing": ("bearing",), "position": ("x", "y")}
+
+
+class Observations(NamedTuple):
+    """What the sensor saw at one step: ids (m,), values (m, d) and covariances (m, d, d)."""
+
+    landmark: Int | None
+    value: Float
+    cov: Float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """All that an estimator may see: N odometry increments and M landmark observations.
+
+    Equal by value, and therefore not hashable, as arrays are not.
+
+    Attributes:
+        stamps: (N+1,) [s], strictly increasing; step k leads from stamp k-1 to stamp k.
+        prior_mean: (3,) mean of the start pose.
+        prior_cov: (3, 3) its covariance; may be zero (a fixed start).
+        odometry: (N, 3) body-frame increments (dx, dy, dtheta).
+        odometry_cov: (N, 3, 3) as estimators shall assume it; may be singular. One (3, 3) stands for all steps.
+        sensor: `range-bearing` (range [m], bearing [rad]), `bearing` ([rad]) or `position`
+            (landmark in the body frame, [m]).
+        observation_step: (M,) in 0..N, in increasing order; the pose that observed.
+        observation: (M, d) values.
+        observation_cov: (M, d, d) as estimators shall assume it, positive definite. One (d, d) stands for all.
+        landmark: (M,) ids >= 0, or None when the association is unknown.
+    """
+
+    stamps: Float
+    prior_mean: Float
+    prior_cov: Float
+    odometry: Float
+    odometry_cov: Float
+    sensor: Sensor
+    observation_step: Int
+    observation: Float
+    observation_cov: Float
+    landmark: Int | None
+
+    def __post_init__(self) -> None:
+        odometry = as_floats("odometry", self.odometry, (None, 3))
+        steps = len(odometry)
+        stamps = as_floats("stamps", self.stamps, (steps + 1,))
+        require_rows(
+            "stamps", np.diff(stamps, prepend=-np.inf) > 0, stamps, "stamps must increase strictly; sort the steps"
+        )
+        if self.sensor not in OBSERVATION_DIM:
+            raise UserError(f"sensor: {self.sensor!r} is not known; use one of {', '.join(OBSERVATION_DIM)}")
+        dim = OBSERVATION_DIM[self.sensor]
+        observation = as_floats("observation", self.observation, (None, dim))
+        count = len(observation)
+        if self.sensor == "range-bearing":
+            require_rows("observation", observation[:, 0] >= 0, observation, "a range cannot be negative; drop the row")
+        observation_step = as_ints("observation_step", self.observation_step, (count,))
+        in_range = (observation_step >= 0) & (observation_step <= steps)
+        require_rows("observation_step", in_range, observation_step, f"a step must lie in 0..{steps}")
+        ordered = np.append(True, observation_step[1:] >= observation_step[:-1])[:count]
+        require_rows(
+            "observation_step", ordered, observation_step, "steps must not decrease; sort the observations by step"
+        )
+        landmark = None
+        if self.landmark is not None:
+            landmark = as_ints("landmark", self.landmark, (count,))
+            require_rows(
+                "landmark", landmark >= 0, landmark, "an id must be >= 0; use landmark=None for unknown association"
+            )
+        store(
+            self,
+            stamps=stamps,
+            prior_mean=as_floats("prior_mean", self.prior_mean, (3,)),
+            prior_cov=as_covariances("prior_cov", self.prior_cov, (3, 3)),
+            odometry=odometry,
+            odometry_cov=as_covariances("odometry_cov", for_all(self.odometry_cov, steps), (steps, 3, 3)),
+            observation=observation,
+            observation_step=observation_step,
+            observation_cov=as_covariances(
+                "observation_cov", for_all(self.observation_cov, count), (count, dim, dim), definite=True
+            ),
+            landmark=landmark,
+        )
+
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other)
+
+    def __repr__(self) -> str:
+        return f"Recording({', '.join(str(each) for each in self._facts().values())})"
+
+    def _repr_html_(self) -> str:
+        return fact_table({"Recording": "", **self._facts()})
+
+    def _facts(self) -> dict[str, object]:
+        count = counted(len(self.observation), "observation")
+        whose = "without ids" if self.landmark is None else f"of {counted(len(distinct(self.landmark)), 'landmark')}"
+        return {
+            "sensor": self.sensor,
+            "steps": counted(self.steps, "step"),
+            "duration": f"{self.stamps[-1] - self.stamps[0]:.6g} s",
+            "observations": f"{count} {whose}",
+        }
+
+    def to_frame(self) -> Any:
+        """The observations as a `pandas.DataFrame`: step, stamp [s], landmark, values [m, rad]."""
+        columns: dict[str, Any] = {"step": self.observation_step, "stamp": self.stamps[self.observation_step]}
+        if self.landmark is not None:
+            columns["landmark"] = self.landmark
+        return data_frame(columns | dict(zip(VALUES[self.sensor], self.observation.T, strict=True)))
+
+    @property
+    def steps(self) -> int:
+        """Number N of odometry increments."""
+        return len(self.odometry)
+
+    def first(self, steps: int) -> Recording:
+        """The recording up to pose `steps` and with its observations."""
+        last = int(np.searchsorted(self.observation_step, steps, side="right"))
+        return replace(
+            self,
+            stamps=self.stamps[: steps + 1],
+            odometry=self.odometry[:steps],
+            odometry_cov=self.odometry_cov[:steps],
+            observation_step=self.observation_step[:last],
+            observation=self.observation[:last],
+            observation_cov=self.observation_cov[:last],
+            landmark=None if self.landmark is None else self.landmark[:last],
+        )
+
+    def only(self, kept: NDArray[np.bool_]) -> Recording:
+        """The recording with the `kept` (M,) observations alone."""
+        return replace(
+            self,
+            observation_step=self.observation_step[kept],
+            observation=self.observation[kept],
+            observation_cov=self.observation_cov[kept],
+            landmark=None if self.landmark is None else self.landmark[kept],
+        )
+
+    def associated(self, association: Int) -> Recording:
+        """The recording with the ids of an `Estimate.association` (M,), without the observations it rejects (-1)."""
+        kept = np.asarray(association) >= 0
+        return replace(self, landmark=np.where(kept, association, 0)).only(kept)
+
+    def own_ids(self, association: Int) -> Int:
+        """The association (M,), as the recording's own array of ids where it is the same: then there is one of both."""
+        ids = self.landmark
+        return ids if ids is not None and np.array_equal(association, ids) else association
+
+    def scans(self) -> Iterator[Observations]:
+        """The observations of step 0, 1, ..., N in turn (views, not copies)."""
+        for steps in chunks(self.steps + 1):
+            bounds = np.searchsorted(self.observation_step, np.arange(steps.start, steps.stop + 1)).tolist()
+            for first, last in pairwise(bounds):
+                ids = None if self.landmark is None else self.landmark[first:last]
+                yield Observations(ids, self.observation[first:last], self.observation_cov[first:last])

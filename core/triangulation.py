@@ -1,0 +1,93 @@
+"""A landmark from its bearings."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float
+from slamgauge.jit import kernel
+
+GAUSS_NEWTON_STEPS = 8
+GRID = 1024.0  # [m] between places that are worked from: differences from them are exact
+FOUND = 0.1  # standard deviations: a landmark that moves less has been found
+
+
+class Triangulation(NamedTuple):
+    """A landmark (2,) [m] from its bearings, and its largest standard deviation [m], poses taken as exact."""
+
+    landmark: Float
+    sigma: float
+    placed: bool
+
+
+class _Found(NamedTuple):
+    """Where the steps have ended [m], and the last step [m]; the nearest pose [m], and the share of poses before it."""
+
+    x: float
+    y: float
+    sigma: float
+    step: float
+    nearest: float
+    ahead: float
+
+
+def triangulate(poses: Float, bearings: Float, variances: Float, sure: float) -> Triangulation:
+    """The landmark of largest likelihood: Gauss-Newton from the least squares on distances from the lines of sight.
+
+    Args:
+        poses: (n, 3) that saw the landmark.
+        bearings: (n,) [rad] in the body frame.
+        variances: (n,) [rad^2].
+        sure: largest standard deviation of a landmark that is `placed`, as a share of its distance.
+
+    Returns:
+        The landmark; one that is placed lies in front of the poses.
+    """
+    found = _searched(np.ascontiguousarray(poses), np.ascontiguousarray(bearings), np.ascontiguousarray(variances))
+    settled = found.step < FOUND * found.sigma < FOUND * sure * found.nearest
+    return Triangulation(np.array([found.x, found.y]), found.sigma, placed=bool(found.ahead > 0.5 and settled))
+
+
+@kernel
+def _searched(poses: Float, bearings: Float, variances: Float) -> _Found:
+    """Where the Gauss-Newton steps end; sigma is infinite, and the place a metre from the last pose, if nowhere."""
+    count = len(poses)
+    origin_x, origin_y = GRID * np.round(poses[0, 0] / GRID), GRID * np.round(poses[0, 1] / GRID)
+    angle, residual = poses[:, 2] + bearings, np.empty(count)
+    along, gradient = np.empty((count, 2)), np.empty((count, 2))
+    for i in range(count):
+        along[i, 0], along[i, 1] = math.cos(angle[i]), math.sin(angle[i])
+        gradient[i, 0], gradient[i, 1] = -along[i, 1], along[i, 0]
+        residual[i] = gradient[i, 0] * (poses[i, 0] - origin_x) + gradient[i, 1] * (poses[i, 1] - origin_y)
+    x, y, sigma, step, nearest, ahead = 0.0, 0.0, math.inf, math.inf, math.inf, 0.0
+    for _ in range(GAUSS_NEWTON_STEPS):
+        a, b, d, pull_x, pull_y = 0.0, 0.0, 0.0, 0.0, 0.0  # information [[a, b], [b, d]], and what pulls
+        for i in range(count):
+            g, h = gradient[i, 0] / variances[i], gradient[i, 1] / variances[i]
+            a += g * gradient[i, 0]
+            b += g * gradient[i, 1]
+            d += h * gradient[i, 1]
+            pull_x += g * residual[i]
+            pull_y += h * residual[i]
+        strongest = 0.5 * (a + d + math.hypot(a - d, 2.0 * b))
+        weakest = (a * d - b * b) / strongest
+        if not weakest > 1e-12 * (a + d):
+            x, y = poses[-1, 0] + along[-1, 0], poses[-1, 1] + along[-1, 1]
+            return _Found(x, y, math.inf, math.inf, 0.0, 0.0)
+        determinant = strongest * weakest
+        move_x, move_y = (d * pull_x - b * pull_y) / determinant, (a * pull_y - b * pull_x) / determinant
+        x, y = x + move_x, y + move_y
+        sigma, step = 1.0 / math.sqrt(weakest), math.hypot(move_x, move_y)
+        nearest, ahead = math.inf, 0.0
+        for i in range(count):
+            east, north = x - (poses[i, 0] - origin_x), y - (poses[i, 1] - origin_y)
+            squared = max(east * east + north * north, 1e-6)
+            nearest = min(nearest, squared)
+            forward, left = along[i, 0] * east + along[i, 1] * north, along[i, 0] * north - along[i, 1] * east
+            ahead += (forward > 0.0) / count
+            gradient[i, 0], gradient[i, 1] = -north / squared, east / squared
+            residual[i] = -math.atan2(left, forward)
+    return _Found(origin_x + x, origin_y + y, sigma, step, math.sqrt(nearest), ahead)

@@ -1,0 +1,221 @@
+"""What the vocabulary's constructors check (shape, finite numbers, covariances, indices), and when values are equal.
+
+A value that does not fit raises ``UserError`` with the field, the row, the value and the remedy in one line.
+"""
+
+from __future__ import annotations
+
+import operator
+from dataclasses import fields, is_dataclass
+from typing import TypeGuard, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from slamgauge.arrays import Float, Int, chunks, is_frozen
+from slamgauge.covariances import scale_of
+from slamgauge.errors import UserError
+from slamgauge.se2 import wrap
+
+LARGEST = 1e50  # no quantity of a robot is larger; products of some such numbers are still finite
+REAL = "fiu"  # kinds of numpy types that are real numbers
+WHOLE = 2**53  # from here on a double does not hold every whole number
+Number = TypeVar("Number", np.float64, np.int64)
+
+
+def store(instance: object, **fields: object) -> None:
+    """Store checked fields in a frozen dataclass; arrays become read-only."""
+    for name, value in fields.items():
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+        object.__setattr__(instance, name, value)
+
+
+def equal(one: object, other: object) -> bool:
+    """Whether two dataclasses are of the same type and equal field by field; arrays exactly, a gap (NaN) to a gap."""
+    if type(one) is not type(other) or not is_dataclass(one):
+        return False
+    return all(_same(getattr(one, field.name), getattr(other, field.name)) for field in fields(one))
+
+
+def _same(one: object, other: object) -> bool:
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(one, other, equal_nan=True)
+    return type(one) is type(other) and one == other
+
+
+def as_array(name: str, value: object, shape: tuple[int | None, ...]) -> Float:
+    """`value` as a float64 array with the given shape (None: any length); a copy, unless nobody can write into it."""
+    array = value if _is_kept(value, np.float64) else as_numbers(name, value, f"give shape {_spell(shape)}")
+    _require_shape(name, array, shape)
+    return array
+
+
+def _is_kept(value: object, dtype: type[Number]) -> TypeGuard[NDArray[Number]]:
+    """Whether records may share an array: it has their type and layout, and nobody can change it."""
+    if not isinstance(value, np.ndarray) or value.dtype != dtype:
+        return False
+    return value.flags.c_contiguous and value.flags.aligned and is_frozen(value)
+
+
+def _require_shape(name: str, array: NDArray[np.generic], shape: tuple[int | None, ...]) -> None:
+    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+        raise UserError(f"{name}: shape {array.shape} does not fit; give shape {_spell(shape)}")
+
+
+def as_numbers(name: str, value: object, remedy: str) -> Float:
+    """A float64 copy of `value` with whatever shape it has; letters are no numbers, nor are complex ones real."""
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind in f"{REAL}bO":  # of objects each is looked at as it becomes a float
+            return np.array(given, dtype=np.float64, order="C")
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise UserError(f"{name}: not an array of numbers; {remedy}")
+
+
+def _spell(shape: tuple[int | None, ...]) -> str:
+    sizes = ["any" if n is None else str(n) for n in shape]
+    return f"({', '.join(sizes)}{',' if len(sizes) == 1 else ''})"
+
+
+def as_floats(name: str, value: object, shape: tuple[int | None, ...]) -> Float:
+    """`as_array` of finite numbers."""
+    array = as_array(name, value, shape)
+    finite = np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
+    require_rows(name, finite, array, "every number must be finite")
+    return array
+
+
+def as_ints(name: str, value: object, shape: tuple[int | None, ...]) -> Int:
+    """Whole numbers as an int64 array; a copy, unless nobody can write into it."""
+    rule = "every entry must be a whole number below 2**53"
+    if isinstance(value, np.ndarray) and value.dtype == np.int64:  # no detour by floats: there may be millions
+        whole = value if _is_kept(value, np.int64) else np.array(value, order="C")
+        _require_shape(name, whole, shape)
+        require_rows(name, (whole > -WHOLE) & (whole < WHOLE), whole, rule)
+        return whole
+    array = as_floats(name, value, shape)
+    require_rows(name, (array == np.floor(array)) & (np.abs(array) < WHOLE), array, rule)
+    return array.astype(np.int64)
+
+
+def as_distinct_ids(name: str, value: object) -> Int:
+    """Ids (n,) that are >= 0 and distinct, as int64."""
+    ids = as_ints(name, value, (None,))
+    first = np.zeros(len(ids), dtype=bool)
+    first[np.unique(ids, return_index=True)[1]] = True
+    require_rows(name, first & (ids >= 0), ids, "ids must be >= 0 and distinct")
+    return ids
+
+
+def as_covariances(name: str, value: object, shape: tuple[int | None, ...], *, definite: bool = False) -> Float:
+    """Symmetric positive semi-definite (or definite) matrices, exactly symmetric on return.
+
+    One that stands for all rows is kept once, and the others are views of it.
+    """
+    if isinstance(value, np.ndarray) and value.ndim == 3 and value.dtype.kind in REAL and is_one_for_all(value):
+        _require_shape(name, value, shape)
+        one = as_covariances(name, value[:1].copy(), (1, *shape[1:]), definite=definite)
+        one.setflags(write=False)
+        return np.broadcast_to(one, value.shape)
+    array = as_floats(name, value, shape)
+    stack = array.reshape(-1, *array.shape[-2:])
+    for rows in chunks(len(stack)):
+        symmetric = _symmetric(name, stack[rows], rows.start, definite=definite)
+        if not stack.flags.writeable and not np.array_equal(symmetric, stack[rows]):
+            stack = stack.copy()
+        if stack.flags.writeable:
+            stack[rows] = symmetric
+    return stack.reshape(array.shape)
+
+
+def is_one_for_all(stack: NDArray[np.generic]) -> bool:
+    """Whether all rows (n, ...), two or more, are equal."""
+    if len(stack) < 2 or stack.strides[0] == 0:
+        return len(stack) > 1
+    return all(bool((stack[rows] == stack[0]).all()) for rows in chunks(len(stack)))
+
+
+def _symmetric(name: str, stack: Float, first: int, *, definite: bool) -> Float:
+    """Covariances (n, d, d), exactly symmetric, of which the first is row `first` of all that were given."""
+    transposed = stack.swapaxes(1, 2)
+    scale = np.abs(stack).max(axis=(1, 2), initial=0.0)
+    sigmas = np.sqrt(np.abs(np.diagonal(stack, axis1=1, axis2=2)))  # units differ: judge each pair by its own
+    allowed = 1e-9 * sigmas[:, :, None] * sigmas[:, None, :] + 1e-15 * scale[:, None, None]
+    symmetric = (np.abs(stack / 2 - transposed / 2) <= allowed / 2).all(axis=(1, 2))
+    require_rows(name, symmetric, stack, "a covariance must be symmetric; use (P + P.T) / 2", first)
+    stack = stack / 2 + transposed / 2  # half of each: sums may be more than a double holds
+    variances = np.diagonal(stack, axis1=1, axis2=2)
+    nonnegative = (variances >= -1e-12 * scale[:, None]).all(axis=1)
+    require_rows(name, nonnegative, stack, "a covariance must not have a negative variance", first)
+    with np.errstate(over="ignore"):
+        correlations = np.clip(stack / scale_of(stack), -2.0, 2.0)  # beyond 1 is no correlation, and may be infinite
+    smallest = np.linalg.eigvalsh(correlations)[:, 0]
+    require_rows(name, smallest >= -1e-9, stack, "a covariance must not have a negative eigenvalue", first)
+    if definite:
+        rule = "a covariance must be positive definite here; raise its variances"
+        require_rows(name, smallest > 1e-12, stack, rule, first)
+    return stack
+
+
+def are_among(values: Int, ids: Int) -> NDArray[np.bool_]:
+    """Which of the values (n,) are among the ids."""
+    found = np.zeros(len(values), dtype=np.bool_)
+    for rows in chunks(len(values)):
+        found[rows] = np.isin(values[rows], ids)
+    return found
+
+
+def for_all(matrix: object, count: int) -> object:
+    """One matrix (d, d) as that of all rows (count, d, d); anything else as it is."""
+    try:
+        array = np.asarray(matrix)
+    except ValueError:  # rows of several lengths, which `as_covariances` names
+        return matrix
+    return np.broadcast_to(array, (count, *array.shape)) if array.ndim == 2 else matrix
+
+
+def require_type(name: str, value: object, kind: type) -> None:
+    """Refuse an argument of another type, by its name."""
+    if not isinstance(value, kind):
+        is_, give = (_with_article(each.__name__) for each in (type(value), kind))
+        raise UserError(f"{name}: is {is_}; give {give}")
+
+
+def _with_article(name: str) -> str:
+    return f"{'an' if name[0] in 'AEIOUaeiou' else 'a'} {name}"
+
+
+def wrap_headings(poses: Float) -> Float:
+    """Poses (n, 3) with their headings wrapped: in place, unless nobody can write there."""
+    headings = wrap(poses[:, 2])
+    if not poses.flags.writeable:
+        if np.array_equal(headings, poses[:, 2], equal_nan=True):
+            return poses
+        poses = poses.copy()
+    poses[:, 2] = headings
+    return poses
+
+
+def require_rows(name: str, good: ArrayLike, rows: NDArray[np.generic], rule: str, first: int = 0) -> None:
+    """Raise for the first row that breaks `rule`, naming field, row (counted from `first`) and value."""
+    bad = np.flatnonzero(np.logical_not(good))
+    if len(bad):
+        value = np.array2string(np.asarray(rows[bad[0]]), precision=6, separator=", ").replace("\n", "")
+        raise UserError(f"{name}[{first + bad[0]}] = {value}: {rule}")
+
+
+def require_lag(lag: int) -> int:
+    """The steps of a window, as Python's own number.
+
+    Raises:
+        UserError: that is no number of steps.
+    """
+    try:
+        steps = operator.index(lag)
+    except TypeError:
+        steps = 0
+    if steps < 1 or isinstance(lag, bool):
+        raise UserError(f"lag: {lag!r} steps leave no window; give a whole number, at least 1")
+    return steps

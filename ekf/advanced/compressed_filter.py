@@ -1,0 +1,264 @@
+"""The standard and the right-invariant filter on large maps: in an area, the rest of the map waits.
+
+Everything that happens in an area changes the rest B of the map only through the area's own entries A,
+as they were on entry (index 0). Three small matrices keep account of it, exactly:
+
+    P_AB = T P_AB0,    P_BB = P_BB0 + P_BA0 C P_AB0,    x_B = x_B0 + P_BA0 g
+
+with T = I, C = 0, g = 0 on entry; T <- F T in a prediction; in an update with whitened Jacobian H
+(S = I) and innovation y: N = H T, C <- C - N'N, g <- g + N'y, T <- T - (H P)'N. A step costs what it
+would cost in a map that holds the area alone (some four times as much, because of the account), and the rest
+of the map is settled when the robot leaves the area, or sees a landmark outside it.
+
+The right-invariant filter also moves every landmark by V dx, V = v_cos I + v_sin J, and changes its errors by
+J V dx times that of the heading (see `kernels.corrections`). Both mix a landmark's x and y, and nothing else does: they
+leave V and J before the landmark's own rows of P_BA0. So the account is kept over twice as many rows,
+
+    Q = [P_AB0; P_AB0 J_B']  in place of P_AB0,  with T = [I, 0] on entry
+
+where J_B is J for each landmark. The formulas above hold as they stand. A row m = [m_1, m_2] over Q that moves
+the landmarks by Q'm' is turned by m J = [-m_2, m_1], and the retraction after an update is, with the correction's
+m = y'N, c = m V J, t = T's row of the heading, and u and P of the area after it (u as in `kernels.corrections`):
+
+    g <- g + (m V)',    T <- T + u t + P_A,theta c,    C <- C + c't + t'c + P_theta,theta c'c
+
+Sources: Guivant and Nebot, IEEE Transactions on Robotics and Automation 17(3), 2001 (standard); the right-invariant
+account is our own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from slamgauge.arrays import Float, Int
+from slamgauge.ekf.slam_filter import SlamFilter
+from slamgauge.ekf.advanced.compressed_update import account_for_turn, account_for_update
+from slamgauge.ekf.kernels.belief import Belief
+from slamgauge.ekf.kernels.workspace import Workspace
+from slamgauge.ekf.maps.input_checks import (
+    ids_of,
+    require_gate,
+    require_ids,
+    require_radius,
+    require_robustness,
+    require_room,
+    require_sensor,
+    rows_of,
+    start_of,
+)
+from slamgauge.ekf.maps.correction_table import RULES, WHOLE_SCAN, Correction, Rule, rule_of
+from slamgauge.ekf.online_filter import PointFilter
+from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.errors import UserError
+from slamgauge.memory import require_memory
+from slamgauge.recording import OBSERVATION_DIM, Observations
+
+ROWS = 128  # of the map's covariance that are settled together
+
+
+class CompressedFilter(PointFilter):
+    """EKF-SLAM with known association, standard or right-invariant; equal to `SlamFilter`, faster on large maps.
+
+    Args:
+        sensor: `range-bearing` or `position` (see `slamgauge.Recording`).
+        prior_mean: (3,) start pose.
+        prior_cov: (3, 3) its covariance.
+        area_radius: landmarks within this distance [m] of the robot form its area, which it leaves a
+            third of that distance away; one and a half times the sensor's range serves well.
+        robust: how updates are guarded against outliers.
+        landmarks: how many to make room for at first; the filter grows beyond that by itself.
+        correction: `standard` or `right-invariant` (see `kernels.corrections`).
+
+    Raises:
+        UserError: a sensor or correction that does not exist or fit, an invalid prior, radius, or number of landmarks.
+    """
+
+    def __init__(
+        self,
+        sensor: str,
+        prior_mean: ArrayLike,
+        prior_cov: ArrayLike,
+        area_radius: float,
+        robust: Robustness = PLAIN,
+        landmarks: int = 32,
+        correction: Correction = "standard",
+    ) -> None:
+        require_sensor(sensor, ("range-bearing", "position"))
+        self._rule = rule_of(correction)
+        self._is_turning = self._rule == RULES["right-invariant"]
+        if not (self._is_turning or self._rule == RULES["standard"]):
+            raise UserError(
+                f"correction: {correction!r} has no account of an area; use standard or right-invariant, or SlamFilter"
+            )
+        require_radius(area_radius)
+        self._sensor = sensor
+        self._area_radius = area_radius
+        self._robust = require_robustness(robust)
+        self._ids: Int = np.zeros(0, dtype=np.int64)
+        self._origin, self._mean, start_cov = start_of(prior_mean, prior_cov)
+        room = 3 + 2 * require_room(landmarks)
+        self._room = np.zeros((room, room))
+        self._room[:3, :3] = start_cov
+        self._enter_area(self._ids)
+
+    @property
+    def pose(self) -> Float:
+        """(3,) x, y [m], heading [rad] in the world frame."""
+        return self._local.pose + np.append(self._origin, 0.0)
+
+    @property
+    def pose_cov(self) -> Float:
+        """(3, 3) covariance of the additive pose error in the world frame."""
+        return self._local.pose_cov
+
+    @property
+    def landmark_ids(self) -> Int:
+        """(L,) ids of the mapped landmarks, in the order of their first observation."""
+        return np.concatenate([self._ids, self._local.landmark_ids[self._entered :]])
+
+    @property
+    def landmarks(self) -> Float:
+        """(L, 2) their positions [m]; settles the account of the area."""
+        self._settle(self._local.landmark_ids)
+        return self._mean[3:].reshape(-1, 2) + self._origin
+
+    @property
+    def landmark_covs(self) -> Float:
+        """(L, 2, 2) their covariances [m^2]; settles the account of the area."""
+        self._settle(self._local.landmark_ids)
+        first = np.arange(3, len(self._mean), 2)[:, None, None]
+        return self._cov[first + np.arange(2)[:, None], first + np.arange(2)]
+
+    @property
+    def cov(self) -> Float:
+        """(3 + 2L, 3 + 2L) covariance of robot and landmarks; settles the account of the area."""
+        self._settle(self._local.landmark_ids)
+        return self._cov.copy()
+
+    @property
+    def _cov(self) -> Float:
+        """(3 + 2L, 3 + 2L) as it was on entry to the area; a view of all that there is room for."""
+        return self._room[: len(self._mean), : len(self._mean)]
+
+    def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
+        """Move by a body-frame increment; see `SlamFilter.predict`."""
+        before = self._local.pose
+        self._local.predict(increment, cov)
+        moved = self._local.pose - before
+        self._T[0] -= moved[1] * self._T[2]
+        self._T[1] += moved[0] * self._T[2]
+
+    def update(self, observations: Observations, gate: float | None = None) -> tuple[float, int]:
+        """Correct with all observations of one step, then map new landmarks; see `SlamFilter.update`."""
+        values, covs = rows_of(observations, OBSERVATION_DIM[self._sensor])
+        ids = ids_of(observations, len(values))
+        require_gate(gate)
+        outside = np.isin(ids, self._ids) & ~np.isin(ids, self._local.landmark_ids)
+        travelled = np.hypot(*(self._local.pose - self._entry)[:2])
+        if outside.any() or travelled > self._area_radius / 3.0:
+            require_ids(ids)
+            self._local.map.require_sound(values, covs)
+            self._settle(ids)
+        account = (self._T, self._C, self._vector)
+        known = np.isin(ids, self._local.landmark_ids).all() and len(np.unique(ids)) == len(ids)
+        if not known:  # a later part of the update may be refused
+            self._T, self._C, self._vector = (each.copy() for each in account)
+        try:
+            result = self._local.update(observations, gate)
+        except BaseException:
+            self._T, self._C, self._vector = account
+            raise
+        self._account_for_new_landmarks(self._local.pose, self._local.landmarks.ravel())
+        return result
+
+    @property
+    def associated(self) -> Int:
+        """(m,) ids of the current step's observations, -1 where one was left out."""
+        return self._local.associated
+
+    def _account_for_new_landmarks(self, pose: Float, landmarks: Float) -> None:
+        """Rows of T for landmarks (2L,) that have been mapped since: J_r times the robot's rows."""
+        offsets = landmarks[len(self._T) - 3 :].reshape(-1, 2) - pose[:2]
+        if len(offsets):
+            rows = np.repeat(self._T[None, :2], len(offsets), axis=0)
+            rows[:, 0] -= offsets[:, 1:] * self._T[2]
+            rows[:, 1] += offsets[:, :1] * self._T[2]
+            self._T = np.concatenate([self._T, rows.reshape(-1, self._T.shape[1])])
+
+    def _update_local(self, sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
+        state, size = belief.state, belief.size
+        self._account_for_new_landmarks(state[:3], state[3:size])  # a step may see a new landmark twice
+        nis, informative = self._rule.update(sensor, belief, count, work)
+        if np.isfinite(nis):
+            if len(self._N) < 2 * count:
+                self._N = np.zeros((2 * count, len(self._C)))
+            move = np.zeros(len(self._C))
+            account_for_update(count, size, work, self._T, self._N, self._C, move)
+            if self._is_turning:
+                account_for_turn(belief, work, self._T, self._C, move)
+            self._vector += move
+        return nis, informative
+
+    def _enter_area(self, seen: Int) -> None:
+        """Start an account for the landmarks around the robot and those that it has just `seen`."""
+        self._entry = self._mean[:3].copy()
+        positions = self._mean[3:].reshape(-1, 2)
+        distances = np.hypot(*(positions - self._mean[:2]).T)
+        near = np.flatnonzero((distances <= self._area_radius) | np.isin(self._ids, seen))
+        self._area = np.concatenate([np.arange(3), (3 + 2 * near[:, None] + np.arange(2)).ravel()])
+        self._entered = len(near)
+        area_cov = self._cov[np.ix_(self._area, self._area)]
+        self._local = SlamFilter(
+            self._sensor,
+            self._mean[:3],
+            area_cov[:3, :3],
+            Rule(self._update_local, block=WHOLE_SCAN),
+            landmarks=len(near) + 32,
+            robust=self._robust,
+        )
+        self._local.map.replace(self._ids[near], positions[near], area_cov)
+        size = len(self._area)
+        rows = 2 * size if self._is_turning else size
+        self._T, self._C, self._N = np.eye(size, rows), np.zeros((rows, rows)), np.zeros((0, rows))
+        self._vector = np.zeros(rows)
+
+    def _settle(self, seen: Int) -> None:
+        """Bring the whole map up to date, and enter the area around the robot."""
+        area, old = self._area, len(self._mean)
+        added = self._local.landmark_ids[self._entered :]
+        size = old + 2 * len(added)
+        self._make_room(size)  # may be refused, and before anything changes
+        now = np.concatenate([area, np.arange(old, size)])
+        known = self._cov[area]
+        if self._is_turning:
+            known = np.vstack([known, turned(known)])
+        C = np.triu(self._C) + np.triu(self._C, 1).T
+        for first in range(0, old, ROWS):  # those of the area, too: they are overwritten
+            rows = slice(first, min(first + ROWS, old))
+            self._cov[rows] += (C @ known[:, rows]).T @ known
+        mean = np.append(self._mean + known.T @ self._vector, np.zeros(size - old))
+        mean[now] = np.concatenate([self._local.pose, self._local.landmarks.ravel()])
+        self._mean = mean
+        cov = self._cov
+        cov[now, :old] = self._T @ known
+        cov[:old, now] = cov[now, :old].T
+        cov[np.ix_(now, now)] = self._local.cov
+        self._ids = np.concatenate([self._ids, added])
+        self._enter_area(seen)
+
+    def _make_room(self, size: int) -> None:
+        """Room for a covariance of `size` entries, and for a fourth more: what is not used costs no memory."""
+        used = len(self._room)
+        if size > used:
+            require_memory(8.0 * size * size, f"the covariance of {(size - 3) // 2} landmarks", "give fewer landmarks")
+            room = np.zeros((size + size // 4, size + size // 4))
+            room[:used, :used] = self._room
+            self._room = room
+
+
+def turned(rows: Float) -> Float:
+    """Rows (a, 3 + 2L) times J_B': (x, y) of each landmark becomes (-y, x). The robot's entries stay."""
+    result = rows.copy()
+    result[:, 3::2], result[:, 4::2] = -rows[:, 4::2], rows[:, 3::2]
+    return result

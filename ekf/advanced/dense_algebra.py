@@ -1,0 +1,86 @@
+"""Linear algebra of the filters that are written in numpy: whole covariances, blocks of a place's two entries."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from slamgauge.arrays import Float, Int
+from slamgauge.ekf.kernels.rounding_limits import LEAST
+from slamgauge.se2 import rotation, wrap
+
+
+def kalman_step(
+    cov: Float, cross: Float, innovation_cov: Float, innovation: Float, frames: int
+) -> tuple[Float, Float, float]:
+    """What an innovation (m,) says: the correction (n,), the covariance (n, n) after it, and the NIS.
+
+    Args:
+        cov: (n, n) P before.
+        cross: (m, n) covariance of innovation and state, H P in a linear model.
+        innovation_cov: (m, m) S, positive definite.
+        innovation: (m,).
+        frames: how many poses the state begins with; places follow.
+
+    Raises:
+        LinAlgError: S is not positive definite, or what is left of a variance is no more than rounding.
+    """
+    root = np.linalg.cholesky(innovation_cov)
+    whitened = solve_triangular(root, np.column_stack([cross, innovation]), lower=True, check_finite=False)
+    gain, surprise = whitened[:, :-1].copy(), whitened[:, -1]
+    before, taken = (_by_place(each, frames) for each in (np.diagonal(cov), (gain**2).sum(axis=0)))
+    if ((taken > 0.0) & ~(before - taken > LEAST * before)).any():
+        raise np.linalg.LinAlgError("exhausted")
+    return surprise @ gain, cov - gain.T @ gain, float(surprise @ surprise)
+
+
+def _by_place(variances: Float, frames: int) -> Float:
+    """Variances (n,) of headings, and of places both together: one alone may be rounding from the beginning."""
+    poses, places = variances[: 3 * frames].reshape(-1, 3), variances[3 * frames :].reshape(-1, 2)
+    return np.concatenate([poses[:, 2], poses[:, :2].sum(axis=1), places.sum(axis=1)])
+
+
+def place_jacobian(heading: float, offset: Float) -> Float:
+    """Jacobians (s, 2, 5) of places as a robot sees them, R(heading)' (l - p), by robot x, y, heading and place x, y.
+
+    Args:
+        heading: of the robot [rad].
+        offset: (s, 2) the places in the robot's frame [m].
+    """
+    back = rotation(heading).T
+    jacobian = np.empty((len(offset), 2, 5))
+    jacobian[:, :, :2], jacobian[:, :, 3:] = -back, back
+    jacobian[:, 0, 2], jacobian[:, 1, 2] = offset[:, 1], -offset[:, 0]
+    return jacobian
+
+
+def times_rows(jacobian: Float, robot: Float, places: Float) -> Float:
+    """Products (2s, k) of Jacobians (s, 2, 5) and rows: the robot's (3, k), and two for each place (2s, k)."""
+    of_places = jacobian[:, :, 3:] @ places.reshape(-1, 2, places.shape[1])
+    return (jacobian[:, :, :3] @ robot + of_places).reshape(places.shape)
+
+
+def pairs(slots: Int, first: int) -> Int:
+    """Both entries (2s,) of each slot (s,), if slot 0 begins at entry `first`."""
+    return (first + 2 * slots[:, None] + [0, 1]).ravel()
+
+
+def block_diagonal(blocks: Float) -> Float:
+    """Matrix (2m, 2m) of blocks (m, 2, 2)."""
+    count = len(blocks)
+    whole = np.zeros((count, 2, count, 2))
+    whole[np.arange(count), :, np.arange(count)] = blocks
+    return whole.reshape(2 * count, 2 * count)
+
+
+def symmetric(matrices: Float) -> Float:
+    """The symmetric part of matrices (..., n, n): what is left out is rounding."""
+    return (matrices + matrices.swapaxes(-1, -2)) / 2
+
+
+def difference(sensor: str, one: Float, other: Float) -> Float:
+    """Differences (..., 2) of observations; those of bearings are wrapped."""
+    apart = one - other
+    if sensor == "range-bearing":
+        apart[..., 1] = wrap(apart[..., 1])
+    return apart

@@ -1,0 +1,190 @@
+"""The online form of filters that are written in numpy: what they have in common is here, what they are is theirs.
+
+A `MovingBelief` is such a filter's state, covariance and steps. `NumpyFilter` drives it with known ids, and refuses
+what cannot be taken in. Their linear algebra is in `dense`.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Collection
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from slamgauge.arrays import Float, Int, Marks
+from slamgauge.ekf.kernels.models import SENSOR_CODES
+from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST
+from slamgauge.ekf.kernels.prediction import is_semidefinite
+from slamgauge.ekf.kernels.joint_update import are_sound
+from slamgauge.ekf.kernels.warm_up import compile_sights_once
+from slamgauge.ekf.maps.input_checks import (
+    explain_increment,
+    explain_scan,
+    ids_of,
+    load_increment,
+    require_ids,
+    require_sensor,
+    rows_of,
+)
+from slamgauge.ekf.maps.landmark_ids import of_scan
+from slamgauge.ekf.online_filter import PointFilter
+from slamgauge.recording import OBSERVATION_DIM, Observations
+
+SENSORS = ("range-bearing", "position")
+
+
+class MovingBelief(Protocol):
+    """State and covariance of robot and landmarks, and what steps do to them.
+
+    `correct` and `add` put new arrays in the place of the old ones and never write into them: a copy of the belief
+    stays what it was.
+    """
+
+    @property
+    def pose(self) -> Float:
+        """(3,) x, y [m], heading [rad] in the world frame."""
+        ...
+
+    @property
+    def pose_cov(self) -> Float:
+        """(3, 3) covariance of the additive pose error in the world frame."""
+        ...
+
+    @property
+    def landmarks(self) -> Float:
+        """(L, 2) [m] in the world frame."""
+        ...
+
+    @property
+    def landmark_covs(self) -> Float:
+        """(L, 2, 2) their covariances [m^2]."""
+        ...
+
+    @property
+    def cov(self) -> Float:
+        """(n, n) of the state, in its own coordinates."""
+        ...
+
+    def move(self, increment: Float, cov: Float) -> None:
+        """Move by a body-frame increment (3,) [m, m, rad] with covariance (3, 3)."""
+        ...
+
+    def correct(self, slots: Int, values: Float, covs: Float) -> tuple[float, int]:
+        """Correct with sights (m, 2) of the landmarks in slots (m,); the NIS and its degrees of freedom."""
+        ...
+
+    def add(self, values: Float, covs: Float) -> None:
+        """Map the landmarks that are seen at values (k, 2), in the next slots."""
+        ...
+
+
+class NumpyFilter(PointFilter):
+    """Landmark SLAM with known association, of any belief; a step is that of `SlamFilter`.
+
+    Args:
+        sensor: `range-bearing` or `position` (see `slamgauge.Recording`).
+        belief: of the start.
+
+    Attributes:
+        belief: as it is now.
+
+    Raises:
+        UserError: a sensor that does not fit.
+    """
+
+    def __init__(self, sensor: str, belief: MovingBelief) -> None:
+        require_sensor(sensor, SENSORS)
+        compile_sights_once()
+        self._sensor = sensor
+        self.belief = belief
+        self._slot_of: dict[int, int] = {}
+        self._increment, self._increment_cov = np.empty(3), np.empty((3, 3))
+        self._associated: Int = np.zeros(0, np.int64)
+
+    @property
+    def pose(self) -> Float:
+        """(3,) x, y [m], heading [rad] in the world frame."""
+        return self.belief.pose
+
+    @property
+    def pose_cov(self) -> Float:
+        """(3, 3) covariance of the additive pose error in the world frame."""
+        return self.belief.pose_cov
+
+    @property
+    def landmark_ids(self) -> Int:
+        """(L,) ids of the landmarks in the order of their first observation."""
+        return np.array([*self._slot_of], dtype=np.int64)
+
+    @property
+    def landmarks(self) -> Float:
+        """(L, 2) their positions [m] in the world frame."""
+        return self.belief.landmarks
+
+    @property
+    def landmark_covs(self) -> Float:
+        """(L, 2, 2) their covariances [m^2]."""
+        return self.belief.landmark_covs
+
+    @property
+    def associated(self) -> Int:
+        """(m,) ids of the current step's observations."""
+        return self._associated
+
+    def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
+        """Move by a body-frame increment (3,) [m, m, rad] with covariance (3, 3).
+
+        Raises:
+            UserError: shapes that do not fit, a number that is not finite, or no covariance; the filter is unchanged.
+        """
+        move, move_cov = self._increment, self._increment_cov
+        load_increment(increment, cov, move, move_cov)
+        believable = np.abs(move).max() < LARGEST and np.abs(move_cov).max() < LARGEST**2
+        if not (believable and is_semidefinite(move_cov)):
+            raise explain_increment(move, move_cov)
+        self.belief.move(move, move_cov)
+        self._associated = np.zeros(0, np.int64)
+
+    def update(self, observations: Observations) -> tuple[float, int]:
+        """Correct with all observations of one step, then map the landmarks that are new.
+
+        Returns:
+            The normalised innovation squared and its degrees of freedom (0, 0 without mapped landmarks).
+
+        Raises:
+            UserError: no ids, shapes that do not fit, a negative range, a number that is not finite, a covariance that
+                is not positive definite, or no update in double precision; the filter is then unchanged.
+        """
+        given, given_covs = rows_of(observations, OBSERVATION_DIM[self._sensor])
+        values, covs = np.array(given, np.float64), np.array(given_covs, np.float64)
+        ids = ids_of(observations, len(values))
+        require_ids(ids)
+        belief, slot_of = copy.copy(self.belief), self._slot_of
+        if not are_sound(SENSOR_CODES[self._sensor], values, covs):
+            raise explain_scan(self._sensor, values, covs, np.nan, np.diagonal(belief.cov))
+        try:
+            nis, dof = 0.0, 0
+            for rows, is_new in _in_turn(ids, slot_of):
+                if is_new:
+                    belief.add(values[rows], covs[rows])
+                    slot_of = slot_of | {each: len(slot_of) + k for k, each in enumerate(ids[rows].tolist())}
+                else:
+                    slots = np.array([slot_of[each] for each in ids[rows].tolist()])
+                    more, informative = belief.correct(slots, values[rows], covs[rows])
+                    nis, dof = nis + more, dof + informative
+        except np.linalg.LinAlgError:
+            raise explain_scan(self._sensor, values, covs, EXHAUSTED, np.diagonal(belief.cov)) from None
+        if not (np.isfinite(nis) and np.isfinite(np.diagonal(belief.cov)).all()):
+            raise explain_scan(self._sensor, values, covs, nis, np.diagonal(belief.cov))
+        self.belief, self._slot_of, self._associated = belief, slot_of, ids.copy()
+        return nis, dof
+
+
+def _in_turn(ids: Int, known: Collection[int]) -> list[tuple[Marks, bool]]:
+    """The parts of a scan (m,), and whether they map landmarks: mapped ones, new ones, and new ones seen again."""
+    if known and all(each in known for each in ids.tolist()):
+        return [(np.ones(len(ids), dtype=np.bool_), False)] if len(ids) else []
+    mapped, new, again = of_scan(ids, np.array([*known], dtype=np.int64))
+    return [(rows, is_new) for rows, is_new in ((mapped, False), (new, True), (again, False)) if rows.any()]

@@ -1,0 +1,225 @@
+"""The right-invariant filter with sigma points (UKF-M).
+
+Source: Brossard, Barrau and Bonnabel, "A Code for Unscented Kalman Filtering on Manifolds (UKF-M)", ICRA 2020; the
+scaled unscented transform is Julier's (ACC 2002) with beta = 2.
+
+Robot (R, p) and landmarks l have the error xi of `riekf`, chi = exp(xi) chi^: heading t = xi_t, places
+x = R(t) x^ + V(t) xi_x. The covariance here is that of e = D xi, e_x = xi_x + J x^ t: since R(t) - I = V(t) J t,
+
+    x = x^ + V(t) e_x    for the robot's place and for every landmark,
+
+so that e is the additive error to first order, in the world frame, and what moves the robot alone leaves all other rows
+of the covariance as they are. Three steps have sigma points, each for the few coordinates that count there:
+
+* Motion: without noise it leaves xi as it is, exactly. Noise w of the increment gives t = w_t and
+  e_p = V(t)^-1 R w_d, which is linear but where heading and translation are correlated.
+* Sights: in the robot's frame a landmark lies at delta = delta^ + V(-t) c, c = R' (e_l - e_p) - J delta^ t. A scan
+  depends on the c of the landmarks seen, for which sigma points are drawn. What t has to do with c goes with them; the
+  rest of t would be a point at c = 0, where nothing seen changes: shift and turn of the whole map are never seen.
+* New landmarks: c is a matter of the sight's own noise; its rows otherwise copy the robot's.
+
+Roots of covariances are symmetric where landmarks are concerned: then it does not matter in which order they come.
+Means of the first and last are those without noise, as in UKF-M, and the moments are taken about them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from slamgauge.arrays import Float, Int
+from slamgauge.ekf.advanced.dense_algebra import (
+    block_diagonal,
+    difference,
+    kalman_step,
+    pairs,
+    place_jacobian,
+    symmetric,
+    times_rows,
+)
+from slamgauge.ekf.kernels.belief import ROBOT
+from slamgauge.ekf.kernels.models import SENSOR_CODES, locate_all, observe_all, wrap
+from slamgauge.ekf.kernels.rounding_limits import LEAST
+from slamgauge.ekf.maps.input_checks import start_of
+from slamgauge.se2 import rotation
+
+SPREAD = 3.0**0.5  # sigmas from the mean to a point: along it a normal distribution's first four moments are right
+WEIGHT = 0.5 / SPREAD**2  # of a sigma point
+BETA = 2.0  # what is best for a normal distribution
+
+
+class InvariantBelief:
+    """Robot and landmarks with their right-invariant error; see `numpy_filter.MovingBelief`.
+
+    Args:
+        sensor: `range-bearing` or `position`.
+        prior_mean: (3,) start pose.
+        prior_cov: (3, 3) its covariance, world frame.
+
+    Raises:
+        UserError: an invalid prior.
+    """
+
+    def __init__(self, sensor: str, prior_mean: ArrayLike, prior_cov: ArrayLike) -> None:
+        self._origin, self._mean, cov = start_of(prior_mean, prior_cov)  # x, y [m], heading [rad], landmarks
+        self._cov = cov.copy()
+        self._sensor = sensor
+
+    @property
+    def pose(self) -> Float:
+        """(3,) x, y [m], heading [rad] in the world frame."""
+        return np.append(self._origin + self._mean[:2], self._mean[2])
+
+    @property
+    def pose_cov(self) -> Float:
+        """(3, 3) covariance of the additive pose error in the world frame, to first order."""
+        return self._cov[:ROBOT, :ROBOT].copy()
+
+    @property
+    def landmarks(self) -> Float:
+        """(L, 2) [m] in the world frame."""
+        return self._origin + self._mean[ROBOT:].reshape(-1, 2)
+
+    @property
+    def landmark_covs(self) -> Float:
+        """(L, 2, 2) their covariances [m^2]."""
+        count = len(self._mean) // 2 - 1
+        return self._cov[ROBOT:, ROBOT:].reshape(count, 2, count, 2)[np.arange(count), :, np.arange(count)]
+
+    @property
+    def cov(self) -> Float:
+        """(n, n) of e: robot x, y, heading, then each landmark's place."""
+        return self._cov
+
+    def move(self, increment: Float, cov: Float) -> None:
+        """Move by a body-frame increment (3,) [m, m, rad] with covariance (3, 3)."""
+        turn = rotation(self._mean[2])
+        step = turn @ increment[:2]
+        lever = _quarter_turned(step)  # D of the new place over D of the old
+        self._cov[:2] += np.outer(lever, self._cov[2])
+        self._cov[:, :2] += np.outer(self._cov[:, 2], lever)
+        self._cov[:ROBOT, :ROBOT] = symmetric(self._cov[:ROBOT, :ROBOT] + motion_noise(turn, cov))
+        self._mean[:2] += step
+        self._mean[2] = wrap(self._mean[2] + increment[2])
+
+    def correct(self, slots: Int, values: Float, covs: Float) -> tuple[float, int]:
+        """Correct with sights (m, 2) of the landmarks in slots (m,); the NIS and its degrees of freedom."""
+        seen, which = np.unique(slots, return_inverse=True)
+        heading, entries = float(self._mean[2]), pairs(seen, ROBOT)
+        offset = (self._mean[entries].reshape(-1, 2) - self._mean[:2]) @ rotation(heading)
+        jacobian = place_jacobian(heading, offset)
+
+        def relative(rows: Float) -> Float:  # (n, k) -> (2s, k): c
+            return times_rows(jacobian, rows[:ROBOT], rows[entries])
+
+        joint = relative(self._cov)
+        factor, inverse = symmetric_roots(relative(joint.T))
+        whitened = inverse @ joint
+        predicted, informative, changes = self._seen_from_sigma_points(offset, factor, whitened[:, 2])
+        changes = changes[:, which].reshape(len(changes), -1)  # (4s, 2m)
+        mean, second = moments(changes)
+        ahead, behind = np.split(changes, 2)
+        cross = WEIGHT * SPREAD * (ahead - behind).T @ whitened
+        innovation = difference(self._sensor, values, predicted[which]) * informative[which]
+        innovation = difference(self._sensor, innovation, mean.reshape(-1, 2)).ravel()
+        step, cov, nis = kalman_step(self._cov, cross, second + block_diagonal(covs), innovation, frames=1)
+        self._mean, self._cov = moved(self._mean, cov, step)
+        return nis, int(informative[which].sum())
+
+    def _seen_from_sigma_points(self, offset: Float, factor: Float, turns: Float) -> tuple[Float, Float, Float]:
+        """Predictions (s, 2), which of them carry information, and by how much sigma points (4s,) change them.
+
+        Args:
+            offset: (s, 2) landmarks in the robot's frame.
+            factor: (2s, 2s) root of the covariance of c.
+            turns: (2s,) t that goes with each of its columns.
+        """
+        code = SENSOR_CODES[self._sensor]
+        points = SPREAD * np.vstack([factor.T, -factor.T]).reshape(4 * len(offset), -1, 2)
+        back = exp_jacobian(SPREAD * np.concatenate([-turns, turns]))
+        deltas = offset + points @ back.swapaxes(1, 2)
+        predicted, jacobian = observe_all(code, np.ascontiguousarray(offset))
+        informative = (jacobian != 0.0).any(axis=2).astype(np.float64)
+        values = observe_all(code, deltas.reshape(-1, 2))[0].reshape(deltas.shape)
+        return predicted, informative, difference(self._sensor, values, predicted) * informative
+
+    def add(self, values: Float, covs: Float) -> None:
+        """Map the landmarks that are seen at values (k, 2), in the next slots."""
+        code, turn, count = SENSOR_CODES[self._sensor], rotation(self._mean[2]), len(values)
+        roots = np.linalg.cholesky(covs).swapaxes(1, 2)  # rows are standard deviations
+        deltas = locate_all(code, values)[0]
+        points = values[:, None] + SPREAD * np.concatenate([roots, -roots], axis=1)
+        changes = locate_all(code, points.reshape(-1, 2))[0].reshape(count, 4, 2) - deltas[:, None]
+        noise = np.array([about_zero(each @ turn.T) for each in changes])
+        offset = deltas @ turn.T
+        copies = np.zeros((count, 2, ROBOT))
+        copies[:, :, :2], copies[:, :, 2] = np.eye(2), _quarter_turned(offset)
+        rows = copies.reshape(-1, ROBOT) @ self._cov[:ROBOT]
+        own = symmetric(rows[:, :ROBOT] @ copies.reshape(-1, ROBOT).T) + block_diagonal(noise)
+        self._mean = np.concatenate([self._mean, (self._mean[:2] + offset).ravel()])
+        self._cov = np.block([[self._cov, rows.T], [rows, own]])
+
+
+def symmetric_roots(cov: Float) -> tuple[Float, Float]:
+    """The symmetric root (d, d) of a covariance, and its inverse: unlike Cholesky's it knows no order of landmarks.
+
+    Raises:
+        LinAlgError: the covariance is singular, or so but for rounding.
+    """
+    variances, axes = np.linalg.eigh(cov)
+    if not variances[0] > LEAST * variances[-1]:
+        raise np.linalg.LinAlgError("singular")
+    sigmas = np.sqrt(variances)
+    return (axes * sigmas) @ axes.T, (axes / sigmas) @ axes.T
+
+
+def moments(changes: Float) -> tuple[Float, Float]:
+    """Mean (m,) and covariance (m, m) of a function's changes (2d, m) from the mean point to the 2d sigma points."""
+    mean = WEIGHT * changes.sum(axis=0)
+    alpha_squared = SPREAD**2 / (len(changes) // 2)
+    return mean, WEIGHT * (changes.T @ changes) + (BETA - alpha_squared) * np.outer(mean, mean)
+
+
+def about_zero(changes: Float) -> Float:
+    """Second moments (m, m) of the same about the mean point itself."""
+    mean, cov = moments(changes)
+    return cov + np.outer(mean, mean)
+
+
+def motion_noise(turn: Float, cov: Float) -> Float:
+    """Second moments (3, 3) of the robot's e after an increment with covariance (3, 3), begun at R(heading) `turn`.
+
+    Of the noise, the translation that comes without turning moves the robot linearly: it needs no sigma points.
+    """
+    heading_sigma = np.sqrt(max(cov[2, 2], 0.0))
+    with_turn = cov[:2, 2] / heading_sigma if heading_sigma > 0.0 else np.zeros(2)
+    t = SPREAD * heading_sigma * np.array([1.0, -1.0])
+    moves = SPREAD * np.outer([1.0, -1.0], turn @ with_turn)
+    changes = np.column_stack([np.linalg.solve(exp_jacobian(t), moves[:, :, None])[:, :, 0], t])
+    noise = about_zero(changes)
+    noise[:2, :2] += turn @ (cov[:2, :2] - np.outer(with_turn, with_turn)) @ turn.T
+    return noise
+
+
+def moved(mean: Float, cov: Float, step: Float) -> tuple[Float, Float]:
+    """State (n,) after the correction e = `step` (n,), and the covariance (n, n) turned with it."""
+    V = exp_jacobian(step[2:3])[0]
+    robot, landmarks = V @ step[:2], step[ROBOT:].reshape(-1, 2) @ V.T
+    lever = np.concatenate([_quarter_turned(robot), [0.0], _quarter_turned(landmarks).ravel()])
+    shared = np.outer(lever, cov[2] + 0.5 * cov[2, 2] * lever)
+    there = np.concatenate([mean[:2] + robot, [wrap(mean[2] + step[2])], mean[ROBOT:] + landmarks.ravel()])
+    return there, cov + (shared + shared.T)
+
+
+def exp_jacobian(t: Float) -> Float:
+    """V(t) (k, 2, 2) = [[sin t, cos t - 1], [1 - cos t, sin t]] / t of angles (k,) [rad]."""
+    sine, versine = np.sinc(t / np.pi), np.sin(t / 2) * np.sinc(t / (2 * np.pi))
+    V = np.empty((len(t), 2, 2))
+    V[:, 0, 0] = V[:, 1, 1] = sine
+    V[:, 0, 1], V[:, 1, 0] = -versine, versine
+    return V
+
+
+def _quarter_turned(vectors: Float) -> Float:
+    """J v of vectors (..., 2)."""
+    return np.stack([-vectors[..., 1], vectors[..., 0]], -1)

@@ -1,0 +1,189 @@
+"""The online filter that finds out by itself which landmark it sees.
+
+`nearest-neighbour` is the rule of the practical: observation by observation, the landmark of the smallest squared
+Mahalanobis distance below the gate corrects the filter at once, and if there is none, a new landmark is mapped
+at once. `jcbb` associates a whole scan jointly (Neira and Tardos 2001, see `kernels.joint_compatibility`), corrects with
+all that was matched in one update, then maps the rest.
+
+The id of a landmark is the number of its track, 0, 1, 2, ... in the order of birth, and is never used again.
+"""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from typing import cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import chdtri
+
+from slamgauge.arrays import Float, Int
+from slamgauge.ekf.kernels.individual_compatibility import NONE
+from slamgauge.ekf.kernels.sequential_association import Gates
+from slamgauge.ekf.maps.input_checks import require_robustness, require_sensor, rows_of
+from slamgauge.ekf.maps.duplicate_landmarks import robot_of
+from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.matching import Matcher, update_nearest
+from slamgauge.ekf.maps.correction_table import Correction, Rule, sequential_of
+from slamgauge.ekf.maps.tracks import Tracks
+from slamgauge.ekf.maps.transaction import is_addition_certain, undone_if_refused
+from slamgauge.ekf.maps.divergence_monitor import Watch
+from slamgauge.ekf.online_filter import PointFilter
+from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
+from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.errors import UserError
+from slamgauge.recording import Observations
+
+
+class AssociatingFilter(PointFilter):
+    """`SlamFilter` for observations without ids.
+
+    Args:
+        sensor: `range-bearing` or `position`.
+        prior_mean: (3,) start pose.
+        prior_cov: (3, 3) its covariance; zero is legal.
+        correction: see `SlamFilter`; a rule of your own needs its `sequential` form for the nearest neighbour.
+        association: how observations find their landmarks.
+        robust: how updates are guarded against outliers; a gate the association has itself.
+
+    Raises:
+        UserError: a sensor, correction or method that does not exist or does not fit, or an invalid prior.
+    """
+
+    def __init__(
+        self,
+        sensor: str,
+        prior_mean: ArrayLike,
+        prior_cov: ArrayLike,
+        correction: Correction | Rule = "standard",
+        association: Association = NEAREST_NEIGHBOUR,
+        robust: Robustness = PLAIN,
+    ) -> None:
+        require_sensor(sensor, ("range-bearing", "position"))
+        self._map = LandmarkMap(
+            sensor, prior_mean, prior_cov, correction, landmarks=32, tails=require_robustness(robust).tails
+        )
+        if not isinstance(cast("object", association), Association):
+            raise UserError(f"association: {association!r} is not one; give Association(method, gate)")
+        if association.method == "nearest-neighbour":
+            sequential_of(self._map.rule)
+        self._association = association
+        self._matcher = Matcher(self._map)
+        self._tracks = Tracks(self._map, association.map_management)
+        self._associated: Int = np.zeros(0, dtype=np.int64)
+        self._quantiles = np.zeros(1)
+        self._watch = Watch(self._map.rule)
+        self._mean_robot: tuple[Float, Float] | None = None
+
+    @property
+    def pose(self) -> Float:
+        """(3,) x, y [m], heading [rad] in the world frame."""
+        return self._robot[0].copy()
+
+    @property
+    def pose_cov(self) -> Float:
+        """(3, 3) covariance of the additive pose error in the world frame."""
+        return self._robot[1].copy()
+
+    @property
+    def _robot(self) -> tuple[Float, Float]:
+        """Pose and covariance; the mean over what landmarks may be where that is undecided."""
+        if self._mean_robot is None:
+            matchings = self._tracks.matchings
+            self._mean_robot = self._map.pose, self._map.pose_cov
+            if matchings is not None:
+                self._mean_robot = robot_of(self._map, matchings)
+        return self._mean_robot
+
+    @property
+    def landmark_ids(self) -> Int:
+        """(L,) ids of the mapped landmarks that are confirmed."""
+        return self._map.ids[self._tracks.confirmed]
+
+    @property
+    def landmarks(self) -> Float:
+        """(L, 2) their positions [m] in the world frame."""
+        return self._map.positions[self._tracks.confirmed]
+
+    @property
+    def landmark_covs(self) -> Float:
+        """(L, 2, 2) their covariances [m^2]."""
+        return self._map.position_covs[self._tracks.confirmed]
+
+    @property
+    def associated(self) -> Int:
+        """(m,) id that each observation of the current step was given, -1 if none; see `standing`."""
+        return self._associated
+
+    def standing(self, ids: Int) -> Int:
+        """What has become of ids given earlier: merged ones have their survivor's, unconfirmed or deleted ones -1."""
+        return self._tracks.standing(ids)
+
+    def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
+        """Move by a body-frame increment; see `SlamFilter.predict`."""
+        self._map.predict(increment, cov)
+        self._tracks.clock.open_step()
+        self._mean_robot = None
+        self._associated = self._associated[:0]
+
+    def update(self, observations: Observations) -> tuple[float, int]:
+        """Associate the observations of one step, correct, and map what is new; ids are not looked at.
+
+        Returns:
+            The normalised innovation squared and its degrees of freedom.
+
+        Raises:
+            UserError: an update that has no solution; see `SlamFilter.update`.
+        """
+        given, given_covs = rows_of(observations, self._map.dim)
+        if not len(given):
+            self._associated = self._associated[:0]
+            return 0.0, 0
+        values, covs = np.array(given, dtype=np.float64), np.array(given_covs, dtype=np.float64)
+        self._map.require_sound(values, covs)
+        associate = self._jointly if self._association.method == "jcbb" else self._one_by_one
+        self._associated, nis, dof = associate(values, covs)
+        self._tracks.close_scan(self._associated)
+        self._mean_robot = None
+        return self._watch.noted((nis, dof))
+
+    def _one_by_one(self, values: Float, covs: Float) -> tuple[Int, float, int]:
+        gates = Gates(float(self._association.gate), float(self._widest_gate), self._map.tails)
+        slots, nis, dof = update_nearest(self._map, self._tracks.new_ids, values, covs, gates)
+        return np.where(slots == NONE, NONE, self._map.ids[slots]), nis, dof
+
+    def _jointly(self, values: Float, covs: Float) -> tuple[Int, float, int]:
+        pairs, count = self._matcher.compatible(values, covs, self._widest_gate)
+        management, doubtful = self._association.map_management, np.zeros(len(values), dtype=bool)
+        if management is not None:
+            count = self._matcher.located(count, management.vagueness, self._tracks.recent)
+        gate, limit = self._association.gate, self._association.node_limit
+        slots = self._matcher.jointly_compatible(count, gate, self._joint_gates(len(values)), limit)
+        if management is not None:
+            slots[self._matcher.ambiguous(count, gate, management.margin, limit, slots)] = NONE
+            doubtful[pairs.observation[:count][np.isin(pairs.slot[:count], slots, invert=True)]] = True
+        matched = slots != NONE
+        new = ~matched & ~doubtful
+        associated = np.full(len(values), NONE)
+        associated[matched] = self._map.ids[slots[matched]]
+        self._map.reserve(self._map.unsettled.size + 2 * int(new.sum()))  # may be refused, and before anything changes
+        with nullcontext() if is_addition_certain(self._map) else undone_if_refused(self._map):
+            nis, dof = self._map.correct(slots[matched], values[matched], covs[matched])
+            associated[new] = self._tracks.new_ids.given + np.arange(new.sum())
+            self._map.add(associated[new], values[new], covs[new])
+        self._tracks.new_ids.take(int(new.sum()))
+        return associated, nis, dof
+
+    @property
+    def _widest_gate(self) -> float:
+        """An observation within this squared distance of a landmark that is not seen otherwise starts no track."""
+        management = self._association.map_management
+        return self._association.gate if management is None else max(self._association.gate, management.new_gate)
+
+    def _joint_gates(self, observations: int) -> Float:
+        """Largest joint squared distances (m + 1,) of 0, 1, ... m pairs."""
+        if len(self._quantiles) <= observations:
+            rarer = np.exp(-self._association.gate / 2.0)  # probability beyond the gate, 2 degrees of freedom
+            dof = 2.0 * np.arange(1, 2 * observations + 1)
+            self._quantiles = np.concatenate([[0.0], chdtri(dof, rarer)])
+        return self._quantiles

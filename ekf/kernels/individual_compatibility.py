@@ -1,0 +1,214 @@
+"""Which landmarks each observation of a scan may have come from.
+
+An observation is individually compatible with a landmark when its squared Mahalanobis distance
+d^2 = v' S^-1 v is below a gate. Before S is formed, a bound on d^2 that needs four numbers of a landmark
+sets the far ones aside; it never sets aside one that the gate would let in.
+
+Source: Neira and Tardos, "Data association in stochastic mapping using the joint compatibility test",
+IEEE Transactions on Robotics and Automation 17(6), 2001.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int, Marks
+from slamgauge.jit import kernel
+from slamgauge.ekf.kernels.belief import Belief
+from slamgauge.ekf.kernels.covariance import noise, squared_distance
+from slamgauge.ekf.kernels.linearisation import linearise
+from slamgauge.ekf.kernels.models import BEARING, POSITION
+
+NONE = -1  # no landmark
+
+
+class Pairs(NamedTuple):
+    """Pairs of an observation and a landmark, ordered by observation, then by slot."""
+
+    observation: Int  # (c,) index in the scan
+    slot: Int  # (c,) where the landmark is in the state
+    owner: Int  # (c,) the landmark: its slot, or whatever several slots of one landmark have in common
+    value: Float  # (c, 2) the observation itself, while pairs are being found
+    innovation: Float  # (2c,)
+    jacobian: Float  # (2c, 5) columns as in `kernels.linearise`
+    distance: Float  # (c,) d^2
+    by_distance: Int  # (c,) the pairs of each observation, nearest first
+
+
+def allocate_pairs(capacity: int) -> Pairs:
+    """Room for that many pairs."""
+    return Pairs(
+        observation=np.zeros(capacity, dtype=np.int64),
+        slot=np.zeros(capacity, dtype=np.int64),
+        owner=np.zeros(capacity, dtype=np.int64),
+        value=np.zeros((capacity, 2)),
+        innovation=np.zeros(2 * capacity),
+        jacobian=np.zeros((2 * capacity, 5)),
+        distance=np.zeros(capacity),
+        by_distance=np.zeros(capacity, dtype=np.int64),
+    )
+
+
+@kernel
+def find_compatible(sensor: int, belief: Belief, values: Float, covs: Float, gate: float, pairs: Pairs) -> int:
+    """Every pair of the observations (m, 2), with covariances (m, 2, 2), and a landmark with d^2 <= gate.
+
+    Returns how many there are, or -n when `pairs` must have room for n to find out.
+    """
+    candidates = _find_near(sensor, belief, values, covs, gate, pairs)
+    if candidates > len(pairs.slot):
+        return -candidates
+    linearise(sensor, belief, pairs.slot[:candidates], pairs.value, pairs.innovation, pairs.jacobian)
+    S = np.empty((2, 2))
+    count = 0
+    for c in range(candidates):
+        pair_covariance(belief.cov, pairs, c, c, S)
+        add_noise(covs[pairs.observation[c]], pairs.jacobian[2 * c + 1], S)
+        v0, v1 = pairs.innovation[2 * c], pairs.innovation[2 * c + 1]
+        distance = squared_distance(v0, v1, S[0, 0], S[0, 1], S[1, 1])
+        if distance <= gate:
+            pairs.observation[count] = pairs.observation[c]
+            pairs.slot[count] = pairs.owner[count] = pairs.slot[c]
+            pairs.innovation[2 * count : 2 * count + 2] = pairs.innovation[2 * c : 2 * c + 2]
+            pairs.jacobian[2 * count : 2 * count + 2] = pairs.jacobian[2 * c : 2 * c + 2]
+            pairs.distance[count] = distance
+            count += 1
+    _sort_by_distance(pairs, count)
+    return count
+
+
+@kernel
+def _find_near(sensor: int, belief: Belief, values: Float, covs: Float, gate: float, pairs: Pairs) -> int:
+    """Pairs whose distances do not rule out d^2 <= gate; returns how many there are."""
+    point = belief.point
+    candidates = 0
+    for i in range(len(values)):
+        reach = reach_of(sensor, values[i], covs[i], belief.cov)
+        for landmark in range(3, belief.size, 2):
+            lever = 0.0
+            if reach.heading > 0.0:
+                lever = math.sqrt((point[landmark] - point[0]) ** 2 + (point[landmark + 1] - point[1]) ** 2)
+            if is_within_reach(reach, belief, landmark, lever, gate):
+                if candidates < len(pairs.slot):
+                    pairs.observation[candidates] = i
+                    pairs.slot[candidates] = (landmark - 3) // 2
+                    pairs.value[candidates] = values[i]
+                candidates += 1
+    return candidates
+
+
+class Reach(NamedTuple):
+    """What bounds the distance of a landmark from below; see `is_within_reach`."""
+
+    measured: float  # distance [m]; negative for a bearing alone, which rules nothing out
+    noise: float  # its variance at most [m^2]
+    robot: float  # standard deviation of the position [m]
+    heading: float  # standard deviation of the heading as far as it changes what is measured [rad]
+
+
+@kernel
+def reach_of(sensor: int, z: Float, R: Float, cov: Float) -> Reach:
+    """Of an observation z (2,) with covariance R (2, 2), the covariance of the belief being `cov`."""
+    robot = math.sqrt(max(cov[0, 0] + cov[1, 1], 0.0))
+    if sensor == BEARING:
+        return Reach(-1.0, 0.0, robot, 0.0)
+    if sensor == POSITION:  # the robot's turns move the landmark
+        heading = math.sqrt(max(cov[2, 2], 0.0))
+        return Reach(math.sqrt(z[0] ** 2 + z[1] ** 2), R[0, 0] + R[1, 1], robot, heading)
+    return Reach(z[0], R[0, 0], robot, 0.0)
+
+
+@kernel
+def is_within_reach(reach: Reach, belief: Belief, landmark: int, lever: float, gate: float) -> bool:
+    """Whether the distance of the landmark at that entry leaves room for d^2 <= gate.
+
+    With s the standard deviations of robot and landmark added up, and that of the heading times `lever` [m], no
+    component of H P H' exceeds s^2, and so d^2 >= (measured - expected distance)^2 / (s^2 + tr R).
+    """
+    if reach.measured < 0.0:
+        return True
+    state, cov = belief.state, belief.cov
+    expected = math.sqrt((state[landmark] - state[0]) ** 2 + (state[landmark + 1] - state[1]) ** 2)
+    own = math.sqrt(max(cov[landmark, landmark] + cov[landmark + 1, landmark + 1], 0.0))
+    spread = reach.robot + own + lever * reach.heading
+    return (reach.measured - expected) ** 2 <= gate * (spread * spread + reach.noise)
+
+
+@kernel
+def find_located(cov: Float, covs: Float, pairs: Pairs, count: int, vagueness: float, recent: Marks) -> Int:
+    """Which of the first `count` pairs have a landmark whose place relative to the robot is known.
+
+    It is if the landmark has a mark in `recent` (L,), or if the variance H P H' of the expected observation, in terms
+    of the noise R, does not exceed `vagueness`: tr(R^-1 H P H') <= vagueness. That of a landmark seen once, from here,
+    is 2.
+    """
+    expected = np.empty((2, 2))
+    located = np.empty(count, np.int64)
+    found = 0
+    for c in range(count):
+        pair_covariance(cov, pairs, c, c, expected)
+        R = covs[pairs.observation[c]]
+        trace = R[1, 1] * expected[0, 0] - 2.0 * R[0, 1] * expected[0, 1] + R[0, 0] * expected[1, 1]
+        if recent[pairs.slot[c]] or trace <= vagueness * (R[0, 0] * R[1, 1] - R[0, 1] ** 2):
+            located[found] = c
+            found += 1
+    return located[:found]
+
+
+def keep_pairs(pairs: Pairs, kept: Int) -> int:
+    """Keep the pairs `kept` (k,) alone, in that order, and return how many these are."""
+    count = len(kept)
+    pairs.innovation[: 2 * count] = pairs.innovation.reshape(-1, 2)[kept].ravel()
+    pairs.jacobian[: 2 * count] = pairs.jacobian.reshape(-1, 2, 5)[kept].reshape(-1, 5)
+    for each in (pairs.observation, pairs.slot, pairs.owner, pairs.distance):
+        each[:count] = each[kept]
+    pairs.by_distance[:count] = np.lexsort((pairs.distance[:count], pairs.observation[:count]))
+    return count
+
+
+@kernel
+def _sort_by_distance(pairs: Pairs, count: int) -> None:
+    """Fill `by_distance` for the first `count` pairs."""
+    first = 0
+    while first < count:
+        last = first
+        while last < count and pairs.observation[last] == pairs.observation[first]:
+            last += 1
+        pairs.by_distance[first:last] = first + np.argsort(pairs.distance[first:last])
+        first = last
+
+
+@kernel
+def pair_covariance(cov: Float, pairs: Pairs, a: int, b: int, out: Float) -> None:
+    """Out (2, 2) = H_a P H_b', from the upper triangle of P."""
+    la, lb = 3 + 2 * pairs.slot[a], 3 + 2 * pairs.slot[b]
+    for i in range(2):
+        ha = pairs.jacobian[2 * a + i]
+        # H_a P, in b's columns
+        for j in range(2):
+            hb = pairs.jacobian[2 * b + j]
+            total = 0.0
+            for k in range(3):
+                across = ha[0] * cov[0, k] + ha[1] * cov[1, k] + ha[2] * cov[2, k]
+                across += ha[3] * cov[k, la] + ha[4] * cov[k, la + 1]
+                total += across * hb[k]
+            for k in range(2):
+                column = lb + k
+                across = ha[0] * cov[0, column] + ha[1] * cov[1, column] + ha[2] * cov[2, column]
+                across += ha[3] * cov[min(la, column), max(la, column)]
+                across += ha[4] * cov[min(la + 1, column), max(la + 1, column)]
+                total += across * hb[3 + k]
+            out[i, j] = total
+
+
+@kernel
+def add_noise(R: Float, second_row: Float, S: Float) -> None:
+    """S <- S + R for one observation (see `covariance.noise`)."""
+    r00, r01, r11 = noise(R, second_row)
+    S[0, 0] += r00
+    S[0, 1] += r01
+    S[1, 0] += r01
+    S[1, 1] += r11

@@ -1,0 +1,132 @@
+"""The table of corrections, from which their names, estimators and checks are derived.
+
+A new correction is a row here, with its kernel in `kernels.corrections` or `kernels.linearisation`, a callable in
+`slamgauge.ekf.estimators`, and its entry in the registry of `slamgauge.compare.estimators`.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Literal, NamedTuple, cast, get_args
+
+from slamgauge.arrays import Float, Int
+from slamgauge.ekf.kernels import slots
+from slamgauge.ekf.kernels.belief import AT_POINT, Belief
+from slamgauge.ekf.kernels.corrections import (
+    retract_right_invariant,
+    retract_standard,
+    update_right_invariant,
+    update_standard,
+)
+from slamgauge.ekf.kernels.iterated_update import MAX_PASSES, update_iterated
+from slamgauge.ekf.kernels.linearisation import PROJECTED
+from slamgauge.ekf.kernels.sequential_association import Sequential
+from slamgauge.ekf.kernels.prediction import predict
+from slamgauge.ekf.kernels.workspace import Workspace
+from slamgauge.errors import UserError
+from slamgauge.suggestions import did_you_mean
+
+Correction = Literal["standard", "first-estimates", "observability-constrained", "iterated", "right-invariant"]
+Predict = Callable[[Belief, Float, Float], bool]
+FindSlots = Callable[[Int, Int, Int, Int], int]
+Update = Callable[[int, Belief, int, Workspace], tuple[float, int]]
+Retract = Callable[[Belief, Workspace], None]
+
+WHOLE_SCAN = sys.maxsize
+BLOCK = 16  # observations that an update takes in at a time; see docs/performance.md
+ROWS = 64  # that may wait: more save nothing, and the scan that settles them takes the longer
+
+
+class Rule(NamedTuple):
+    """How a filter computes a step.
+
+    Attributes:
+        update: takes in a scan.
+        retract: moves the state by a correction that is not an observation's (see `kernels.map_edits`).
+        first_estimates: whether the belief keeps first estimates, for the prediction and for Jacobians.
+        form: of the Jacobians of observations (`Belief.form`).
+        block: observations to take in at a time.
+        waiting: sides and rows of what may wait (see `kernels.deferred_downdate`). An update that reads the covariances of
+            landmarks with each other lets nothing wait.
+        sequential: how it corrects with one observation after the other; None if it cannot.
+        predict: moves the robot.
+        find_slots: looks up the landmarks of a scan. With `update` and `predict` it is all compiled code of a step
+            with known association, so that a clock may stand in the place of each.
+    """
+
+    update: Update
+    retract: Retract = retract_standard
+    first_estimates: bool = False
+    form: int = AT_POINT
+    block: int = BLOCK
+    waiting: tuple[int, int] = (1, 0)
+    sequential: Sequential | None = None
+    predict: Predict = predict
+    find_slots: FindSlots = slots.find_slots
+
+
+class Row(NamedTuple):
+    """A correction of the table."""
+
+    estimator: str  # its name as an estimator
+    rule: Rule
+
+
+_STANDARD = Rule(update_standard, waiting=(1, ROWS), sequential=Sequential())
+
+TABLE: dict[Correction, Row] = {
+    "standard": Row("ekf", _STANDARD),
+    "first-estimates": Row("fej-ekf", _STANDARD._replace(first_estimates=True)),
+    "observability-constrained": Row("oc-ekf", _STANDARD._replace(first_estimates=True, form=PROJECTED)),
+    "iterated": Row("iekf", Rule(update_iterated, block=WHOLE_SCAN, sequential=Sequential(passes=MAX_PASSES))),
+    "right-invariant": Row(
+        "riekf",
+        Rule(update_right_invariant, retract_right_invariant, waiting=(2, ROWS), sequential=Sequential(invariant=True)),
+    ),
+}
+assert {*TABLE} == {*get_args(Correction)}
+RULES: dict[str, Rule] = {name: row.rule for name, row in TABLE.items()}
+CORRECTIONS: dict[str, Correction] = {row.estimator: name for name, row in TABLE.items()}
+
+
+def rule_of(correction: Correction | Rule) -> Rule:
+    """The rule of that name, or the rule itself.
+
+    Raises:
+        UserError: there is no correction of that name.
+    """
+    if isinstance(correction, Rule):
+        if correction.block < 1:
+            raise UserError(f"correction: a rule with block={correction.block} takes nothing in; give at least 1")
+        if correction.update is update_iterated and correction.block != WHOLE_SCAN:
+            raise UserError("correction: the iterated update takes in a whole scan at a time; give block=WHOLE_SCAN")
+        return correction
+    if not isinstance(cast("object", correction), str):
+        raise UserError(
+            f"correction: {correction!r} is not a correction; use one of {', '.join(RULES)}, or a Rule of your own"
+        )
+    if correction in RULES:
+        return RULES[correction]
+    if correction in CORRECTIONS:
+        remedy = f"the estimator of that name uses {CORRECTIONS[correction]!r}"
+    else:
+        remedy = did_you_mean(str(correction), RULES, f"use one of {', '.join(RULES)}, or a Rule of your own")
+    raise UserError(f"correction: {correction!r} is not known; {remedy}")
+
+
+def estimator_of(rule: Rule) -> str:
+    """The name of the estimator with this rule; that of a filter whose rule is none of the table's."""
+    return next((row.estimator for row in TABLE.values() if row.rule == rule), "the filter")
+
+
+def sequential_of(rule: Rule) -> Sequential:
+    """How the rule corrects with one observation after the other.
+
+    Raises:
+        UserError: it cannot.
+    """
+    if rule.sequential is None:
+        remedy = "give its `sequential` form, or associate by 'jcbb'"
+        raise UserError(f"correction: this rule cannot correct observation by observation; {remedy}")
+    return rule.sequential

@@ -1,0 +1,30 @@
+"""Whether a filter is lost, as far as its own innovations tell: said once, at the step where it shows."""
+
+from __future__ import annotations
+
+from slamgauge.ekf.maps.correction_table import Rule, estimator_of
+from slamgauge.notices import tell_once
+
+LOST = 1e4  # NIS over its degrees of freedom: linearisation does not hold where noise is that small
+
+
+class Watch:
+    """What the innovations of a filter have come to so far.
+
+    Args:
+        rule: of the filter.
+    """
+
+    def __init__(self, rule: Rule) -> None:
+        self._name = estimator_of(rule)
+        self._nis, self._dof = 0.0, 0
+
+    def noted(self, result: tuple[float, int]) -> tuple[float, int]:
+        """Take note of the NIS of a step and its degrees of freedom, which are returned."""
+        nis, dof = result
+        self._nis, self._dof = self._nis + nis, self._dof + dof
+        if self._nis > LOST * max(1, self._dof):
+            tell_once(
+                f"{self._name} has lost itself: its NIS is {LOST:g} times what noise explains; raise the sensor's noise"
+            )
+        return result

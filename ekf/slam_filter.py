@@ -1,0 +1,172 @@
+"""The online filter: what a robot calls at every step."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from slamgauge.arrays import Float, Int
+from slamgauge.ekf.maps.input_checks import ids_of, require_gate, require_ids, require_robustness, rows_of
+from slamgauge.ekf.maps.landmark_ids import of_scan
+from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.matching import are_within
+from slamgauge.ekf.maps.correction_table import Correction, Rule
+from slamgauge.ekf.maps.transaction import is_addition_certain, undone_if_refused
+from slamgauge.ekf.maps.divergence_monitor import Watch
+from slamgauge.ekf.online_filter import PointFilter
+from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.errors import UserError
+from slamgauge.recording import Observations
+
+LEFT_OUT = -1  # id of an observation that was beyond the gate
+NOTHING_SEEN: Int = np.zeros(0, dtype=np.int64)
+
+
+class SlamFilter(PointFilter):
+    """Landmark EKF-SLAM with known association and one blocked update per step.
+
+    Args:
+        sensor: `range-bearing` or `position` (see `slamgauge.Recording`).
+        prior_mean: (3,) start pose.
+        prior_cov: (3, 3) its covariance; zero is legal.
+        correction: `standard`, `first-estimates`, `observability-constrained`, `iterated`, `right-invariant` (see
+            `kernels.corrections`), or a rule of your own.
+        landmarks: how many to make room for at first; the filter grows beyond that by itself.
+        robust: how updates are guarded against outliers.
+
+    Attributes:
+        map: the belief and what else can be done with it (see `maps.landmark_map`); a robot needs none of it.
+
+    Raises:
+        UserError: a sensor or correction that does not exist, an invalid prior, or an invalid number of landmarks.
+    """
+
+    def __init__(
+        self,
+        sensor: str,
+        prior_mean: ArrayLike,
+        prior_cov: ArrayLike,
+        correction: Correction | Rule = "standard",
+        landmarks: int = 32,
+        robust: Robustness = PLAIN,
+    ) -> None:
+        self._gate = require_robustness(robust).known_gate
+        self.map = LandmarkMap(sensor, prior_mean, prior_cov, correction, landmarks, robust.tails)
+        self._watch = Watch(self.map.rule)
+        self._associated = NOTHING_SEEN
+
+    @property
+    def pose(self) -> Float:
+        """(3,) x, y [m], heading [rad] in the world frame."""
+        return self.map.pose
+
+    @property
+    def pose_cov(self) -> Float:
+        """(3, 3) covariance of the additive pose error in the world frame."""
+        return self.map.pose_cov
+
+    @property
+    def landmark_ids(self) -> Int:
+        """(L,) ids of the mapped landmarks: in the order of their first observation, unless some were removed."""
+        return self.map.ids.copy()
+
+    @property
+    def landmarks(self) -> Float:
+        """(L, 2) their positions [m] in the world frame."""
+        return self.map.positions
+
+    @property
+    def landmark_covs(self) -> Float:
+        """(L, 2, 2) their covariances [m^2]."""
+        return self.map.position_covs
+
+    @property
+    def cov(self) -> Float:
+        """(3 + 2L, 3 + 2L) covariance of robot and landmarks in the order of `landmark_ids`."""
+        return self.map.cov
+
+    def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
+        """Move by a body-frame increment (3,) [m, m, rad] with covariance (3, 3).
+
+        A speed v and a yaw rate omega over dt make the increment (v dt, 0, omega dt).
+
+        Raises:
+            UserError: shapes that do not fit, a number that is not finite, or no covariance; the filter is unchanged.
+        """
+        self.map.predict(increment, cov)
+        self._associated = NOTHING_SEEN
+
+    def update(self, observations: Observations, gate: float | None = None) -> tuple[float, int]:
+        """Correct with all observations of one step, then map the landmarks that are new.
+
+        Args:
+            observations: ids (m,), values (m, d) and covariances (m, d, d).
+            gate: observations of mapped landmarks whose squared Mahalanobis distance, each by itself, is beyond this
+                are left out as outliers; `associated` then has -1 for them. By default that of `robust`.
+
+        Returns:
+            The normalised innovation squared and its degrees of freedom (0, 0 without mapped landmarks), of the
+            observations that were not left out.
+
+        Raises:
+            UserError: no ids, shapes that do not fit, a negative range, a number that is not finite, or a covariance
+                that is not positive definite, or no update in double precision; the filter is then unchanged.
+        """
+        values, covs = rows_of(observations, self.map.dim)
+        ids = ids_of(observations, len(values))
+        gate = self._gate if gate is None else gate
+        if gate is not None:
+            return self._watch.noted(self._update_gated(ids, values, covs, gate))
+        result = self._update(ids, values, covs)
+        self._associated = ids.copy()
+        return self._watch.noted(result)
+
+    @property
+    def associated(self) -> Int:
+        """(m,) ids of the current step's observations, -1 where one was left out."""
+        return self._associated
+
+    def _update(self, ids: Int, values: NDArray[np.generic], covs: NDArray[np.generic]) -> tuple[float, int]:
+        if not len(ids):
+            return 0.0, 0
+        if self.map.find(ids, len(ids)):
+            return self.map.correct_found(values, covs)
+        return self._update_and_map(ids, np.asarray(values, np.float64), np.asarray(covs, np.float64))
+
+    def _update_and_map(self, ids: Int, values: Float, covs: Float) -> tuple[float, int]:
+        """An update in which some landmarks are new: first the mapped ones, then augmentation.
+
+        A new landmark that is seen more than once in the step is mapped by its first observation; the
+        others correct it in an update of their own.
+        """
+        require_ids(ids)
+        if self.map.dim == 1:
+            raise UserError("landmark: a bearing alone places no landmark; use slamgauge.ekf.BearingFilter")
+        self.map.require_sound(values, covs)
+        mapped, new, again = of_scan(ids, self.map.ids)
+        self.map.reserve(self.map.unsettled.size + 2 * int(new.sum()))  # may be refused, and before anything changes
+        certain = not again.any() and is_addition_certain(self.map)
+        with nullcontext() if certain else undone_if_refused(self.map):
+            total, dof = 0.0, 0
+            if mapped.any():
+                total, dof = self._update(ids[mapped], values[mapped], covs[mapped])
+            self.map.add(ids[new], values[new], covs[new])
+            if again.any():
+                nis, informative = self._update(ids[again], values[again], covs[again])
+                total, dof = total + nis, dof + informative
+        return total, dof
+
+    def _update_gated(
+        self, ids: Int, values: NDArray[np.generic], covs: NDArray[np.generic], gate: float
+    ) -> tuple[float, int]:
+        require_gate(gate)
+        values, covs = np.asarray(values, np.float64), np.asarray(covs, np.float64)
+        self.map.require_sound(values, covs)
+        kept = np.ones(len(ids), dtype=bool)
+        rows = np.flatnonzero(np.isin(ids, self.map.ids))
+        kept[rows] = are_within(self.map, self.map.slots_of(ids[rows]), values[rows], covs[rows], gate)
+        result = self._update(ids[kept], values[kept], covs[kept])
+        self._associated = np.where(kept, ids, LEFT_OUT)
+        return result

@@ -1,0 +1,70 @@
+"""The motion noise of a recording in the coordinates that it leaves free.
+
+A motion of zero variance in some direction, of any direction of its residual, is a constraint: the residual
+xi = Log(measured^-1 between) of SE(2) is D V c, where the columns of V span the range of the noise's correlation
+matrix, and D holds its standard deviations. The start is such a motion, from the prior's mean.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamgauge.arrays import Float
+from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body
+from slamgauge.graph_baseline.problem.linearisation import log_se2
+from slamgauge.recording import Recording
+from slamgauge.se2 import between, chain, compose
+
+SINGULAR = 1e-12  # of a correlation matrix: an eigenvalue that is taken for zero
+
+
+class FreeNoise:
+    """Residuals of a path's motions, the start's first, as their noise leaves them free."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        covs = np.concatenate([prior_cov_in_body(recording)[None], recording.odometry_cov])
+        sigma = np.sqrt(np.diagonal(covs, axis1=1, axis2=2))
+        self._scale = np.where(sigma > 0.0, sigma, 1.0)
+        weights, self._axes = np.linalg.eigh(covs / (self._scale[:, :, None] * self._scale[:, None, :]))
+        self._free = weights > SINGULAR
+        self._root = np.sqrt(np.where(self._free, weights, 1.0))
+
+    def cost(self, poses: Float) -> float:
+        """Half the sum of squares of the residuals of poses (N+1, 3), constrained directions left out."""
+        return 0.5 * float(np.square(self._coordinates(self.residuals(poses)) / self._root).sum())
+
+    def followed(self, poses: Float) -> Float:
+        """The poses (N+1, 3) whose residuals are those of `poses` without what the constraints exclude."""
+        return poses if self._free.all() else self.path(self.residuals(poses))
+
+    def path(self, residuals: Float) -> Float:
+        """The poses (N+1, 3) that have these residuals (N+1, 3) without what the constraints exclude."""
+        recording = self._recording
+        increments = exp_se2(np.einsum("nij,nj->ni", self._axes, self._coordinates(residuals)) * self._scale)
+        return chain(compose(recording.prior_mean, increments[0]), compose(recording.odometry, increments[1:]))
+
+    def residuals(self, poses: Float) -> Float:
+        """(N+1, 3) of the start and the motions of poses (N+1, 3)."""
+        recording = self._recording
+        start = between(recording.prior_mean, poses[0])[None]
+        motion = between(recording.odometry, between(poses[:-1], poses[1:]))
+        return log_se2(np.concatenate([start, motion]))
+
+    def _coordinates(self, residuals: Float) -> Float:
+        """(N+1, 3) of the scaled residuals along the axes of their noise, zero in constrained directions."""
+        return np.einsum("nij,ni->nj", self._axes, residuals / self._scale) * self._free
+
+
+def exp_se2(tangent: Float) -> Float:
+    """Increments (n, 3) of SE(2) that the constant velocities (n, 3) make in unit time."""
+    return np.column_stack([turned(tangent[:, 2], tangent[:, :2]), tangent[:, 2]])
+
+
+def turned(turn: Float, step: Float) -> Float:
+    """V(turn) step for turns (n,) and steps (n, 2), V(t) = (R(t) - I) / (t J)."""
+    safe = np.where(turn == 0.0, 1.0, turn)
+    sine = np.where(turn == 0.0, 1.0, np.sin(turn) / safe)
+    versine = 2.0 * np.sin(turn / 2.0) ** 2 / safe
+    x, y = step.T
+    return np.column_stack([sine * x - versine * y, versine * x + sine * y])

@@ -1,0 +1,163 @@
+"""The recording's exact model linearised at a solution, as plain arrays in world coordinates.
+
+Unknowns are additive: dx_k = (x, y, heading) of pose k, dm = landmark positions. Motion noise enters as
+GTSAM's between factor has it, Log(measured^-1 between) ~ N(0, Q) with the logarithm of SE(2), so a
+linearised step reads dx_{k+1} = F dx_k + c + w, w ~ N(0, W), and W may be singular.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body, require_known_landmarks
+from slamgauge.recording import Recording
+from slamgauge.se2 import between, rotation, wrap
+
+
+class LinearModel(NamedTuple):
+    """dx_0 ~ N(start, start_cov); dx_{k+1} = F_k dx_k + c_k + w_k; 0 = Hx dx + Hm dm + r + noise, noise ~ N(0, I)."""
+
+    start: Float  # (3,)
+    start_cov: Float  # (3, 3)
+    F: Float  # (N, 3, 3)
+    c: Float  # (N, 3)
+    W: Float  # (N, 3, 3)
+    Hx: Float  # (M, d, 3), whitened
+    Hm: Float  # (M, d, 2), whitened
+    r: Float  # (M, d), whitened
+    step: Int  # (M,) pose of each observation
+    slot: Int  # (M,) landmark of each observation
+
+
+def linearise(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> LinearModel:
+    """Linearise at `poses` (N+1, 3) and `landmarks` (L, 2); `slot` (M,) says which landmark was observed."""
+    prior_residual = log_se2(between(recording.prior_mean, poses[0])[None])
+    residual = log_se2(between(recording.odometry, between(poses[:-1], poses[1:])))
+    turn = np.zeros((len(poses), 3, 3))
+    turn[:, :2, :2], turn[:, 2, 2] = rotation(poses[:, 2]), 1.0
+    F = np.tile(np.eye(3), (recording.steps, 1, 1))
+    moved = np.diff(poses[:, :2], axis=0)
+    F[:, 0, 2], F[:, 1, 2] = -moved[:, 1], moved[:, 0]
+    B0 = turn[:1] @ right_jacobian(prior_residual)
+    B = turn[1:] @ right_jacobian(residual)
+    Hx, Hm, r = _observations(recording, slot, poses, landmarks)
+    return LinearModel(
+        start=-(turn[0] @ prior_residual[0]),
+        start_cov=(B0 @ prior_cov_in_body(recording) @ B0.swapaxes(1, 2))[0],
+        F=F,
+        c=-np.einsum("nij,nj->ni", turn[1:], residual),
+        W=B @ recording.odometry_cov @ B.swapaxes(1, 2),
+        Hx=Hx,
+        Hm=Hm,
+        r=r,
+        step=recording.observation_step,
+        slot=slot,
+    )
+
+
+@np.errstate(divide="ignore", invalid="ignore")  # a landmark on a pose: who takes the step sees that it is no number
+def _observations(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Float]:
+    """Whitened Jacobians by pose (M, d, 3) and landmark (M, d, 2), and whitened residuals h - z (M, d)."""
+    offset, to_body, delta = _in_body(recording, slot, poses, landmarks)
+    if recording.sensor == "position":
+        H = to_body
+    else:
+        distance = np.hypot(*delta.T)
+        rows = slice(2 - recording.observation.shape[1], 2)  # the bearing alone, or range and bearing
+        across = np.column_stack([-delta[:, 1], delta[:, 0]]) / distance[:, None] ** 2
+        H = np.stack([delta / distance[:, None], across], axis=1)[:, rows] @ to_body
+    whitener = inverse_cholesky(recording.observation_cov)
+    Hm = whitener @ H
+    lever = np.column_stack([-offset[:, 1], offset[:, 0]])
+    Hx = np.concatenate([-Hm, -np.einsum("mij,mj->mi", Hm, lever)[:, :, None]], axis=2)
+    return Hx, Hm, np.einsum("mij,mj->mi", whitener, _residuals(recording, delta))
+
+
+def whitened_residuals(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> Float:
+    """Residuals h - z (M, d) of the observations, in units of their standard deviations."""
+    delta = _in_body(recording, slot, poses, landmarks)[2]
+    return np.einsum("mij,mj->mi", inverse_cholesky(recording.observation_cov), _residuals(recording, delta))
+
+
+def _in_body(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Float]:
+    """Offsets (M, 2) of the observed landmarks, rotations (M, 2, 2) into the body frame, offsets there (M, 2)."""
+    pose = poses[recording.observation_step]
+    offset = landmarks[slot] - pose[:, :2]
+    to_body = rotation(pose[:, 2]).swapaxes(1, 2)
+    return offset, to_body, np.einsum("mij,mj->mi", to_body, offset)
+
+
+def _residuals(recording: Recording, delta: Float) -> Float:
+    """Predicted less measured (M, d), for landmarks at `delta` (M, 2) in the body frame."""
+    if recording.sensor == "position":
+        return delta - recording.observation
+    rows = slice(2 - recording.observation.shape[1], 2)  # the bearing alone, or range and bearing
+    polar = np.column_stack([np.hypot(*delta.T), np.arctan2(delta[:, 1], delta[:, 0])])
+    residual = polar[:, rows] - recording.observation
+    residual[:, -1] = wrap(residual[:, -1])
+    return residual
+
+
+def inverse_cholesky(covariance: Float) -> Float:
+    """Lower triangular L^-1 (M, d, d) of covariances L L' (M, d, d)."""
+    if covariance.shape[1] == 1:
+        return 1.0 / np.sqrt(covariance)
+    first = 1.0 / np.sqrt(covariance[:, 0, 0])
+    slope = covariance[:, 0, 1] * first
+    second = 1.0 / np.sqrt(covariance[:, 1, 1] - slope**2)
+    inverse = np.zeros_like(covariance)
+    inverse[:, 0, 0], inverse[:, 1, 1] = first, second
+    inverse[:, 1, 0] = -slope * first * second
+    return inverse
+
+
+def cost(recording: Recording, poses: Float, landmark_ids: Int, landmarks: Float) -> float:
+    """Half the sum of squared whitened residuals: GTSAM's error, on the recording's exact model.
+
+    Infinite where a motion of exactly zero variance is violated by more than 1e-6 (m or rad).
+    `landmark_ids` must hold every landmark of the recording.
+    """
+    order = np.argsort(landmark_ids)
+    slot = order[np.searchsorted(landmark_ids, require_known_landmarks(recording), sorter=order)]
+    observed = whitened_residuals(recording, slot, poses, landmarks)
+    prior = log_se2(between(recording.prior_mean, poses[0])[None])
+    motion = log_se2(between(recording.odometry, between(poses[:-1], poses[1:])))
+    squares = _mahalanobis(prior, prior_cov_in_body(recording)[None]) + _mahalanobis(motion, recording.odometry_cov)
+    return 0.5 * (squares + float((observed**2).sum()))
+
+
+def _mahalanobis(residual: Float, covariance: Float) -> float:
+    """Sum of r' C^-1 r over rows, infinite where r leaves the range of C."""
+    variance, axes = np.linalg.eigh(covariance)
+    along = np.einsum("nij,ni->nj", axes, residual)
+    free = variance > 1e-12 * variance[:, -1:]
+    if (np.abs(along[~free]) > 1e-6).any():
+        return np.inf
+    return float((along[free] ** 2 / variance[free]).sum())
+
+
+def log_se2(increment: Float) -> Float:
+    """Logarithm (n, 3) of the increments (n, 3) of SE(2): the constant velocity that makes them in unit time."""
+    half = increment[:, 2] / 2.0
+    cotangent = np.where(np.abs(half) < 1e-4, 1.0 - half**2 / 3.0, half / np.tan(np.where(half == 0, 1.0, half)))
+    x, y = increment[:, 0], increment[:, 1]
+    return np.column_stack([cotangent * x + half * y, cotangent * y - half * x, increment[:, 2]])
+
+
+def right_jacobian(tangent: Float) -> Float:
+    """Right Jacobian (n, 3, 3) of SE(2) at `tangent` (n, 3) (Sola et al., arXiv 1812.01537, equation 163)."""
+    x, y, t = tangent.T
+    tiny = np.abs(t) < 1e-9  # squares of what is far smaller are zero
+    safe = np.where(tiny, 1.0, t)
+    sine = np.where(tiny, 1.0, np.sin(t) / safe)
+    versine = np.where(tiny, 0.5 * t, 2.0 * np.sin(t / 2.0) ** 2 / safe)
+    b = np.where(tiny, 0.5, versine / safe)
+    a = np.where(np.abs(t) < 1e-2, t / 6.0 - t**3 / 120.0 + t**5 / 5040.0, (t - np.sin(t)) / safe**2)
+    jacobian = np.zeros((len(tangent), 3, 3))
+    jacobian[:, 0] = np.column_stack([sine, versine, a * x - b * y])
+    jacobian[:, 1] = np.column_stack([-versine, sine, b * x + a * y])
+    jacobian[:, 2, 2] = 1.0
+    return jacobian

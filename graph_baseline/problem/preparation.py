@@ -1,0 +1,182 @@
+"""What every graph asks of a recording: ids, what places landmarks, the frame of the start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import wraps
+from typing import Concatenate, ParamSpec
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int, Marks
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate
+from slamgauge.graph_baseline.problem.placement import do_not_meet, triangulate_all
+from slamgauge.graph_baseline.problem.undetermined import undetermined_variable
+from slamgauge.recording import Recording
+from slamgauge.se2 import chain, compose, rotation
+from slamgauge.validation import require_type
+
+Rest = ParamSpec("Rest")
+
+NEAREST = 1e-6  # m: a landmark at the sensor itself has no bearing
+MAX_LANDMARK_SIGMA = 3e5  # m; what is known less well drowns in the rounding of what is known to a millimetre
+
+
+def require_known_landmarks(recording: Recording) -> Int:
+    """The landmark ids of a recording that a graph can be built from.
+
+    Raises:
+        UserError: unknown association.
+    """
+    if recording.landmark is None:
+        raise UserError("landmark: the graph needs known association; give ids, or run it under a filter's: batch@ekf")
+    return recording.landmark
+
+
+def as_range_bearing(recording: Recording) -> tuple[Float, Float]:
+    """Observations (M, 2) as range [m] and bearing [rad], and their covariances (M, 2, 2)."""
+    if recording.sensor == "range-bearing":
+        return recording.observation, recording.observation_cov
+    x, y = recording.observation.T
+    x = np.where(np.hypot(x, y) < NEAREST, NEAREST, x)
+    distance = np.hypot(x, y)
+    jacobian = np.stack([np.stack([x, y], -1) / distance[:, None], np.stack([-y, x], -1) / distance[:, None] ** 2], 1)
+    polar = np.column_stack([distance, np.arctan2(y, x)])
+    return polar, jacobian @ recording.observation_cov @ jacobian.swapaxes(1, 2)
+
+
+def prior_cov_in_body(recording: Recording) -> Float:
+    """The prior's covariance (3, 3) in the body frame of its mean, where GTSAM expects it."""
+    turn = np.eye(3)
+    turn[:2, :2] = rotation(recording.prior_mean[2])
+    return turn.T @ recording.prior_cov @ turn
+
+
+def least_known_landmark(recording: Recording) -> tuple[int, float]:
+    """The landmark that its sights, from the dead-reckoned path, place worst, and its largest sigma [m].
+
+    (-1, 0.0) for a recording without observations.
+    """
+    if recording.sensor == "bearing":
+        ids, _, sigmas = triangulate_all(recording, chain(recording.prior_mean, recording.odometry))
+        worst = int(np.argmax(sigmas)) if len(ids) else -1
+        return (int(ids[worst]), float(sigmas[worst])) if len(ids) else (-1, 0.0)
+    polar, polar_cov = as_range_bearing(recording)
+    if len(polar) == 0:
+        return -1, 0.0
+    path = chain(recording.prior_mean, recording.odometry)
+    H = rotation(path[recording.observation_step, 2] + polar[:, 1]).swapaxes(1, 2)  # along the ray, and across it
+    H[:, 1] /= np.maximum(polar[:, :1], 1e-6)
+    landmark_ids, slot = np.unique(require_known_landmarks(recording), return_inverse=True)
+    information = np.zeros((len(landmark_ids), 2, 2))
+    np.add.at(information, slot, H.swapaxes(1, 2) @ np.linalg.inv(polar_cov) @ H)
+    weakest = np.linalg.eigvalsh(information)[:, 0]
+    worst = int(np.argmin(weakest))
+    return int(landmark_ids[worst]), float(1.0 / np.sqrt(max(weakest[worst], 1e-300)))
+
+
+def require_placeable(recording: Recording) -> None:
+    """Refuse ranges and bearings that leave a landmark so uncertain that rounding hides all else.
+
+    Raises:
+        UserError: says which landmark.
+    """
+    if recording.sensor != "bearing":
+        landmark, sigma = least_known_landmark(recording)
+        if sigma > MAX_LANDMARK_SIGMA:
+            raise undetermined_variable("l", landmark)
+
+
+def are_placed(recording: Recording, path: Float) -> Marks:
+    """Which observations (M,) are of landmarks that can be placed; with ranges all are.
+
+    Bearings alone, taken from a path (N+1, 3), may not place a landmark: one seen once, or without parallax, tells
+    next to nothing about the path.
+    """
+    if recording.sensor != "bearing":
+        return np.ones(len(recording.observation), dtype=bool)
+    ids, _, sigmas = triangulate_all(recording, path)
+    return np.isin(require_known_landmarks(recording), ids[np.isfinite(sigmas)])
+
+
+def are_placed_best(recording: Recording, path: Float, among: Marks) -> Marks:
+    """Which observations (M,) are of the better placed half, rounded down, of the landmarks `among` them (M,).
+
+    Bearings alone, taken from a path (N+1, 3).
+    """
+    ids, _, sigmas = triangulate_all(recording.only(among), path)
+    return np.isin(require_known_landmarks(recording), ids[np.argsort(sigmas, kind="stable")[: len(ids) // 2]])
+
+
+def are_at_odds(recording: Recording, path: Float, among: Marks) -> Marks:
+    """Which observations (M,) are of landmarks whose bearings say where they are, and do not meet from a path (N+1, 3).
+
+    Bearings alone; of the landmarks `among` them (M,).
+    """
+    ids = require_known_landmarks(recording)
+    found = [name for name in np.unique(ids[among]) if do_not_meet(recording, np.flatnonzero(ids == name), path)]
+    return np.isin(ids, found)
+
+
+def are_seen_again(recording: Recording) -> Marks:
+    """Which observations (M,) are of landmarks that several poses have seen."""
+    _, slot = np.unique(require_known_landmarks(recording), return_inverse=True)
+    sights = np.unique(np.column_stack([slot, recording.observation_step]), axis=0)
+    return np.bincount(sights[:, 0])[slot] > 1
+
+
+def among_mapped(estimate: Estimate, association: Int) -> Estimate:
+    """The estimate for an association (M,) of its own; -1 for what was given to landmarks that are not mapped."""
+    mapped = np.isin(association, np.asarray(estimate.landmark_ids))
+    return replace(estimate, association=np.where(mapped, association, -1))
+
+
+def in_frame_of_start(recording: Recording) -> Recording:
+    """The recording as if it began at the origin, towards x."""
+    if not recording.prior_mean.any():
+        return recording
+    return replace(recording, prior_mean=np.zeros(3), prior_cov=prior_cov_in_body(recording))
+
+
+def relative_to_start(
+    estimator: Callable[Concatenate[Recording, Rest], Estimate],
+) -> Callable[Concatenate[Recording, Rest], Estimate]:
+    """The same estimator, computing in the frame of the start: no digits are lost far away, nor depend on a heading."""
+
+    @wraps(estimator)
+    def relative(recording: Recording, /, *rest: Rest.args, **named: Rest.kwargs) -> Estimate:
+        require_type("recording", recording, Recording)
+        start = recording.prior_mean
+        found = estimator(in_frame_of_start(recording), *rest, **named)
+        if not start.any():
+            return found
+        turn = np.eye(3)
+        turn[:2, :2] = rotation(start[2])
+        assert found.pose_covs is not None and found.landmark_covs is not None
+        return replace(
+            found,
+            poses=compose(start, found.poses),
+            pose_covs=turn @ found.pose_covs @ turn.T,
+            landmarks=start[:2] + found.landmarks @ turn[:2, :2].T,
+            landmark_covs=turn[:2, :2] @ found.landmark_covs @ turn[:2, :2].T,
+        )
+
+    return relative
+
+
+def first_sights(recording: Recording) -> tuple[Int, Int]:
+    """Ids of the landmarks in increasing order, and the row of each one's first observation."""
+    return np.unique(require_known_landmarks(recording), return_index=True)
+
+
+def landmarks_at_first_sight(recording: Recording, poses: Float) -> Float:
+    """Landmarks (L, 2), in the order of `first_sights`, where their first sights from `poses` put them."""
+    if recording.sensor == "bearing":
+        return triangulate_all(recording, poses)[1]
+    rows = first_sights(recording)[1]
+    seen_from = poses[recording.observation_step[rows]]
+    polar = as_range_bearing(recording)[0][rows]
+    angle = seen_from[:, 2] + polar[:, 1]
+    return seen_from[:, :2] + polar[:, :1] * np.column_stack([np.cos(angle), np.sin(angle)])

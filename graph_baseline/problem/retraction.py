@@ -1,0 +1,50 @@
+"""Two ways to take a step of the linear model: each keeps, to any size of step, what the other keeps to first order.
+
+Where turns are small, either will do. Where a path bends far in one step, the one takes a whole path that turns as it
+ought to, the other a path whose motions each turn a little: whichever costs less is the better step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamgauge.arrays import Float
+from slamgauge.graph_baseline.problem.constrained_motion import FreeNoise, turned
+from slamgauge.graph_baseline.problem.linearisation import LinearModel, right_jacobian
+from slamgauge.se2 import rotation, wrap
+
+
+def displaced(
+    model: LinearModel, noise: FreeNoise, poses: Float, landmarks: Float, dx: Float, dm: Float
+) -> tuple[Float, Float]:
+    """Path and map after a step (N+1, 3), (L, 2): each point by V(turn) step, V(t) = (R(t) - I) / (t J).
+
+    A turn of everything about any point then keeps all distances, which an additive step would stretch. A landmark
+    turns as do, in the mean, the poses that see it.
+    """
+    turn = dx[:, 2]
+    seen = np.maximum(np.bincount(model.slot, minlength=len(dm)), 1)
+    turn_of_landmark = np.bincount(model.slot, turn[model.step], minlength=len(dm)) / seen
+    path = np.column_stack([poses[:, :2] + turned(turn, dx[:, :2]), wrap(poses[:, 2] + turn)])
+    return noise.followed(path), landmarks + turned(turn_of_landmark, dm)
+
+
+def driven(
+    model: LinearModel, noise: FreeNoise, poses: Float, landmarks: Float, dx: Float, dm: Float
+) -> tuple[Float, Float]:
+    """Path and map after a step (N+1, 3), (L, 2) that is taken by the residuals of the motions.
+
+    What one motion turns, turns all that follows. A landmark moves with the pose that sees it first, but for the change
+    of its place before that pose.
+    """
+    change = dx.copy()
+    change[1:] -= np.einsum("nij,nj->ni", model.F, dx[:-1])
+    change[:, :2] = np.einsum("nji,nj->ni", rotation(poses[:, 2]), change[:, :2])
+    residual = noise.residuals(poses)
+    path = noise.path(residual + np.linalg.solve(right_jacobian(residual), change[:, :, None])[:, :, 0])
+    at = model.step[np.unique(model.slot, return_index=True)[1]]
+    offset = landmarks - poses[at, :2]
+    across = np.column_stack([-offset[:, 1], offset[:, 0]])
+    offset += dm - dx[at, :2] - across * dx[at, 2:]
+    turn = rotation(path[at, 2] - poses[at, 2])
+    return path, path[at, :2] + np.einsum("nij,nj->ni", turn, offset)

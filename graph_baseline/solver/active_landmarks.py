@@ -1,0 +1,110 @@
+"""The landmarks that a growing optimum has mapped: the slot of each, and those that bearings may cease to place."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
+from slamgauge.graph_baseline.solver.linear_problem import Place
+from slamgauge.graph_baseline.problem.residuals import Measured
+from slamgauge.graph_baseline.problem.placement import SURE, triangulate_one
+from slamgauge.recording import Recording
+from slamgauge.back_projection import positions_seen
+
+SURELY = SURE / 2  # sigma over distance of a landmark that bearings will go on to place
+
+
+class MappedLandmarks:
+    """The landmarks that have a slot in `place`, and the slots of the observations in `measured`.
+
+    Args:
+        recording: known association.
+        measured: the recording as kernels take it; its `slot` is written here.
+        place: where poses and landmarks stand; its `landmarks` are written where one is mapped.
+    """
+
+    def __init__(self, recording: Recording, measured: Measured, place: Place) -> None:
+        self._recording, self._measured, self._place = recording, measured, place
+        self._ids = require_known_landmarks(recording)
+        self._slot: dict[int, int] = {}
+        self._unsure: set[int] = set()
+
+    def __len__(self) -> int:
+        return len(self._slot)
+
+    @property
+    def ids(self) -> Int:
+        """(L,) in the order of their slots."""
+        return np.array(list(self._slot), dtype=np.int64)
+
+    def positions(self) -> Float:
+        """(L, 2) [m], in the order of `ids`."""
+        return self._place.landmarks[: len(self)].copy()
+
+    def map_seen(self, newest: int) -> None:
+        """Give slots to the observations of the newest pose's scan; with bearings alone, new landmarks wait."""
+        first, last = self._measured.first[newest : newest + 2]
+        for row in range(first, last):
+            name = int(self._ids[row])
+            if name not in self._slot and self._recording.sensor != "bearing":
+                self._map(name, positions_seen(self._recording, np.array([row]), self._place.poses)[0])
+            self._measured.slot[row] = self._slot.get(name, -1)
+
+    def map_waiting(self, newest: int, but: set[int]) -> set[int]:
+        """Give slots to landmarks that bearings place from the path as it stands, `but` some; which have got one."""
+        rows = np.arange(self._measured.first[newest + 1])
+        found, ids = set[int](), self._ids[: len(rows)]
+        for name in sorted({*ids[self._measured.slot[rows] < 0].tolist()} - but):
+            landmark, sigma = triangulate_one(self._recording, rows[ids == name], self._place.poses)
+            if np.isfinite(sigma):
+                self._map(name, landmark)
+                self._measured.slot[rows[ids == name]] = self._slot[name]
+                found.add(name)
+        return found
+
+    def waiting_in_scan(self, newest: int) -> list[int]:
+        """Landmarks that the newest pose sees and that have no slot."""
+        rows = slice(*self._measured.first[newest : newest + 2])
+        return self._ids[rows][self._measured.slot[rows] < 0].tolist()
+
+    def is_any_placed(self, newest: int, names: list[int], path: Float) -> bool:
+        """Whether bearings from a path (newest+1, 3) place any of these landmarks."""
+        ids = self._ids[: self._measured.first[newest + 1]]
+        rows = (np.flatnonzero(ids == name) for name in names)
+        return any(np.isfinite(triangulate_one(self._recording, each, path)[1]) for each in rows)
+
+    def leave_out(self, newest: int) -> bool:
+        """Take their slots from landmarks that bearings no longer place; whether there are any."""
+        kept = {name for name in self._slot if name not in self._unsure or self._is_placed(newest, name)}
+        ids = self.ids
+        if len(kept) == len(ids):
+            return False
+        self._unsure &= kept
+        stays = np.isin(ids, list(kept))
+        self.map_alone(newest, ids[stays], self.positions()[stays])
+        return True
+
+    def map_alone(self, newest: int, ids: Int, landmarks: Float) -> None:
+        """Give slots to landmarks (L, 2) of these ids, and to no others."""
+        self._slot = {name: slot for slot, name in enumerate(ids.tolist())}
+        self._place.landmarks[: len(ids)] = landmarks
+        rows = self._measured.first[newest + 1]
+        self._measured.slot[:rows] = [self._slot.get(name, -1) for name in self._ids[:rows].tolist()]
+
+    def doubt_all(self) -> None:
+        """Look at each again when landmarks are left out."""
+        self._unsure = set(self._slot)
+
+    def _map(self, name: int, landmark: Float) -> None:
+        """Give a slot to a landmark (2,)."""
+        slot = self._slot[name] = len(self._slot)
+        self._place.landmarks[slot] = landmark
+
+    def _is_placed(self, newest: int, name: int) -> bool:
+        """Whether bearings place a landmark; one that they place well is no longer looked at."""
+        rows = np.flatnonzero(self._ids[: self._measured.first[newest + 1]] == name)
+        if np.isfinite(triangulate_one(self._recording, rows, self._place.poses, SURELY)[1]):
+            self._unsure.remove(name)
+            return True
+        return bool(np.isfinite(triangulate_one(self._recording, rows, self._place.poses)[1]))

@@ -1,0 +1,260 @@
+"""An optimum that grows pose by pose and stays one: incremental smoothing with chord steps (`chord_descent`).
+
+A step takes its scan in and moves the newest pose and the map by the linear problem that all steps so far have left.
+The rest of the path stays behind, and what the linear problem misses is not seen. Both are mended by chord steps over
+the whole path, which end where the gradient of the exact cost is zero: at every scan while the path is short, later as
+often as it takes to keep small what is missed, which grows with the square of how far the newest pose is moved. A
+minimum that they do not find is sought from several starts (`search`), and so is a lower one where the cost has risen
+by more than noise explains.
+
+Of bearings alone, landmarks wait until the optimum places them, and leave where it no longer does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
+from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum
+from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
+from slamgauge.graph_baseline.solver.linear_problem import allocate_place
+from slamgauge.graph_baseline.solver.active_landmarks import MappedLandmarks
+from slamgauge.graph_baseline.problem.residuals import measured_of
+from slamgauge.graph_baseline.solver.multistart import Start, explained_by_noise, grown, placed_minimum, searched, softened
+from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
+from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
+from slamgauge.recording import Recording
+from slamgauge.se2 import chain, compose, wrap
+
+SHORT = 100  # poses of a path that is settled at every scan
+LONGEST = 64  # scans between two settlings
+MISSED = 0.003  # sigmas of the newest pose that may be missed between them
+PATIENCE = 0.7  # of what is expected to be missed remains expected after a settling that found less
+LOWER = 1.0 - 1e-6  # of the squared residuals: another minimum
+SOUGHT_AGAIN = 1.2  # times the steps at which no minimum, or none that is lower, was found: look again
+DOUBTED_AGAIN = 2.0  # the same for a lower one of a path that is not short
+
+
+class Leap(NamedTuple):
+    """Where a search has led: a path (k+1, 3), and the landmarks (L,) that were mapped before."""
+
+    path: Float
+    landmark_ids: Int
+
+
+class GrowingOptimum:
+    """The optimum of the first steps of a recording.
+
+    Args:
+        recording: known association.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        compile_graphs_once()
+        self._recording = recording
+        self._measured = measured_of(recording)
+        poses, landmarks = recording.steps + 1, len(np.unique(require_known_landmarks(recording)))
+        self._place = allocate_place(poses, landmarks)
+        self._mapped = MappedLandmarks(recording, self._measured, self._place)
+        self._descent = ChordDescent(self._measured, self._place, self._mapped)
+        self._scans, self._travel = 0, 0.0  # since the last settling; travel in squared sigmas
+        self._bend = np.inf  # sigmas missed for each of travel
+        self.settled = True  # whether the minimum was found when it was last looked for
+        self.unsettled_steps = 0  # steps without: their pose is dead reckoning from the last that had one
+        self._seek_at = self._doubt_at = 0
+        self._freedom = 0  # of the last minimum
+        self.leaps: list[Leap] = []
+
+    # --- what has been found ---------------------------------------------------------------------
+
+    @property
+    def landmark_ids(self) -> Int:
+        """(L,) in the order in which they were mapped."""
+        return self._mapped.ids
+
+    def newest_pose(self) -> Float:
+        """(3,) x, y [m], heading [rad]."""
+        return self._place.poses[self._newest].copy()
+
+    def newest_cov(self) -> Float:
+        """(3, 3) of the newest pose, world frame, by the matrices at hand; while unsettled, of what they are about."""
+        return self._descent.newest_cov().copy()
+
+    def landmarks(self) -> Float:
+        """(L, 2) [m], in the order of `landmark_ids`."""
+        return self._mapped.positions()
+
+    def landmark_covs(self) -> Float:
+        """(L, 2, 2) [m^2]."""
+        return self._descent.landmark_covs()
+
+    def path_and_map(self) -> tuple[Float, Float]:
+        """Smoothed poses (k+1, 3), and landmarks (L, 2) in increasing id order."""
+        return self._place.poses[: self._newest + 1].copy(), self.landmarks()[np.argsort(self.landmark_ids)]
+
+    @property
+    def _newest(self) -> int:
+        return self._descent.newest
+
+    # --- steps -----------------------------------------------------------------------------------
+
+    def add_step(self) -> None:
+        """Take in the next pose and its scan.
+
+        Where there is no minimum, scans wait: one is sought again when the path has become longer by a fifth.
+        """
+        k = self._newest + 1
+        last = self._place.poses[k - 1]
+        self._descent.add_pose(compose(last, self._measured.motion[k]) if k else self._measured.start)
+        if not self.settled:
+            self._descent.take_in_newest()
+            if k >= self._seek_at:
+                self._seek()
+        else:
+            self._take_in_step()
+        self.unsettled_steps += not self.settled
+
+    def finish(self) -> None:
+        """Go to the minimum, with all matrices taken there."""
+        if self.settled:
+            self._settle(anew=True)
+        else:
+            self._seek()
+        if self._recording.sensor == "bearing":
+            self._settle_placed()
+        self.settled = self.settled and self._descent.linearise_anew()
+
+    def _take_in_step(self) -> None:
+        """Take in the newest scan, and settle if it is time to."""
+        k, mapped = self._newest, len(self._mapped)
+        if self._measured.first[k] == self._measured.first[k + 1]:
+            self._descent.take_in_newest()
+            return
+        self._mapped.map_seen(k)
+        step = self._descent.take_in_newest_scan(mapped)
+        if step is None:
+            self._settle(anew=True)
+        else:
+            self._scans += 1
+            self._travel += float(np.max(np.square(step / self._descent.sigma)))
+            if k <= SHORT or self._scans >= LONGEST or self._travel * self._bend > MISSED:
+                self._settle()
+        if self._recording.sensor == "bearing":
+            self._settle_placed()
+
+    def _settle_placed(self) -> None:
+        """Go to the minimum of the landmarks that bearings place from there, as `placed_minimum` does.
+
+        Each is taken in once at most: a search may leave it out again.
+        """
+        if self.settled and self._newest >= self._seek_at and self._may_map_more():
+            self._seek_more()
+        taken_in = set[int]()
+        while self.settled and (placed := self._mapped.map_waiting(self._newest, taken_in)):
+            taken_in |= placed
+            self._mapped.doubt_all()
+            self._settle(anew=True)
+        if self._newest <= SHORT:
+            self._mapped.doubt_all()
+        if self.settled and self._mapped.leave_out(self._newest):
+            self._settle(anew=True)
+
+    def _settle(self, *, anew: bool = False) -> None:
+        """Go to the minimum of the exact cost, by chord steps or else by a search; stay where neither finds it."""
+        k, count, place = self._newest, len(self._mapped), self._place
+        start = place.poses[: k + 1].copy(), place.landmarks[:count].copy()
+        last_chi_square = self._descent.chi_square
+        self.settled = (not anew or self._descent.linearise_anew()) and self._descent.converge()
+        if not self.settled:
+            place.poses[: k + 1], place.landmarks[:count] = start
+            self._seek()
+        elif self._is_doubtful(last_chi_square):
+            self._seek_lower()
+        self._freedom = self._degrees_of_freedom()
+        apart = place.poses[k] - start[0][k]
+        apart[2] = wrap(apart[2])
+        missed = float(np.max(np.abs(apart) / self._descent.sigma))
+        expected = PATIENCE * self._bend if np.isfinite(self._bend) else 0.0
+        self._bend = max(missed / max(self._travel, 1e-6), expected)
+        self._scans, self._travel = 0, 0.0
+
+    def _is_doubtful(self, last_chi_square: float) -> bool:
+        """Whether noise explains neither all squared residuals nor those that came since the last minimum."""
+        freedom = self._degrees_of_freedom()
+        if self._newest < self._doubt_at or explained_by_noise(self._descent.chi_square, freedom):
+            return False
+        return not explained_by_noise(self._descent.chi_square - last_chi_square, max(freedom - self._freedom, 1))
+
+    def _degrees_of_freedom(self) -> int:
+        """Rows of what has been taken in, less the unknowns of its landmarks."""
+        taken = self._measured.slot[: self._measured.first[self._newest + 1]] >= 0
+        return int(taken.sum()) * self._recording.observation.shape[1] - 2 * len(self._mapped)
+
+    def _seek(self) -> None:
+        """Search a minimum; where there is none, leave it for a while."""
+        found = self._searched()
+        self.settled = found is not None and self._move_to(*found)
+        if not self.settled:
+            self._seek_at = int(SOUGHT_AGAIN * self._newest) + 1
+
+    def _may_map_more(self) -> bool:
+        """Whether nothing is mapped, or dead reckoning places a landmark of the newest scan that waits.
+
+        Dead reckoning tells as much as long as the path is short.
+        """
+        if not len(self._mapped):
+            return True
+        if self._newest > SHORT:
+            return False
+        waiting = self._mapped.waiting_in_scan(self._newest)
+        return bool(waiting) and self._mapped.is_any_placed(self._newest, waiting, self._dead_reckoned())
+
+    def _seek_more(self) -> None:
+        """Search a minimum with more landmarks than the present one has; where there is none, leave it for a while."""
+        found = self._searched()
+        if found is not None and len(found[1].landmarks) > len(self._mapped):
+            self.settled = self._move_to(*found)
+        else:
+            self._seek_at = int(SOUGHT_AGAIN * self._newest) + 1
+
+    def _seek_lower(self) -> None:
+        """Search a minimum that is lower than the present one; where there is none, leave it for a while."""
+        found = self._searched()
+        if found is None or 2.0 * found[1].cost > LOWER * self._descent.chi_square:
+            again = SOUGHT_AGAIN if self._newest <= SHORT else DOUBTED_AGAIN
+            self._doubt_at = int(again * self._newest) + 1
+        else:
+            self.settled = self._move_to(*found)
+
+    def _searched(self) -> tuple[Int, Minimum] | None:
+        """Which landmark each observation is of, -1 for none, and a minimum sought without the present one, if any."""
+        k = self._newest
+        part, here = self._recording.first(k), self._place.poses[: k + 1].copy()
+
+        def starts(part: Recording, path: Float) -> Iterator[Start]:
+            yield lambda: searched(part, path)
+            yield lambda: softened(part, path)
+            yield lambda: searched(part, here)
+            yield lambda: grown(part)
+
+        try:
+            return placed_minimum(part, self._dead_reckoned(), starts)
+        except UndeterminedError:
+            return None
+
+    def _dead_reckoned(self) -> Float:
+        """Path (k+1, 3) of the odometry alone."""
+        return chain(self._recording.prior_mean, self._recording.odometry[: self._newest])
+
+    def _move_to(self, taken: Int, found: Minimum) -> bool:
+        """Go to a minimum that a search has found; whether its matrices determine all landmarks."""
+        self.leaps.append(Leap(found.poses, self._mapped.ids))
+        self._place.poses[: self._newest + 1] = found.poses
+        self._mapped.map_alone(self._newest, np.unique(taken[taken >= 0]), found.landmarks)
+        self._mapped.doubt_all()
+        self._descent.chi_square = 2.0 * found.cost
+        return self._descent.linearise_anew()

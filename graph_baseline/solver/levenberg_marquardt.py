@@ -1,0 +1,233 @@
+"""From a start to the minimum of a recording's exact cost: Levenberg and Marquardt, then Newton steps alone.
+
+A step comes from the Schur complement (`smoother`), which takes zero variances as what they are: constraints. It
+fulfils them to first order; the path is then led back to them, and keeps what they leave free (`free_noise`).
+"""
+
+from __future__ import annotations
+
+from operator import itemgetter
+from typing import NamedTuple
+
+import numpy as np
+from numpy.linalg import LinAlgError
+
+from slamgauge.arrays import Float, Int
+from slamgauge.graph_baseline.problem.preparation import first_sights, require_known_landmarks, require_placeable
+from slamgauge.graph_baseline.problem.constrained_motion import FreeNoise
+from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise, whitened_residuals
+from slamgauge.graph_baseline.solver.anderson import Mixing, size_of
+from slamgauge.graph_baseline.problem.retraction import displaced, driven
+from slamgauge.graph_baseline.solver.reduced_scans import NOT_DAMPED, Damping
+from slamgauge.graph_baseline.solver.smoother import Solution, damped_step, solve_at
+from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
+from slamgauge.recording import Recording
+from slamgauge.se2 import wrap
+
+MAX_STEPS = 200
+NEAR = 1e-6  # decrease of the cost, relative to what true noise makes of it, after which Newton steps alone go on
+TOO_NEAR = 1e-4  # m
+RISEN = 1e-3  # relative increase of the cost with which Newton steps have left for another stationary point
+NEGLIGIBLE = 1e-8  # of a standard deviation
+RESOLVED = 1e-3  # of a standard deviation: a step of rounding that is taken for the last, where the recording fits
+MISFIT = 10.0  # times that at most, where residuals are larger than stated: a step's rounding grows with them
+PATIENCE = 6  # Newton steps in a row that may be longer than one before
+HOPELESS = 1e6  # standard deviations: Newton steps diverge
+EXACT = 1e-9  # m or rad
+MAX_NEWTON_STEPS = 60
+GENTLE, STRONGER, WEAKER, UNDAMPED = 1e-4, 10.0, 0.1, 1e-8  # damping over the mean information of a scan
+
+
+class Minimum(NamedTuple):
+    """Poses (N+1, 3), landmarks (L, 2) in increasing id order, covariances, and half the squared residuals."""
+
+    poses: Float
+    landmarks: Float
+    solution: Solution
+    cost: float
+
+
+class Approach(NamedTuple):
+    """Poses (N+1, 3) and landmarks (L, 2) near a minimum, and half their squared residuals."""
+
+    poses: Float
+    landmarks: Float
+    cost: float
+    merit: Merit
+
+
+class Merit:
+    """The cost of paths and maps of a recording, where motions of zero variance are obeyed."""
+
+    def __init__(self, recording: Recording, slot: Int) -> None:
+        self._recording = recording
+        self._slot = slot
+        self.noise = FreeNoise(recording)
+
+    def __call__(self, poses: Float, landmarks: Float) -> float:
+        """Half the sum of squares; infinite where it is not defined."""
+        with np.errstate(all="ignore"):
+            seen = whitened_residuals(self._recording, self._slot, poses, landmarks)
+            cost = self.noise.cost(poses) + 0.5 * float(np.square(seen).sum())
+        return cost if np.isfinite(cost) else np.inf
+
+
+def approach(
+    recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float, most: int = MAX_STEPS
+) -> Approach:
+    """Where damped steps lead from a start: near a minimum, or wherever they come to a halt.
+
+    Args:
+        recording: known association.
+        landmark_ids: (L,) all of its landmarks, increasing.
+        poses: (N+1, 3).
+        landmarks: (L, 2).
+        most: steps.
+    """
+    slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
+    merit = Merit(recording, slot)
+    poses = merit.noise.followed(poses)
+    cost, factor, near = merit(poses, landmarks), 0.0, NEAR * (1.0 + recording.observation.size / 2.0)
+    for _ in range(most):
+        model = linearise(recording, slot, poses, landmarks)
+        scale = _mean_information(model, len(landmarks))
+        while True:
+            found, tried = _tried(model, merit, poses, landmarks, scale, factor)
+            if found <= cost or factor > 1.0 / UNDAMPED:
+                break
+            factor = max(STRONGER * factor, GENTLE)
+        if found > cost:
+            break
+        decrease, cost, (poses, landmarks) = cost - found, found, tried
+        factor = WEAKER * factor if factor > UNDAMPED else 0.0
+        if decrease <= near:
+            break
+    return Approach(poses, landmarks, cost, merit)
+
+
+def descended(recording: Recording, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
+    """What GTSAM's Levenberg-Marquardt does (`gtsam_graph`), by damped steps of our own, zero variances obeyed."""
+    require_placeable(recording)
+    found = approach(recording, first_sights(recording)[0], poses, landmarks, iterations)
+    return found.poses, found.landmarks
+
+
+def _tried(
+    model: LinearModel, merit: Merit, poses: Float, landmarks: Float, scale: Damping, factor: float
+) -> tuple[float, tuple[Float, Float]]:
+    """Cost, path and map after a step damped by `factor`, the cheaper of its two ways; infinite without a step."""
+    damping = Damping(factor * scale.pose, factor * scale.landmark, factor * scale.motion)
+    try:
+        step = damped_step(model, len(landmarks), damping)
+        ways = [move(model, merit.noise, poses, landmarks, *step) for move in (displaced, driven)]
+    except LinAlgError:
+        return np.inf, (poses, landmarks)
+    return min(((merit(*way), way) for way in ways), key=itemgetter(0))
+
+
+def _mean_information(model: LinearModel, landmarks: int) -> Damping:
+    """What a scan says of its pose and of the motion that led to it, and all scans of a landmark, in the mean."""
+    poses = max(len(np.unique(model.step)), 1)
+    by_pose = np.square(model.Hx).sum(axis=(0, 1)) / poses
+    by_pose[:2] = by_pose[:2].mean()
+    by_landmark = float(np.square(model.Hm).sum()) / (2 * max(landmarks, 1))
+    by_motion = float(np.einsum("nii,i->", model.W, by_pose)) / max(len(model.W), 1)
+    return Damping(by_pose, by_landmark, by_motion)
+
+
+def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
+    """The minimum near an approach: Newton steps, until they are negligible or as small as rounding lets them be.
+
+    Steps leave out how the residuals bend. Where these are large, steps shrink slowly or not at all, and are mixed.
+
+    Raises:
+        UndeterminedError: there is none, or rounding hides it.
+    """
+    poses, landmarks, cost, merit = start
+    slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
+    _refuse_landmarks_at_poses(recording, slot, poses, landmarks)
+    sigmas = _sigmas(solve_at(recording, landmark_ids, *start[:2]))
+    weight, mixing = 1.0 / np.concatenate([each.ravel() for each in sigmas]), Mixing()
+    best, smallest, stalled = (poses, landmarks), np.inf, 0
+    for _ in range(MAX_NEWTON_STEPS):
+        model = linearise(recording, slot, poses, landmarks)
+        try:
+            step = damped_step(model, len(landmarks), NOT_DAMPED)
+        except LinAlgError:
+            break
+        ahead = displaced(model, merit.noise, poses, landmarks, *step)
+        apart = _apart(ahead, (poses, landmarks))
+        size = size_of(weight * apart)
+        if size < smallest:
+            best, smallest, stalled = (poses, landmarks), size, 0
+        else:
+            stalled += 1
+        if size < NEGLIGIBLE:
+            best = ahead
+        if size < NEGLIGIBLE or stalled > PATIENCE or not size < HOPELESS:
+            break
+        before = poses, landmarks
+        poses, landmarks = _displaced(before, mixing.move(apart, weight * apart), merit.noise)
+        mixing.moved(_apart((poses, landmarks), before))
+    misfit = np.sqrt(2.0 * cost / max(recording.observation.size, 1))
+    if not smallest < RESOLVED * np.clip(misfit, 1.0, MISFIT):
+        raise UndeterminedError(_why_no_minimum(recording, landmark_ids, *best, smallest))
+    ended = merit(*best)
+    if ended > cost + RISEN * (1.0 + cost):
+        raise UndeterminedError(
+            f"batch: no minimum, the last steps lead {ended - cost:.2g} nats uphill: the measurements leave a "
+            "direction all but undetermined; add observations with smaller covariances or from other places"
+        )
+    return Minimum(*best, solve_at(recording, landmark_ids, *best), ended)
+
+
+def _apart(point: tuple[Float, Float], other: tuple[Float, Float]) -> Float:
+    """Poses and landmarks of a point less those of another (3N+3+2L,)."""
+    poses, landmarks = (mine - theirs for mine, theirs in zip(point, other, strict=True))
+    poses[:, 2] = wrap(poses[:, 2])
+    return np.concatenate([poses.ravel(), landmarks.ravel()])
+
+
+def _displaced(point: tuple[Float, Float], move: Float, noise: FreeNoise) -> tuple[Float, Float]:
+    """Poses (N+1, 3) and landmarks (L, 2) displaced by a move (3N+3+2L,), motions of zero variance obeyed."""
+    poses, landmarks = point
+    path = poses + move[: poses.size].reshape(poses.shape)
+    path[:, 2] = wrap(path[:, 2])
+    return noise.followed(path), landmarks + move[poses.size :].reshape(landmarks.shape)
+
+
+def _sigmas(solution: Solution) -> tuple[Float, Float]:
+    """Standard deviations of poses (N+1, 3) and landmarks (L, 2); infinite what is known exactly."""
+    covs = (solution.pose_covs, solution.landmark_covs)
+    poses, landmarks = (np.sqrt(np.maximum(np.diagonal(each, axis1=1, axis2=2), 0.0)) for each in covs)
+    return np.where(poses > EXACT, poses, np.inf), np.where(landmarks > EXACT, landmarks, np.inf)
+
+
+def _refuse_landmarks_at_poses(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> None:
+    """Raise where a landmark has come to lie on a pose that sees it: there range and bearing are not smooth."""
+    if recording.sensor == "position" or not len(slot):
+        return
+    distance = np.hypot(*(landmarks[slot] - poses[recording.observation_step, :2]).T)
+    row = int(np.argmin(distance))
+    if distance[row] < TOO_NEAR:
+        raise UndeterminedError(
+            f"batch: no minimum, landmark {require_known_landmarks(recording)[row]} comes to lie {distance[row]:.2g} m "
+            f"from pose {recording.observation_step[row]} that sees it, where range and bearing are not smooth; "
+            "check ids and covariances"
+        )
+
+
+def _why_no_minimum(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float, size: float) -> str:
+    """One line: what stands out where the descent ended."""
+    ids = require_known_landmarks(recording)
+    slot = np.searchsorted(landmark_ids, ids)
+    with np.errstate(all="ignore"):
+        misfit = np.sqrt(np.square(whitened_residuals(recording, slot, poses, landmarks)).sum(axis=1))
+    opening = f"batch: no minimum, the last step is of {size:.2g} sigma"
+    worst = int(np.argmax(np.nan_to_num(misfit, nan=np.inf))) if len(misfit) else -1
+    if worst >= 0 and not misfit[worst] < 6.0:
+        return (
+            f"{opening}; observation {worst} of landmark {ids[worst]} is {misfit[worst]:.2g} sigma off, most of all: "
+            "check ids and covariances, or run robust-batch"
+        )
+    return f"{opening}: double precision cannot resolve these covariances; bring their sizes nearer to each other"

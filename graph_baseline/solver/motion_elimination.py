@@ -1,0 +1,127 @@
+"""The motion between scans, eliminated: poses that see nothing are affine maps of the poses that do.
+
+With F_k = [I, f_k; 0, 1] products are sums: from pose j to pose b the error is carried by [I, e_jb; 0, 1] with
+e_jb = f_j + ... + f_{b-1}. So the steps from a scan to the next make one step, and what it says of the poses in between
+comes back by closed forms, without any recursion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.covariances import without_negative_eigenvalues
+from slamgauge.graph_baseline.problem.linearisation import LinearModel
+from slamgauge.recording import Recording
+from slamgauge.se2 import between, chain, compose, rotation
+
+
+class Between(NamedTuple):
+    """The J poses j that lie between two keys a and b, in increasing order."""
+
+    pose: Int  # (J,) number of pose j among all
+    key: Int  # (J,) place of b among the keys
+    lever_from: Float  # (J, 2) e_aj
+    lever_to: Float  # (J, 2) e_jb
+    c: Float  # (J, 3) what the steps from a to j add ...
+    W: Float  # (J, 3, 3) ... and the covariance of their noise
+
+
+class Chain(NamedTuple):
+    """A linear model on the keys alone: the first pose, the last, and all that see something."""
+
+    model: LinearModel  # its `step` counts keys
+    key: Int  # (K,) poses
+    between: Between
+
+
+def shorten(model: LinearModel) -> Chain:
+    """Eliminate the poses that see nothing, exactly."""
+    steps = len(model.F)
+    key = np.union1d(model.step, [0, steps])
+    if len(key) == steps + 1:
+        none = np.zeros(0, dtype=np.int64)
+        return Chain(model, key, Between(none, none, *(np.zeros((0, *shape)) for shape in ((2,), (2,), (3,), (3, 3)))))
+    segment = np.searchsorted(key, np.arange(1, steps + 1)) - 1  # of the step that leads to pose 1, 2, ...
+    lever = sums_within(segment, key, model.F[:, :2, 2])  # (N, 2): from the key before to pose 1, 2, ...
+    c = _carried(segment, key, lever, model.c)
+    W = carried_covariances(segment, key, lever, model.W)
+    last = key[1:] - 1  # the steps that lead to keys
+    F = np.tile(np.eye(3), (len(last), 1, 1))
+    F[:, :2, 2] = lever[last]
+    short = model._replace(F=F, c=c[last], W=W[last], step=np.searchsorted(key, model.step))
+    rows = np.setdiff1d(np.arange(steps), last)
+    after = segment[rows]
+    return Chain(
+        short, key, Between(rows + 1, after + 1, lever[rows], lever[last[after]] - lever[rows], c[rows], W[rows])
+    )
+
+
+def sums_within(segment: Int, key: Int, rows: Float) -> Float:
+    """Running sums (N, ...) of the rows (N, ...), begun anew after every key."""
+    total = np.concatenate([np.zeros((1, *rows.shape[1:])), np.cumsum(rows, axis=0)])
+    return total[1:] - total[key[segment]]
+
+
+def _carried(segment: Int, key: Int, lever: Float, c: Float) -> Float:
+    """(N, 3): what the steps since the key add up to at pose 1, 2, ...: the sum of [I, e_kj; 0, 1] c_k."""
+    sums = sums_within(segment, key, c)
+    sums[:, :2] += lever * sums[:, 2:] - sums_within(segment, key, lever * c[:, 2:])
+    return sums
+
+
+def carried_covariances(segment: Int, key: Int, lever: Float, W: Float) -> Float:
+    """(N, 3, 3): the same of covariances, the sum of [I, e_kj; 0, 1] W_k [I, e_kj; 0, 1]'.
+
+    With e_kj = lever_j - lever_k it is a polynomial in lever_j, whose coefficients are running sums.
+    """
+    back = W.copy()  # carried back to the key
+    shear(back, -lever)
+    sums = sums_within(segment, key, back)
+    shear(sums, lever)
+    return sums
+
+
+def shear(P: Float, lever: Float) -> None:
+    """P <- [I, e; 0, 1] P [I, e; 0, 1]' in place, for P (n, 3, 3) and e (n, 2)."""
+    P[:, :2, :] += lever[:, :, None] * P[:, 2:, :]
+    P[:, :, :2] += lever[:, None, :] * P[:, :, 2:]
+
+
+def keyed(recording: Recording) -> tuple[Recording, Int]:
+    """The recording with one motion from each key pose to the next, and the keys (K,) among its poses.
+
+    The motions' covariances are carried along the measured path: exact to first order in their noise.
+    """
+    steps = recording.steps
+    key = np.union1d(recording.observation_step, [0, steps])
+    if len(key) == steps + 1:
+        return recording, key
+    path = chain([0.0, 0.0, 0.0], recording.odometry)
+    segment = np.searchsorted(key, np.arange(1, steps + 1)) - 1
+    moved = np.diff(path[:, :2], axis=0)
+    lever = sums_within(segment, key, np.column_stack([-moved[:, 1], moved[:, 0]]))
+    turn = np.zeros((steps, 3, 3))
+    turn[:, :2, :2], turn[:, 2, 2] = rotation(path[1:, 2]), 1.0
+    noise = carried_covariances(segment, key, lever, turn @ recording.odometry_cov @ turn.swapaxes(1, 2))
+    last = key[1:] - 1
+    short = replace(
+        recording,
+        stamps=recording.stamps[key],
+        odometry=between(path[key[:-1]], path[key[1:]]),
+        odometry_cov=without_negative_eigenvalues(turn[last].swapaxes(1, 2) @ noise[last] @ turn[last]),
+        observation_step=np.searchsorted(key, recording.observation_step),
+    )
+    return short, key
+
+
+def carried_on(recording: Recording, key: Int, poses: Float) -> Float:
+    """Poses (N+1, 3) of a recording whose key poses (K, 3) are given: between them the odometry from the key before."""
+    path = chain([0.0, 0.0, 0.0], recording.odometry)
+    at = np.searchsorted(key, np.arange(len(path)), side="right") - 1
+    full = compose(poses[at], between(path[key[at]], path))
+    full[key] = poses
+    return full

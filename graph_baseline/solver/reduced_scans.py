@@ -1,0 +1,128 @@
+"""What scans say, three equations each of their pose, and the recursions over them: of one chain or piece of it.
+
+A scan of m observations meets its pose through three numbers only, so it is first compressed to three
+equations G dx + X (dm, 1) = unit noise; what else it says is about its landmarks alone.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.graph_baseline.problem.linearisation import LinearModel
+from slamgauge.graph_baseline.solver.recursions import run_covariances, run_maps
+
+CHUNK = 128  # steps whose rows, a few megabytes, are handled together
+
+
+class Damping(NamedTuple):
+    """Information that holds poses with scans, landmarks and motions where they are (Levenberg and Marquardt)."""
+
+    pose: Float  # (3,) [1/m^2, 1/m^2, 1/rad^2]
+    landmark: float  # [1/m^2]
+    motion: float  # over what the noise of start and motions says of itself
+
+
+NOT_DAMPED = Damping(np.zeros(3), 0.0, 0.0)
+
+
+def compressed_scans(model: LinearModel, landmarks: int, damping: Damping, unknowns: int) -> tuple[Float, Float]:
+    """Three equations a scan, G dx + X (u, 1) = unit noise: G (N+1, 3, 3), X (N+1, 3, n+1).
+
+    They are the first of its equations, turned so that the others leave the pose out; damping makes three of them. The
+    n unknowns u are dm, and behind it others that scans do not see.
+    """
+    poses, (count, dim) = len(model.F) + 1, model.r.shape
+    first = np.searchsorted(model.step, np.arange(poses + 1))
+    place = np.arange(count) - first[model.step]  # within the scan
+    held = np.diag(np.sqrt(damping.pose))
+    G, X = np.empty((poses, 3, 3)), np.zeros((poses, 3, unknowns + 1))
+    by_landmark = X[:, :, : 2 * landmarks].reshape(poses, 3, landmarks, 2).swapaxes(1, 2)
+    for part in chunks(poses):
+        scans = len(G[part])
+        rows = slice(first[part.start], first[part.start + scans])
+        step, at = model.step[rows], (model.step[rows] - part.start, place[rows])
+        by_pose = np.zeros((scans, int(place[rows].max(initial=-1)) + 1, dim, 3))
+        by_pose[at] = model.Hx[rows]
+        Q, G[part] = np.linalg.qr(np.concatenate([np.tile(held, (scans, 1, 1)), by_pose.reshape(scans, -1, 3)], axis=1))
+        to_rows = transposed(Q[:, 3:].reshape(by_pose.shape)[at])
+        np.add.at(by_landmark, (step, model.slot[rows]), to_rows @ model.Hm[rows])
+        X[part, :, -1:] = _sum_by(at[0], to_rows @ model.r[rows, :, None], scans)
+    return G, X
+
+
+def landmarks_alone(model: LinearModel, landmarks: int, unknowns: int) -> Float:
+    """Information (n+1, n+1) of all observations on (u, 1), the poses held fixed."""
+    joint = np.zeros((unknowns + 1, unknowns + 1))
+    width = 2 * landmarks
+    own = joint[:width, :width].reshape(landmarks, 2, landmarks, 2)
+    index = np.arange(landmarks)
+    by_landmark = transposed(model.Hm)
+    own[index, :, index, :] = _sum_by(model.slot, by_landmark @ model.Hm, landmarks)
+    joint[:width, -1] = _sum_by(model.slot, by_landmark @ model.r[:, :, None], landmarks).ravel()
+    return joint
+
+
+def own_information(model: LinearModel, landmarks: int) -> Float:
+    """Of each landmark's coordinates (2L,), all else held fixed."""
+    return _sum_by(model.slot, np.square(model.Hm).sum(axis=1)[:, :, None], landmarks).ravel()
+
+
+def subtract_scans(joint: Float, X: Float, model: LinearModel) -> None:
+    """Subtract X'X, chunk by chunk on the columns of the landmarks that the chunk has seen."""
+    for steps in chunks(len(X)):
+        begin, end = np.searchsorted(model.step, [steps.start, steps.stop])
+        seen = np.unique(model.slot[begin:end])
+        columns = np.append((2 * seen[:, None] + np.arange(2)).ravel(), len(joint) - 1)
+        joint[np.ix_(columns, columns)] -= gram(X[steps][:, :, columns])
+
+
+def filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Float, Float, Float]:
+    """Kalman filter of a pose given the unknowns.
+
+    Returns:
+        Predicted and updated covariances P (N+1, 3, 3), carry F (I - K G), gain F K, and whitener L^-1 of the
+        innovations' covariance L L'.
+    """
+    P, updated, carry, gain, whitener = np.empty((5, len(G), 3, 3))
+    run_covariances(
+        np.array(model.start_cov), model.F, model.W, np.ascontiguousarray(G), P, updated, carry, gain, whitener
+    )
+    return P, updated, carry, gain, whitener
+
+
+def filter_maps(start: Float, c: Float, X: Float, carry: Float, gain: Float) -> Float:
+    """Predicted poses as affine maps A (N+1, 3, n+1) of (u, 1), the first of them `start`."""
+    A = np.empty_like(X)
+    A[0] = start
+    np.matmul(-gain[:-1], X[:-1], out=A[1:])
+    A[1:, :, -1] += c
+    run_maps(carry, A)
+    return A
+
+
+def chunks(steps: int) -> list[slice]:
+    """Slices that cover the steps."""
+    return [slice(first, first + CHUNK) for first in range(0, steps, CHUNK)]
+
+
+def _sum_by(group: Int, rows: Float, groups: int) -> Float:
+    """Sums (groups, a, b) of the matrices `rows` (M, a, b) that share a group."""
+    entries = rows.shape[1] * rows.shape[2]
+    sums = np.empty((groups, entries))
+    for column, values in enumerate(rows.reshape(len(rows), entries).T):
+        sums[:, column] = np.bincount(group, values, groups)
+    return sums.reshape(groups, *rows.shape[1:])
+
+
+def gram(blocks: Float) -> Float:
+    """Sum of B'B over the blocks (n, 3, width)."""
+    rows = blocks.reshape(-1, blocks.shape[2])
+    return rows.T @ rows
+
+
+def transposed(matrices: Float) -> Float:
+    """Of each matrix (..., a, b): (..., b, a)."""
+    return matrices.swapaxes(-1, -2)

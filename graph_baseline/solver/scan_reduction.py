@@ -1,0 +1,200 @@
+"""A scan turned so that three rows say all that it says of its pose, compiled, in two ways.
+
+What the other rows say about its landmarks among themselves is information that no pose takes a part in: both ways add
+it to the landmarks' information and pull, and return rows [Hx, Hm of each landmark seen, residual], the first three of
+which are left to take in. By reflections nothing is subtracted; by projection the work is far less.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from slamgauge.arrays import Float, Int
+from slamgauge.jit import inner
+from slamgauge.graph_baseline.solver.linear_problem import Linear, Place
+from slamgauge.graph_baseline.problem.residuals import Measured, facing, observe, sight_of
+from slamgauge.graph_baseline.solver.matrices_3x3 import gram
+
+DEPENDENT = 1e-24  # of the square of a column, all that others leave of it: rounding
+
+
+@inner
+def seen_slots(measured: Measured, k: int) -> Int:
+    """The slots of a scan's landmarks, those that have one."""
+    slots, taken = np.empty(measured.first[k + 1] - measured.first[k], dtype=np.int64), 0
+    for row in range(measured.first[k], measured.first[k + 1]):
+        if measured.slot[row] >= 0:
+            slots[taken] = measured.slot[row]
+            taken += 1
+    return slots[:taken]
+
+
+@inner
+def look(
+    measured: Measured,
+    linear: Linear,
+    place: Place,
+    before: Place,
+    k: int,
+    row: int,
+    headings: tuple[tuple[float, float], tuple[float, float]],
+    residual: Float,
+) -> None:
+    """Leave an observation's Jacobians in `linear`, and its residual (d,) carried to `before`.
+
+    `headings`: how pose k is `facing` at `place`, and where it is linearised.
+    """
+    slot, Hx, Hm = measured.slot[row], linear.Hx[row], linear.Hm[row]
+    sight = sight_of(measured, row)
+    at, place_at = linear.at.landmarks[slot], place.landmarks[slot]
+    ex, ey = place_at[0] - place.poses[k, 0], place_at[1] - place.poses[k, 1]
+    r0, r1, _, _, _, _ = observe(measured.sensor, sight, headings[0], ex, ey)
+    ex, ey = at[0] - linear.at.poses[k, 0], at[1] - linear.at.poses[k, 1]
+    _, _, a00, a01, a10, a11 = observe(measured.sensor, sight, headings[1], ex, ey)
+    residual[0], Hm[0, 0], Hm[0, 1] = r0, a00, a01
+    if measured.value.shape[1] == 2:
+        residual[1], Hm[1, 0], Hm[1, 1] = r1, a10, a11
+    for i in range(measured.value.shape[1]):
+        Hx[i, 0], Hx[i, 1], Hx[i, 2] = -Hm[i, 0], -Hm[i, 1], Hm[i, 0] * ey - Hm[i, 1] * ex
+        for j in range(3):
+            residual[i] += Hx[i, j] * (before.poses[k, j] - place.poses[k, j])
+        for j in range(2):
+            residual[i] += Hm[i, j] * (before.landmarks[slot, j] - place.landmarks[slot, j])
+
+
+@inner
+def reflected_scan(measured: Measured, linear: Linear, place: Place, before: Place, slots: Int, k: int) -> Float:
+    """Turn the rows of a scan by reflections, so that from the fourth on Hx is zero."""
+    d, taken = measured.value.shape[1], len(slots)
+    scan = np.zeros((max(3, d * taken), 4 + 2 * taken))
+    headings = facing(place.poses[k]), facing(linear.at.poses[k])
+    residual, n = np.empty(2), 0
+    for row in range(measured.first[k], measured.first[k + 1]):
+        if measured.slot[row] < 0:
+            continue
+        look(measured, linear, place, before, k, row, headings, residual)
+        for i in range(d):
+            of_row = scan[d * n + i]
+            of_row[-1] = residual[i]
+            for j in range(3):
+                of_row[j] = linear.Hx[row, i, j]
+            for j in range(2):
+                of_row[3 + 2 * n + j] = linear.Hm[row, i, j]
+        n += 1
+    if d * taken > 3:
+        for j in range(3):
+            reflect(scan[j:], j)
+    add_landmarks_alone(linear, scan, slots)
+    return scan
+
+
+@inner
+def projected_scan(measured: Measured, linear: Linear, place: Place, before: Place, slots: Int, k: int) -> Float:
+    """Project a scan on its pose: three rows, Q' times it with Hx = Q R; all rows less these say the rest."""
+    d, taken = measured.value.shape[1], len(slots)
+    columns, n = np.empty((4, d * taken)), 0  # of Hx, then of Q, and the residuals
+    residual, R, scan = np.empty(2), np.zeros((3, 3)), np.zeros((3, 4 + 2 * taken))
+    headings = facing(place.poses[k]), facing(linear.at.poses[k])
+    for row in range(measured.first[k], measured.first[k + 1]):
+        slot = measured.slot[row]
+        if slot < 0:
+            continue
+        look(measured, linear, place, before, k, row, headings, residual)
+        for i in range(d):
+            columns[3, d * n + i] = residual[i]
+            for j in range(3):
+                columns[j, d * n + i] = linear.Hx[row, i, j]
+            for j in range(2):
+                linear.pull[2 * slot + j] -= linear.Hm[row, i, j] * residual[i]
+                for o in range(2):
+                    linear.information[2 * slot + j, 2 * slot + o] += linear.Hm[row, i, j] * linear.Hm[row, i, o]
+        n += 1
+    orthonormalise(columns[:3], R)
+    n = 0
+    for row in range(measured.first[k], measured.first[k + 1]):
+        if measured.slot[row] < 0:
+            continue
+        for i in range(d):
+            for j in range(3):
+                q = columns[j, d * n + i]
+                scan[j, -1] += q * columns[3, d * n + i]
+                for o in range(2):
+                    scan[j, 3 + 2 * n + o] += q * linear.Hm[row, i, o]
+        n += 1
+    for i in range(3):
+        for j in range(3):
+            scan[i, j] = R[i, j]
+    subtract_scan(linear, scan, slots)
+    return scan
+
+
+@inner
+def orthonormalise(columns: Float, R: Float) -> None:
+    """Columns, stored as rows (3, n), <- Q, and R (3, 3), by Gram and Schmidt, twice; of a dependent one nothing."""
+    for j in range(3):
+        whole = np.dot(columns[j], columns[j])
+        for _ in range(2):
+            for i in range(j):
+                along = np.dot(columns[i], columns[j])
+                R[i, j] += along
+                for n in range(columns.shape[1]):
+                    columns[j, n] -= along * columns[i, n]
+        left = np.dot(columns[j], columns[j])
+        R[j, j] = math.sqrt(left) if left > DEPENDENT * whole else 0.0
+        for n in range(columns.shape[1]):
+            columns[j, n] = columns[j, n] / R[j, j] if R[j, j] > 0.0 else 0.0
+
+
+@inner
+def subtract_scan(linear: Linear, scan: Float, slots: Int) -> None:
+    """Subtract what the first three rows of a scan, those that its pose takes, say about its landmarks."""
+    for n in range(len(slots)):
+        for i in range(2):
+            column = 3 + 2 * n + i
+            for j in range(3):
+                linear.pull[2 * slots[n] + i] += scan[j, column] * scan[j, -1]
+            for o in range(len(slots)):
+                if slots[o] <= slots[n]:
+                    row = linear.information[2 * slots[n] + i]
+                    for j in range(3):
+                        row[2 * slots[o]] -= scan[j, column] * scan[j, 3 + 2 * o]
+                        row[2 * slots[o] + 1] -= scan[j, column] * scan[j, 4 + 2 * o]
+
+
+@inner
+def reflect(rows: Float, column: int) -> None:
+    """Turn the rows by a Householder reflection, so that of the column only the first entry is not zero."""
+    v, along, squared = np.empty(len(rows)), np.zeros(rows.shape[1]), 0.0
+    for i in range(len(rows)):
+        v[i] = rows[i, column]
+        squared += v[i] * v[i]
+    if squared == 0.0:
+        return
+    v[0] += math.copysign(math.sqrt(squared), v[0])
+    squared += v[0] * v[0] - rows[0, column] * rows[0, column]
+    for i in range(len(rows)):
+        for j in range(rows.shape[1]):
+            along[j] += v[i] * rows[i, j]
+    for i in range(len(rows)):
+        for j in range(rows.shape[1]):
+            rows[i, j] -= 2.0 * along[j] / squared * v[i]
+    for i in range(1, len(rows)):
+        rows[i, column] = 0.0
+
+
+@inner
+def add_landmarks_alone(linear: Linear, scan: Float, slots: Int) -> None:
+    """Add what a scan says about its landmarks among themselves: its rows from the fourth on."""
+    alone = np.empty((len(scan) - 3, scan.shape[1] - 3))
+    for i in range(alone.shape[0]):
+        for j in range(alone.shape[1]):
+            alone[i, j] = scan[3 + i, 3 + j]
+    added = gram(alone)
+    for n in range(len(slots)):
+        for i in range(2):
+            for o in range(len(slots)):
+                for j in range(2):
+                    linear.information[2 * slots[n] + i, 2 * slots[o] + j] += added[2 * n + i, 2 * o + j]
+            linear.pull[2 * slots[n] + i] -= added[2 * n + i, 2 * len(slots)]

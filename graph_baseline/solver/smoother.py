@@ -1,0 +1,244 @@
+"""The linearised graph solved through its Schur complement: the step, and every covariance.
+
+Given the landmarks m, the poses are a Markov chain, and everything about them is affine in m. One pass
+forward (a Kalman filter whose mean is the 3 x (2L + 1) matrix of that affine map) gathers the landmarks'
+information Lambda, the Schur complement of the poses; one pass back (modified Bryson-Frazier, which
+inverts no covariance) smooths the chain. Then cov(m) = Lambda^-1, cov(x_k) = P_k + A_k Lambda^-1 A_k'.
+Singular motion noise and a fixed start are exact: no covariance of a pose is ever inverted.
+
+Cost: O(N L^2) in two symmetric products, and recursions of 3 x 3 matrices; no matrix larger than (3N, 2L).
+Source: Bierman, "Factorization methods for discrete sequential estimation" (1977), chapter X.
+
+A long path through a large map is cut into pieces (`pieces`), each with the few landmarks that it sees. The poses at
+the cuts then join the landmarks as unknowns, and a piece tells of its last pose as a scan would that sees it without
+noise; Lambda is sparse, and is factorised as such (`fronts`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import get_blas_funcs, solve_triangular
+
+from slamgauge.arrays import Float, Int
+from slamgauge.graph_baseline.solver.motion_elimination import Chain, shear, shorten
+from slamgauge.graph_baseline.problem.preparation import least_known_landmark, require_known_landmarks
+from slamgauge.graph_baseline.solver.multifrontal import Factor, covariance_roots, factorised, minimise
+from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
+from slamgauge.graph_baseline.solver.chain_partition import Piece, plan
+from slamgauge.graph_baseline.solver.recursions import run_adjoints
+from slamgauge.graph_baseline.solver.reduced_scans import (
+    NOT_DAMPED,
+    Damping,
+    chunks,
+    compressed_scans,
+    filter_covariances,
+    filter_maps,
+    gram,
+    landmarks_alone,
+    own_information,
+    subtract_scans,
+    transposed,
+)
+from slamgauge.graph_baseline.problem.undetermined import undetermined_variable
+from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
+from slamgauge.recording import Recording
+
+(multiply_triangular,) = get_blas_funcs(("trmm",), dtype=np.float64)
+
+
+class Solution(NamedTuple):
+    """Newton step and covariances of the linearised problem, additive world coordinates."""
+
+    dx: Float  # (N+1, 3)
+    dm: Float  # (L, 2)
+    pose_covs: Float  # (N+1, 3, 3)
+    landmark_covs: Float  # (L, 2, 2)
+
+
+class KeyMaps(NamedTuple):
+    """The keys of a piece as affine maps of (u, 1), u its n unknowns."""
+
+    A: Float  # (K, 3, n+1) predicted
+    P: Float  # (K, 3, 3) their covariances, given the unknowns
+    updated: Float  # (K, 3, 3) the same with the key's own scan
+    adjoint: Float  # (K, 3, n+1) smoothed A: A - P adjoint
+    adjoint_cov: Float  # (K, 3, 3) smoothed P: P - P adjoint_cov P
+
+
+class Eliminated(NamedTuple):
+    """All pieces, and what they know of the unknowns."""
+
+    pieces: list[Piece]
+    keys: list[KeyMaps]
+    factor: Factor
+    unknowns: Float  # (n+1,) where the cost is least: landmarks (L, 2), poses at cuts (J, 3), and the constant 1
+
+
+def solve_at(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> Solution:
+    """The recording's exact model linearised at `poses` (N+1, 3) and `landmarks` (L, 2), ids increasing, and solved.
+
+    Raises:
+        UndeterminedError: the observations do not determine the landmarks.
+    """
+    slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
+    try:
+        return solve(linearise(recording, slot, poses, landmarks), len(landmark_ids))
+    except np.linalg.LinAlgError:
+        raise undetermined_variable("l", least_known_landmark(recording)[0]) from None
+
+
+def solve(model: LinearModel, landmarks: int) -> Solution:
+    """Minimise the linear model over all poses and `landmarks` landmarks.
+
+    Raises:
+        numpy.linalg.LinAlgError: the observations do not determine the landmarks.
+    """
+    eliminated = _eliminate(shorten(model), landmarks, NOT_DAMPED)
+    pose_covs, landmark_covs = np.empty((len(model.F) + 1, 3, 3)), np.empty((landmarks, 2, 2))
+    for number, place, root in covariance_roots(eliminated.factor, np.zeros((0, 0))):
+        piece, order = eliminated.pieces[number], np.argsort(place)
+        landmark_covs[piece.slots] = _own_blocks(root[place[: 2 * len(piece.slots)]])
+        for poses, A, P in _smoothed_maps(piece.chain, eliminated.keys[number]):
+            maps = A[:, :, order].reshape(3 * len(A), len(order))
+            spread = multiply_triangular(1.0, root.T, maps.T, lower=1, overwrite_b=1).T.reshape(A[:, :, :-1].shape)
+            pose_covs[poses] = P + spread @ transposed(spread)
+    return Solution(*_newton_step(eliminated, len(pose_covs), landmarks), pose_covs, landmark_covs)
+
+
+def damped_step(model: LinearModel, landmarks: int, damping: Damping) -> tuple[Float, Float]:
+    """The step (N+1, 3), (L, 2) alone, held back by `damping`; raises as `solve`.
+
+    |w + dw|^2 + d |dw|^2 is (1 + d) |dw + w / (1 + d)|^2 but for a constant: a motion of smaller noise.
+    """
+    share = 1.0 / (1.0 + damping.motion)
+    chain = shorten(
+        model._replace(
+            start=share * model.start, start_cov=share * model.start_cov, c=share * model.c, W=share * model.W
+        )
+    )
+    return _newton_step(_eliminate(chain, landmarks, damping), len(model.F) + 1, landmarks)
+
+
+def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Eliminated:
+    compile_graphs_once()
+    planned = plan(chain, landmarks)
+    held, own, unknowns = np.zeros(planned.unknowns), np.zeros(planned.unknowns), np.zeros(planned.unknowns + 1)
+    held[: 2 * landmarks] = damping.landmark
+    own[: 2 * landmarks] = held[: 2 * landmarks] + own_information(chain.model, landmarks)
+    keys: dict[int, KeyMaps] = {}
+
+    def told(number: int) -> Float:
+        keys[number], information = _poses_eliminated(planned.pieces[number], damping)
+        return information
+
+    factor, _ = factorised(planned.front, told, held, own)
+    unknowns[-1] = 1.0
+    minimise(factor, unknowns)
+    return Eliminated(planned.pieces, [keys[number] for number in range(len(keys))], factor, unknowns)
+
+
+def _poses_eliminated(piece: Piece, damping: Damping) -> tuple[KeyMaps, Float]:
+    """The poses of a piece, and the information (n+1, n+1) that they leave of its n unknowns and the constant."""
+    model, width = piece.chain.model, 2 * len(piece.slots)
+    first, last = slice(width, width + 3 * piece.begins), slice(len(piece.columns) - 3 * piece.ends, -1)
+    G, X = compressed_scans(model, len(piece.slots), damping, len(piece.columns))
+    joint = landmarks_alone(model, len(piece.slots), len(piece.columns))
+    subtract_scans(joint, X, model)
+    if piece.ends:  # its last pose is seen as it is
+        G[-1], X[-1, :, last] = np.eye(3), -np.eye(3)
+    P, updated, carry, gain, whitener = filter_covariances(model, G)
+    if piece.ends:
+        updated[-1] = 0.0
+        whitener[-1] = solve_triangular(np.linalg.cholesky(P[-1]), np.eye(3), lower=True, check_finite=False)
+    start = np.zeros((3, len(joint)))
+    start[:, first] = np.eye(3)[:, : 3 * piece.begins]
+    start[:, -1] = model.start
+    A = filter_maps(start, model.c, X, carry, gain)
+    observed = whitener @ G
+    for steps in chunks(len(A)):
+        innovation = whitener[steps] @ (G[steps] @ A[steps] + X[steps])
+        joint += gram(innovation)
+        X[steps] = transposed(observed[steps]) @ innovation
+    adjoint_cov = transposed(observed) @ observed
+    run_adjoints(carry, X, adjoint_cov)
+    return KeyMaps(A, P, updated, X, adjoint_cov), joint
+
+
+def _newton_step(eliminated: Eliminated, poses: int, landmarks: int) -> tuple[Float, Float]:
+    """The step of all poses (N+1, 3) and landmarks (L, 2)."""
+    dx = np.empty((poses, 3))
+    for piece, keys in zip(eliminated.pieces, eliminated.keys, strict=True):
+        _move_poses(piece.chain, keys, eliminated.unknowns[np.append(piece.columns, -1)], dx)
+    return dx, eliminated.unknowns[: 2 * landmarks].reshape(-1, 2)
+
+
+def _move_poses(chain: Chain, keys: KeyMaps, at: Float, dx: Float) -> None:
+    """Fill `dx` (N+1, 3) for a piece's poses, where (u, 1) is `at`."""
+    predicted, adjoint = keys.A @ at, keys.adjoint @ at
+    dx[chain.key] = predicted - np.einsum("kij,kj->ki", keys.P, adjoint)
+    between = chain.between
+    if len(between.pose):
+        before, P = between.key - 1, _predicted_between(chain, keys, slice(None))
+        start = predicted[between.key] - chain.model.c[before]
+        start[:, :2] -= between.lever_to * start[:, 2:]
+        pull = adjoint[between.key]
+        pull[:, 2] += (between.lever_to * pull[:, :2]).sum(axis=1)
+        dx[between.pose] = start + between.c - np.einsum("kij,kj->ki", P, pull)
+
+
+def _smoothed_maps(chain: Chain, keys: KeyMaps) -> Iterator[tuple[Int, Float, Float]]:
+    """Poses (n,), chunk by chunk, their smoothed maps (n, 3, n_u+1), covariances (n, 3, 3) given the unknowns."""
+    for part in chunks(len(chain.key)):
+        P, adjoint = keys.P[part], keys.adjoint[part]
+        later = _carried_back(chain.model.F, keys.adjoint_cov, part)
+        yield chain.key[part], keys.A[part] - P @ adjoint, _smoothed_covariances(keys.updated[part], later)
+    between = chain.between
+    for part in chunks(len(between.pose)):
+        key, lever = between.key[part], between.lever_to[part]
+        P = _predicted_between(chain, keys, part)
+        A = keys.A[key]
+        A[:, :, -1] -= chain.model.c[key - 1]
+        A[:, :2] -= lever[:, :, None] * A[:, 2:]
+        A[:, :, -1] += between.c[part]
+        adjoint = keys.adjoint[key]
+        adjoint[:, 2] += np.einsum("ki,kij->kj", lever, adjoint[:, :2])
+        adjoint_cov = keys.adjoint_cov[key]
+        adjoint_cov[:, 2, :] += np.einsum("ki,kij->kj", lever, adjoint_cov[:, :2, :])
+        adjoint_cov[:, :, 2] += np.einsum("ki,kji->kj", lever, adjoint_cov[:, :, :2])
+        yield between.pose[part], A - P @ adjoint, _smoothed_covariances(P, adjoint_cov)
+
+
+def _carried_back(F: Float, adjoint_cov: Float, part: slice) -> Float:
+    """What the scans after a pose say of its covariance (n, 3, 3)."""
+    back = np.zeros_like(adjoint_cov[part])
+    move = F[part]
+    back[: len(move)] = transposed(move) @ adjoint_cov[part.start + 1 : part.start + 1 + len(move)] @ move
+    return back
+
+
+def _smoothed_covariances(P: Float, adjoint_cov: Float) -> Float:
+    smoothed = P - P @ adjoint_cov @ P
+    return (smoothed + transposed(smoothed)) / 2
+
+
+def _predicted_between(chain: Chain, keys: KeyMaps, part: slice) -> Float:
+    """Covariances (n, 3, 3) of poses between keys, predicted from the key before."""
+    between = chain.between
+    P = keys.updated[between.key[part] - 1]
+    shear(P, between.lever_from[part])
+    return P + between.W[part]
+
+
+def own_blocks_of_inverse(factor: Float) -> Float:
+    """Diagonal blocks (L, 2, 2) of (factor factor')^-1."""
+    return _own_blocks(solve_triangular(factor, np.eye(len(factor)), trans=1, lower=True, check_finite=False))
+
+
+def _own_blocks(root: Float) -> Float:
+    """Diagonal blocks (l, 2, 2) of the covariance RR' whose root is R (2l, n)."""
+    x, y = root[0::2], root[1::2]
+    xx, xy, yy = ((one * other).sum(axis=1) for one, other in ((x, x), (x, y), (y, y)))
+    return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)

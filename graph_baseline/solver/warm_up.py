@@ -1,0 +1,53 @@
+"""Compilation ahead of the first optimum, announced when it takes long."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from slamgauge.compile_progress import announced
+from slamgauge.graph_baseline.solver import chord_kernels, linear_problem, pose_elimination, recursions
+from slamgauge.graph_baseline.problem.residuals import POSITION, Measured
+from slamgauge.triangulation import triangulate
+
+
+@functools.cache
+def compile_graphs_once() -> None:
+    """Compile (or load from the cache) every kernel of the graphs, once per process."""
+    measured = _one_sight()
+    place, linear = linear_problem.allocate_place(1, 1), linear_problem.allocate_linear(1, 1, 1, 2)
+    step = chord_kernels.allocate_chord(1, 1, 1, 2)
+    place.landmarks[0] = measured.value[0]
+    with announced("graph kernels"):
+        pose_elimination.take_in(measured, linear, place, place, 1, 0, 1)
+        pose_elimination.newest_covariance(linear, np.eye(2), np.empty((3, 3)))
+        chord_kernels.find_defects(measured, linear, place, 0, step)
+        chord_kernels.smooth(linear, 0, step)
+        chord_kernels.pull_landmarks(measured, linear, 0, step)
+        chord_kernels.pull_poses(measured, linear, 0, step)
+        chord_kernels.see(measured, linear, 0, step)
+        chord_kernels.move(measured, place, 0, 1, step)
+        one = np.zeros((1, 3, 3))
+        triangulate(np.zeros((1, 3)), np.zeros(1), np.ones(1), 1.0)
+        recursions.run_covariances(np.eye(3), one[:0], one[:0], one, *np.zeros((5, 1, 3, 3)))
+        recursions.run_maps(one, one)
+        recursions.run_adjoints(one, one, one)
+
+
+def _one_sight() -> Measured:
+    """A pose that sees a landmark; the types of its arrays are those of every recording."""
+    value = np.array([[1.0, 0.0]])
+    value.setflags(write=False)
+    return Measured(
+        sensor=POSITION,
+        start=np.zeros(3),
+        motion=np.zeros((1, 3)),
+        motion_turn=np.array([[1.0, 0.0]]),
+        motion_cov=np.eye(3)[None],
+        first=np.array([0, 1]),
+        value=value,
+        direction=np.array([[1.0, 0.0]]),
+        whitener=np.eye(2)[None],
+        slot=np.array([0]),
+    )

@@ -1,0 +1,89 @@
+"""Odometry and observations on one clock: parts make up the whole, and truth is interpolated along the shorter arc."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import expm
+
+from slamgauge.arrays import Float
+from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, interpolated, joined, split_at
+from slamgauge.se2 import chain, wrap
+
+angles = st.floats(-3.1, 3.1) | st.floats(-1e-9, 1e-9)
+lengths = st.floats(-10.0, 10.0)
+START = np.array([1.0, -2.0, 3.0])
+
+
+def one_step(increment: Float, seconds: float = 2.0) -> Odometry:
+    return Odometry(np.array([5.0, 5.0 + seconds]), increment[None], np.diag([0.4, 0.0, 0.2])[None])
+
+
+@given(lengths, lengths, angles)
+def test_constant_twist_is_the_exponential(v: float, vy: float, omega: float):
+    twist = np.array([v, vy, omega])
+    found = constant_twist(twist[None], np.array([1.0]))[0]
+    exact = expm(np.array([[0, -omega, v], [omega, 0, vy], [0, 0, 0]]))
+    assert_allclose(found[:2], exact[:2, 2], atol=1e-12)
+    assert found[2] == omega
+
+
+@given(lengths, lengths, angles, st.lists(st.floats(0.001, 1.999), max_size=5))
+def test_parts_of_a_step_make_up_the_whole(dx: float, dy: float, turn: float, moments: list[float]):
+    whole = one_step(np.array([dx, dy, turn]))
+    parts, steps = split_at(whole, 5.0 + np.array(moments))
+    end = chain(START, parts.increments)[-1]
+    expected = chain(START, whole.increments)[-1]
+    assert_allclose(end[:2], expected[:2], atol=1e-12)
+    assert abs(wrap(end[2] - expected[2])) < 1e-12
+    assert_allclose(parts.covs.sum(axis=0), whole.covs[0], atol=1e-12)
+    assert_allclose(parts.stamps[steps], 5.0 + np.array(moments), atol=1e-6)
+
+
+def test_parts_lie_on_the_arc():
+    quarter = one_step(np.array([1.0, 1.0, np.pi / 2]))  # a quarter of the circle around (0, 1)
+    parts, steps = split_at(quarter, np.array([5.5, 6.0]))
+    assert_array_equal(steps, [1, 2])
+    path = chain(np.zeros(3), parts.increments)
+    angle = np.pi / 2 * np.array([0, 0.25, 0.5, 1.0])
+    assert_allclose(path, np.column_stack([np.sin(angle), 1 - np.cos(angle), angle]), atol=1e-15)
+    assert_allclose(parts.covs[:, 0, 0], [0.1, 0.1, 0.2])
+
+
+def test_stamps_that_coincide_split_nothing():
+    odometry = Odometry(np.array([0.0, 0.1, 0.2]), np.full((2, 3), 0.3), np.tile(np.eye(3), (2, 1, 1)))
+    same, steps = split_at(odometry, np.array([0.2, 0.0, 0.1 + 1e-7]))
+    assert_array_equal(steps, [2, 0, 1])
+    for before, after in zip(odometry, same, strict=True):
+        assert_array_equal(before, after)
+
+
+def test_several_observations_at_one_moment_make_one_step():
+    _, steps = split_at(one_step(np.ones(3)), np.array([6.0, 6.0, 6.0 + 1e-8, 6.5]))
+    assert_array_equal(steps, [1, 1, 1, 2])
+
+
+def test_what_is_outside_the_odometry_is_known():
+    _, steps, inside, notes = joined(one_step(np.ones(3)), np.array([4.9, 5.0, 7.0, 7.1]))
+    assert_array_equal(inside, [False, True, True, False])
+    assert_array_equal(steps, [0, 1])
+    assert notes == ("2 observations outside the odometry's time are left out",)
+
+
+def test_headings_take_the_shorter_arc():
+    stamps, poses = np.array([0.0, 1.0]), np.array([[0.0, 0, 3.0], [2.0, 4.0, -3.0]])
+    found = interpolated(stamps, poses, np.array([0.0, 0.25, 0.5, 1.0]), max_gap=1.0)
+    arc = 2 * np.pi - 6.0
+    assert_allclose(found[:, :2], [[0, 0], [0.5, 1], [1, 2], [2, 4]])
+    assert_allclose(wrap(found[:, 2] - 3.0), arc * np.array([0, 0.25, 0.5, 1.0]), atol=1e-15)
+
+
+def test_no_truth_is_made_up_outside_it_or_in_gaps():
+    stamps = np.array([0.0, 1.0, 5.0, 6.0])
+    poses = np.column_stack([stamps, stamps, np.zeros(4)])
+    times = np.array([-0.1, 0.5, 1.0, 3.0, 5.0, 6.0, 6.1])
+    found = interpolated(stamps, poses, times, max_gap=2.0)
+    assert_array_equal(np.isnan(found[:, 0]), [True, False, False, True, False, False, True])
+    assert_allclose(found[~np.isnan(found[:, 0]), 0], [0.5, 1.0, 5.0, 6.0])

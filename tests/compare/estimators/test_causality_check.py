@@ -1,0 +1,116 @@
+"""Estimates that use the future are found, whatever they remember; those that do not are left alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from slamgauge.compare.estimators.requests import Isolation, ask, isolated
+from slamgauge.compare.estimators.loading import load
+from slamgauge.compare.estimators.running import run_estimator
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate
+
+from .conftest import short
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+HEAD = """
+from dataclasses import replace
+import numpy as np
+from slamgauge import Estimate, chain
+
+def dead_reckoning(recording):  # ours would first load a compiler, in every process
+    covs = np.cumsum([recording.prior_cov, *recording.odometry_cov], axis=0)
+    return Estimate("filtered", chain(recording.prior_mean, recording.odometry), covs)
+
+def batch(recording):
+    from slamgauge import batch
+    return batch(recording)
+
+def later(rows):
+    return np.concatenate([rows[1:], rows[-1:]])
+
+"""
+
+
+def run(what: str) -> Estimate:
+    (asked,) = isolated(ask([f"mine={what}"]), Isolation(120.0, strict=True))
+    return run_estimator("mine", load(asked, announced=False), short())[0]
+
+
+def written(folder: Path, source: str) -> str:
+    (folder / "mine.py").write_text(HEAD + dedent(source))
+    return f"{folder / 'mine.py'}:estimate"
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        f"{EXAMPLES}/student_ekf.py:ekf_slam",
+        "def estimate(recording): return replace(dead_reckoning(recording), pose_covs=None)",
+        "def estimate(recording): return batch(recording)",
+        """
+        def estimate(recording):
+            draw = np.random.default_rng(3)
+            right = dead_reckoning(recording)
+            shaken = right.poses + np.array([draw.normal(0.0, 0.1, 3) for _ in right.poses])
+            return replace(right, poses=shaken)
+        """,
+    ],
+    ids=["step function", "no covariances", "smoothed, and says so", "random and seeded"],
+)
+def test_what_uses_only_the_past_passes(tmp_path: Path, source: str):
+    assert len(run(source if ".py" in source else written(tmp_path, source)).poses) == short().steps + 1
+
+
+@pytest.mark.parametrize(
+    ("source", "what"),
+    [
+        (
+            "def estimate(recording):\n"
+            "    right = dead_reckoning(recording)\n"
+            "    return replace(right, poses=later(right.poses))",
+            r"from the recording up to step 10 alone, the pose of step 10 is another, \S+ m or rad away; store a pose",
+        ),
+        (
+            "def estimate(recording): return replace(batch(recording), kind='filtered')",
+            "from the recording up to step 10 alone, the pose of step",
+        ),
+        (
+            "def estimate(recording):\n"
+            "    right = dead_reckoning(recording)\n"
+            "    return replace(right, pose_covs=later(right.pose_covs))",
+            "the covariance of step 10 is another; store a pose",
+        ),
+        (
+            """
+            known = {}
+            def estimate(recording):
+                right = dead_reckoning(recording)
+                known.setdefault("poses", later(right.poses))
+                return replace(right, poses=known["poses"][: len(right.poses)])
+            """,
+            "from the recording up to step 10 alone, the pose of step 10",
+        ),
+        (
+            "def estimate(recording): return dead_reckoning(recording.first(3))",
+            "returned 4 poses",
+        ),
+    ],
+    ids=["shifted", "smoothed", "shifted covariances", "remembers", "another length"],
+)
+def test_what_uses_the_future_is_named(tmp_path: Path, source: str, what: str):
+    with pytest.raises(UserError, match=rf"^estimator mine: .*{what}"):
+        run(written(tmp_path, source))
+
+
+def test_chance_is_not_taken_for_the_future(tmp_path: Path):
+    source = """
+        def estimate(recording):
+            right = dead_reckoning(recording)
+            return replace(right, poses=right.poses + np.random.default_rng().normal(0.0, 0.1, right.poses.shape))
+    """
+    with pytest.raises(UserError, match="differ from run to run; seed its random numbers"):
+        run(written(tmp_path, source))

@@ -1,0 +1,145 @@
+"""People's own code in studies: by its digest, from its folder or from a copy, edited and run anew."""
+
+from __future__ import annotations
+
+import pickle
+import signal
+import subprocess
+import sys
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from slamgauge.compare.estimators.requests import ask
+from slamgauge.compare.estimators.loading import load
+from slamgauge.compare.estimators.sources import sources_of
+from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.studies.cluster import dask_cluster
+from slamgauge.compare.studies.study_run import run_once
+from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.ekf import dead_reckoning, ekf
+from slamgauge.errors import UserError
+
+MINE = "from helper import chosen\ndef estimate(recording):\n    return chosen(recording)\n"
+HELPER = "from slamgauge.ekf import {} as chosen\n"
+SHORT = ["start=sampled", "trajectory.duration=2"]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "mine.py").write_text(MINE)
+    (tmp_path / "helper.py").write_text(HELPER.format("ekf"))
+    (tmp_path / "other.py").write_text("")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_sources_are_what_a_file_imports_from_its_folder(folder: Path) -> None:
+    (folder / "mine.py").write_text(f"def late():\n    import pack.deep\n{MINE}")
+    (folder / "pack").mkdir()
+    for name in ("__init__", "deep"):
+        (folder / f"pack/{name}.py").write_text("")
+    assert [path for path, _ in sources_of(folder, "mine").files] == [
+        "helper.py",
+        "mine.py",
+        "pack/__init__.py",
+        "pack/deep.py",
+    ]
+
+
+def test_edited_code_is_another_estimator(folder: Path) -> None:
+    scenario, address = load_scenario("q1-short-dense", SHORT), ["ekf", "mine=mine.py:estimate"]
+    with ThreadPoolExecutor(1) as executor:
+        first = run_study(scenario, 2, 0, address, folder / "study", executor).estimators
+        (folder / "helper.py").write_text(HELPER.format("dead_reckoning"))
+        edited = run_study(scenario, 2, 0, address, folder / "study", executor).estimators
+        (folder / "helper.py").write_text(HELPER.format("ekf"))
+        (folder / "other.py").write_text("X = 1\n")
+        again = run_study(scenario, 2, 0, address, folder / "study", executor).estimators
+    assert first["mine"].figure("ate_m") == first["ekf"].figure("ate_m") == again["mine"].figure("ate_m")
+    assert edited["mine"].figure("ate_m") != first["mine"].figure("ate_m")
+    assert edited["ekf"] == first["ekf"]
+
+
+def test_code_travels_and_stays_what_it_was(folder: Path) -> None:
+    (asked,) = pickle.loads(pickle.dumps(ask(["mine.py:estimate"])))
+    (folder / "helper.py").write_text("raise ImportError\n")
+    recording = __import__("slamgauge").simulate(load_scenario("q1-short-dense", SHORT), 0)[1]
+    assert (load(asked)(recording).poses == ekf(recording).poses).all()
+
+
+def test_a_loaded_step_function_travels(folder: Path) -> None:
+    (folder / "mine.py").write_text("DT = Q = Py = 1.0\ndef ekf_slam(xEst, PEst, u, y):\n    return xEst + DT, PEst\n")
+    loaded = load(ask(["mine.py:ekf_slam"])[0])
+    recording = __import__("slamgauge").simulate(load_scenario("q1-short-dense", [*SHORT, "sensor.max_range=0.1"]), 0)[
+        1
+    ]
+    assert (pickle.loads(pickle.dumps(loaded))(recording).poses == loaded(recording).poses).all()
+
+
+def test_code_travels_to_the_workers_of_a_cluster(folder: Path) -> None:
+    from distributed import LocalCluster
+
+    scenario, asked = load_scenario("q1-short-dense", SHORT), ask(["ekf", "mine=mine.py:estimate"])
+    for path in folder.glob("*.py"):
+        path.unlink()  # as on a machine that has none of them
+    cluster: Any = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0")
+    with cluster, dask_cluster(cluster.scheduler_address) as executor:
+        summary = run_study(scenario, 4, 0, asked, folder / "study", executor)
+    assert summary.failures == ()
+    assert summary.estimators["mine"].figure("ate_m") == summary.estimators["ekf"].figure("ate_m")
+
+
+def test_a_killed_study_of_own_code_goes_on(folder: Path) -> None:
+    """At its third run it kills the study that has begun it, once."""
+    source = """
+import os, signal, time
+from slamgauge.ekf import ekf
+
+def estimate(recording):
+    with open("runs", "a+") as file:
+        file.write("x")
+        if file.tell() == 3:
+            os.kill(os.getppid(), signal.SIGKILL)
+            time.sleep(60)
+    return ekf(recording)
+"""
+    (folder / "mine.py").write_text(source)
+    command = [sys.executable, "-m", "slamgauge", "study", "q1-short-dense", "--set", "trajectory.duration=2"]
+    command += ["--runs", "4", "--jobs", "1", "--estimators", "ekf,mine=mine.py:estimate", "--out", "study"]
+    statuses = [subprocess.run(command, capture_output=True, check=False).returncode for _ in range(2)]
+    assert statuses == [-signal.SIGKILL, 0]
+    assert len((folder / "runs").read_text()) in (5, 6)  # the third again, the second too if it was on its way
+    runs = load_runs(load_scenario("q1-short-dense", SHORT), 4, 0, ["ekf", "mine=mine.py:estimate"], folder / "study")
+    assert len(runs["mine"].run) == 4
+    assert (runs["mine"].figures["ate_m"] == runs["ekf"].figures["ate_m"]).all()
+
+
+def test_a_map_that_nobody_can_name_warns_of_nothing() -> None:
+    example = Path(__file__).parents[3] / "examples/student_ekf.py"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (outcome,) = run_once(load_scenario("q2-short-dense", SHORT), 0, [f"{example}:ekf_slam"])
+    assert outcome.error is None
+    assert outcome.figures["landmark_error_near_m"] is None
+
+
+def test_a_study_takes_callables_and_names_failures_by_their_labels(folder: Path) -> None:
+    def fails(_: object) -> None:
+        raise ZeroDivisionError
+
+    chosen = {"ours": "ekf", "theirs": dead_reckoning, "broken": fails, "nothing": "mine.py:nothing"}
+    with ThreadPoolExecutor(1) as executor:
+        summary = run_study(load_scenario("q1-short-dense", SHORT), 1, 0, chosen, folder / "study", executor)  # pyright: ignore[reportArgumentType]
+    assert [*summary.estimators] == [*chosen]
+    assert {failure.estimator for failure in summary.failures} == {"broken", "nothing"}
+
+
+@pytest.mark.parametrize("chosen", [["a=mine.py:estimate", "a=other.py:f"], {"ekf": dead_reckoning}, {"a/b": ekf}])
+def test_labels_that_are_refused(folder: Path, chosen: object) -> None:
+    assert folder.exists()
+    with pytest.raises(UserError):
+        ask(chosen)  # pyright: ignore[reportArgumentType]

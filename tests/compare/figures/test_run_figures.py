@@ -1,0 +1,393 @@
+import dataclasses
+import re
+from collections.abc import Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.collections import Collection, EllipseCollection, LineCollection
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+
+from slamgauge.arrays import Float
+from slamgauge.compare.figures import run_figures
+from slamgauge.compare.figures.plot_style import GUESTS, KNOWN, PRINT, styles
+from slamgauge.compare.figures.run_figures import plot_errors, plot_run, save_figure
+from slamgauge.compare.figures.svg_paths import thinned
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.se2 import chain, rotation
+from slamgauge.truth import Truth
+
+STEPS = 200
+LANDMARKS = np.array([[0.0, -2.0], [4.0, 3.0], [0.0, 10.0]])
+
+
+def circle() -> tuple[Truth, Recording]:
+    """One lap and a bit in 40 s; landmark 0 is seen at the start and again from 32 s on."""
+    odometry = np.tile([0.2, 0.0, 0.04], (STEPS, 1))
+    poses = chain(np.zeros(3), odometry)
+    steps = np.array([0, 50, 80, 160, 161])
+    ids = np.array([0, 1, 2, 0, 0])
+    recording = Recording(
+        stamps=np.linspace(0, 40, STEPS + 1),
+        prior_mean=np.zeros(3),
+        prior_cov=np.zeros((3, 3)),
+        odometry=odometry + np.array([0.0, 0.0, 1e-3]),
+        odometry_cov=np.tile(1e-4 * np.eye(3), (STEPS, 1, 1)),
+        sensor="range-bearing",
+        observation_step=steps,
+        observation=np.tile([1.0, 0.0], (5, 1)),
+        observation_cov=np.tile(0.01 * np.eye(2), (5, 1, 1)),
+        landmark=ids,
+    )
+    return Truth(poses, np.arange(3), LANDMARKS, ids), recording
+
+
+def estimate(truth: Truth, offset: Sequence[float], **fields: Any) -> Estimate:
+    covs = np.tile(np.diag([0.04, 0.01, 0.0004]), (STEPS + 1, 1, 1))
+    assert truth.poses is not None
+    given: dict[str, Any] = {
+        "kind": "filtered",
+        "poses": truth.poses + np.asarray(offset),
+        "pose_covs": covs,
+        "landmark_ids": np.arange(3),
+        "landmarks": LANDMARKS + 0.1,
+        "landmark_covs": np.tile(0.01 * np.eye(2), (3, 1, 1)),
+    }
+    return Estimate(**(given | fields))
+
+
+def drifting(recording: Recording) -> Estimate:
+    return Estimate("filtered", chain(recording.prior_mean, recording.odometry))
+
+
+def labels(ax: Axes) -> list[str]:
+    return ax.get_legend_handles_labels()[1]
+
+
+def ellipses(ax: Axes) -> list[EllipseCollection]:
+    return [each for each in ax.collections if isinstance(each, EllipseCollection)]
+
+
+def curve(ax: Axes, label: str) -> Float:
+    return next(np.asarray(line.get_xydata()) for line in ax.lines if line.get_label() == label)
+
+
+def map_of(truth: Truth | None, recording: Recording, estimates: dict[str, Estimate]) -> Axes:
+    ax = Figure().subplots()
+    plot_run(ax, truth, recording, estimates)
+    return ax
+
+
+def panels_of(truth: Truth | None, recording: Recording, estimates: dict[str, Estimate]) -> list[Axes]:
+    axes: list[Axes] = list(Figure().subplots(3))
+    plot_errors(axes, truth, recording, estimates)
+    return axes
+
+
+# --- styles ------------------------------------------------------------------------------------
+
+
+def test_colours_and_dashes_are_all_distinct() -> None:
+    everyone = [*KNOWN.values(), *GUESTS]
+    assert len({style.color for style in everyone}) == len(everyone)
+    assert len({style.dashes for style in everyone}) == len(everyone)
+
+
+def test_guests_do_not_change_the_style_of_the_box() -> None:
+    chosen = styles(["a:b", "ekf", "c:d"])
+    assert chosen["ekf"] == KNOWN["ekf"]
+    assert (chosen["a:b"], chosen["c:d"]) == GUESTS[:2]
+
+
+# --- the map -----------------------------------------------------------------------------------
+
+
+def test_the_map_shows_paths_landmarks_and_marks() -> None:
+    truth, recording = circle()
+    ax = map_of(truth, recording, {"ekf": estimate(truth, [0.1, 0, 0])})
+    assert labels(ax) == [
+        "truth",
+        "dead-reckoning",
+        "ekf",
+        "true landmark",
+        "loop closure",
+        "start",
+        "mapped landmark",
+        "3σ ellipse",
+    ]
+    assert truth.poses is not None
+    assert np.array_equal(curve(ax, "truth"), truth.poses[:, :2])
+    assert np.array_equal(curve(ax, "loop closure"), truth.poses[160:161, :2])
+    assert curve(ax, "dead-reckoning") == pytest.approx(drifting(recording).poses[:, :2])
+    assert ax.get_aspect() == 1
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x [m]", "y [m]")
+    assert ax.get_legend() is not None
+
+
+def test_the_label_of_panels_in_a_row_is_within_the_figure() -> None:
+    figure = Figure(figsize=(7.0, 2.6), layout="constrained")
+    panels: list[Axes] = list(figure.subplots(1, 4))[1:]
+    truth, recording = circle()
+    plot_errors(panels, truth, recording, {"ekf": estimate(truth, [0.1, 0, 0])})
+    figure.draw_without_rendering()
+    assert panels[2].xaxis.label.get_window_extent().x1 <= figure.bbox.x1
+
+
+@pytest.mark.parametrize("height", [2.0, 6.0])
+def test_the_legend_is_clear_of_the_label_however_low_the_axes_are(height: float) -> None:
+    figure = Figure(figsize=(3.4, height))
+    ax = figure.subplots()
+    plot_run(ax, *circle(), {})
+    figure.draw_without_rendering()
+    legend = ax.get_legend()
+    assert legend is not None
+    gap = ax.xaxis.label.get_window_extent().y0 - legend.get_texts()[0].get_window_extent().y1
+    assert 0.0 < gap < 0.2 * figure.dpi
+
+
+def test_ellipses_have_three_sigma_axes_along_the_covariance() -> None:
+    truth, recording = circle()
+    turn = rotation(0.5)
+    covs = np.tile(turn @ np.diag([4.0, 1.0]) @ turn.T, (3, 1, 1))
+    ax = map_of(truth, recording, {"ekf": estimate(truth, [0, 0, 0], pose_covs=None, landmark_covs=covs)})
+    (collection,) = ellipses(ax)
+    assert collection.get_widths() == pytest.approx([12, 12, 12])
+    assert collection.get_heights() == pytest.approx([6, 6, 6])
+    assert np.asarray(collection.get_angles()) % 180 == pytest.approx(np.degrees([0.5, 0.5, 0.5]))
+    assert np.asarray(collection.get_offsets()) == pytest.approx(LANDMARKS + 0.1)
+
+
+def test_crowded_maps_outline_the_landmarks_of_the_first_estimate_alone() -> None:
+    truth, recording = circle()
+    many = {
+        "pose_covs": None,
+        "landmark_ids": np.arange(100),
+        "landmarks": np.zeros((100, 2)),
+        "landmark_covs": np.tile(np.eye(2), (100, 1, 1)),
+    }
+    estimates = {"ekf": estimate(truth, [0, 0, 0], **many), "riekf": estimate(truth, [0, 0, 0], **many)}
+    assert len(ellipses(map_of(truth, recording, estimates))) == 1
+    few = {name: estimate(truth, [0, 0, 0], pose_covs=None) for name in estimates}
+    assert len(ellipses(map_of(truth, recording, few))) == 2
+
+
+def test_dead_reckoning_that_goes_astray_is_cut_and_the_map_says_so() -> None:
+    truth, recording = circle()
+    astray = Estimate("filtered", 100 * drifting(recording).poses)
+    ax = map_of(truth, recording, {"dead-reckoning": astray, "ekf": estimate(truth, [0, 0, 0])})
+    assert ax.get_xlim()[1] - ax.get_xlim()[0] < 30
+    assert ax.get_title() == "dead reckoning leaves the map and is cut"
+
+
+def test_a_map_without_truth_or_estimates_shows_the_odometry() -> None:
+    _, recording = circle()
+    ax = map_of(None, recording, {})
+    assert labels(ax) == ["dead-reckoning", "loop closure", "start", "mapped landmark"]
+    assert ax.get_title() == ""
+
+
+# --- the errors --------------------------------------------------------------------------------
+
+
+def test_errors_are_drawn_in_metres_and_degrees() -> None:
+    truth, recording = circle()
+    panels = panels_of(truth, recording, {"ekf": estimate(truth, [0.1, -0.2, np.radians(2)])})
+    for panel, error, bound in zip(panels, [0.1, -0.2, 2.0], [0.6, 0.3, np.degrees(0.06)], strict=True):
+        assert curve(panel, "ekf")[:, 0] == pytest.approx(recording.stamps)
+        assert curve(panel, "ekf")[:, 1] == pytest.approx(np.full(STEPS + 1, error))
+        drawn = [np.asarray(line.get_ydata())[-1] for line in panel.lines]
+        assert bound == pytest.approx(max(drawn))
+        assert panel.get_ylim()[0] == -panel.get_ylim()[1]
+        assert panel.get_ylim()[1] >= bound
+    assert [panel.get_ylabel() for panel in panels] == ["x [m]", "y [m]", "heading [°]"]
+    assert panels[0].get_title() == "error and ±3σ"
+    assert panels[2].get_xlabel() == "time [s]; ticks: loop closures"
+
+
+def test_only_the_first_band_is_filled() -> None:
+    truth, recording = circle()
+    panels = panels_of(truth, recording, {name: estimate(truth, [0, 0, 0]) for name in ("ekf", "riekf", "isam2")})
+    filled: list[Collection] = [each for each in panels[0].collections if each.get_alpha() == 0.15]
+    assert len(filled) == 1
+    assert len(panels[0].lines) == 3 * 3 + 1  # error and two bounds each, zero
+
+
+def test_dead_reckoning_is_left_out_of_the_errors_where_there_is_anything_else() -> None:
+    truth, recording = circle()
+    alone = panels_of(truth, recording, {"dead-reckoning": drifting(recording)})
+    assert labels(alone[0]) == ["dead-reckoning"]
+    both = panels_of(truth, recording, {"dead-reckoning": drifting(recording), "ekf": estimate(truth, [0, 0, 0])})
+    assert labels(both[0]) == ["ekf"]
+    assert both[0].get_title() == "error and ±3σ (dead reckoning left out)"
+
+
+@pytest.mark.parametrize(("best", "others"), [("batch", ["ekf", "isam2"]), ("isam2", ["ekf"])])
+def test_without_truth_differences_to_the_optimum_are_drawn(best: str, others: list[str]) -> None:
+    truth, recording = circle()
+    estimates = {name: estimate(truth, [0.3, 0, 0]) for name in others} | {best: estimate(truth, [0.1, 0, 0])}
+    panels = panels_of(None, recording, estimates)
+    assert labels(panels[0]) == others
+    assert curve(panels[0], "ekf")[:, 1] == pytest.approx(np.full(STEPS + 1, 0.2))
+    assert panels[0].get_title() == f"difference to {best} and ±3σ"
+
+
+def test_without_truth_and_optimum_the_bounds_stand_alone() -> None:
+    truth, recording = circle()
+    panels = panels_of(None, recording, {"ekf": estimate(truth, [0, 0, 0])})
+    assert np.isnan(curve(panels[0], "ekf")[:, 1]).all()
+    assert panels[0].get_title() == "±3σ alone: no truth, no optimum"
+
+
+# --- the files ---------------------------------------------------------------------------------
+
+
+def test_the_figure_is_written_twice_alike(tmp_path: Path) -> None:
+    truth, recording = circle()
+    estimates = {"ekf": estimate(truth, [0.1, 0, 0]), "my.module:filter": estimate(truth, [0, 0.1, 0])}
+    contents: list[tuple[bytes, bytes]] = []
+    for name in ("first", "second"):
+        folder = tmp_path / name
+        folder.mkdir()
+        save_figure(folder, truth, recording, estimates, "a title")
+        contents.append(((folder / "figure.png").read_bytes(), (folder / "figure.svg").read_bytes()))
+    assert contents[0] == contents[1]
+    png, svg = contents[0]
+    assert (int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")) == (1400, 920)  # 7.0 x 4.6 in
+    root = ElementTree.fromstring(svg)
+    assert root.attrib["width"] == "504pt"
+    assert b"<dc:date>" not in svg
+    assert b"<image" not in svg  # nothing is rasterised
+
+
+def test_names_that_look_like_formulas_are_drawn_as_they_are(tmp_path: Path):
+    truth, recording = circle()
+    save_figure(tmp_path, truth, recording, {r"$\frac$": estimate(truth, [0, 0, 0])}, r"cost $\frac$ of $")
+    ElementTree.parse(tmp_path / "figure.svg")
+
+
+def seen_again_and_again(recording: Recording) -> Recording:
+    """A landmark that is seen at every second step, and a step in a log without clock takes ten seconds."""
+    steps = np.arange(0, STEPS, 2)
+    return dataclasses.replace(
+        recording,
+        stamps=10.0 * np.arange(STEPS + 1),
+        observation_step=steps,
+        observation=np.tile([1.0, 0.0], (len(steps), 1)),
+        observation_cov=np.tile(0.01 * np.eye(2), (len(steps), 1, 1)),
+        landmark=np.zeros_like(steps),
+    )
+
+
+def test_ticks_of_many_loop_closures_make_no_bar() -> None:
+    truth, recording = circle()
+    recording = seen_again_and_again(recording)
+    panels = panels_of(truth, recording, {"ekf": estimate(truth, [0, 0, 0])})
+    ticks = [each for each in panels[0].collections if isinstance(each, LineCollection)]
+    assert [len(each.get_segments()) for each in ticks] == [50]  # of 99
+    assert panels[2].get_xlabel() == "time [s]; ticks: 1 in 2 loop closures"
+    assert "1 in 2 loop closures" in labels(map_of(truth, recording, {}))
+
+
+@pytest.mark.parametrize("optimum", ["batch", "isam2", "ekf"])
+def test_titles_of_a_figure_without_truth_are_whole(
+    optimum: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth, recording = circle()
+    written: list[Figure] = []
+
+    def keep(figure: Figure, _: Path) -> None:
+        written.append(figure)
+
+    monkeypatch.setattr(run_figures, "save_printed", keep)
+    estimates = {"dead-reckoning": drifting(recording), "riekf": estimate(truth, [0, 0, 0])}
+    save_figure(tmp_path, None, recording, estimates | {optimum: estimate(truth, [0.1, 0, 0])}, "a run")
+    (figure,) = written
+    with mpl.rc_context(PRINT):
+        figure.draw_without_rendering()
+    width = figure.bbox.width
+    for ax in figure.axes:
+        extent = ax.title.get_window_extent()
+        assert 0.0 <= extent.x0 <= extent.x1 <= width, ax.get_title()
+
+
+def test_who_goes_astray_leaves_the_panels_and_is_named():
+    truth, recording = circle()
+    assert truth.poses is not None
+    near, lost = estimate(truth, [0.01, 0.0, 0.0]), estimate(truth, [40.0, 0.0, 0.0])
+    panels = Figure().subplots(3)
+    plot_errors(panels, truth, recording, {"near": near, "lost": lost, "too": near}, band="too")
+    assert panels[0].get_title() == "error and ±3σ (lost leaves the panels)"
+    assert panels[0].get_ylim() == pytest.approx((-0.66, 0.66))  # 3 sigma are 0.6 m
+    band = next(each for each in panels[0].collections if not isinstance(each, LineCollection))
+    chosen = styles(["near", "lost", "too"])["too"].color
+    assert to_hex(np.asarray(band.get_facecolor())[0]) == chosen.lower()
+
+
+def test_svg_keeps_text_as_text_and_hundredths_of_a_point(tmp_path: Path):
+    truth, recording = circle()
+    save_figure(tmp_path, truth, recording, {"mine": estimate(truth, [0.01, 0.0, 0.0])}, "a title")
+    svg = (tmp_path / "figure.svg").read_text(encoding="utf-8")
+    assert ">a title</text>" in svg
+    assert ' d="' in svg
+    assert not re.search(r' d="[^"]*\.\d{3}', svg)
+
+
+def test_an_ellipse_is_two_arcs_that_end_where_its_curves_do():
+    figure = Figure()
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, 6.4), ylim=(0.0, 4.8))
+    axes.add_patch(Ellipse((3.0, 2.0), 2.0, 1.0, angle=30.0, fill=False))
+    svg = BytesIO()
+    figure.savefig(svg, format="svg")
+    arcs = re.findall(
+        r' d="M (\S+) (\S+) A (\S+) (\S+) (\S+) 1 1 (\S+) (\S+) A .* z"', thinned(svg.getvalue()).decode()
+    )
+    (found,) = ([float(each) for each in row] for row in arcs)
+    x, y, longer, shorter, angle, far_x, far_y = found
+    assert ((x + far_x) / 2, (y + far_y) / 2) == pytest.approx((3.0 * 72.0, (4.8 - 2.0) * 72.0), abs=0.02)
+    assert (longer, shorter, angle % 180.0) == pytest.approx((72.0, 36.0, 150.0), abs=0.02)  # y points down
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    along, across = np.array([[c, s], [-s, c]]) @ [x - far_x, y - far_y]
+    assert np.hypot(along / longer, across / shorter) == pytest.approx(2.0, abs=1e-3)
+
+
+def test_curves_that_are_no_ellipse_stay():
+    curves = "".join(f"C {i}.123 1 {i} 2 {i} {i * i}.123 " for i in range(8))
+    path = f'<path d="M 0.123 0 {curves}z"/>'
+    assert thinned(path.encode()).decode() == path.replace(".123", ".12")
+
+
+def test_what_is_of_one_style_says_it_once():
+    figure = Figure()
+    axes = figure.add_subplot()
+    axes.plot(np.arange(50.0), np.arange(50.0) ** 2, "r.")
+    axes.plot([20.0, 30.0], [5.0, 6.0], "bx")
+    axes.add_collection(EllipseCollection([2.0] * 9, [1.0] * 9, [30.0] * 9, units="xy", offsets=[(4.0, 5.0)] * 9))
+    svg = BytesIO()
+    figure.savefig(svg, format="svg")
+    drawn, thin = (_drawn(ElementTree.fromstring(each)) for each in (svg.getvalue(), thinned(svg.getvalue())))
+    assert [style for style, _ in thin] == [style for style, _ in drawn]
+    np.testing.assert_allclose([place for _, place in thin], [place for _, place in drawn], atol=0.006)
+    assert (svg.getvalue().count(b"fill: #ff0000"), thinned(svg.getvalue()).count(b"fill: #ff0000")) == (50, 1)
+
+
+def _drawn(root: ElementTree.Element) -> list[tuple[dict[str, str], tuple[float, float]]]:
+    """Style (its own or inherited) and place (of a path 0) of everything that an SVG draws, in its order."""
+    drawn: list[tuple[dict[str, str], tuple[float, float]]] = []
+
+    def walk(element: ElementTree.Element, inherited: dict[str, str]) -> None:
+        styled = inherited | {key: element.attrib[key] for key in ("style", "clip-path") if key in element.attrib}
+        if element.tag.endswith(("}path", "}use")):
+            drawn.append((styled, (float(element.get("x", 0.0)), float(element.get("y", 0.0)))))
+        for each in element:
+            walk(each, styled)
+
+    walk(root, {})
+    return drawn

@@ -1,0 +1,192 @@
+"""Pairs that are compared run by run, and studies that go on until their ratios are known."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from held_by_schemas import held
+
+from slamgauge.compare.cli.main import main
+from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
+from slamgauge.compare.scoring.intervals import Interval, ratio_interval
+from slamgauge.compare.scoring.aggregation import FIRST_STEP
+from slamgauge.compare.scoring.paired_comparison import compare_paired
+from slamgauge.compare.scoring.sequential import plan_looks
+from slamgauge.compare.studies import study_run as study_run
+from slamgauge.compare.studies.executors import local_processes
+from slamgauge.compare.studies.stopping_rule import Until, is_narrow
+from slamgauge.compare.studies.study_run import Outcome
+from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.summary import Summary, summary_table
+from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+
+NAMES = ("ekf", "riekf", "dead-reckoning")
+UNTIL = Until(precision=0.25, most=40)
+
+
+@pytest.fixture
+def scenario() -> Scenario:
+    return load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=3"])
+
+
+def figures_of(summary: Summary) -> dict[str, Any]:
+    """All but computing times."""
+    content = summary.to_json()
+    for entry in content["estimators"].values():
+        del entry["seconds_total"]
+    return content
+
+
+def test_pairs_are_those_of_the_stored_runs(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path):
+    summary = run_study(scenario, 6, 0, NAMES, tmp_path, thread, against=["ekf"])
+    runs = load_runs(scenario, 6, 0, NAMES, tmp_path)
+    assert {name: [*others] for name, others in summary.against.items()} == {"ekf": ["riekf", "dead-reckoning"]}
+    for label, found in summary.against["ekf"].items():
+        ours, theirs = runs[label], runs["ekf"]
+        assert found["ate_m"] == compare_paired(ours.figures["ate_m"], theirs.figures["ate_m"])
+        nees = [each.series["nees_pose"][:, FIRST_STEP:].mean(axis=1) / 3 for each in (ours, theirs)]
+        expected = compare_paired(*nees)
+        assert expected is not None
+        assert found["nees_pose_per_dof"].difference == pytest.approx(expected.difference)
+        assert found["nees_pose_per_dof"].p_value == pytest.approx(expected.p_value)
+    entry = summary.to_json()["against"]["ekf"]["riekf"]["ate_m"]
+    assert {*entry} == {"runs", "difference", "ratio", "p_value"}
+    assert "\nagainst ekf" in str(summary_table(summary))
+
+
+def test_a_study_ends_at_the_first_look_at_which_all_is_known(
+    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path
+):
+    summary = run_study(scenario, 5, 0, NAMES, tmp_path, thread, against=["ekf"], until=UNTIL)
+    looks = plan_looks(5, UNTIL.most)
+    assert summary.precision is not None
+    assert summary.precision.look in looks[1:-1]
+    assert summary.runs == summary.precision.look.runs
+    runs = load_runs(scenario, UNTIL.most, 0, NAMES, tmp_path)
+    assert {len(each.run) for each in runs.values()} == {summary.runs}  # none was carried out in vain
+    for look in looks[: summary.precision.look.number]:
+        ates = {name: each.figures["ate_m"][: look.runs] for name, each in runs.items()}
+        ratios = [ratio_interval(ates[name], ates["ekf"], look.level) for name in ("riekf", "dead-reckoning")]
+        known = [each is not None and is_narrow(each, UNTIL.precision) for each in ratios]
+        assert all(known) == (look == summary.precision.look)
+        if look == summary.precision.look:
+            assert [*summary.precision.ratios.values()] == ratios
+            assert summary.against["ekf"]["riekf"]["ate_m"].ratio == ratios[0]
+    entry = summary.to_json()["precision"]
+    assert (entry["target"], entry["reached"], entry["most_runs"]) == (0.25, True, 40)
+    assert f"with {summary.runs} runs (look" in str(summary_table(summary))
+
+
+def test_p_values_hold_at_all_looks(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path):
+    once = run_study(scenario, 5, 0, ("ekf", "riekf"), tmp_path, thread, against=["ekf"])
+    again = run_study(
+        scenario, 5, 0, ("ekf", "riekf"), tmp_path, thread, against=["ekf"], until=Until(precision=0.99, most=40)
+    )
+    assert again.runs == 5
+    first, held = (each.against["ekf"]["riekf"]["ate_m"] for each in (once, again))
+    assert first.p_value is not None
+    assert held.p_value is not None
+    assert first.p_value < held.p_value <= 1
+    assert width(first.difference) < width(held.difference)
+
+
+def width(interval: Interval) -> float:
+    assert interval.low is not None
+    assert interval.high is not None
+    return interval.high - interval.low
+
+
+def test_a_study_that_cannot_know_ends_at_the_most(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path):
+    summary = run_study(scenario, 3, 0, ("ekf", "isam2"), tmp_path, thread, until=Until(precision=1e-6, most=7))
+    assert summary.runs == 7
+    assert summary.precision is not None
+    assert not summary.precision.reached
+    assert [*summary.precision.ratios] == [("ekf", "isam2")]  # over the optimum, where nobody is named
+    assert "not reached with 7 runs" in str(summary_table(summary))
+
+
+def test_a_ratio_that_no_run_tells_is_not_called_known(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path):
+    def broken(_: Recording) -> Estimate:
+        raise ArithmeticError
+
+    estimators = {"ekf": "ekf", "broken": broken}
+    summary = run_study(scenario, 3, 0, estimators, tmp_path, thread, against=["ekf"], until=UNTIL)
+    assert summary.precision is not None
+    assert (summary.runs, summary.precision.reached) == (3, False)  # more runs would be in vain
+    line = next(line for line in str(summary_table(summary)).splitlines() if line.startswith("precision"))
+    assert ": not reached with 3 runs " in line
+    assert line.endswith("broken / ekf unknown, no run has both")
+
+
+def test_killed_and_resumed_it_ends_where_it_would_have(
+    scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    arguments = (0, NAMES)
+    whole = run_study(scenario, 5, *arguments, tmp_path / "whole", thread, against=["ekf"], until=UNTIL)
+    assert whole.runs > 8  # beyond the look at which it is killed below
+    original, left = study_run.run_once, [6]
+
+    def killed(*words: Any) -> list[Outcome]:
+        if not left[0]:
+            raise KeyboardInterrupt
+        left[0] -= 1
+        return original(*words)
+
+    monkeypatch.setattr("slamgauge.compare.studies.study.run_once", killed)
+    for runs in (6, 1):  # the second time after a single run more
+        left[0] = runs
+        with pytest.raises(KeyboardInterrupt):
+            run_study(scenario, 5, *arguments, tmp_path / "parts", thread, against=["ekf"], until=UNTIL)
+    monkeypatch.undo()
+    with local_processes(2) as executor:
+        parts = run_study(scenario, 5, *arguments, tmp_path / "parts", executor, against=["ekf"], until=UNTIL)
+    assert figures_of(parts) == figures_of(whole)
+    # more runs in the store than it would have carried out change nothing
+    run_study(scenario, whole.runs + 2, *arguments, tmp_path / "parts", thread)
+    again = run_study(scenario, 5, *arguments, tmp_path / "parts", thread, against=["ekf"], until=UNTIL)
+    assert figures_of(again) == figures_of(whole)
+
+
+@pytest.mark.parametrize(
+    ("names", "options", "message"),
+    [
+        (["ekf"], {"against": ["riekf"]}, "'riekf': is not among --estimators; choose from ekf"),
+        (["ekf"], {"until": Until(0.1, 10)}, "there is no ratio to be known; add isam2"),
+        (["ekf", "isam2"], {"until": Until(1.5, 10)}, "precision: 1.5 is no share"),
+        (["ekf", "isam2"], {"until": Until(0.1, 3)}, "max-runs: 3 are fewer than the 5"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_before_anything_is_written(
+    scenario: Scenario,
+    thread: ThreadPoolExecutor,
+    tmp_path: Path,
+    names: list[str],
+    options: dict[str, Any],
+    message: str,
+):
+    with pytest.raises(UserError, match=message):
+        run_study(scenario, 5, 0, names, tmp_path / "out", thread, **options)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
+def test_the_command_compares_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    out = str(tmp_path / "out")
+    words = ["study", "q1-long-dense", "--set", "trajectory.duration=2", "--jobs", "1", "--out", out, "--runs", "3"]
+    options = ["--estimators", "ekf,riekf", "--against", "ekf", "--precision", "0.9", "--max-runs", "4"]
+    assert main([*words, *options]) == 0
+    printed = capsys.readouterr().out
+    assert "precision 90 %: reached with 3 runs" in printed
+    assert "\nagainst ekf  runs" in printed
+    content = held("summary", json.loads((tmp_path / "out/summary.json").read_text()))
+    assert content["against"]["ekf"]["riekf"]["ate_m"]["runs"] == content["runs"] == 3
+    assert np.isfinite(content["against"]["ekf"]["riekf"]["ate_m"]["p_value"])
+    assert main([*words, "--sweep", "association.gate=1,9", "--against", "ekf"]) == 2
+    assert "sweep: takes no --against" in capsys.readouterr().err

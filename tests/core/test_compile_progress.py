@@ -1,0 +1,84 @@
+"""What is said while kernels are loaded or compiled."""
+
+from __future__ import annotations
+
+import io
+import re
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from slamgauge import compile_progress
+
+ROOT = Path(__file__).parents[2]
+
+
+class Terminal(io.StringIO):
+    """Standard error of a terminal, or of a file."""
+
+    def __init__(self, *, terminal: bool) -> None:
+        super().__init__()
+        self.terminal, self.written = terminal, threading.Semaphore(0)
+
+    def isatty(self) -> bool:
+        return self.terminal
+
+    def write(self, text: str, /) -> int:
+        count = super().write(text)
+        self.written.release()
+        return count
+
+
+def told(monkeypatch: pytest.MonkeyPatch, *compiled: bool, terminal: bool = False) -> str:
+    """What is said of these kernels, each of which takes long."""
+    stream = Terminal(terminal=terminal)
+    monkeypatch.setattr(compile_progress, "ANNOUNCE_AFTER", 1e-3)
+    monkeypatch.setattr(sys, "stderr", stream)
+    with compile_progress.announced("filter kernels"):
+        for each in compiled:
+            compile_progress.note(compiled=each)
+            assert stream.written.acquire(timeout=10.0)
+    return stream.getvalue()
+
+
+def test_what_is_compiled_is_said_to_be(monkeypatch: pytest.MonkeyPatch):
+    line = "slamgauge: compiling filter kernels (once per installation) ...\n"
+    assert told(monkeypatch, True) == line
+
+
+def test_what_is_loaded_is_said_to_be(monkeypatch: pytest.MonkeyPatch):
+    assert told(monkeypatch, False) == "slamgauge: loading filter kernels from disk ...\n"
+
+
+def test_lines_have_room(monkeypatch: pytest.MonkeyPatch):
+    sources = [path.read_text() for folder in ("ekf", "graph_baseline") for path in (ROOT / folder).rglob("*.py")]
+    names = [name for source in sources for name in re.findall(r'announced\("(.*)"\)', source)]
+    for terminal, more in ((False, 0), (True, len("999" * 2) - len("1" + "0"))):
+        line = told(monkeypatch, True, terminal=terminal).strip()
+        assert len(line.replace("filter kernels", max(names, key=len))) + more <= 80
+
+
+def test_one_line_outside_terminals(monkeypatch: pytest.MonkeyPatch):
+    stream = Terminal(terminal=False)
+    monkeypatch.setattr(compile_progress, "ANNOUNCE_AFTER", 1e-3)
+    monkeypatch.setattr(sys, "stderr", stream)
+    with compile_progress.announced("filter kernels"):
+        for _ in range(20):
+            compile_progress.note(compiled=True)
+            threading.Event().wait(2e-3)
+    assert stream.getvalue().count("\n") == 1
+
+
+def test_a_terminal_is_shown_how_many_there_were(monkeypatch: pytest.MonkeyPatch):
+    text = told(monkeypatch, True, True, True, terminal=True)
+    assert "\rslamgauge: compiling filter kernels (once) ... 1 so far, 0 s" in text
+    assert text.endswith(" s\n")
+
+
+def test_nothing_is_said_of_what_is_quick(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    monkeypatch.setattr(compile_progress, "ANNOUNCE_AFTER", 60.0)
+    with compile_progress.announced("filter kernels"):
+        compile_progress.note(compiled=True)
+    assert capsys.readouterr().err == ""

@@ -1,0 +1,124 @@
+"""Machine code that is kept: none outlives its sources, and damage to it costs a compilation.
+
+That all kernels are kept: `tests/ekf/kernels/test_compilation.py`.
+"""
+
+from __future__ import annotations
+
+import os
+import runpy
+from pathlib import Path
+
+import pytest
+from numba.core import config
+
+from slamgauge import kernel_cache
+
+HEAD = "from slamgauge.jit import kernel\n\n\n@kernel\ndef "
+CALLEE = HEAD + "inside(x):\n    return x + {}\n"
+CALLER = (
+    "import runpy\nfrom pathlib import Path\n\ninside = runpy.run_path(str(Path(__file__).with_name('callee.py')))"
+    "['inside']\n" + HEAD + "outside(x):\n    return inside(x)\n"
+)
+
+
+def called(folder: Path) -> tuple[int, bool]:
+    """What the calling kernel makes of 1 in a program that begins now, and whether its code was on the disk."""
+    kernel_cache.sources_digest.cache_clear()
+    outside = runpy.run_path(str(folder / "caller.py"))["outside"]
+    return outside(1), bool(outside.stats.cache_hits)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Two modules, a kernel that calls another, compiled and kept."""
+    monkeypatch.setattr(config, "CACHE_DIR", "")
+    (tmp_path / "callee.py").write_text(CALLEE.format(1), encoding="utf-8")
+    (tmp_path / "caller.py").write_text(CALLER, encoding="utf-8")
+    assert called(tmp_path) == (2, False)
+    assert called(tmp_path) == (2, True)
+    return tmp_path
+
+
+def kept(folder: Path, suffix: str) -> list[Path]:
+    return [*(folder / "__pycache__").glob(f"*.{suffix}")]
+
+
+def test_an_edited_kernel_does_not_live_on_in_its_callers(folder: Path):
+    (folder / "callee.py").write_text(CALLEE.format(2), encoding="utf-8")
+    assert called(folder) == (3, False)
+    assert called(folder) == (3, True)
+
+
+def test_a_program_that_ends_between_index_and_code_leaves_no_old_code_under_a_new_index(folder: Path):
+    """numba writes the index first."""
+    old = {path: path.read_bytes() for path in kept(folder, "nbc")}
+    (folder / "callee.py").write_text(CALLEE.format(2), encoding="utf-8")
+    assert called(folder) == (3, False)
+    for path, content in old.items():
+        path.write_bytes(content)
+    assert called(folder) == (3, False)
+
+
+@pytest.mark.parametrize("year", [1970, 2100])
+def test_dates_of_sources_do_not_matter(folder: Path, year: int):
+    date = (year - 1970) * 365.2425 * 86400.0
+    os.utime(folder / "callee.py", (date, date))
+    assert called(folder) == (2, True)
+
+
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.999])
+def test_files_that_were_cut_are_compiled_anew(folder: Path, suffix: str, share: float):
+    for path in kept(folder, suffix):
+        path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    assert called(folder) == (2, False)
+    assert called(folder) == (2, True)
+
+
+def test_code_for_other_types_under_a_name_is_compiled_anew(folder: Path):
+    """Two programs that compile a kernel for different types at once may choose the same name for its file."""
+    before = {*kept(folder, "nbc")}
+    kernel_cache.sources_digest.cache_clear()
+    assert runpy.run_path(str(folder / "caller.py"))["outside"](1.5) == 2.5
+    for of_floats in {*kept(folder, "nbc")} - before:
+        (of_integers,) = (each for each in before if each.name.split(".")[:2] == of_floats.name.split(".")[:2])
+        of_integers.write_bytes(of_floats.read_bytes())
+    assert called(folder) == (2, False)
+    assert called(folder) == (2, True)
+
+
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+def test_files_with_zeros_in_their_midst_are_compiled_anew(folder: Path, suffix: str):
+    """What some file systems leave after a power cut."""
+    for path in kept(folder, suffix):
+        content = path.read_bytes()
+        third = len(content) // 3
+        path.write_bytes(content[:third] + bytes(third) + content[2 * third :])
+    assert called(folder) == (2, False)
+    assert called(folder) == (2, True)
+
+
+def test_damage_in_a_folder_that_cannot_be_written_to_costs_a_compilation_each_time(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+):
+    for path in kept(folder, "nbi"):
+        path.write_bytes(b"")
+
+    def refuse(*_: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr("numba.core.caching.IndexDataCacheFile._open_for_write", refuse)
+    assert called(folder) == (2, False)
+    assert called(folder) == (2, False)
+
+
+def test_what_is_kept_is_told_and_cleared(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    cache = folder / "__pycache__"
+    monkeypatch.setattr(kernel_cache, "_folders", {cache})
+    (cache / "caller.outside.nbc.tmp.0123").touch()  # of a program that was killed
+    (cache / "caller.cpython-311.pyc").touch()
+    assert len(kernel_cache.kept_files()[cache]) == 5
+    assert kernel_cache.clear_kept() == 5
+    assert [path.name for path in cache.iterdir()] == ["caller.cpython-311.pyc"]
+    assert called(folder) == (2, False)

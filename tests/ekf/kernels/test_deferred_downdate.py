@@ -1,0 +1,218 @@
+"""What waits changes nothing: filters whose updates wait, held against the same ones that take them in at once."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from slamgauge.arrays import Float, Int
+from slamgauge.ekf import BearingFilter, SlamFilter
+from slamgauge.ekf.maps.correction_table import RULES
+from slamgauge.errors import UserError
+from slamgauge.recording import Observations
+from slamgauge.se2 import rotation
+
+POSTPONING = pytest.mark.parametrize("correction", [name for name, rule in RULES.items() if rule.waiting[1] > 0])
+SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+LANDMARKS = 420  # beside which scans of four landmarks are small, once 400 are mapped
+PRIOR_COV = np.diag([0.01, 0.01, 1e-4])
+STEP, STEP_COV = np.array([0.4, 0.0, 0.05]), np.diag([1e-3, 1e-4, 1e-5])
+NOISE = np.diag([0.01, 0.0025])
+
+
+class World:
+    """A robot on a circle among landmarks, seeded."""
+
+    def __init__(self, sensor: str) -> None:
+        self.rng = np.random.default_rng(5)
+        self.sensor = sensor
+        self.landmarks = self.rng.uniform(-12.0, 20.0, (LANDMARKS, 2))
+        self.pose = np.zeros(3)
+
+    def moved(self) -> Float:
+        """The increment of a step, as odometry tells it."""
+        self.pose[:2] += rotation(self.pose[2]) @ STEP[:2]
+        self.pose[2] += STEP[2]
+        return STEP + self.rng.multivariate_normal(np.zeros(3), STEP_COV)
+
+    def seen(self, ids: Int) -> Observations:
+        """Noisy observations of landmarks (m,)."""
+        offset = (self.landmarks[ids] - self.pose[:2]) @ rotation(self.pose[2])
+        value = offset if self.sensor == "position" else np.column_stack([np.hypot(*offset.T), bearings(offset)[:, 0]])
+        noise = self.rng.multivariate_normal(np.zeros(2), NOISE, len(ids))
+        return Observations(ids, value + noise, np.tile(NOISE, (len(ids), 1, 1)))
+
+
+def bearings(offset: Float) -> Float:
+    """(m, 1) of offsets (m, 2) in the robot's frame."""
+    return np.arctan2(offset[:, 1], offset[:, 0])[:, None]
+
+
+def both(sensor: str, correction: str) -> tuple[SlamFilter, SlamFilter]:
+    """A filter of the table, and the same one in which nothing waits."""
+    rule = RULES[correction]  # pyright: ignore[reportArgumentType]
+    start = (sensor, np.zeros(3), PRIOR_COV)
+    return SlamFilter(*start, rule), SlamFilter(*start, rule._replace(waiting=(1, 0)))
+
+
+def something_waits(slam: SlamFilter | BearingFilter) -> bool:
+    """Whether covariances of landmarks with each other are behind."""
+    landmarks = slam.map if isinstance(slam, SlamFilter) else slam._map  # pyright: ignore[reportPrivateUsage]
+    return bool(landmarks._work.waiting.used[0] > 0)  # pyright: ignore[reportPrivateUsage]
+
+
+def assert_same(late: SlamFilter, at_once: SlamFilter, *, whole: bool) -> None:
+    """Poses, places and covariances to 1e-9 of a standard deviation; without `whole`, what nobody has to settle for."""
+    sigmas = np.sqrt(at_once.map.variances)
+    assert (np.abs(late.pose - at_once.pose) <= 1e-9 * sigmas[:3]).all()
+    assert (np.abs(late.landmarks - at_once.landmarks).ravel() <= 1e-9 * sigmas[3:]).all()
+    assert (np.abs(late.pose_cov - at_once.pose_cov) <= 1e-9 * np.outer(sigmas[:3], sigmas[:3])).all()
+    of_places = sigmas[3:].reshape(-1, 2)
+    apart = np.abs(late.landmark_covs - at_once.landmark_covs)
+    assert (apart <= 1e-9 * of_places[:, :, None] * of_places[:, None, :]).all()
+    if whole:
+        assert (np.abs(late.cov - at_once.cov) <= 1e-9 * np.outer(sigmas, sigmas)).all()
+
+
+@SENSORS
+@POSTPONING
+def test_postponed_updates_give_the_same_estimate(sensor: str, correction: str) -> None:
+    """Sparse scans, and dense ones, new landmarks, removals, gates, merging and a refused scan among them."""
+    world, (late, at_once) = World(sensor), both(sensor, correction)
+    choice, waited = np.random.default_rng(8), 0
+    for slam, scan in zip((late, at_once), [world.seen(np.arange(400))] * 2, strict=True):
+        slam.update(scan)
+    mapped = 400
+    for step in range(130):
+        increment = world.moved()
+        ids = choice.choice(np.setdiff1d(np.arange(mapped), [7, 399]), 25 if step % 40 == 30 else step % 5, False)
+        if step % 16 == 9 and mapped < LANDMARKS:
+            ids, mapped = np.append(ids, [mapped, mapped] if step % 32 == 9 else mapped), mapped + 1
+        scan, gate = world.seen(ids), 9.0 if step % 3 == 0 else None
+        results = []
+        for slam in (late, at_once):
+            slam.predict(increment, STEP_COV)
+            results.append(slam.update(scan, gate=gate))
+        assert results[0][1] == results[1][1]
+        assert abs(results[0][0] - results[1][0]) <= 1e-9 * max(results[1][0], 1.0)
+        waited += something_waits(late)
+        if step == 51:
+            broken = scan._replace(value=np.full_like(scan.value, 1e155))
+            for slam in (late, at_once):
+                with pytest.raises(UserError, match="observation"):
+                    slam.update(broken)
+        if step in (70, 71):
+            for slam in (late, at_once):
+                slam.map.remove(int(slam.map.slots_of(np.array(7 if step == 70 else 399))))
+        if step == 120:
+            for slam in (late, at_once):
+                slam.map.merge(*slam.map.slots_of(np.array([11, 12])).tolist())
+        assert_same(late, at_once, whole=bool(choice.random() < 0.05))
+    assert waited > 80
+    assert_same(late, at_once, whole=True)
+    assert not something_waits(late)
+
+
+def driven(sensor: str, correction: str) -> tuple[World, SlamFilter, SlamFilter]:
+    """Both filters after six sparse scans."""
+    world, (late, at_once) = World(sensor), both(sensor, correction)
+    scans = [world.seen(np.arange(400))]
+    increments = [np.zeros(3)]
+    for k in range(6):
+        increments.append(world.moved())
+        scans.append(world.seen(np.array([k, k + 50])))
+    for slam in (late, at_once):
+        for increment, scan in zip(increments, scans, strict=True):
+            slam.predict(increment, STEP_COV)
+            slam.update(scan)
+    assert something_waits(late)
+    return world, late, at_once
+
+
+def unpickled(slam: SlamFilter) -> SlamFilter:
+    return pickle.loads(pickle.dumps(slam))
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, unpickled])
+def test_copies_have_what_waits_of_their_own(copied: Callable[[SlamFilter], SlamFilter]) -> None:
+    world, late, at_once = driven("position", "right-invariant")
+    other = copied(late)
+    assert something_waits(other)
+    assert_same(other, at_once, whole=True)  # which settles that of the copy
+    assert something_waits(late)
+    scan = world.seen(np.array([3, 4]))
+    for slam in (late, other, at_once):
+        slam.update(scan)
+    assert_same(late, at_once, whole=True)
+    assert_same(other, at_once, whole=True)
+
+
+@POSTPONING
+def test_a_refused_scan_leaves_what_waits(correction: str) -> None:
+    """To the last bit, where it is refused for its innovations alone: a landmark twice, beyond all precision."""
+    world, late, at_once = driven("range-bearing", correction)
+    before = pickle.dumps((late.map.unsettled, late.pose, late.pose_cov))
+    exact = world.seen(np.array([5, 5]))
+    for slam in (late, at_once):
+        with pytest.raises(UserError, match="no update exists"):
+            slam.update(exact._replace(cov=1e-24 * exact.cov))
+    assert pickle.dumps((late.map.unsettled, late.pose, late.pose_cov)) == before
+    assert_same(late, at_once, whole=True)
+
+
+@POSTPONING
+def test_a_refused_block_after_others_leaves_what_waits(correction: str) -> None:
+    """41 observations are three blocks, the first of which settles; the last two, of one landmark, are too precise."""
+    world, late, at_once = driven("range-bearing", correction)
+    scan = world.seen(np.array([*range(40), 39]))
+    scan.cov[-2:] *= 1e-20
+    for slam in (late, at_once):
+        slam.predict(np.zeros(3), np.diag([1.0, 1.0, 1e-3]))
+        with pytest.raises(UserError, match="no update exists"):
+            slam.update(scan)
+    assert something_waits(late)
+    assert_same(late, at_once, whole=True)
+
+
+@POSTPONING
+def test_what_a_refused_scan_has_postponed_is_undone(correction: str) -> None:
+    """A new landmark seen thrice: what the scan sees of an old one has been taken in before it is refused."""
+    world, late, at_once = driven("range-bearing", correction)
+    scan = world.seen(np.array([3, 405, 405, 405]))
+    scan.cov[-2:] *= 1e-24
+    for slam in (late, at_once):
+        with pytest.raises(UserError, match="no update exists"):
+            slam.update(scan)
+    assert_same(late, at_once, whole=True)
+
+
+@POSTPONING
+def test_bearings_alone_wait_too(correction: str) -> None:
+    """Points of a bearing filter, seen one at a time; a ray begins and ends in between."""
+    rule, rng = RULES[correction], np.random.default_rng(3)  # pyright: ignore[reportArgumentType]
+    late, at_once = (BearingFilter(np.zeros(3), PRIOR_COV, each) for each in (rule, rule._replace(waiting=(1, 0))))
+    landmarks = rng.uniform([-9.0, 0.0], [9.0, 18.0], (111, 2))
+    pose, waited = np.zeros(3), 0
+    for step in range(80):
+        pose[:2] += rotation(pose[2]) @ [0.6, 0.0]
+        pose[2] += 0.066
+        ids = np.arange(110) if step < 25 else np.array([110 if step in (30, 35, 40) else step])
+        value = bearings((landmarks[ids] - pose[:2]) @ rotation(pose[2])) + rng.normal(0.0, 0.01, (len(ids), 1))
+        scan = Observations(ids, value, np.full((len(ids), 1, 1), 1e-4))
+        increment = np.array([0.6, 0.0, 0.066]) + rng.normal(0.0, [0.01, 0.003, 0.002])
+        results = []
+        for slam in (late, at_once):
+            slam.predict(increment, np.diag([1e-4, 1e-5, 4e-6]))
+            results.append(slam.update(scan))
+        waited += something_waits(late)
+        assert results[0] == pytest.approx(results[1], rel=1e-9, abs=1e-9)
+        sigmas = np.sqrt(np.diagonal(at_once.pose_cov))
+        assert (np.abs(late.pose - at_once.pose) <= 1e-9 * sigmas).all()
+        assert (np.abs(late.pose_cov - at_once.pose_cov) <= 1e-9 * np.outer(sigmas, sigmas)).all()
+    assert waited > 25
+    sigmas = np.sqrt(np.diagonal(at_once.cov))
+    assert (np.abs(late.cov - at_once.cov) <= 1e-9 * np.outer(sigmas, sigmas)).all()

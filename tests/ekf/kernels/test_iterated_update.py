@@ -1,0 +1,81 @@
+"""What iterating an update is, and where it ends."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from jacobians import differentiate
+from random_recordings import random_recording
+
+from slamgauge.arrays import Float
+from slamgauge.ekf import SlamFilter
+from slamgauge.ekf.kernels.belief import Belief
+from slamgauge.ekf.kernels.iterated_update import iterate
+from slamgauge.ekf.kernels.workspace import Workspace
+from slamgauge.ekf.maps.correction_table import WHOLE_SCAN, Rule
+from slamgauge.recording import Observations
+from slamgauge.se2 import rotation
+
+SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+
+
+@SENSORS
+def test_one_iteration_is_the_ekf(sensor: str) -> None:
+    """To rounding, though both kernels run on their own; many passes then lead elsewhere."""
+    _, recording = random_recording(7, sensor=sensor, steps=60)
+
+    def single_pass(code: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
+        return iterate(code, belief, count, work, 1)
+
+    finals = []
+    for rule in ("standard", Rule(single_pass, block=WHOLE_SCAN), "iterated"):
+        slam = SlamFilter(sensor, recording.prior_mean, recording.prior_cov, rule)
+        for k, scan in enumerate(recording.scans()):
+            if k:
+                slam.predict(recording.odometry[k - 1], recording.odometry_cov[k - 1])
+            slam.update(scan)
+        finals.append((slam.pose, slam.landmarks, slam.cov))
+    for actual, expected, iterated in zip(finals[1], finals[0], finals[2], strict=True):
+        np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-13)
+        assert np.abs(iterated - expected).max() > 1e-9
+
+
+def test_a_linear_problem_is_solved_in_one_pass_and_further_ones_change_nothing() -> None:
+    """A known heading makes the position sensor linear: the answer is the weighted mean."""
+    prior = np.diag([0.04, 0.04, 0.0])
+    covs = np.diag([0.01, 0.01])[None]
+    finals = []
+    for correction in ("standard", "iterated"):
+        slam = SlamFilter("position", np.zeros(3), prior, correction)
+        slam.update(Observations(np.array([0]), np.array([[2.0, 1.0]]), covs))
+        slam.predict([0.5, 0.0, 0.0], np.diag([0.09, 0.01, 0.0]))
+        slam.update(Observations(np.array([0]), np.array([[1.2, 1.1]]), covs))
+        finals.append((slam.pose, slam.landmarks[0], slam.cov))
+    for actual, expected in zip(finals[1], finals[0], strict=True):
+        np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-15)
+    # x: the landmark is seen at 0.5 + 1.2 where 2.0 was expected; of that -0.3 the motion takes 0.09 / 0.11
+    np.testing.assert_allclose(finals[0][0], [0.5 + 0.3 * 0.09 / 0.11, -0.1 * 0.01 / 0.03, 0.0], atol=1e-15)
+
+
+def test_iteration_ends_at_the_minimum_of_prior_and_observations() -> None:
+    """The gradient of the step's cost vanishes there, and does not at the standard update."""
+    prior = np.diag([0.3, 0.3, 0.1]) ** 2
+    covs = np.tile(np.diag([0.05, 0.02]) ** 2, (2, 1, 1))
+    sights = np.array([[1.5, 0.2], [1.2, -0.9]]), np.array([[1.3, 0.5], [1.4, -0.5]])
+    gradients = []
+    for correction in ("standard", "iterated"):
+        slam = SlamFilter("range-bearing", np.zeros(3), prior, correction)
+        slam.update(Observations(np.arange(2), sights[0], covs))
+        slam.predict([0.3, 0.0, 0.3], np.diag([0.3, 0.2, 0.2]) ** 2)
+        mean, cov = np.concatenate([slam.pose, slam.landmarks.ravel()]), slam.cov
+        slam.update(Observations(np.arange(2), sights[1], covs))
+        at = np.concatenate([slam.pose, slam.landmarks.ravel()])
+
+        def cost(x: Float, mean: Float = mean, cov: Float = cov) -> Float:
+            delta = (x[3:].reshape(2, 2) - x[:2]) @ rotation(x[2])
+            seen = np.column_stack([np.hypot(*delta.T), np.arctan2(delta[:, 1], delta[:, 0])])
+            residual = (sights[1] - seen) / [0.05, 0.02]
+            return np.array([0.5 * (x - mean) @ np.linalg.solve(cov, x - mean) + 0.5 * (residual**2).sum()])
+
+        gradients.append(np.abs(differentiate(cost, at, step=1e-4)).max())
+    assert gradients[1] < 1e-5 < 1e-1 < gradients[0]

@@ -1,0 +1,303 @@
+"""Pairs within the gate, and the joint search among them, against dense references.
+
+The numbers that a problem must reach (`assert marked > 3`) keep a test from passing on problems that are too easy.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from random_recordings import random_covariances
+from scipy.stats import chi2
+from textbook import additive_from_invariant, belief_of, observe
+from textbook_association import (
+    Pair,
+    Scan,
+    brute_force_ambiguous,
+    brute_force_joint,
+    dense_scan,
+    search_order,
+    squared_distances,
+)
+
+from slamgauge.arrays import Float, Int
+from slamgauge.ekf.associating_filter import AssociatingFilter
+from slamgauge.ekf.slam_filter import SlamFilter
+from slamgauge.ekf.kernels.individual_compatibility import NONE, Pairs, allocate_pairs, find_compatible, find_located
+from slamgauge.ekf.kernels.joint_compatibility import mark_ambiguous, search_jointly
+from slamgauge.ekf.kernels.models import SENSOR_CODES
+from slamgauge.ekf.kernels.sequential_association import Gates
+from slamgauge.ekf.maps.landmark_ids import Ids
+from slamgauge.ekf.maps.matching import update_nearest
+from slamgauge.ekf.maps.correction_table import Correction
+from slamgauge.ekf.settings.association import Association
+from slamgauge.recording import Observations
+from slamgauge.se2 import rotation
+
+SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+
+
+# --- pairs ---------------------------------------------------------------------------------------
+
+
+def random_belief(rng: np.random.Generator, landmarks: int) -> tuple[Float, Float]:
+    """State and covariance: any correlations, singular at times, millimetres to metres, headings up to 2 rad."""
+    size = 3 + 2 * landmarks
+    x = rng.uniform(-6, 6, size)
+    x[2] = rng.uniform(-np.pi, np.pi)
+    root = rng.normal(size=(size, int(rng.integers(1, size)))) * 10 ** rng.uniform(-3, 0.3, (size, 1))
+    root[: int(rng.choice([0, 0, 3]))] = 0.0  # a robot known exactly
+    return x, root @ root.T
+
+
+def at_the_gate(rng: np.random.Generator, scan: Scan, towards: Float, slots: Int, gate: float) -> Float:
+    """Innovations (m, 2) whose d^2 with `slots` is some 0.7 to 1.3 gates, longest along `towards` (m, 2)."""
+    H = scan.jacobian[np.arange(len(slots)), slots]
+    S = H @ scan.P @ H.swapaxes(1, 2) + scan.R
+    v = np.einsum("mij,mj->mi", S, towards)
+    return v * (np.sqrt(gate * rng.uniform(0.7, 1.3, len(v)) / np.einsum("mi,mi->m", v, towards)))[:, None]
+
+
+def ids_from(first: int) -> Ids:
+    ids = Ids()
+    ids.take(first)
+    return ids
+
+
+def predicted(sensor: str, x: Float, slots: Int) -> Float:
+    return np.array([observe(sensor, rotation(x[2]).T @ (x[3 + 2 * s : 5 + 2 * s] - x[:2]))[0] for s in slots])
+
+
+def upper(P: Float) -> Float:
+    """What a filter keeps of P: the upper triangle and the robot's block."""
+    kept = np.where(np.tri(len(P), k=-1, dtype=bool), np.nan, P)
+    kept[:3, :3] = P[:3, :3]
+    return kept
+
+
+def found(sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, gate: float) -> tuple[Pairs, int]:
+    pairs = allocate_pairs(len(z) * len(x))
+    return pairs, find_compatible(SENSOR_CODES[sensor], belief_of(x, upper(P), point), z, R, gate, pairs)
+
+
+@SENSORS
+@pytest.mark.parametrize("shifted", [False, True], ids=["at the state", "at first estimates"])
+def test_pairs_are_all_those_within_the_gate(sensor: str, shifted: bool) -> None:
+    rng = np.random.default_rng(0)
+    within = 0
+    for _ in range(200):
+        x, P = random_belief(rng, 6)
+        point = x + rng.normal(size=len(x)) * rng.choice([0.1, 2.0]) if shifted else x
+        gate, slots = 10 ** rng.uniform(0, 2), rng.integers(0, 6, 5)
+        R = random_covariances(
+            rng, 5, rng.choice([0.01, 0.1, 1.0]) * np.array([1.0, 1.0 if sensor == "position" else 0.3])
+        )
+        at = predicted(sensor, x, slots)
+        # along the line of sight, where distances tell most, or anywhere
+        sight = at / np.linalg.norm(at, axis=1)[:, None] if sensor == "position" else np.tile([1.0, 0.0], (5, 1))
+        towards = np.where(rng.random((5, 1)) < 0.5, sight * rng.choice([-1, 1], (5, 1)), rng.normal(size=(5, 2)))
+        z = at + at_the_gate(rng, dense_scan(sensor, x, point, P, at, R), towards, slots, gate)
+        expected = dense_scan(sensor, x, point, P, z, R).distances()
+
+        pairs, count = found(sensor, x, point, P, z, R, gate)
+        actual = np.full(expected.shape, np.inf)
+        actual[pairs.observation[:count], pairs.slot[:count]] = pairs.distance[:count]
+        np.testing.assert_array_equal(actual < np.inf, expected <= gate)
+        np.testing.assert_allclose(actual[actual < np.inf], expected[expected <= gate], rtol=1e-9)
+        order = pairs.by_distance[:count]
+        np.testing.assert_array_equal(order, np.lexsort([pairs.distance[:count], pairs.observation[:count]]))
+        within += count
+    assert 1000 < within < 5000  # of 6000
+
+
+@SENSORS
+@pytest.mark.parametrize("correction", ["standard", "right-invariant"])
+def test_the_nearest_landmark_is_never_set_aside_as_far(sensor: str, correction: Correction) -> None:
+    """Second of two observations, so that the first has moved the state away from where its covariance stands."""
+    rng = np.random.default_rng(1)
+    outcomes = np.zeros(2, dtype=np.int64)
+    for _ in range(300):
+        x, P = random_belief(rng, 4)
+        gate, slots = 10 ** rng.uniform(0, 2), rng.integers(0, 4, 2)
+        R = random_covariances(rng, 2, np.array([0.1, 0.1 if sensor == "position" else 0.03]))
+        slam, lone = (SlamFilter(sensor, x[:3], P[:3, :3], correction) for _ in range(2))
+        for each in (slam, lone):
+            each.map.replace(np.arange(4), x[3:].reshape(-1, 2), P)
+        at = predicted(sensor, x, slots)
+        sight = at / np.linalg.norm(at, axis=1)[:, None] if sensor == "position" else np.tile([1.0, 0.0], (2, 1))
+        z = at + at_the_gate(rng, dense_scan(sensor, x, x, P, at, R), sight, slots, 0.5 * gate)
+        if sensor == "range-bearing":
+            z[:, 0] = np.abs(z[:, 0])
+        first = update_nearest(lone.map, ids_from(4), z[:1], R[:1], Gates(gate, gate))[0]
+        x, P = np.concatenate([lone.pose, lone.landmarks.ravel()]), lone.cov
+        at = predicted(sensor, x, slots)
+        z[1:] = at[1:] + at_the_gate(rng, dense_scan(sensor, x, x, P, at, R), sight, slots, gate)[1:]
+        distances = squared_distances(sensor, x, x, P, z[1], R[1])
+        nearest = int(np.argmin(distances)) if distances.min() <= gate else len(distances)
+        assert update_nearest(slam.map, ids_from(4), z, R, Gates(gate, gate))[0].tolist() == [first[0], nearest]
+        outcomes[int(distances.min() <= gate)] += 1
+    assert outcomes.min() > 50
+
+
+def test_a_landmark_that_moves_against_the_robot_is_found_as_far_off_as_the_gate_lets_it() -> None:
+    """Standard deviations add up, they do not only add in squares: the bound has no slack here."""
+    x = np.array([0.0, 0.0, 0.0, 5.0, 0.0])
+    spread = np.array([-0.3, 0.0, 0.0, 0.4, 0.0])  # perfectly correlated, along the line of sight
+    R = np.diag([1e-4, 1e-4])[None]
+    reach = 3.0 * np.sqrt(0.7**2 + 1e-4)
+    for sensor in ("range-bearing", "position"):
+        for distance, count in ((5.0 + 0.9999 * reach, 1), (5.0 - 0.9999 * reach, 1), (5.0 + 1.0001 * reach, 0)):
+            z = np.array([[distance, 0.0]])
+            assert found(sensor, x, x, np.outer(spread, spread), z, R, 9.0)[1] == count
+
+
+def test_too_little_room_for_pairs_is_told_and_then_made() -> None:
+    slam = AssociatingFilter("position", np.zeros(3), np.diag([1.0, 1.0, 0.1]), association=Association("jcbb"))
+    grid = np.stack(np.meshgrid(np.arange(6.0), np.arange(6.0)), axis=-1).reshape(-1, 2) * 0.1
+    x, P = np.concatenate([np.zeros(3), grid.ravel()]), np.eye(75)
+    z, R = grid[:4].copy(), np.tile(np.eye(2), (4, 1, 1))
+    assert find_compatible(1, belief_of(x, P), z, R, 9.0, allocate_pairs(143)) == -144
+    assert find_compatible(1, belief_of(x, P), z, R, 9.0, allocate_pairs(144)) == 144
+    for scan in (10 * grid, 10 * grid):  # the filter has room for none at first
+        slam.update(Observations(None, scan, np.tile(1e-3 * np.eye(2), (36, 1, 1))))
+    np.testing.assert_array_equal(slam.associated, np.arange(36))
+
+
+# --- joint compatibility -------------------------------------------------------------------------
+
+
+def quantiles(gate: float, pairs: int) -> Float:
+    """Largest joint d^2 of 0, 1, ... pairs."""
+    return np.concatenate([[0.0], chi2.isf(np.exp(-gate / 2), 2 * np.arange(1, pairs + 1))])
+
+
+def crowded_scan(seed: int, sensor: str) -> tuple[Scan, Pairs, int, float]:
+    """Four observations before five landmarks closer together than the robot's place is known; pairs within a gate.
+
+    All but a few centimetres of the doubt is about the shift and turn of the whole world before the robot.
+    """
+    rng = np.random.default_rng(seed)
+    x = np.concatenate([[0.0, 0.0, 0.3], (np.array([4.0, 1.0]) + rng.uniform(-0.8, 0.8, (5, 2))).ravel()])
+    N = additive_from_invariant(x)[:, :3]
+    N[3:, :2] = 0.0  # the robot moves, the world stays
+    N[3:, 2] = 0.0
+    root = rng.normal(size=(13, 13)) * 0.03
+    P = N @ np.diag([0.4, 0.4, 0.1]) ** 2 @ N.T + root @ root.T
+    R = random_covariances(rng, 4, np.array([0.1, 0.1 if sensor == "position" else 0.03]))
+    true = rng.multivariate_normal(x, 1.5 * P)
+    slots = rng.permutation(5)[:4] if rng.random() < 0.7 else rng.integers(0, 5, 4)
+    z = predicted(sensor, true, slots) + 1.5 * np.einsum("mij,mj->mi", np.linalg.cholesky(R), rng.normal(size=(4, 2)))
+    gate = float(rng.choice([4.0, 9.0]))
+    pairs, count = found(sensor, x, x, P, z, R, 27.6)
+    return dense_scan(sensor, x, x, P, z, R), pairs, count, gate
+
+
+def searched(scan: Scan, pairs: Pairs, count: int, gate: float, limit: int = 10**6) -> tuple[list[Pair], int]:
+    best = np.full(4, 7, dtype=np.int64)
+    tries = search_jointly(upper(scan.P), scan.R, pairs, count, gate, quantiles(gate, 4), limit, best)
+    return [(i, int(slot)) for i, slot in enumerate(best) if slot != NONE], tries
+
+
+CROWDED = [pytest.param(sensor, range(60), id=sensor) for sensor in ("range-bearing", "position")]
+
+
+@pytest.mark.parametrize(("sensor", "seeds"), CROWDED)
+def test_joint_search_finds_the_best_of_all_assignments(sensor: str, seeds: range) -> None:
+    """The most pairs, then the smallest joint d^2, of all that branch and bound may visit."""
+    nearest, strict, pairs_found = 0, 0, 0
+    for seed in seeds:
+        scan, pairs, count, gate = crowded_scan(seed, sensor)
+        best, _ = searched(scan, pairs, count, gate)
+        assert best == sorted(brute_force_joint(scan, gate, quantiles(gate, 4)))
+        assert len({slot for _, slot in best}) == len(best)
+        assert scan.distance(best) <= quantiles(gate, 4)[len(best)]
+        # so none is missed that is compatible whatever the order
+        every = brute_force_joint(scan, gate, quantiles(gate, 4), every_subset=True)
+        assert len(every) <= len(best)
+        assert len(every) < len(best) or scan.distance(every) >= scan.distance(best) - 1e-9
+        nearest += best == sorted((i, slots[0]) for i, slots in search_order(scan, gate))
+        strict += sorted(every) != best
+        pairs_found += len(best)
+    assert nearest < 50  # of 60: most problems are beyond nearest neighbours
+    assert strict > 0
+    assert pairs_found > 120
+
+
+@pytest.mark.parametrize(("sensor", "seeds"), CROWDED)
+def test_a_joint_search_cut_short_still_gives_a_compatible_set(sensor: str, seeds: range) -> None:
+    cut = 0
+    for seed in seeds:
+        scan, pairs, count, gate = crowded_scan(seed, sensor)
+        order = search_order(scan, gate)
+        whole, needed = searched(scan, pairs, count, gate)
+        before: list[Pair] = []
+        for limit in sorted({1, 2, 3, 5, 8, 13, 21, needed}):
+            best, tries = searched(scan, pairs, count, gate, limit)
+            assert tries <= limit
+            assert bool(best) == bool(order)
+            assert len({slot for _, slot in best}) == len(best)
+            assert all(scan.distance([pair]) <= gate for pair in best)
+            assert scan.distance(best) <= quantiles(gate, 4)[len(best)]
+            assert len(best) > len(before) or scan.distance(best) <= scan.distance(before) + 1e-9
+            assert best == whole or limit < needed
+            before = best
+            cut += best != whole
+        assert searched(scan, pairs, count, gate, 0) == ([], 0)
+        enough = sum(len(slots) for _, slots in order)
+        assert len(searched(scan, pairs, count, gate, enough)[0]) >= len(greedily(scan, order, gate))
+    assert cut > 50
+
+
+def greedily(scan: Scan, order: list[tuple[int, list[int]]], gate: float) -> list[Pair]:
+    """The nearest neighbours that are jointly compatible."""
+    pairs: list[Pair] = []
+    for i, slots in order:
+        for slot in slots:
+            longer = [*pairs, (i, slot)]
+            if slot not in [s for _, s in pairs] and scan.distance(longer) <= quantiles(gate, 4)[len(longer)]:
+                pairs = longer
+                break
+    return pairs
+
+
+@pytest.mark.parametrize(("sensor", "seeds"), CROWDED)
+@pytest.mark.parametrize("margin", [0.5, 6.0])
+def test_ambiguous_is_what_one_step_away_explains_nearly_as_well(sensor: str, seeds: range, margin: float) -> None:
+    marked = 0
+    for seed in seeds:
+        scan, pairs, count, gate = crowded_scan(seed, sensor)
+        best, _ = searched(scan, pairs, count, gate)
+        slots = np.full(4, NONE, dtype=np.int64)
+        for i, slot in best:
+            slots[i] = slot
+        marks = np.zeros(4, dtype=np.bool_)
+        arguments = (upper(scan.P), scan.R, pairs, count, gate, margin)
+        nodes = mark_ambiguous(*arguments, 1000, slots, marks)
+        assert set(np.flatnonzero(marks).tolist()) == brute_force_ambiguous(scan, gate, margin, best)
+        marked += int(marks.sum())
+        for limit in range(nodes):
+            fewer = np.zeros(4, dtype=np.bool_)
+            assert mark_ambiguous(*arguments, limit, slots, fewer) <= limit
+            assert not (fewer & ~marks).any()
+    assert 3 < marked < 200
+
+
+@SENSORS
+def test_located_are_landmarks_seen_lately_or_known_to_some_times_the_noise(sensor: str) -> None:
+    rng = np.random.default_rng(4)
+    outcomes = {"known": 0, "recent": 0, "neither": 0}
+    for _ in range(50):
+        x, P = random_belief(rng, 6)
+        R = random_covariances(rng, 2, np.array([0.3, 0.3 if sensor == "position" else 0.1]))
+        z = predicted(sensor, x, np.array([0, 1]))
+        pairs, count = found(sensor, x, x, P, z, R, 1e4)
+        recent, vagueness = rng.random(6) < 0.3, 10 ** rng.uniform(-1, 2)
+        scan = dense_scan(sensor, x, x, P, z, R)
+        located = set(find_located(upper(P), R, pairs, count, vagueness, recent).tolist())
+        for pair in range(count):
+            slot, row = pairs.slot[pair], pairs.observation[pair]
+            H = scan.jacobian[row, slot]
+            known = np.trace(np.linalg.solve(R[row], H @ P @ H.T)) <= vagueness
+            assert (pair in located) == (known or recent[slot])
+            outcomes["known" if known else "recent" if recent[slot] else "neither"] += 1
+    assert min(outcomes.values()) > 10, outcomes

@@ -1,0 +1,273 @@
+"""State entries and measurements with Jacobians of their own, against dense algebra on random states."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from random_recordings import random_covariances
+from textbook import J, belief_of, exp_action
+
+from slamgauge.arrays import Float, Int
+from slamgauge.ekf import SlamFilter
+from slamgauge.ekf.kernels.linear_update import Room, append_linear, project_columns, take_in_linear
+from slamgauge.ekf.maps.correction_table import RULES, Correction
+from slamgauge.recording import Observations
+from slamgauge.se2 import rotation, wrap
+
+CORRECTIONS = pytest.mark.parametrize("correction", RULES)
+SIZES = pytest.mark.parametrize(("columns", "rows"), [(1, 1), (3, 2), (7, 4), (11, 9)])
+
+
+def random_cov(rng: np.random.Generator, size: int, scale: float = 0.1) -> Float:
+    root = scale * rng.normal(size=(size, size))
+    return root @ root.T
+
+
+def upper(P: Float, room: int = 0) -> Float:
+    """What the kernels see of P: its upper triangle, the robot's block whole, elsewhere rubbish."""
+    seen = np.full((len(P) + room, len(P) + room), 1e3)
+    seen[: len(P), : len(P)] = np.where(np.tri(len(P), k=-1, dtype=bool), 1e3, P)
+    seen[:3, :3] = P[:3, :3]
+    return seen
+
+
+def mirrored(P: Float) -> Float:
+    return np.triu(P) + np.triu(P, 1).T
+
+
+# --- kernels -------------------------------------------------------------------------------------
+
+
+@SIZES
+def test_a_projection_is_that_of_the_whole_matrix(columns: int, rows: int) -> None:
+    rng = np.random.default_rng(columns)
+    P, chosen = random_cov(rng, 13), rng.permutation(13)[:columns]
+    jacobian, W = rng.normal(size=(rows, columns)), np.full((rows, 13), np.nan)
+    project_columns(upper(P), 13, chosen, jacobian, W)
+    H = np.zeros((rows, 13))
+    H[:, chosen] = jacobian
+    np.testing.assert_allclose(W, H @ P, rtol=0, atol=1e-14)
+
+
+@SIZES
+def test_a_measurement_is_taken_in_as_by_the_book(columns: int, rows: int) -> None:
+    rng = np.random.default_rng(columns + 10)
+    P, chosen = random_cov(rng, 13), rng.permutation(13)[:columns]
+    H, v, R = np.zeros((rows, 13)), rng.normal(size=rows), random_covariances(rng, 1, np.full(rows, 0.2))[0]
+    H[:, chosen] = rng.normal(size=(rows, columns))
+    cov, dx = upper(P), np.empty(13)
+    room = Room(np.empty((rows, 13)), np.empty((rows, rows)), dx)
+    nis = take_in_linear(belief_of(np.zeros(13), cov), chosen, H[:, chosen], v, R, room)
+    S = H @ P @ H.T + R
+    K = P @ H.T @ np.linalg.inv(S)
+    assert nis == pytest.approx(v @ np.linalg.inv(S) @ v, rel=1e-12)
+    np.testing.assert_allclose(dx, K @ v, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(mirrored(cov), P - K @ S @ K.T, rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(cov[:3, :3], cov[:3, :3].T)
+
+
+def test_a_column_given_twice_counts_twice() -> None:
+    rng = np.random.default_rng(20)
+    P, twice, once = random_cov(rng, 7), np.array([2, 4, 2]), np.array([2, 4])
+    H, v, R = rng.normal(size=(2, 3)), rng.normal(size=2), np.eye(2)
+    found: list[Float] = []
+    for columns, jacobian in ((twice, H), (once, np.column_stack([H[:, 0] + H[:, 2], H[:, 1]]))):
+        cov, dx = upper(P), np.empty(7)
+        room = Room(np.empty((2, 7)), np.empty((2, 2)), dx)
+        take_in_linear(belief_of(np.zeros(7), cov), columns, jacobian, v, R, room)
+        found.append(np.concatenate([mirrored(cov).ravel(), dx]))
+    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("mistake", ["innovation", "noise", "jacobian"])
+def test_what_has_no_solution_changes_nothing(mistake: str) -> None:
+    rng = np.random.default_rng(21)
+    cov = upper(random_cov(rng, 7))
+    before = cov.copy()
+    given = {"innovation": np.ones(2), "noise": np.eye(2), "jacobian": np.ones((2, 3))}
+    given[mistake].flat[0] = -1e6 if mistake == "noise" else np.nan
+    room = Room(np.empty((2, 7)), np.empty((2, 2)), np.empty(7))
+    columns = np.array([0, 3, 4])
+    belief = belief_of(np.zeros(7), cov)
+    nis = take_in_linear(belief, columns, given["jacobian"], given["innovation"], given["noise"], room)
+    assert not np.isfinite(nis)
+    np.testing.assert_array_equal(cov, before)
+
+
+@SIZES
+def test_entries_are_appended_as_by_the_book(columns: int, rows: int) -> None:
+    rng = np.random.default_rng(columns + 30)
+    P, chosen = random_cov(rng, 13), rng.permutation(13)[:columns]
+    jacobian, own = rng.normal(size=(rows, columns)), random_cov(rng, rows)
+    cov = upper(P, room=rows)
+    append_linear(belief_of(np.zeros(13 + rows), cov)._replace(size=13), chosen, jacobian, own)
+    T = np.vstack([np.eye(13), np.zeros((rows, 13))])
+    T[13:, chosen] = jacobian
+    expected = T @ P @ T.T
+    expected[13:, 13:] += own
+    np.testing.assert_allclose(mirrored(cov), expected, rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(np.triu(cov[:13, :13]), np.triu(P))
+
+
+# --- the filter's methods ------------------------------------------------------------------------
+
+
+class Twin:
+    """Dense state and covariance, slots in the order of the filter, each a point or not."""
+
+    def __init__(self, rng: np.random.Generator, correction: Correction) -> None:
+        self.x, self.P = np.array([0.0, 0.0, 3.0]), random_cov(rng, 3)  # `entries` are relative to the start
+        self.ids: list[int] = []
+        self.is_point: list[bool] = []
+        self.invariant = correction == "right-invariant"
+        self.rng = rng
+        self.slam = SlamFilter("position", self.x, self.P, correction, landmarks=2)  # soon outgrown
+
+    def add(self, points: list[bool]) -> None:
+        """New slots that depend on three entries of the state."""
+        count, first = len(points), max(self.ids, default=0) + 7
+        ids = [first + 3 * k for k in range(count)]
+        columns = self.rng.permutation(len(self.x))[:3]
+        H, own = self.rng.normal(size=(2 * count, 3)), random_cov(self.rng, 2 * count)
+        values = self.rng.uniform(-3, 3, 2 * count)
+        self.slam.map.add_linear(np.array(ids), values, columns, H, own, points)
+        T = np.vstack([np.eye(len(self.x)), np.zeros((2 * count, len(self.x)))])
+        T[len(self.x) :, columns] = H
+        self.P = T @ self.P @ T.T
+        self.P[len(self.x) :, len(self.x) :] += own
+        self.x, self.ids, self.is_point = np.append(self.x, values), self.ids + ids, self.is_point + points
+
+    def correct(self) -> None:
+        """A measurement of entries of the robot and of two slots."""
+        named = self.rng.permutation(self.ids)[:2]
+        columns = np.concatenate([[0, 1, 2], self.slam.map.columns_of(named)])
+        mine = [3 + 2 * self.ids.index(name) + k for name in named.tolist() for k in range(2)]
+        assert columns[3:].tolist() == mine
+        np.testing.assert_allclose(self.slam.map.entries(columns), self.x[columns], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(self.slam.map.block(columns), self.P[np.ix_(columns, columns)], rtol=0, atol=1e-10)
+        H, v = np.zeros((3, len(self.x))), self.rng.normal(size=3)
+        H[:, columns] = self.rng.normal(size=(3, 7))
+        R = random_covariances(self.rng, 1, np.full(3, 0.5))[0]
+        nis = self.slam.map.correct_linear(columns, H[:, columns], v, R)
+        S = H @ self.P @ H.T + R
+        assert nis == pytest.approx(v @ np.linalg.solve(S, v), rel=1e-9)
+        D = self.to_additive()
+        K = np.linalg.inv(D) @ self.P @ H.T @ np.linalg.inv(S)  # gain in the error's own coordinates
+        P = np.linalg.inv(D) @ (self.P - self.P @ H.T @ np.linalg.inv(S) @ H @ self.P) @ np.linalg.inv(D).T
+        self.x = self.moved(K @ v)
+        D = self.to_additive()
+        self.P = D @ P @ D.T
+
+    def to_additive(self) -> Float:
+        """D of the additive error D xi: turns of the robot turn the points, and nothing else."""
+        D = np.eye(len(self.x))
+        if self.invariant:
+            for first in self.turning():
+                D[first : first + 2, 2] = J @ self.x[first : first + 2]
+        return D
+
+    def moved(self, xi: Float) -> Float:
+        x = self.x + xi
+        if self.invariant:
+            for first in self.turning():
+                pose = np.concatenate([self.x[first : first + 2], [0.0]])
+                part = np.concatenate([xi[first : first + 2], xi[2:3]])
+                x[first : first + 2] = exp_action(part, pose)[:2]
+        x[2] = wrap(x[2])
+        return x
+
+    def turning(self) -> list[int]:
+        return [0] + [3 + 2 * slot for slot, point in enumerate(self.is_point) if point]
+
+    def remove(self, slot: int) -> None:
+        """The last slot moves into the gap."""
+        self.slam.map.remove(slot)
+        order = [*range(len(self.ids) - 1)]
+        if slot < len(order):
+            order[slot] = len(self.ids) - 1
+        kept = np.array([0, 1, 2, *(3 + 2 * s + k for s in order for k in range(2))])
+        self.x, self.P = self.x[kept], self.P[np.ix_(kept, kept)]
+        self.ids, self.is_point = [self.ids[s] for s in order], [self.is_point[s] for s in order]
+
+    def predict(self) -> None:
+        increment, Q = self.rng.normal(size=3), random_cov(self.rng, 3)
+        self.slam.predict(increment, Q)
+        move = rotation(self.x[2]) @ increment[:2]
+        F, G = np.eye(len(self.x)), np.zeros((len(self.x), 3))
+        F[:2, 2], G[:2, :2], G[2, 2] = J @ move, rotation(self.x[2]), 1.0
+        self.x[:2] += move
+        self.x[2] = wrap(self.x[2] + increment[2])
+        self.P = F @ self.P @ F.T + G @ Q @ G.T
+
+    def check(self) -> None:
+        np.testing.assert_array_equal(self.slam.landmark_ids, self.ids)
+        np.testing.assert_allclose(self.slam.pose, self.x[:3], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(self.slam.landmarks.ravel(), self.x[3:], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(self.slam.cov, self.P, rtol=0, atol=1e-10)
+
+
+@CORRECTIONS
+@pytest.mark.parametrize("seed", range(3))
+def test_a_mixed_state_lives_as_by_the_book(correction: Correction, seed: int) -> None:
+    """Points and other slots appended, corrected and removed from the start, the middle and the end of the state."""
+    twin = Twin(np.random.default_rng(seed), correction)
+    # predictions from first estimates are another test's, see test_filters_against_textbook
+    if RULES[correction].first_estimates:
+        twin.predict = lambda: None
+    for points in ([True, False], [True], [False, True, True, False], [True, False, True]):
+        twin.add(points)
+        twin.check()
+        twin.correct()
+        twin.predict()
+        twin.check()
+    for slot in (1, 0, 7, 3, 2):
+        twin.remove(slot % len(twin.ids))
+        twin.check()
+        twin.correct()
+        twin.check()
+    assert {*twin.is_point} == {True, False}
+    twin.add([False, True])
+    twin.remove(0)
+    twin.correct()
+    twin.check()
+
+
+def test_slots_freed_by_others_turn_with_the_map_again() -> None:
+    """A landmark that `update` maps where a slot that was no point has been is a point."""
+    slam = SlamFilter("position", np.zeros(3), 0.1 * np.eye(3), "right-invariant", landmarks=1)
+    slam.map.add_linear(np.array([5]), np.zeros(2), np.arange(3), np.eye(3)[1:], np.zeros((2, 2)), [False])
+    slam.map.remove(0)
+    fresh = SlamFilter("position", np.zeros(3), 0.1 * np.eye(3), "right-invariant", landmarks=1)
+    for each in (slam, fresh):
+        each.update(Observations(np.array([1]), np.array([[3.0, 1.0]]), 0.01 * np.eye(2)[None]))
+        each.predict(np.ones(3), np.eye(3))
+        each.update(Observations(np.array([1]), np.array([[3.0, 2.0]]), 0.01 * np.eye(2)[None]))
+    np.testing.assert_array_equal(slam.landmarks, fresh.landmarks)
+    np.testing.assert_array_equal(slam.cov, fresh.cov)
+
+
+def test_a_new_map_is_of_points() -> None:
+    """Also where the old one had slots that were none."""
+    rng, found = np.random.default_rng(11), list[Float]()
+    landmarks, cov = rng.normal(size=(3, 2)), random_cov(rng, 9)
+    for others in (0, 3):
+        slam = SlamFilter("position", np.zeros(3), 0.1 * np.eye(3), "right-invariant")
+        ids = np.arange(others)
+        slam.map.add_linear(
+            ids, np.zeros(2 * others), ids, np.zeros((2 * others, others)), np.eye(2 * others), [False] * others
+        )
+        slam.map.replace(np.arange(3), landmarks, cov)
+        slam.map.correct_linear(np.arange(3), np.eye(3), np.ones(3), 0.1 * np.eye(3))
+        found.append(slam.landmarks)
+    np.testing.assert_array_equal(found[0], found[1])
+
+
+@CORRECTIONS
+def test_a_linear_correction_without_solution_is_refused_and_changes_nothing(correction: Correction) -> None:
+    twin = Twin(np.random.default_rng(9), correction)
+    twin.add([True, False])
+    columns: Int = np.arange(3)
+    for innovation, noise in ((np.nan, 1.0), (1.0, -1e3), (1.0, np.nan)):
+        with pytest.raises(ValueError, match=r"^observation: no update exists; make every value finite[^\n]*$"):
+            twin.slam.map.correct_linear(columns, np.ones((1, 3)), np.array([innovation]), np.array([[noise]]))
+        twin.check()

@@ -1,0 +1,387 @@
+"""What online filters refuse at their boundary: one line that says what, where and what to do; nothing changes."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from random_recordings import random_covariances
+
+from slamgauge.arrays import Float, Int
+from slamgauge.ekf import AssociatingFilter, Association, BearingFilter, CompressedFilter, OnlineFilter, SlamFilter
+from slamgauge.ekf.kernels.corrections import update_standard
+from slamgauge.ekf.kernels.models import RANGE_BEARING
+from slamgauge.ekf.kernels.prediction import is_semidefinite
+from slamgauge.ekf.kernels.joint_update import are_sound
+from slamgauge.ekf.maps.correction_table import Rule
+from slamgauge.errors import UserError
+from slamgauge.recording import Observations, Recording
+from slamgauge.validation import as_covariances
+
+START = (np.array([0.1, 0.2, 0.3]), 1e-4 * np.eye(3))
+JCBB = Association("jcbb")
+FILTERS: dict[str, Callable[[], OnlineFilter]] = {
+    "SlamFilter": lambda: SlamFilter("range-bearing", *START),
+    "CompressedFilter": lambda: CompressedFilter("range-bearing", *START, area_radius=5.0),
+    "nearest neighbour": lambda: AssociatingFilter("range-bearing", *START),
+    "jcbb": lambda: AssociatingFilter("range-bearing", *START, association=JCBB),
+    "BearingFilter": lambda: BearingFilter(*START),
+    "BearingFilter without ids": lambda: BearingFilter(*START, association=JCBB),
+}
+EVERY = pytest.mark.parametrize("kind", FILTERS)
+LINE = r"^[^\n]*[:;] [^\n]*$"
+
+
+def scan(kind: str, count: int = 3, first: int = 0) -> Observations:
+    """Observations of landmarks about the robot."""
+    ids = np.arange(first, first + count)
+    values: Float = np.column_stack([3.0 + ids, -1.0 + 0.7 * ids]).astype(np.float64)
+    covs = np.tile(np.diag([0.1, 0.05]) ** 2, (count, 1, 1))
+    if kind.startswith("Bearing"):
+        values, covs = values[:, 1:], covs[:, 1:, 1:]
+    return Observations(ids, values, covs)
+
+
+def started(kind: str) -> OnlineFilter:
+    """A filter on its way, with landmarks, some of which it has just seen."""
+    slam = FILTERS[kind]()
+    for _ in range(3):
+        slam.update(scan(kind))
+        slam.predict([0.1, 0.0, 0.01], np.diag([1e-4, 0.0, 1e-6]))
+    slam.update(scan(kind, count=2))
+    return slam
+
+
+def belief_of(slam: OnlineFilter) -> list[Float | Int]:
+    return [slam.pose, slam.pose_cov, slam.landmark_ids, slam.landmarks, slam.landmark_covs, slam.associated]
+
+
+def assert_refused(kind: str, act: Callable[[OnlineFilter], object], match: str) -> None:
+    slam = started(kind)
+    before = belief_of(slam)
+    with warnings.catch_warnings(), pytest.raises(UserError, match=match) as refusal:
+        warnings.simplefilter("error")
+        act(slam)
+    assert "\n" not in str(refusal.value)
+    for now, then in zip(belief_of(slam), before, strict=True):
+        np.testing.assert_array_equal(now, then)
+
+
+# --- increments ----------------------------------------------------------------------------------
+
+
+@EVERY
+@pytest.mark.parametrize(
+    ("increment", "cov", "match"),
+    [
+        (
+            [1.0, 0.2],
+            np.eye(2),
+            r"^increment: shape \(2,\) .*of controls \(v, omega\) over dt .*\(v dt, 0, omega dt\)$",
+        ),
+        (np.ones((2, 1)), np.eye(2), r"^increment: shape \(2, 1\) .*\(v dt, 0, omega dt\)$"),
+        (1.0, np.eye(3), r"^increment: shape \(\) does not fit; give an increment"),
+        ([[1.0, 0.0, 0.0]], np.eye(3), r"^increment: shape \(1, 3\) does not fit; give an increment"),
+        (["a", "b", "c"], np.eye(3), r"^increment: not an array of numbers; give"),
+        ([1.0, 0.0, 0.0], [0.1, 0.1, 0.1], r"^increment_cov: shape \(3,\) does not fit; give shape \(3, 3\)"),
+        ([1.0, 0.0, 0.0], 0.1, r"^increment_cov: shape \(\) does not fit; give shape \(3, 3\)"),
+        ([1.0, np.nan, 0.0], np.eye(3), r"^increment = \[.*nan.*\]: every number must be finite$"),
+        ([1.0, 0.0, 0.0], np.diag([1.0, np.inf, 1.0]), r"^increment_cov = .*: every number must be finite$"),
+        ([1.0, 0.0, 0.0], -np.eye(3), r"^increment_cov = .*: a covariance must not have a negative variance$"),
+        ([1.0, 0.0, 0.0], np.ones((3, 3)) - 0.5 * np.eye(3), r"^increment_cov = .*: .*negative eigenvalue$"),
+        ([1.0, 0.0, 0.0], np.eye(3) + np.eye(3, k=1) / 2, r"^increment_cov = .*: a covariance must be symmetric"),
+    ],
+)
+def test_increments_that_are_none(kind: str, increment: object, cov: object, match: str) -> None:
+    assert_refused(kind, lambda slam: slam.predict(increment, cov), match)  # pyright: ignore[reportArgumentType]
+
+
+# of every kind numpy can make of what people give; each stands for an increment (3,), a covariance, values or ids
+NO_NUMBERS: dict[str, object] = {
+    "letters": np.array(["a", "b", "c"]),
+    "digits": np.array(["1", "2", "3"]),
+    "list of letters": ["a", "b", "c"],
+    "complex": np.array([1.0 + 2.0j, 0.0, 0.0]),
+    "list of complex": [1.0 + 2.0j, 0.0, 0.0],
+    "ragged": [[1.0, 2.0], [3.0]],
+    "dates": np.array(["2020-01-01"] * 3, dtype="datetime64[s]"),
+    "scalar": 1.0,
+    "none": None,
+    "objects": np.array([1.0, None, "c"], dtype=object),
+    "a table": {"x": 1.0},
+}
+
+
+@EVERY
+@pytest.mark.parametrize("given", NO_NUMBERS.values(), ids=NO_NUMBERS)
+def test_increments_that_are_no_numbers(kind: str, given: object) -> None:
+    refusal = r"^increment: (not an array of numbers|shape \(\) does not fit); give an increment \(dx, dy, dtheta\)"
+    assert_refused(kind, lambda slam: slam.predict(given, np.eye(3)), refusal)  # pyright: ignore[reportArgumentType]
+    square = np.tile(given, (3, 1)) if isinstance(given, np.ndarray) else given
+    refusal = r"^increment_cov: (not an array of numbers|shape \(\) does not fit); give shape \(3, 3\)"
+    assert_refused(kind, lambda slam: slam.predict(np.zeros(3), square), refusal)  # pyright: ignore[reportArgumentType]
+
+
+def spoiled(rng: np.random.Generator, dim: int) -> Float:
+    """A matrix that is a covariance but for rounding, a variance that is zero, or an entry that should not be there."""
+    root = rng.normal(size=(dim, int(rng.integers(1, dim + 1)))) * 10 ** rng.uniform(-6, 3, (dim, 1))
+    root[rng.random(dim) < 0.3] = 0.0
+    P, noise = root @ root.T, rng.normal(size=(dim, dim)) * 10 ** rng.uniform(-14, -3)
+    noise += noise.T if rng.random() < 0.7 else 0.0
+    scale = np.sqrt(np.outer(np.diag(P), np.diag(P))) if rng.random() < 0.5 else 1.0
+    return P + noise * scale * (rng.random((dim, dim)) < 0.5)
+
+
+def is_taken(P: Float, *, definite: bool) -> bool:
+    try:
+        as_covariances("P", P[None], (1, *P.shape), definite=definite)
+    except UserError:
+        return False
+    return True
+
+
+def test_covariances_that_a_recording_may_have_are_taken() -> None:
+    """The kernels refuse none that `validation` lets pass, and of those that it refuses by far the most."""
+    rng, taken, refused = np.random.default_rng(0), 0, 0
+    for _ in range(5000):
+        Q, R = spoiled(rng, 3), spoiled(rng, 2)
+        good = is_taken(Q, definite=False)
+        assert is_semidefinite(Q) or not good
+        assert are_sound(RANGE_BEARING, np.ones((1, 2)), R[None]) or not is_taken(R, definite=True)
+        taken, refused = taken + good, refused + (not good and not is_semidefinite(Q))
+    assert taken > 1000
+    assert refused > 1000
+    assert taken + refused > 4500
+
+
+@EVERY
+def test_an_entry_beside_a_zero_variance_is_judged_as_by_a_recording(kind: str) -> None:
+    Q = np.diag([0.01, 0.0, 1e-4])
+    Q[1, 2] = Q[2, 1] = 1e-8
+    odometry = np.array([[0.1, 0.0, 0.01]])
+    empty = np.zeros(0, dtype=np.int64)
+    recording = Recording(
+        np.arange(2.0), *START, odometry, Q[None], "position", empty, np.zeros((0, 2)), np.zeros((0, 2, 2)), empty
+    )
+    started(kind).predict(recording.odometry[0], recording.odometry_cov[0])
+
+
+def test_covariances_that_are_clearly_none_are_told_from_those_that_are() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(1000):
+        Q = random_covariances(rng, 1, 10 ** rng.uniform(-4, 1, 3))[0]
+        assert is_semidefinite(Q)
+        values, vectors = np.linalg.eigh(Q)
+        assert not is_semidefinite(vectors @ np.diag([*values[:2], -values[2]]) @ vectors.T)
+
+
+# --- observations --------------------------------------------------------------------------------
+
+
+@EVERY
+@pytest.mark.parametrize("mapped", [True, False], ids=["mapped", "new"])
+@pytest.mark.parametrize(
+    "break_it", ["nan", "range", "variance", "asymmetric", "one value", "one cov", "width", "flat"]
+)
+def test_observations_that_are_none(kind: str, mapped: bool, break_it: str) -> None:
+    bearing = kind.startswith("Bearing")
+    if bearing and break_it in ("range", "asymmetric"):
+        return
+    ids, values, covs = scan(kind, first=0 if mapped else 10)
+    if break_it == "nan":
+        values[1, 0] = np.nan
+    elif break_it == "range":
+        values[1, 0] = -2.0
+    elif break_it == "variance":
+        covs[1, 0, 0] = -1.0
+    elif break_it == "asymmetric":
+        covs[1, 0, 1] = 1e-4
+    broken = {
+        "one value": Observations(ids, values[:1], covs),
+        "one cov": Observations(ids, values, covs[:1]),
+        "width": Observations(ids, np.repeat(values, 2, axis=1) if bearing else values[:, :1], covs),
+        "flat": Observations(ids, values[:, 0], covs[:, 0, 0]),
+    }.get(break_it, Observations(ids, values, covs))
+    match = {
+        "nan": r"^observation\[1\] = .*nan.*: every number must be finite$",
+        "range": r"^observation\[1\] = .*: a range cannot be negative; drop the row$",
+        "variance": r"^observation_cov\[1\] = .*: a covariance must not have a negative variance$",
+        "asymmetric": r"^observation_cov\[1\] = .*: a covariance must be symmetric; use \(P \+ P.T\) / 2$",
+    }.get(
+        break_it, r"^(observation|observation_cov|landmark): [^;]*does not fit [^;]*; give shape|^landmark: 3 ids for 1"
+    )
+    assert_refused(kind, lambda slam: slam.update(broken), match)
+
+
+@EVERY
+@pytest.mark.parametrize("given", NO_NUMBERS.values(), ids=NO_NUMBERS)
+def test_observations_that_are_no_numbers(kind: str, given: object) -> None:
+    ids, values, covs = scan(kind)
+    dim = values.shape[1]
+    rows = np.tile(given, (dim, 1)).T if isinstance(given, np.ndarray) else given
+    refusal = r"^observation: (not an array of numbers; give|shape \(\) does not fit this sensor; give) shape"
+    broken = Observations(ids, rows, covs)  # pyright: ignore[reportArgumentType]
+    assert_refused(kind, lambda slam: slam.update(broken), refusal)
+    squares = np.tile(given, (dim, dim, 1)).T if isinstance(given, np.ndarray) else given
+    refusal = r"^observation_cov: (not an array of numbers|shape \(\) does not fit 3 observations); give shape \(3, "
+    broken_covs = Observations(ids, values, squares)  # pyright: ignore[reportArgumentType]
+    assert_refused(kind, lambda slam: slam.update(broken_covs), refusal)
+
+
+@pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
+@pytest.mark.parametrize("given", [*NO_NUMBERS.values(), 7], ids=[*NO_NUMBERS, "one"])
+def test_ids_that_are_no_numbers(kind: str, given: object) -> None:
+    broken = scan(kind)._replace(landmark=given)  # pyright: ignore[reportArgumentType]
+    refusal = r"^landmark: (not an array of numbers|shape \(\) does not fit|this filter needs known association); give"
+    assert_refused(kind, lambda slam: slam.update(broken), refusal)
+
+
+@EVERY
+@pytest.mark.parametrize("given", [None, 3, [[1.0, 2.0]], (np.arange(3), np.zeros((3, 2)))], ids=str)
+def test_what_is_no_scan(kind: str, given: object) -> None:
+    refusal = r"^observations: a \w+ is not a scan; give slamgauge.Observations\(landmark, value, cov\)$"
+    assert_refused(kind, lambda slam: slam.update(given), refusal)  # pyright: ignore[reportArgumentType]
+
+
+@EVERY
+@pytest.mark.parametrize("empty", [[], np.zeros(0), ()], ids=["list", "array", "tuple"])
+def test_empty_lists_are_no_observations(kind: str, empty: object) -> None:
+    slam = started(kind)
+    before = belief_of(slam)
+    assert slam.update(Observations(empty, empty, empty)) == (0.0, 0)  # pyright: ignore[reportArgumentType]
+    for now, then in zip(belief_of(slam)[:-1], before[:-1], strict=True):
+        np.testing.assert_array_equal(now, then)
+    assert len(slam.associated) == 0
+
+
+def test_a_refused_scan_does_not_end_the_account_of_an_area() -> None:
+    """A compressed filter settles its account when it leaves an area: not for a scan that it refuses."""
+    slam = CompressedFilter("position", *START, area_radius=0.3)
+    slam.update(Observations(np.arange(1), np.ones((1, 2)), np.eye(2)[None]))
+    slam.predict([0.2, 0.0, 0.1], 1e-4 * np.eye(3))
+    before = {key: np.copy(value) for key, value in vars(slam).items() if isinstance(value, np.ndarray)}
+    good = Observations(np.arange(2), np.ones((2, 2)), np.tile(np.eye(2), (2, 1, 1)))
+    broken = [good._replace(landmark=np.array([0, -1])), good._replace(cov=-good.cov), good._replace(value=good.cov)]
+    for each in broken:
+        with pytest.raises(UserError):
+            slam.update(each)
+    with pytest.raises(UserError):
+        slam.update(good, gate=-1.0)
+    for key, value in before.items():
+        np.testing.assert_array_equal(getattr(slam, key), value)
+    slam.update(good)
+    assert not np.array_equal(before["_entry"], vars(slam)["_entry"])
+
+
+@pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
+@pytest.mark.parametrize(
+    ("ids", "match"),
+    [
+        (None, r"^landmark: this filter needs known association; give the ids"),
+        ([0, 1], r"^landmark: 2 ids for 3 observations; give one for each$"),
+        ([0, 1, 2, 3], r"^landmark: 4 ids for 3 observations; give one for each$"),
+        ([0.0, 1.5, 2.0], r"^landmark\[1\] = 1.5: every entry must be a whole number"),
+        ([0, 1, -1], r"^landmark\[2\] = -1: an id must be >= 0"),
+        ([[0], [1], [2]], r"^landmark: shape \(3, 1\) does not fit; give shape \(any,\)$"),
+    ],
+)
+def test_ids_that_are_none(kind: str, ids: list[float] | None, match: str) -> None:
+    given = None if ids is None else np.array(ids)
+    assert_refused(kind, lambda slam: slam.update(scan(kind)._replace(landmark=given)), match)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
+def test_lists_and_whole_numbers_of_any_type_are_taken(kind: str) -> None:
+    arrays, lists = started(kind), started(kind)
+    ids, (_, values, covs) = np.arange(3), scan(kind)
+    arrays.update(Observations(ids, values, covs))
+    lists.update(Observations(ids.astype(float).tolist(), values.tolist(), covs.tolist()))  # pyright: ignore[reportArgumentType]
+    for one, other in zip(belief_of(arrays), belief_of(lists), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+# --- rules of one's own --------------------------------------------------------------------------
+
+
+def test_a_rule_of_ones_own_is_used_or_refused_but_never_ignored() -> None:
+    calls: list[int] = []
+
+    def counted(*arguments: object) -> tuple[float, int]:
+        calls.append(1)
+        return update_standard(*arguments)  # pyright: ignore[reportArgumentType]
+
+    own = Rule(counted)
+    with pytest.raises(ValueError, match=r"^correction: this rule cannot correct observation by observation; [^\n]*$"):
+        AssociatingFilter("range-bearing", *START, own)
+    for slam in (
+        SlamFilter("range-bearing", *START, own),
+        AssociatingFilter("range-bearing", *START, own, JCBB),
+    ):
+        before = len(calls)
+        for _ in range(3):
+            slam.update(scan("SlamFilter"))
+        assert len(calls) == before + 2
+
+
+# --- outliers ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter"])
+def test_observations_beyond_the_gate_are_left_out(kind: str) -> None:
+    """As if they had not been made; new landmarks are mapped, and `associated` tells which were left out."""
+    gated, told = started(kind), started(kind)
+    assert isinstance(gated, (SlamFilter, CompressedFilter))
+    ids, (_, values, covs) = np.arange(5), scan(kind, count=5)  # two are new
+    values[:3] += [[0.0, 0.0], [2.0, 0.0], [0.0, 0.01]]
+    kept = np.array([0, 2, 3, 4])
+    result = gated.update(Observations(ids, values, covs), gate=20.0)
+    assert result == told.update(Observations(ids[kept], values[kept], covs[kept]))
+    assert gated.associated.tolist() == [0, -1, 2, 3, 4]
+    for one, other in zip(belief_of(gated)[:-1], belief_of(told)[:-1], strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_bearings_of_points_beyond_the_gate_are_left_out() -> None:
+    gated, told = (BearingFilter(np.zeros(3), np.zeros((3, 3))) for _ in range(2))
+    landmarks = np.array([[3.0, 3.0], [2.0, -4.5], [4.0, 2.0]])
+    bearings = np.zeros((3, 1))
+    for k in range(40):
+        offset = landmarks - [0.1 * k, 0.0]
+        bearings = np.arctan2(offset[:, 1], offset[:, 0])[:, None]
+        for slam in (gated, told):
+            if k:
+                slam.predict([0.1, 0.0, 0.0], np.diag([1e-6, 1e-6, 1e-8]))
+            slam.update(Observations(np.arange(3), bearings, np.full((3, 1, 1), 1e-4)))
+    assert not gated.provisional
+    bearings[1] += 0.3
+    ids, covs = np.array([0, 1, 9]), np.full((3, 1, 1), 1e-4)
+    assert gated.update(Observations(ids, bearings, covs), gate=9.0) == told.update(
+        Observations(ids[[0, 2]], bearings[[0, 2]], covs[:2])
+    )
+    assert gated.associated.tolist() == [0, -1, 9]
+    np.testing.assert_array_equal(gated.pose, told.pose)
+    np.testing.assert_array_equal(gated.cov, told.cov)
+
+
+@pytest.mark.parametrize("kind", ["SlamFilter", "CompressedFilter", "BearingFilter"])
+@pytest.mark.parametrize("gate", [0.0, -1.0, np.nan, np.inf, "9", [9.0], True], ids=str)
+def test_gates_that_are_none(kind: str, gate: object) -> None:
+    def act(slam: OnlineFilter) -> None:
+        assert isinstance(slam, (SlamFilter, CompressedFilter, BearingFilter))
+        slam.update(scan(kind), gate=gate)  # pyright: ignore[reportArgumentType]
+
+    assert_refused(kind, act, r"^gate: \S+ (lets nothing pass|is not a finite number); choose it above 0$")
+    with pytest.raises(UserError) as refusal:
+        Association(gate=gate)  # pyright: ignore[reportArgumentType]
+    assert_refused(kind, act, f"^{re.escape(str(refusal.value))}$")  # one rule
+
+
+def test_a_wide_gate_changes_nothing() -> None:
+    gated, free = started("SlamFilter"), started("SlamFilter")
+    assert isinstance(gated, SlamFilter)
+    assert gated.update(scan("SlamFilter"), gate=1e50) == free.update(scan("SlamFilter"))
+    for one, other in zip(belief_of(gated), belief_of(free), strict=True):
+        np.testing.assert_array_equal(one, other)

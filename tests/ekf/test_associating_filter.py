@@ -1,0 +1,273 @@
+"""Association against the textbook: the nearest neighbour, what filters make of pairs, and the rules of a scan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from random_recordings import random_recording
+from scipy.stats import chi2
+from textbook_association import (
+    Kind,
+    textbook_nearest_neighbour,
+)
+
+from slamgauge.arrays import Int
+from slamgauge.compare.scenarios.scenario import load_scenario
+from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.ekf import ekf, fej_ekf, iekf, oc_ekf, riekf
+from slamgauge.ekf.associating_filter import AssociatingFilter
+from slamgauge.ekf.estimators import drive
+from slamgauge.ekf.kernels.individual_compatibility import NONE
+from slamgauge.ekf.maps.correction_table import BLOCK
+from slamgauge.ekf.settings.association import Association, MapManagement
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Observations, Recording
+
+Estimator = Callable[[Recording, Association], Estimate]
+SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+FILTERS = pytest.mark.parametrize("estimator", [ekf, fej_ekf, oc_ekf, iekf, riekf])
+TWINS = pytest.mark.parametrize(
+    ("estimator", "kind"),
+    [(ekf, "standard"), (fej_ekf, "first-estimates"), (oc_ekf, "observable"), (iekf, "iterated"), (riekf, "invariant")],
+    ids=["ekf", "fej-ekf", "oc-ekf", "iekf", "riekf"],
+)
+GATES = pytest.mark.parametrize("gate", [1.0, 9.0, 100.0])
+MANAGED = Association("jcbb", map_management=MapManagement())
+
+
+def nameless(seed: int, sensor: str, **options: float) -> Recording:
+    _, recording = random_recording(seed, sensor=sensor, **options)  # pyright: ignore[reportArgumentType]
+    return replace(recording, landmark=None)
+
+
+def ids_of(estimate: Estimate) -> Int:
+    assert estimate.association is not None
+    return estimate.association
+
+
+def assert_same(actual: Estimate, expected: Estimate) -> None:
+    """Associations exactly, the rest to rounding."""
+    np.testing.assert_array_equal(ids_of(actual), ids_of(expected))
+    for name in ("landmark_ids", "poses", "pose_covs", "landmarks", "landmark_covs", "nis", "nis_dof"):
+        np.testing.assert_allclose(getattr(actual, name), getattr(expected, name), rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+# --- nearest neighbour ---------------------------------------------------------------------------
+
+
+@TWINS
+@SENSORS
+@GATES
+@pytest.mark.parametrize("seed", range(2))
+def test_nearest_neighbour_is_the_practicals(
+    estimator: Estimator, kind: Kind, sensor: str, gate: float, seed: int
+) -> None:
+    recording = nameless(seed, sensor, steps=20, landmarks=8)
+    assert_same(estimator(recording, Association(gate=gate)), textbook_nearest_neighbour(recording, gate, kind))
+
+
+@TWINS
+@SENSORS
+def test_nearest_neighbour_is_the_practicals_in_scans_of_many_from_a_badly_known_start(
+    estimator: Estimator, kind: Kind, sensor: str
+) -> None:
+    """More observations than the covariance takes in at a time, and corrections that move the map far in between."""
+    _, recording = random_recording(5, sensor=sensor, steps=5, landmarks=50, prior_sigmas=(0.5, 0.5, 0.3))
+    recording = replace(recording, landmark=None, odometry_cov=10 * recording.odometry_cov)
+    assert np.bincount(recording.observation_step).min() > BLOCK
+    assert_same(estimator(recording, Association()), textbook_nearest_neighbour(recording, 9.0, kind))
+
+
+@TWINS
+@GATES
+def test_nearest_neighbour_is_the_practicals_on_the_long_loop(estimator: Estimator, kind: Kind, gate: float) -> None:
+    scenario = load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=30"])
+    recording = replace(simulate(scenario, 0)[1], landmark=None)
+    if not (kind == "standard" and gate == 100.0):  # one goes all the way, the others save time
+        recording = recording.first(30 if gate > 1.0 else 20)
+    assert_same(estimator(recording, Association(gate=gate)), textbook_nearest_neighbour(recording, gate, kind))
+
+
+# --- filters -------------------------------------------------------------------------------------
+
+
+def easy(seed: int, sensor: str) -> tuple[Recording, Int]:
+    """Little noise and landmarks apart; with the true ids, counted in the order of birth."""
+    truth, recording = random_recording(seed, sensor=sensor, steps=40, landmarks=7, noise=0.2)
+    assert truth.association is not None
+    _, first, inverse = np.unique(truth.association, return_index=True, return_inverse=True)
+    return replace(recording, landmark=None), np.argsort(np.argsort(first))[inverse]
+
+
+@FILTERS
+@SENSORS
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_joint_association_that_makes_no_mistake_is_known_association(
+    estimator: Estimator, sensor: str, seed: int
+) -> None:
+    recording, born = easy(seed, sensor)
+    estimate = estimator(recording, Association("jcbb", gate=16.0))
+    assert_same(estimate, estimator(replace(recording, landmark=born), Association()))
+
+
+@FILTERS
+@SENSORS
+def test_jointly_or_by_nearest_neighbour_is_the_same_where_scans_have_one_observation(
+    estimator: Estimator, sensor: str
+) -> None:
+    recording = nameless(3, sensor, steps=60)
+    recording = recording.only(np.diff(recording.observation_step, prepend=-1) > 0)
+    nearest = estimator(recording, Association())
+    assert_same(estimator(recording, Association("jcbb")), nearest)
+    assert 6 <= len(np.unique(ids_of(nearest))) < 40
+
+
+@FILTERS
+@SENSORS
+@pytest.mark.parametrize("seed", range(3))
+def test_managed_maps_are_sound(estimator: Estimator, sensor: str, seed: int) -> None:
+    recording = nameless(seed, sensor, steps=60, prior_sigmas=(0.5, 0.5, 0.3))  # pyright: ignore[reportArgumentType]
+    clutter = np.random.default_rng(seed).random(len(recording.observation)) < 0.05
+    recording = replace(recording, observation=recording.observation + 3.0 * clutter[:, None] * [1, 0])
+    estimate = estimator(recording, MANAGED)
+    ids = ids_of(estimate)
+    assert estimate.landmark_ids is not None
+    assert estimate.landmark_covs is not None
+    assert estimate.pose_covs is not None
+    for covs in (estimate.pose_covs, estimate.landmark_covs):
+        np.testing.assert_array_equal(covs, covs.swapaxes(1, 2))
+        eigenvalues = np.linalg.eigvalsh(covs)
+        assert (eigenvalues[:, 0] > -1e-14 * eigenvalues[:, -1]).all()
+    assert set(ids.tolist()) - {NONE} <= set(estimate.landmark_ids.tolist())
+    assert 0.5 < np.mean(ids != NONE) < 1.0
+    named = ids != NONE
+    scans = np.column_stack([recording.observation_step, ids])[named]
+    assert len(np.unique(scans, axis=0)) == len(scans)  # one to one, whatever was merged later
+
+
+@FILTERS
+@SENSORS
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_a_managed_map_of_an_easy_world_is_that_world(estimator: Estimator, sensor: str, seed: int) -> None:
+    recording, born = easy(seed, sensor)
+    estimate = estimator(recording, MANAGED)
+    ids = ids_of(estimate)
+    pairs = np.unique(np.column_stack([ids, born])[ids != NONE], axis=0)
+    assert len(np.unique(pairs[:, 0])) == len(np.unique(pairs[:, 1])) == len(pairs) == 7
+    assert np.mean(ids != NONE) > 0.8  # the others were still on probation, or of a track that failed it
+
+
+# --- ids and slots -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("association", [Association(), MANAGED], ids=["nearest-neighbour", "jcbb"])
+@FILTERS
+def test_ids_are_never_looked_at_and_runs_repeat(estimator: Estimator, association: Association) -> None:
+    _, recording = random_recording(4, steps=40)
+    assert recording.landmark is not None
+    mixed = replace(recording, landmark=np.random.default_rng(4).permutation(recording.landmark))
+    first, *others = (estimator(replace(r, landmark=None), association) for r in (recording, mixed, recording))
+    for other in others:
+        for name in ("association", "poses", "pose_covs", "landmark_ids", "landmarks", "landmark_covs", "nis"):
+            np.testing.assert_array_equal(getattr(other, name), getattr(first, name))
+
+    named = AssociatingFilter(recording.sensor, recording.prior_mean, recording.prior_cov, "standard", association)
+    for _ in drive(named, mixed):
+        pass
+    np.testing.assert_array_equal(named.landmarks, ekf(replace(recording, landmark=None), association).landmarks)
+
+
+@pytest.mark.parametrize("association", [Association(), Association("jcbb"), MANAGED], ids=["nn", "jcbb", "managed"])
+def test_the_online_filter_tells_what_each_observation_was_given_and_what_became_of_it(
+    association: Association,
+) -> None:
+    recording = nameless(2, "range-bearing", steps=60)
+    slam = AssociatingFilter(recording.sensor, recording.prior_mean, recording.prior_cov, association=association)
+    given: list[Int] = []
+    for _, scan in zip(drive(slam, recording), recording.scans(), strict=True):
+        given.append(slam.associated)
+        assert len(slam.associated) == len(scan.value)
+        assert np.isin(slam.standing(np.concatenate(given)), [*slam.landmark_ids.tolist(), NONE]).all()
+    slam.predict(np.zeros(3), np.zeros((3, 3)))
+    assert len(slam.associated) == 0
+    estimate = ekf(recording, association)
+    np.testing.assert_array_equal(slam.standing(np.concatenate(given)), ids_of(estimate))
+    np.testing.assert_array_equal(slam.landmark_ids, estimate.landmark_ids)
+    if association.map_management is None:  # every id stands, and all tracks are landmarks
+        np.testing.assert_array_equal(np.concatenate(given), ids_of(estimate))
+        np.testing.assert_array_equal(slam.landmark_ids, np.arange(len(slam.landmarks)))
+
+
+# --- rules of a scan -----------------------------------------------------------------------------
+
+NOISE = 0.01 * np.eye(2)
+
+
+def before_landmarks(places: list[list[float]], association: Association, spread: float = 0.0) -> AssociatingFilter:
+    """A filter at the origin that has seen landmarks six times, and then hardly knows how it was shifted."""
+    slam = AssociatingFilter("position", np.zeros(3), np.zeros((3, 3)), association=association)
+    for _ in range(6):
+        assert (look(slam, places) >= 0).all()
+    slam.predict(np.zeros(3), np.diag([spread, spread, 0.0]) ** 2)
+    return slam
+
+
+def look(slam: AssociatingFilter, places: list[list[float]]) -> Int:
+    slam.update(Observations(None, np.array(places), np.tile(NOISE, (len(places), 1, 1))))
+    return slam.associated
+
+
+@pytest.mark.parametrize("gate", [4.0, 9.0, 25.0, 100.0])
+def test_k_pairs_are_held_together_to_the_quantile_of_the_gates_probability(gate: float) -> None:
+    """The robot may be far off, but two landmarks cannot be shifted apart: joint d^2 is that of the difference."""
+    bound = chi2.isf(chi2.sf(gate, 2), 4)
+    for factor, new in ((0.999, 0), (1.001, 1)):
+        slam = before_landmarks([[2.0, 0.0], [0.0, 2.0]], Association("jcbb", gate), spread=100.0)
+        apart = float(np.sqrt(factor * bound * 2 * (0.01 + 0.01 / 6)))  # variance of the difference
+        assert np.sum(look(slam, [[2.0 + apart / 2, 0.0], [0.0 - apart / 2, 2.0]]) == 2) == new
+
+
+@pytest.mark.parametrize("method", ["nearest-neighbour", "jcbb"])
+def test_an_outlier_of_a_landmark_not_seen_otherwise_starts_no_track(method: str) -> None:
+    association = Association("jcbb" if method == "jcbb" else "nearest-neighbour", map_management=MapManagement())
+    variance = 0.01 + 0.01 / 6
+    for squared, free, alone in ((8.9, 0, 0), (9.1, NONE, 1), (27.5, NONE, 1), (27.7, 1, 1)):
+        sight = [2.0 + np.sqrt(squared * variance), 0.0]
+        slam = before_landmarks([[2.0, 0.0]], association)
+        assert look(slam, [sight]).tolist() == [free]
+        taken = before_landmarks([[2.0, 0.0]], association)
+        if squared > 9.0:
+            assert look(taken, [[2.0, 0.0], sight]).tolist()[1] == alone
+
+
+@pytest.mark.parametrize("gate", [9.0, 30.0])
+def test_an_ambiguous_observation_neither_corrects_nor_maps(gate: float) -> None:
+    association = Association("jcbb", gate, MapManagement())
+    slam = before_landmarks([[2.0, 0.0], [2.4, 0.0], [0.0, 5.0]], association, spread=0.15)
+    before = slam.pose, slam.pose_cov, slam.landmarks
+    assert look(slam, [[2.0, 0.0]]).tolist() == [NONE]
+    for actual, expected in zip((slam.pose, slam.pose_cov, slam.landmarks), before, strict=True):
+        np.testing.assert_array_equal(actual, expected)
+    assert look(slam, [[2.0, 0.0], [0.0, 5.0]]).tolist() == [0, 2]  # the other landmark tells the shift
+
+
+@pytest.mark.parametrize(
+    "association",
+    [
+        pytest.param(Association(), id="nn"),
+        pytest.param(Association("jcbb"), id="jcbb"),
+        pytest.param(MANAGED, id="managed"),
+    ],
+)
+@pytest.mark.parametrize("broken", ["value", "cov"])
+def test_bad_numbers_are_refused_and_leave_the_filter_as_it_was(association: Association, broken: str) -> None:
+    slam = before_landmarks([[2.0, 0.0]], association)
+    before = slam.pose, slam.pose_cov, slam.landmarks
+    value, cov = np.array([[np.nan if broken == "value" else 5.0, 0.0]]), -NOISE if broken == "cov" else NOISE
+    with pytest.raises(ValueError, match="a negative variance" if broken == "cov" else "must be finite"):
+        slam.update(Observations(None, value, cov[None]))
+    for actual, expected in zip((slam.pose, slam.pose_cov, slam.landmarks), before, strict=True):
+        np.testing.assert_array_equal(actual, expected)

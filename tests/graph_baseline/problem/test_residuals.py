@@ -1,0 +1,115 @@
+"""The compiled models: angles and logarithms at the ends of their series, residuals and gradients by differences."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from jacobians import assert_jacobian
+from numba import njit
+from random_recordings import random_recording
+
+from slamgauge.arrays import Float
+from slamgauge.graph_baseline.problem import linearisation, residuals
+from slamgauge.graph_baseline.problem.residuals import SENSORS, Measured, Sight, measured_of
+from slamgauge.se2 import between
+
+SMALL = [0.0, 1e-300, 1e-9, 1e-3, 0.0499, 0.0501]
+ANGLES = [*SMALL, 0.7, 1.6, 3.0, math.pi]
+
+
+@njit
+def angle_of(along: float, across: float) -> float:
+    return residuals.angle_of(along, across)
+
+
+@njit
+def log_se2(x: float, y: float, t: float) -> tuple[float, float]:
+    return residuals.log_se2(x, y, t)
+
+
+@njit
+def right_jacobian(x: float, y: float, t: float) -> tuple[float, float, float, float]:
+    return residuals.right_jacobian(x, y, t)
+
+
+@njit
+def observe(
+    sensor: int, sight: Sight, turn: tuple[float, float], ex: float, ey: float
+) -> tuple[float, float, float, float, float, float]:
+    return residuals.observe(sensor, sight, turn, ex, ey)
+
+
+@njit
+def sight_of(measured: Measured, row: int) -> Sight:
+    return residuals.sight_of(measured, row)
+
+
+@njit
+def step_residual(start: Float, motion: Float, motion_turn: Float, end: Float) -> tuple[float, float, float]:
+    return residuals.step_residual(start, residuals.facing(start), motion, motion_turn, end)
+
+
+@pytest.mark.parametrize("angle", [*ANGLES, *(-angle for angle in ANGLES)])
+@pytest.mark.parametrize("length", [1e-3, 1.0, 1e6])
+def test_angle_of_a_vector(angle: float, length: float) -> None:
+    along, across = length * math.cos(angle), length * math.sin(angle)
+    assert angle_of(along, across) == pytest.approx(math.atan2(across, along), rel=4e-16, abs=0)
+
+
+@pytest.mark.parametrize("turn", [2.0 * angle for angle in SMALL] + [0.0099, 0.0101, 1.0, -2.0, 3.1])
+def test_logarithm_and_right_jacobian_are_those_of_the_linear_model(turn: float) -> None:
+    expected = linearisation.log_se2(np.array([[0.3, -0.1, turn]]))[0, :2]
+    np.testing.assert_allclose(log_se2(0.3, -0.1, turn), expected, rtol=0, atol=2e-16)
+    a, b, c, d = right_jacobian(0.3, -0.1, turn)
+    expected = linearisation.right_jacobian(np.array([[0.3, -0.1, turn]]))[0]
+    np.testing.assert_allclose(
+        [[a, b, c], [-b, a, d], [0, 0, 1]], expected, rtol=0, atol=3e-15 if abs(turn) < 1e-2 else 3e-14
+    )
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_a_recordings_steps_and_observations(sensor: str):
+    _, recording = random_recording(2, sensor="range-bearing" if sensor == "bearing" else sensor)
+    if sensor == "bearing":
+        bearings = {
+            "observation": recording.observation[:, 1:],
+            "observation_cov": recording.observation_cov[:, 1:, 1:],
+        }
+        recording = replace(recording, sensor=sensor, **bearings)
+    measured = measured_of(recording)
+    for row in range(3):
+        z, L = recording.observation[row], np.linalg.inv(measured.whitener[row])
+        bearing = 0.0 if sensor == "position" else z[-1]
+        np.testing.assert_allclose(L @ L.T, recording.observation_cov[row], rtol=1e-12, atol=1e-15)
+        sight = sight_of(measured, row)
+        assert sight[:4] == (z[0], z[-1], np.cos(bearing), np.sin(bearing))
+        assert sight[4:] == tuple(measured.whitener[row][[0, -1, -1], [0, 0, -1]])
+    poses = np.array([[1.0, -2.0, 3.0], [1.4, -1.9, -2.9]])
+    expected = linearisation.log_se2(between(recording.odometry[:1], between(poses[:1], poses[1:])))[0]
+    actual = step_residual(poses[0], measured.motion[1], measured.motion_turn[1], poses[1])
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=5e-15)
+
+
+@pytest.mark.parametrize("heading", [0.4, -2.9])
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_residual_of_an_observation_and_its_gradient(sensor: str, heading: float) -> None:
+    """The bearing that is measured is far from the true one, and near it."""
+    turn, root = (math.cos(heading), math.sin(heading)), np.array([[2.0, 0.0], [-0.7, 5.0]])
+    for bearing in (2.5, 0.62 - heading):
+        z = (1.5, -0.4) if sensor == "position" else (1.5, bearing) if sensor == "range-bearing" else (bearing, bearing)
+        sight = Sight(*z, math.cos(bearing), math.sin(bearing), root[0, 0], root[1, 0], root[1, 1])
+
+        def seen(e: Float, z: tuple[float, float] = z) -> Float:
+            c, s = turn
+            if sensor == "position":
+                return root @ [c * e[0] + s * e[1] - z[0], c * e[1] - s * e[0] - z[1]]
+            off = math.remainder(math.atan2(e[1], e[0]) - heading - z[1], 2 * math.pi)
+            return root @ [math.hypot(*e) - z[0], off] if sensor == "range-bearing" else np.array([root[0, 0] * off, 0])
+
+        at = np.array([1.2, 0.85])
+        r0, r1, a00, a01, a10, a11 = observe(SENSORS[sensor], sight, turn, *at)
+        np.testing.assert_allclose([r0, r1], seen(at), rtol=0, atol=5e-15)
+        assert_jacobian(seen, np.array([[a00, a01], [a10, a11]]), at)

@@ -1,0 +1,248 @@
+"""The linear problem cut into pieces is the linear problem: the same step, the same covariances.
+
+Differences are in standard deviations. Problems are small and their seeds fixed: the bars hold for each of them.
+"""
+
+from __future__ import annotations
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fields import lanes
+from random_recordings import random_recording
+
+from slamgauge.arrays import Float
+from slamgauge.errors import UserError
+from slamgauge.graph_baseline import batch
+from slamgauge.graph_baseline.solver import chain_partition, cost_estimate, smoother
+from slamgauge.graph_baseline.solver.motion_elimination import Chain, shorten
+from slamgauge.graph_baseline.solver.multifrontal import covariance_roots, dissected, factorised, minimise
+from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
+from slamgauge.graph_baseline.solver.chain_partition import plan
+from slamgauge.graph_baseline.solver.reduced_scans import NOT_DAMPED, Damping
+from slamgauge.graph_baseline.solver.smoother import Solution, damped_step, solve
+from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
+from slamgauge.recording import Recording
+from slamgauge.se2 import chain
+
+BAR = 1e-9  # of a standard deviation, and of a variance
+
+
+def model_of(recording: Recording) -> tuple[LinearModel, int]:
+    """Linearised at dead reckoning, landmarks drawn about it."""
+    assert recording.landmark is not None
+    ids, slot = np.unique(recording.landmark, return_inverse=True)
+    path = chain(recording.prior_mean, recording.odometry)
+    first = recording.observation_step[np.unique(slot, return_index=True)[1]]
+    places = path[first, :2] + np.random.default_rng(1).uniform(1.0, 2.0, (len(ids), 2))
+    return linearise(recording, slot, path, places), len(ids)
+
+
+def pieces_of(model: LinearModel, landmarks: int) -> int:
+    return len(plan(shorten(model), landmarks).pieces)
+
+
+@pytest.fixture
+def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pieces of a handful of landmarks, in small maps too."""
+    monkeypatch.setattr(chain_partition, "LANDMARKS", 5)
+    monkeypatch.setattr(chain_partition, "OVERHEAD", 0.0)
+    monkeypatch.setattr("slamgauge.graph_baseline.solver.multifrontal.MOVED", 0.0)
+
+
+def whole(monkeypatch: pytest.MonkeyPatch, model: LinearModel, landmarks: int, damping: Damping) -> Solution:
+    """Covariances without damping, and the step with it, in one piece."""
+    with monkeypatch.context() as patch:
+        patch.setattr(chain_partition, "LANDMARKS", landmarks)
+        assert pieces_of(model, landmarks) == 1
+        dx, dm = damped_step(model, landmarks, damping)
+        return solve(model, landmarks)._replace(dx=dx, dm=dm)
+
+
+def assert_same(found: Solution, expected: Solution) -> None:
+    sigmas = [np.sqrt(np.diagonal(covs, axis1=1, axis2=2)) for covs in expected[2:]]
+    for mine, other, sigma in zip(found[:2], expected[:2], sigmas, strict=True):
+        scale = np.where(sigma > 0.0, sigma, 1.0)
+        np.testing.assert_allclose((mine - other) / scale / max(1.0, np.abs(other / scale).max()), 0.0, atol=BAR)
+    for mine, other, sigma in zip(found[2:], expected[2:], sigmas, strict=True):
+        scale = np.where(sigma > 0.0, sigma, 1.0)
+        np.testing.assert_allclose((mine - other) / scale[:, :, None] / scale[:, None], 0.0, atol=BAR)
+
+
+# --- the same answer -----------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("small_pieces")
+@pytest.mark.parametrize("sensor", ["range-bearing", "position", "bearing"])
+@pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])
+@pytest.mark.parametrize("damping", [NOT_DAMPED, Damping(np.array([1.0, 1.0, 9.0]), 0.5, 0.1)], ids=["free", "damped"])
+def test_pieces_of_a_field_give_what_the_whole_gives(
+    sensor: str, slip: bool, damping: Damping, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = lanes(sensor=sensor, slip=slip)
+    if sensor == "bearing":  # a landmark seen once is nowhere
+        assert recording.landmark is not None
+        often = np.bincount(recording.landmark)[recording.landmark] > 2
+        recording = recording.only(often)
+    model, landmarks = model_of(recording)
+    assert pieces_of(model, landmarks) > 10
+    found = solve(model, landmarks)
+    dx, dm = damped_step(model, landmarks, damping)
+    assert_same(found._replace(dx=dx, dm=dm), whole(monkeypatch, model, landmarks, damping))
+
+
+@pytest.mark.usefixtures("small_pieces")
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])
+def test_pieces_of_a_random_recording_give_what_the_whole_gives(
+    seed: int, slip: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Full covariances; and landmarks that are seen at any time, here and there."""
+    recording = random_recording(seed, sensor="position", steps=120, landmarks=40, slip=slip)[1]
+    recording = recording.only(np.random.default_rng(seed).random(len(recording.observation)) < 0.1)
+
+    def few(planned: chain_partition.Plan) -> int:
+        return -len(planned.pieces)
+
+    monkeypatch.setattr(chain_partition, "work", few)
+    model, landmarks = model_of(recording)
+    assert pieces_of(model, landmarks) > 5
+    assert_same(solve(model, landmarks), whole(monkeypatch, model, landmarks, NOT_DAMPED))
+
+
+@pytest.mark.usefixtures("small_pieces")
+@pytest.mark.parametrize("fixed", [True, False], ids=["fixed", "prior"])
+def test_poses_that_see_nothing_are_smoothed_across_cuts(fixed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = lanes(slip=False)
+    recording = recording.only(recording.observation_step % 3 == 1)
+    if fixed:
+        recording = replace(recording, prior_cov=np.zeros((3, 3)))
+    model, landmarks = model_of(recording)
+    assert pieces_of(model, landmarks) > 5
+    assert_same(solve(model, landmarks), whole(monkeypatch, model, landmarks, NOT_DAMPED))
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_a_chain_is_not_cut_where_its_motions_are_all_but_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = lanes()
+    still = np.zeros_like(recording.odometry_cov)
+    for covs, cut in ((still, False), (1e-12 * recording.odometry_cov, False), (recording.odometry_cov, True)):
+        some = replace(recording, odometry_cov=np.where(np.arange(len(covs))[:, None, None] < 60, covs, still))
+        model, landmarks = model_of(some)
+        at = chain_partition.cuts(shorten(model))
+        assert (at < 60).any() == cut
+        assert not (at >= 62).any()
+        assert_same(solve(model, landmarks), whole(monkeypatch, model, landmarks, NOT_DAMPED))
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_what_does_not_determine_a_landmark_is_said_of_pieces_too() -> None:
+    recording = lanes(sensor="bearing")
+    model, landmarks = model_of(recording)
+    assert pieces_of(model, landmarks) > 10
+    with pytest.raises(np.linalg.LinAlgError):
+        solve(model, landmarks)
+
+
+def test_a_large_map_is_cut_by_itself_and_a_small_or_dense_one_is_not() -> None:
+    for recording, cut in ((lanes(lanes=8, length=40), True), (lanes(lanes=2), False)):
+        model, landmarks = model_of(recording)
+        assert (pieces_of(model, landmarks) > 1) == cut
+    dense = random_recording(0, steps=60, landmarks=150)[1]
+    assert pieces_of(*model_of(dense)) == 1
+
+
+# --- the tree of fronts --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_roots_are_those_of_the_blocks_of_the_inverse(seed: int) -> None:
+    """Pieces that speak of unknowns drawn at random, each with information of full rank."""
+    rng = np.random.default_rng(seed)
+    columns = [np.sort(rng.choice(40, rng.integers(3, 12), replace=False)) for _ in range(13)]
+    columns[0] = np.union1d(columns[0], np.setdiff1d(np.arange(40), np.concatenate(columns)))
+    told = [np.zeros((0, 0))] * len(columns)
+    information = np.zeros((41, 41))
+    for number, unknowns in enumerate(columns):
+        rows = rng.normal(size=(len(unknowns) + 2, len(unknowns) + 1))
+        told[number] = rows.T @ rows
+        at = np.append(unknowns, 40)
+        information[np.ix_(at, at)] += told[number]
+    held = rng.uniform(0.0, 1.0, 40)
+    information[np.arange(40), np.arange(40)] += held
+    inverse = np.linalg.inv(information[:40, :40])
+    front = dissected(columns, rng.normal(size=(13, 2)))
+    factor, left = factorised(front, told.__getitem__, held, np.zeros(40))
+    unknowns = np.append(np.zeros(40), 1.0)
+    minimise(factor, unknowns)
+    np.testing.assert_allclose(unknowns[:40], -inverse @ information[:40, 40], rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(left[0, 0], information[40] @ unknowns, rtol=1e-10)
+    met = set[int]()
+    for number, place, root in covariance_roots(factor, np.zeros((0, 0))):
+        met.add(number)
+        np.testing.assert_array_equal(np.tril(root, -1), 0.0)
+        expected = inverse[np.ix_(columns[number], columns[number])]
+        np.testing.assert_allclose((root @ root.T)[np.ix_(place, place)], expected, rtol=1e-9, atol=1e-12)
+    assert met == set(range(13))
+
+
+# --- memory --------------------------------------------------------------------------------------
+
+
+def peak_of_solving(model: LinearModel, landmarks: int) -> float:
+    """Bytes."""
+    tracemalloc.start()
+    solve(model, landmarks)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return float(peak)
+
+
+def test_memory_grows_with_the_map_and_is_foreseen() -> None:
+    """To a factor of ten, and never too low; as one piece it would grow with the square of the map, and does not."""
+    compile_graphs_once()
+    peaks: list[float] = []
+    for size in (4, 8, 16):
+        model, landmarks = model_of(lanes(lanes=size, length=40))
+        foreseen, peak = cost_estimate.bytes_of(plan(shorten(model), landmarks)), peak_of_solving(model, landmarks)
+        assert 0.1 * foreseen < peak < foreseen
+        peaks.append(peak)
+    assert peaks[0] < peaks[1] < peaks[2] < 3.0 * peaks[1]
+
+
+def test_a_map_that_fits_in_pieces_alone_is_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = lanes(lanes=8, length=40)
+    monkeypatch.setattr(cost_estimate, "free_memory", lambda: 3e7)
+    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 3e7)
+    cost_estimate.require_room(recording, "batch")
+    with pytest.raises(UserError, match=r"^isam2 of \d+ landmarks in \d+ scans needs 0\.2 GB of memory"):
+        cost_estimate.require_room(recording, "isam2", dense=True)
+
+
+# --- the optimum ---------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_the_optimum_is_that_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = lanes(slip=False)
+    assert pieces_of(*model_of(recording)) > 5
+    found = batch(recording)
+
+    def never_cut(chain: Chain, landmarks: int) -> chain_partition.Plan:
+        return chain_partition.plan_of(chain, landmarks, np.zeros(0, dtype=np.int64))
+
+    monkeypatch.setattr(smoother, "plan", never_cut)
+    expected = batch(recording)
+    assert found.pose_covs is not None
+    assert expected.pose_covs is not None
+    assert found.landmark_covs is not None
+    sigma = np.sqrt(np.diagonal(expected.pose_covs, axis1=1, axis2=2))
+    np.testing.assert_allclose((found.poses - expected.poses) / sigma, 0.0, atol=1e-7)
+    assert_close(found.pose_covs, expected.pose_covs)
+
+
+def assert_close(found: Float, expected: Float) -> None:
+    sigma = np.sqrt(np.diagonal(expected, axis1=1, axis2=2))
+    np.testing.assert_allclose((found - expected) / sigma[:, :, None] / sigma[:, None], 0.0, atol=1e-7)

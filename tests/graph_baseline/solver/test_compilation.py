@@ -1,0 +1,112 @@
+"""The compiled kernels of the graphs: announced, compiled for one type each, and as accurate as LAPACK."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from installed_elsewhere import first_and_later_use
+from numba.core.dispatcher import Dispatcher
+from random_recordings import random_recording
+
+from slamgauge import Recording, batch, isam2, load_scenario, simulate
+from slamgauge.arrays import Float
+from slamgauge.graph_baseline.problem import residuals
+from slamgauge.graph_baseline.solver import chord_kernels, matrices_3x3, pose_elimination, recursions, scan_reduction
+from slamgauge.graph_baseline.solver.matrices_3x3 import factorise, invert
+from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
+
+
+def specialisations() -> dict[str, int]:
+    """How many types of arguments each kernel has been compiled for."""
+    return {
+        f"{module.__name__}.{name}": len(each.signatures)
+        for module in (chord, elimination, models, recursions, scan_rows, three_by_three)
+        for name, each in vars(module).items()
+        if isinstance(each, Dispatcher)
+    }
+
+
+def test_first_use_is_announced_and_later_ones_load_from_disk(tmp_path: Path) -> None:
+    program = (
+        "from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once as once; once();"
+        "from slamgauge.graph_baseline.solver.pose_elimination import take_in; print(len(take_in.stats.cache_hits))"
+    )
+    first, second = first_and_later_use(tmp_path, program, "elimination.take_in")
+    assert first.stderr == "slamgauge: compiling graph kernels (once per installation) ...\n"
+    assert (first.stdout, second.stdout, second.stderr) == ("0\n", "1\n", "")
+
+
+def bearings_alone(recording: Recording) -> Recording:
+    """What a camera would have seen."""
+    return Recording(
+        **{field: getattr(recording, field) for field in ("stamps", "prior_mean", "prior_cov", "landmark")},
+        **{field: getattr(recording, field) for field in ("odometry", "odometry_cov", "observation_step")},
+        sensor="bearing",
+        observation=recording.observation[:, 1:],
+        observation_cov=recording.observation_cov[:, 1:, 1:],
+    )
+
+
+def test_no_recording_asks_for_other_types_than_the_first_use() -> None:
+    compile_graphs_once()
+    before = specialisations()
+    for sensor in ("position", "range-bearing"):
+        recording = random_recording(1, sensor=sensor)[1]
+        isam2(recording)
+        batch(recording)
+    isam2(bearings_alone(random_recording(1)[1]))
+    scenario = load_scenario("q1-short-dense", ["trajectory.duration=2"])
+    constant_noise = simulate(scenario, 0)[1]  # kept once, for all rows
+    for each in (constant_noise, bearings_alone(constant_noise)):
+        isam2(each)
+        batch(each)
+    assert specialisations() == before
+
+
+def solved_exactly(A: Float) -> Float:
+    """Inverse of A, by fractions."""
+    rows = [[Fraction(x) for x in row] + [Fraction(int(i == j)) for j in range(3)] for i, row in enumerate(A.tolist())]
+    for i in range(3):
+        pivot = max(range(i, 3), key=lambda n: abs(rows[n][i]))
+        rows[i], rows[pivot] = rows[pivot], rows[i]
+        rows[i] = [x / rows[i][i] for x in rows[i]]
+        for n in {0, 1, 2} - {i}:
+            rows[n] = [x - rows[n][i] * y for x, y in zip(rows[n], rows[i], strict=True)]
+    return np.array([[float(x) for x in row[3:]] for row in rows])
+
+
+@pytest.mark.parametrize("rank", [1, 2, 3])
+def test_inverse_is_as_accurate_as_lapacks(rank: int) -> None:
+    """I + P N for singular P, and for N that knows 1e16 times as much; the error in units of LAPACK's worst."""
+    rng, ours, theirs = np.random.default_rng(rank), 0.0, 0.0
+    for _ in range(300):
+        P = rng.normal(size=(3, rank)) * 10.0 ** rng.uniform(-4, 4, rank)
+        N = rng.normal(size=(3, 3)) * 10.0 ** rng.uniform(-4, 4, 3)
+        A, found = np.eye(3) + (P @ P.T) @ (N @ N.T), np.empty((3, 3))
+        if np.linalg.cond(A) > 1e14:  # all digits are rounding
+            continue
+        exact = solved_exactly(A)
+        invert(A.copy(), found)
+        size = np.abs(exact).max() * np.linalg.cond(A) * np.finfo(np.float64).eps
+        ours = max(ours, float(np.abs(found - exact).max() / size))
+        theirs = max(theirs, float(np.abs(np.linalg.inv(A) - exact).max() / size))
+    assert ours < 2.0 * theirs
+
+
+@pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])
+def test_what_has_no_inverse_and_no_factor_is_refused(bad: float) -> None:
+    A = np.diag([1.0, bad, 2.0])
+    with pytest.raises(np.linalg.LinAlgError, match="inverse"):
+        invert(A.copy(), np.empty((3, 3)))
+    with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
+        factorise(A)
+
+
+def test_factor() -> None:
+    root = np.tril(np.random.default_rng(1).normal(size=(3, 3))) + 2.0 * np.eye(3)
+    A = root @ root.T
+    factorise(A)
+    np.testing.assert_allclose(np.tril(A), root, atol=1e-14)
