@@ -5,7 +5,7 @@
 
 Draws recordings of every kind (see `referees/recordings.py`). Filters are held against textbook filters and extended
 precision, and iekf against the gradient of its own cost; batch against a damped least-squares solver that starts from
-several places; isam2, at every step, against the optimum of what had been measured by then. With bearings alone the
+several places; causal, at every step, against the optimum of what had been measured by then. With bearings alone the
 filters' rays have no twin: they must run.
 
 `undecided` are those on which the referee has no answer either: double precision is exhausted, or there is no minimum.

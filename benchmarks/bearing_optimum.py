@@ -24,8 +24,6 @@ from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.ekf import riekf
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch, cost
-from slamgauge.graph_baseline.solver.levenberg_marquardt import approach, settle
-from slamgauge.graph_baseline.problem.preparation import landmarks_at_first_sight
 from slamgauge.graph_baseline.gtsam_graph import (
     LENT_SLIP,
     build_graph,
@@ -33,6 +31,8 @@ from slamgauge.graph_baseline.gtsam_graph import (
     make_values,
     read_values,
 )
+from slamgauge.graph_baseline.problem.preparation import landmarks_at_first_sight
+from slamgauge.graph_baseline.solver.levenberg_marquardt import approach, settle
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 

@@ -27,7 +27,7 @@ from slamgauge.graph_baseline.problem.linearisation import LinearModel
 from slamgauge.graph_baseline.solver.smoother import solve
 from slamgauge.se2 import between, rotation
 
-NAMES = ("riekf", "isam2", "batch")
+NAMES = ("riekf", "causal", "batch")
 MOST_POOLED = 100  # runs whose information is averaged
 
 

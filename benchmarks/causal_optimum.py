@@ -22,7 +22,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "reference"))
 from gtsam_isam2 import gtsam_isam2
 
-from slamgauge import Estimate, Recording, batch, isam2, simulate
+from slamgauge import Estimate, Recording, batch, causal, simulate
 from slamgauge.arrays import Float
 from slamgauge.compare.bench.step_times import workload
 from slamgauge.se2 import chain, wrap
@@ -45,7 +45,7 @@ def main() -> None:
         recording = recording.first(min(options.steps or recording.steps, recording.steps))
         ks = np.unique(np.linspace(1, recording.steps, options.prefixes).astype(int))
         optima = {int(k): batch(recording.first(int(k))) for k in ks}
-        for name, estimator in (("isam2", _poses), ("GTSAM's iSAM2", gtsam_isam2)):
+        for name, estimator in (("causal", _poses), ("GTSAM's iSAM2", gtsam_isam2)):
             estimator(recording.first(10))
             start = perf_counter()
             poses = estimator(recording)
@@ -53,7 +53,7 @@ def main() -> None:
             off = np.array([_off(poses[k], optimum) for k, optimum in optima.items()])
             _print(name, size, recording, seconds, f"{np.sqrt(np.mean(off**2)):9.4f} {off.max():8.4f}")
     log = full_rate_log(options.log)
-    for name, estimator in (("isam2", isam2), ("batch", batch)):
+    for name, estimator in (("causal", causal), ("batch", batch)):
         start = perf_counter()
         estimate = estimator(log)
         check = "" if estimate.optimum_check is None else f"{'':9} {estimate.optimum_check:8.4f}"
@@ -66,7 +66,7 @@ def _print(name: str, landmarks: int, recording: Recording, seconds: float, off:
 
 
 def _poses(recording: Recording) -> Float:
-    return isam2(recording).poses
+    return causal(recording).poses
 
 
 def _off(pose: Float, optimum: Estimate) -> float:

@@ -30,7 +30,7 @@ def main() -> None:
     shorter = [f"trajectory.duration={options.duration}"] if options.duration else []
     scenario = load_scenario(options.scenario, ["start=sampled", *shorter])
     lagging = [f"{smoother}-{lag}" for smoother in options.smoothers.split(",") for lag in options.lags.split(",")]
-    shown = ["riekf", *lagging, "isam2"]
+    shown = ["riekf", *lagging, "causal"]
     names = [*shown, "bound"]
     with TemporaryDirectory() as folder, local_processes(options.jobs) as executor:
         summary = run_study(scenario, options.runs, options.seed, names, Path(folder), executor)

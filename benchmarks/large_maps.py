@@ -26,8 +26,8 @@ from slamgauge.arrays import Float
 from slamgauge.compare.bench.step_times import workload
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.ekf import CompressedFilter, SlamFilter
-from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.advanced.area_radius import area_that_pays
+from slamgauge.ekf.estimators import drive
 from slamgauge.recording import Recording
 
 

@@ -31,10 +31,10 @@ from large_maps import field
 
 from slamgauge import batch, simulate
 from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.graph_baseline.solver.motion_elimination import shorten
-from slamgauge.graph_baseline.solver.multifrontal import largest
 from slamgauge.graph_baseline.problem.linearisation import linearise
 from slamgauge.graph_baseline.solver.chain_partition import plan
+from slamgauge.graph_baseline.solver.motion_elimination import shorten
+from slamgauge.graph_baseline.solver.multifrontal import largest
 from slamgauge.graph_baseline.solver.smoother import solve
 
 NEAREST = 0.5  # m

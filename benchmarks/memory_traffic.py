@@ -28,7 +28,7 @@ import numpy as np
 
 from slamgauge import simulate
 from slamgauge.compare.bench.step_times import workload
-from slamgauge.ekf import ekf
+from slamgauge.ekf import ekf_slam
 from slamgauge.ekf.maps.correction_table import BLOCK
 
 
@@ -65,7 +65,7 @@ def main() -> None:
     print(" ".join(f"{title:>12}" for title in titles))
     for size in map(int, options.landmarks.split(",")):
         _, recording = simulate(workload(size), 0)
-        estimate = ekf(recording)
+        estimate = ekf_slam(recording)
         assert estimate.seconds is not None
         assert estimate.nis_dof is not None
         half = recording.steps // 2

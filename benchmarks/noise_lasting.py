@@ -23,8 +23,8 @@ import numpy as np
 
 from slamgauge import Recording, Truth, evaluate, load_scenario, riekf, simulate
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.noise.diagnosis import diagnose
 from slamgauge.compare.noise.autocorrelation import larger, lasting, sights_counted_as_one
+from slamgauge.compare.noise.diagnosis import diagnose
 from slamgauge.compare.noise.innovation_model import NoiseModel
 from slamgauge.compare.noise.outliers import fit
 from slamgauge.se2 import wrap

@@ -24,9 +24,9 @@ import gtsam
 from slamgauge import Recording, simulate
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.bench.step_times import workload
-from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, approach, settle
-from slamgauge.graph_baseline.problem.preparation import first_sights
 from slamgauge.graph_baseline.gtsam_graph import LENT_SLIP, build_graph, make_values
+from slamgauge.graph_baseline.problem.preparation import first_sights
+from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, approach, settle
 from slamgauge.graph_baseline.solver.multistart import searched
 from slamgauge.graph_baseline.solver.smoother import solve_at
 from slamgauge.se2 import chain

@@ -28,12 +28,12 @@ from referees.map_scale import too_large
 from slamgauge import Estimate, Recording, Truth, batch, load_scenario, simulate
 from slamgauge.compare.scenarios.observation_simulation import Streams, observe
 from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.ekf.estimators import ekf, iekf, riekf
+from slamgauge.ekf.estimators import ekf_slam, iekf, riekf
 from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth
 from slamgauge.se2 import chain
 
 ESTIMATORS: dict[str, Callable[[Recording], Estimate]] = {
-    "ekf inverse-depth": lambda recording: ekf(recording, initialisation=InverseDepth()),
+    "ekf inverse-depth": lambda recording: ekf_slam(recording, initialisation=InverseDepth()),
     "iekf inverse-depth": lambda recording: iekf(recording, initialisation=InverseDepth()),
     "riekf inverse-depth": lambda recording: riekf(recording, initialisation=InverseDepth()),
     "riekf delayed": lambda recording: riekf(recording, initialisation=Delayed()),

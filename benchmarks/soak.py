@@ -33,8 +33,8 @@ from referees.map_scale import too_large
 from slamgauge import Recording, Truth, load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.ekf.estimators import online_filter
-from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.correction_table import CORRECTIONS, Correction
+from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.online_filter import OnlineFilter
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association, MapManagement
 from slamgauge.ekf.settings.initialisation import Delayed, Initialisation, InverseDepth, Rays

@@ -19,8 +19,8 @@ pin_blas_threads()
 
 from slamgauge import load_estimators, load_scenario, simulate
 from slamgauge.compare.scenarios.scenario import Scenario
-from slamgauge.compare.studies.study_run import run_once, run_seed
 from slamgauge.compare.studies.study import run_study
+from slamgauge.compare.studies.study_run import run_once, run_seed
 
 NAMES = ("ekf", "riekf")
 

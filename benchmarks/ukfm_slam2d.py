@@ -22,7 +22,7 @@ from slamgauge.compare.studies.summary import share_in_doubt
 
 # orientation RMSE [deg], position RMSE [m], NEES of orientation and of position
 PUBLISHED = {"EKF": (3.02, 0.67, 2.88, 2.56), "right-UKF": (2.51, 0.55, 1.01, 1.09), "IEKF": (2.51, 0.55, 1.01, 1.17)}
-NAMES = ("ekf", "fej-ekf", "iekf", "riekf", "riukf", "robocentric-ekf", "isam2")
+NAMES = ("ekf", "fej-ekf", "iekf", "riekf", "riukf", "robocentric-ekf", "causal")
 
 
 def main() -> None:
@@ -35,7 +35,7 @@ def main() -> None:
     scenario = load_scenario("ukfm-slam2d")
     with local_processes(options.jobs) as executor:
         summary = run_study(scenario, options.runs, options.seed, NAMES, options.out, executor)
-    titles = ("heading RMSE [deg]", "position RMSE [m]", "NEES heading", "NEES position", "last sigma / isam2")
+    titles = ("heading RMSE [deg]", "position RMSE [m]", "NEES heading", "NEES position", "last sigma / causal")
     print(f"{'':20}" + "".join(f"{title:>23}" for title in titles))
     for name, figures in PUBLISHED.items():
         print(f"{name + ', published':20}" + "".join(f"{figure:23.2f}" for figure in figures))

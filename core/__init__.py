@@ -1,8 +1,8 @@
 """How far is your SLAM filter from the best that its measurements allow?
 
-The public names of all floors, imported when they are first used, so that `import slamgauge` costs nothing. The
-floors themselves are `slamgauge.ekf` (the textbook filter is `slamgauge.ekf.ekf`), `slamgauge.graph_baseline` and
-`slamgauge.compare`.
+The public names of all packages, imported when they are first used, so that `import slamgauge` costs nothing. The
+packages themselves are `slamgauge.ekf`, `slamgauge.graph_baseline` and `slamgauge.compare`; no public name is a package
+and a function at once (the estimator called `ekf` is the function `ekf_slam`).
 """
 
 import importlib
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from slamgauge.compare.estimators import adapters
     from slamgauge.compare.estimators.loading import load_estimators
     from slamgauge.compare.figures.error_panels import plot_errors
-    from slamgauge.compare.figures.run_figures import plot_run, save_figure
     from slamgauge.compare.figures.publishing import write_study
+    from slamgauge.compare.figures.run_figures import plot_run, save_figure
     from slamgauge.compare.noise.estimation import Noise, find_noise
     from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, shipped_scenarios
     from slamgauge.compare.scenarios.simulation import informed, simulate
@@ -52,11 +52,11 @@ if TYPE_CHECKING:
     from slamgauge.graph_baseline import (
         UndeterminedError,
         batch,
+        causal,
         causal_bound,
         cost,
         fixed_lag,
         hindsight_bound,
-        isam2,
         robust_batch,
     )
     from slamgauge.recording import OBSERVATION_DIM, Observations, Recording, Sensor
@@ -106,6 +106,7 @@ if TYPE_CHECKING:
         "assert_error_bounds",
         "batch",
         "between",
+        "causal",
         "causal_bound",
         "chain",
         "check_estimator",
@@ -119,7 +120,6 @@ if TYPE_CHECKING:
         "fixed_lag",
         "hindsight_bound",
         "informed",
-        "isam2",
         "judge_claims",
         "load_estimate",
         "load_estimators",
@@ -158,11 +158,11 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
         "AssociatingFilter Association BearingFilter CompressedFilter Delayed InverseDepth MapManagement Rays "
         "OnlineFilter Robustness SlamFilter SlidingWindowFilter"
     ),
-    "graph_baseline": "UndeterminedError batch causal_bound cost fixed_lag hindsight_bound isam2 robust_batch",
+    "graph_baseline": "UndeterminedError batch causal_bound cost fixed_lag hindsight_bound causal robust_batch",
     "compare.checks.examination": "Verdict check_estimator",
     "compare.scoring.comparison": "Comparison compare_estimators",
     "compare.studies.budget": "ErrorBudget error_budget",
-    "compare.noise.finding": "Noise find_noise",
+    "compare.noise.estimation": "Noise find_noise",
     "compare.scenarios.scenario": "Scenario load_scenario shipped_scenarios",
     "compare.scoring.scores": "Score evaluate",
     "compare.studies.summary": "Summary",
@@ -174,20 +174,20 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
     "compare.storage.files": "load_estimate load_recording load_truth save",
     "compare.estimators": "adapters",
     "compare.estimators.loading": "load_estimators",
-    "compare.studies.resolution": "Until",
+    "compare.studies.stopping_rule": "Until",
     "compare.studies.study": "load_runs run_study",
     "compare.figures.publishing": "write_study",
     "compare.figures.error_panels": "plot_errors",
-    "compare.figures.plots": "plot_run save_figure",
+    "compare.figures.run_figures": "plot_run save_figure",
     "compare.studies.sweep": "run_sweep",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
-_FLOORS = ("compare", "ekf", "graph_baseline")
-_VOCABULARY = {module for module in _NAMES if "." not in module} | {"near_names", "validation"}
+_PACKAGES = ("compare", "ekf", "graph_baseline")
+_VOCABULARY = {module for module in _NAMES if "." not in module} | {"suggestions", "validation"}
 
 
 def __getattr__(name: str) -> object:
-    if name in _FLOORS:
+    if name in _PACKAGES:
         return importlib.import_module(f"slamgauge.{name}")
     if name in _HOME:  # as `from HOME import name`, whatever in HOME it names, a module too
         return getattr(__import__(f"slamgauge.{_HOME[name]}", fromlist=[name]), name)
@@ -201,14 +201,14 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted([*_HOME, *_FLOORS, *_filters(), "__version__"])
+    return sorted([*_HOME, *_PACKAGES, *_filters(), "__version__"])
 
 
-def names_of(floor: str) -> list[str]:
-    """The public names whose home is in a floor, in order."""
-    return sorted(name for name, module in _HOME.items() if module.partition(".")[0] == floor)
+def names_of(package: str) -> list[str]:
+    """Public names defined in a package, sorted."""
+    return sorted(name for name, module in _HOME.items() if module.partition(".")[0] == package)
 
 
 def _filters() -> list[str]:
-    """The filters as estimators; the name of the textbook one is its floor's here."""
-    return [name for name in importlib.import_module("slamgauge.ekf.estimators").__all__ if name not in _FLOORS]
+    """Names of the filters as estimators."""
+    return list(importlib.import_module("slamgauge.ekf.estimators").__all__)

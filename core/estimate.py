@@ -8,8 +8,8 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.errors import UserError
 from slamgauge.display import counted, data_frame, fact_table
+from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.validation import (
     are_among,

@@ -1,15 +1,17 @@
-"""Machine code that is kept on disk, and when it may be used.
+"""Machine code of kernels kept on disk, and when it may be reused.
 
 The machine code of a kernel includes that of the kernels it calls, but numba compares it with its own source file
-alone: an edited kernel would live on in its callers. What is kept therefore carries a seal, a digest of the machine
-code and of every source in the kernel's folder. Code whose seal does not fit, because a source was edited or because a
-power cut has left half a file, is compiled anew. Contents are compared, not dates.
+alone: an edited kernel would live on in its callers. Each kept file therefore carries a seal: a digest of the machine
+code, of the kernel's module and of all modules of the project which that module imports. Code whose seal differs,
+because a source was edited or because a power cut left half a file, is compiled again. Contents are compared, not
+dates.
 """
 
 from __future__ import annotations
 
 import hashlib
-import inspect
+import re
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -20,7 +22,8 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache
 
 from slamgauge.compile_progress import note
 
-COMPILED = Path(__file__).with_name("compiled.py")  # says how kernels are compiled
+COMPILER = "slamgauge.jit"  # how kernels are compiled
+_IMPORT = re.compile(r"^(?:from ([\w.]+) import (\([^)]*\)|[^\n]*)|import ([\w., ]+))", re.MULTILINE)
 _folders: set[Path] = set()  # where numba keeps the kernels that have been imported
 
 
@@ -33,7 +36,7 @@ class _Sealed(CompileResultCacheImpl):
 
     def __init__(self, function: Callable[..., object]) -> None:
         super().__init__(function)
-        self._folder = Path(inspect.getfile(function)).parent
+        self._module = function.__module__
 
     def reduce(self, cres: Any) -> tuple[str, Any]:
         """What is written: the seal, and what numba would write."""
@@ -49,7 +52,7 @@ class _Sealed(CompileResultCacheImpl):
 
     def _seal(self, parts: Any) -> str:
         library = parts[0]  # the machine code; damage elsewhere cannot be read at all
-        return hashlib.sha256(sources_digest(self._folder) + repr(library).encode()).hexdigest()
+        return hashlib.sha256(sources_digest(self._module) + repr(library).encode()).hexdigest()
 
 
 class _KernelCache(FunctionCache):
@@ -97,13 +100,29 @@ def cache_of(function: Callable[..., object]) -> FunctionCache | NullCache:
 
 
 @cache
-def sources_digest(folder: Path) -> bytes:
-    """Digest of the names and contents of all sources in a folder, and of how they are compiled."""
+def sources_digest(module: str) -> bytes:
+    """Digest of the names and contents of a module, of all project modules that it imports, and of `slamgauge.jit`."""
     digest = hashlib.sha256()
-    for source in (COMPILED, *sorted(folder.rglob("*.py"))):
-        content = source.read_bytes()
-        digest.update(f"{source.name} {len(content)}\n".encode() + content)
+    for name, source in sorted(_sources({COMPILER, module}).items()):
+        digest.update(f"{name} {len(source)}\n".encode() + source)
     return digest.digest()
+
+
+def _sources(modules: set[str]) -> dict[str, bytes]:
+    """Sources of these modules, and of all modules of the same top-level packages that they import, by name."""
+    found: dict[str, bytes] = {}
+    roots, waiting = {name.partition(".")[0] for name in modules}, [*modules]
+    while waiting:
+        name = waiting.pop()
+        file = getattr(sys.modules.get(name), "__file__", None)
+        if name in found or file is None:
+            continue
+        found[name] = Path(file).read_bytes()
+        for package, members, plain in _IMPORT.findall(found[name].decode()):
+            named = [package, *(f"{package}.{member}" for member in re.findall(r"\w+", members))] if package else []
+            named += re.findall(r"[\w.]+", plain)
+            waiting += [each for each in named if each.partition(".")[0] in roots and each not in roots]
+    return found
 
 
 def kept_files() -> dict[Path, list[Path]]:

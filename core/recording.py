@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgauge.arrays import Float, Int, chunks, distinct
-from slamgauge.errors import UserError
 from slamgauge.display import counted, data_frame, fact_table
+from slamgauge.errors import UserError
 from slamgauge.validation import as_covariances, as_floats, as_ints, equal, for_all, require_rows, store
 
 Sensor = Literal["range-bearing", "bearing", "position"]

@@ -1,12 +1,10 @@
 """Planar landmark SLAM filters.
 
-`settings` what people choose; `kernels` the steps, compiled; `maps` the belief and its book-keeping, and the table of
-corrections; `bearings` landmarks from bearings alone; `window` the parts of `window_filter`, whose last steps are
-linearised anew. Here are the online filters, `filter` (with ids), `association` (without), `compressed` (the same for
-large maps), and `estimators`: a recording in, an estimate out.
+`settings`: settings of filters. `kernels`: compiled steps. `maps`: state and landmarks. `slam_filter` (ids are known),
+`associating_filter` (ids are unknown), `bearings` (bearing-only) and `advanced`: the online filters. `estimators`: the
+filters as functions from a recording to an estimate.
 
-Names are imported when they are first used, so that a setting costs no compiler. The filters as estimators are those
-that `estimators` lists.
+Names are imported on first use, so that settings load no compiler.
 """
 
 from __future__ import annotations
@@ -16,16 +14,16 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from slamgauge.ekf import estimators
+    from slamgauge.ekf.advanced.compressed_filter import CompressedFilter
+    from slamgauge.ekf.advanced.sliding_window import SlidingWindowFilter
     from slamgauge.ekf.associating_filter import AssociatingFilter
     from slamgauge.ekf.bearings.bearing_filter import BearingFilter
-    from slamgauge.ekf.advanced.compressed_filter import CompressedFilter
     from slamgauge.ekf.estimators import *
-    from slamgauge.ekf.slam_filter import SlamFilter
     from slamgauge.ekf.online_filter import OnlineFilter
     from slamgauge.ekf.settings.association import Association, MapManagement
     from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
     from slamgauge.ekf.settings.robustness import Robustness
-    from slamgauge.ekf.advanced.sliding_window import SlidingWindowFilter
+    from slamgauge.ekf.slam_filter import SlamFilter
 
     __all__ = [
         "AssociatingFilter",
@@ -44,15 +42,15 @@ if TYPE_CHECKING:
     __all__ += estimators.__all__
 
 _NAMES = {  # of each module, as above
-    "association": "AssociatingFilter",
+    "associating_filter": "AssociatingFilter",
     "bearings.bearing_filter": "BearingFilter",
-    "compressed": "CompressedFilter",
-    "filter": "SlamFilter",
-    "online": "OnlineFilter",
+    "advanced.compressed_filter": "CompressedFilter",
+    "slam_filter": "SlamFilter",
+    "online_filter": "OnlineFilter",
     "settings.association": "Association MapManagement",
     "settings.initialisation": "Delayed InverseDepth Rays",
     "settings.robustness": "Robustness",
-    "window_filter": "SlidingWindowFilter",
+    "advanced.sliding_window": "SlidingWindowFilter",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 

@@ -2,8 +2,8 @@
 
 `nearest-neighbour` is the rule of the practical: observation by observation, the landmark of the smallest squared
 Mahalanobis distance below the gate corrects the filter at once, and if there is none, a new landmark is mapped
-at once. `jcbb` associates a whole scan jointly (Neira and Tardos 2001, see `kernels.joint_compatibility`), corrects with
-all that was matched in one update, then maps the rest.
+at once. `jcbb` associates a whole scan jointly (Neira and Tardos 2001, see `kernels.joint_compatibility`), corrects
+with all matched observations in one update, then maps the rest.
 
 The id of a landmark is the number of its track, 0, 1, 2, ... in the order of birth, and is never used again.
 """
@@ -20,14 +20,14 @@ from scipy.special import chdtri
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.individual_compatibility import NONE
 from slamgauge.ekf.kernels.sequential_association import Gates
-from slamgauge.ekf.maps.input_checks import require_robustness, require_sensor, rows_of
+from slamgauge.ekf.maps.correction_table import Correction, Rule, sequential_of
+from slamgauge.ekf.maps.divergence_monitor import Watch
 from slamgauge.ekf.maps.duplicate_landmarks import robot_of
+from slamgauge.ekf.maps.input_checks import require_robustness, require_sensor, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import Matcher, update_nearest
-from slamgauge.ekf.maps.correction_table import Correction, Rule, sequential_of
 from slamgauge.ekf.maps.tracks import Tracks
 from slamgauge.ekf.maps.transaction import is_addition_certain, undone_if_refused
-from slamgauge.ekf.maps.divergence_monitor import Watch
 from slamgauge.ekf.online_filter import PointFilter
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness

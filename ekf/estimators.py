@@ -10,37 +10,47 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, distinct, freeze
+from slamgauge.ekf.advanced.area_radius import area_that_pays
+from slamgauge.ekf.advanced.compressed_filter import CompressedFilter
+from slamgauge.ekf.advanced.numpy_filter import MovingBelief, NumpyFilter
+from slamgauge.ekf.advanced.robocentric import RobocentricBelief
+from slamgauge.ekf.advanced.sigma_points import InvariantBelief
+from slamgauge.ekf.advanced.sliding_window import KEPT, LAG, SlidingWindowFilter
 from slamgauge.ekf.associating_filter import AssociatingFilter
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
-from slamgauge.ekf.advanced.compressed_filter import CompressedFilter
-from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.ekf.given_ids import GivenIds
 from slamgauge.ekf.history import History
-from slamgauge.ekf.advanced.area_radius import area_that_pays
-from slamgauge.ekf.maps.input_checks import without_rounding
 from slamgauge.ekf.maps.correction_table import CORRECTIONS, TABLE, Correction
-from slamgauge.ekf.advanced.numpy_filter import MovingBelief, NumpyFilter
+from slamgauge.ekf.maps.input_checks import without_rounding
 from slamgauge.ekf.online_filter import OnlineFilter
-from slamgauge.ekf.advanced.robocentric import RobocentricBelief
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.ekf.settings.initialisation import Initialisation, Rays
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
-from slamgauge.ekf.advanced.sigma_points import InvariantBelief
-from slamgauge.ekf.advanced.sliding_window import KEPT, LAG, SlidingWindowFilter
+from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
 from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 from slamgauge.validation import require_type
 
-__all__ = ["dead_reckoning", "ekf", "fej_ekf", "iekf", "oc_ekf", "riekf", "riukf", "robocentric_ekf", "sliding_window"]
+__all__ = [
+    "dead_reckoning",
+    "ekf_slam",
+    "fej_ekf",
+    "iekf",
+    "oc_ekf",
+    "riekf",
+    "riukf",
+    "robocentric_ekf",
+    "sliding_window",
+]
 
 FIS = Rays()
 ROOM = 1.5  # memory of a filter over that of its covariance
 ROOM_IN_NUMPY = 5.0  # the same of those in numpy: their steps make new arrays
 
 
-def ekf(
+def ekf_slam(
     recording: Recording,
     association: Association = NEAREST_NEIGHBOUR,
     initialisation: Initialisation = FIS,
@@ -69,7 +79,7 @@ def fej_ekf(
     frames: int = 0,
     robust: Robustness = PLAIN,
 ) -> Estimate:
-    """EKF-SLAM with first-estimates Jacobians (Huang, Mourikis and Roumeliotis, IJRR 2010); called as `ekf`.
+    """EKF-SLAM with first-estimates Jacobians (Huang, Mourikis and Roumeliotis, IJRR 2010); called as `ekf_slam`.
 
     It leans on good first estimates: where landmarks are close to the robot, or first seen from a poorly known
     pose, it can diverge.
@@ -84,7 +94,7 @@ def oc_ekf(
     frames: int = 0,
     robust: Robustness = PLAIN,
 ) -> Estimate:
-    """Observability-constrained EKF-SLAM (Huang, Mourikis and Roumeliotis, IJRR 2010); called as `ekf`.
+    """Observability-constrained EKF-SLAM (Huang, Mourikis and Roumeliotis, IJRR 2010); called as `ekf_slam`.
 
     As `fej_ekf` it learns nothing about shift and turn of the whole map, but its Jacobians are taken at the newest
     estimates, and changed no more than that needs: it leans less on good first estimates.
@@ -99,7 +109,7 @@ def iekf(
     frames: int = 0,
     robust: Robustness = PLAIN,
 ) -> Estimate:
-    """Iterated EKF-SLAM (Bell and Cathey 1993), known to be less consistent than the plain EKF; called as `ekf`."""
+    """Iterated EKF-SLAM (Bell and Cathey 1993), known to be less consistent than the EKF; called as `ekf_slam`."""
     return _run(recording, "iekf", association, initialisation, frames, robust)
 
 
@@ -110,7 +120,7 @@ def riekf(
     frames: int = 0,
     robust: Robustness = PLAIN,
 ) -> Estimate:
-    """Right-invariant EKF-SLAM (Barrau and Bonnabel, arXiv 1510.06263); called as `ekf`."""
+    """Right-invariant EKF-SLAM (Barrau and Bonnabel, arXiv 1510.06263); called as `ekf_slam`."""
     return _run(recording, "riekf", association, initialisation, frames, robust)
 
 

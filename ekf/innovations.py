@@ -18,8 +18,8 @@ from slamgauge.ekf.kernels.log_likelihood import WHOLE, Measured, Order, run_log
 from slamgauge.ekf.kernels.models import SENSOR_CODES
 from slamgauge.ekf.kernels.outlier_likelihood import GAUSSIAN, MIXTURE, STUDENT_T, Rows, Tails, weigh
 from slamgauge.ekf.kernels.workspace import allocate
-from slamgauge.ekf.maps.input_checks import start_of
 from slamgauge.ekf.maps.correction_table import BLOCK
+from slamgauge.ekf.maps.input_checks import start_of
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 

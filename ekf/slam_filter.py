@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf.maps.correction_table import Correction, Rule
+from slamgauge.ekf.maps.divergence_monitor import Watch
 from slamgauge.ekf.maps.input_checks import ids_of, require_gate, require_ids, require_robustness, rows_of
 from slamgauge.ekf.maps.landmark_ids import of_scan
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import are_within
-from slamgauge.ekf.maps.correction_table import Correction, Rule
 from slamgauge.ekf.maps.transaction import is_addition_certain, undone_if_refused
-from slamgauge.ekf.maps.divergence_monitor import Watch
 from slamgauge.ekf.online_filter import PointFilter
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.errors import UserError

@@ -1,6 +1,6 @@
 """Question 1 of the practical: how good a filter gets on a short dense, a long dense and a long sparse map.
 
-Dead reckoning, the textbook EKF and the right-invariant EKF run next to the causal optimum (isam2) and the
+Dead reckoning, the textbook EKF and the right-invariant EKF run next to the causal optimum (causal) and the
 hindsight optimum (batch) on the same measurements. Prints a table for each map and saves the three maps:
 
     python compare_question_1.py [--seed 0] [--out results/question-1]
@@ -17,7 +17,7 @@ from slamgauge import compare_estimators, load_estimators, load_scenario, plot_r
 from slamgauge.compare.scoring.comparison import table
 
 SCENARIOS = ("q1-short-dense", "q1-long-dense", "q1-long-sparse")
-ESTIMATORS = ("dead-reckoning", "ekf", "riekf", "isam2", "batch")
+ESTIMATORS = ("dead-reckoning", "ekf", "riekf", "causal", "batch")
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
 """Question 2 of the practical: unknown data association, by the nearest landmark within a gate of 1, 9 or 100.
 
-The textbook EKF and the right-invariant EKF find the associations themselves. The causal optimum (isam2) is told
-the true ones, and isam2@ekf is the same optimum under the associations that the EKF has made: what it loses, wrong
+The textbook EKF and the right-invariant EKF find the associations themselves. The causal optimum (causal) is told
+the true ones, and causal@ekf is the same optimum under the associations that the EKF has made: what it loses, wrong
 associations cost. Prints a table for each gate and saves the three maps:
 
     python compare_question_2.py [--seed 0] [--out results/question-2]
@@ -18,7 +18,7 @@ from slamgauge import compare_estimators, load_estimators, load_scenario, plot_r
 from slamgauge.compare.scoring.comparison import table
 
 SCENARIOS = ("q2-gate-1", "q2-long-dense", "q2-gate-100")
-ESTIMATORS = ("ekf", "riekf", "isam2", "isam2@ekf")
+ESTIMATORS = ("ekf", "riekf", "causal", "causal@ekf")
 
 
 def main() -> None:
@@ -34,7 +34,7 @@ def main() -> None:
         chosen = ESTIMATORS if scenario.association.gate > 1 else ESTIMATORS[:3]  # 1500 landmarks: minutes
         comparison = compare_estimators(truth, recording, load_estimators(chosen, association=scenario.association))
         print(f"{name}, seed {options.seed}\n{table(comparison)}\n")
-        plot_run(ax, truth, recording, {each: comparison.estimates[each] for each in ("ekf", "isam2")})
+        plot_run(ax, truth, recording, {each: comparison.estimates[each] for each in ("ekf", "causal")})
         ax.set_title(
             f"gate {scenario.association.gate:g}: {comparison.scores['ekf'].landmarks_mapped} landmarks mapped"
         )

@@ -1,6 +1,6 @@
 """Question 3 of the practical: a filter that assumes 0.1, 1, 2 and 10 times the true noise (covariances).
 
-Large loop, sparse map, nearest neighbour at gate 9. The causal optimum (isam2) is told the true noise and the true
+Large loop, sparse map, nearest neighbour at gate 9. The causal optimum (causal) is told the true noise and the true
 associations. Prints a table for each assumption and saves the errors of the EKF inside the bounds that it reports:
 
     python compare_question_3.py [--seed 0] [--out results/question-3]
@@ -18,7 +18,7 @@ from slamgauge import compare_estimators, informed, load_estimators, load_scenar
 from slamgauge.compare.scoring.comparison import table
 
 SCENARIOS = ("q3-scale-0.1", "q3-scale-1", "q3-scale-2", "q3-scale-10")
-ESTIMATORS = ("ekf", "riekf", "isam2")
+ESTIMATORS = ("ekf", "riekf", "causal")
 
 
 def main() -> None:
@@ -35,7 +35,7 @@ def main() -> None:
         estimators = load_estimators(ESTIMATORS, association=scenario.association)
         comparison = compare_estimators(truth, recording, estimators, told)
         print(f"{name}, seed {options.seed}\n{table(comparison)}\n")
-        for style, each in (("-", "ekf"), (":", "isam2")):
+        for style, each in (("-", "ekf"), (":", "causal")):
             estimate = comparison.estimates[each]
             assert truth.poses is not None and estimate.pose_covs is not None
             error = np.linalg.norm((estimate.poses - truth.poses)[:, :2], axis=1)

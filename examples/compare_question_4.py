@@ -26,7 +26,7 @@ def estimators_for(scenario_name: str) -> dict[str, Estimator]:
     for name, initialisation in FILTERS:
         settings = load_scenario(scenario_name, [f"initialisation={initialisation}"]).initialisation_settings
         estimators[f"{name}, {initialisation}"] = load_estimators([name], initialisation=settings)[name]
-    return estimators | load_estimators(["isam2"])
+    return estimators | load_estimators(["causal"])
 
 
 def main() -> None:

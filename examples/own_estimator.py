@@ -9,7 +9,7 @@ From this folder, grade it on q1-long-dense,
 or on a stored recording, beside the filters that come along:
 
     slamgauge run q1-long-dense --out first-run
-    slamgauge evaluate first-run/recording.npz --estimators ekf,isam2,own_estimator.py:estimate
+    slamgauge evaluate first-run/recording.npz --estimators ekf,causal,own_estimator.py:estimate
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def jacobians(delta: Float) -> tuple[Float, Float]:
 
 def main() -> None:
     truth, recording = simulate(load_scenario("q1-long-dense"), seed=0)
-    print(table(compare_estimators(truth, recording, {"own": estimate, **load_estimators(["isam2", "batch"])})))
+    print(table(compare_estimators(truth, recording, {"own": estimate, **load_estimators(["causal", "batch"])})))
 
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 
 slamgauge finds the form by itself and grades it as it is, from this folder for example with
 
-    slamgauge run q1-long-dense --estimators ekf,isam2 --out first-run
-    slamgauge evaluate first-run/recording.npz --estimators ekf,isam2,student_ekf.py:ekf_slam
+    slamgauge run q1-long-dense --estimators ekf,causal --out first-run
+    slamgauge evaluate first-run/recording.npz --estimators ekf,causal,student_ekf.py:ekf_slam
 
 The three files beside it (`student_ekf_wrong_jacobian.py`, `student_ekf_no_cross_covariance.py`,
 `student_ekf_no_wrap.py`) are the same but for one typical bug each.

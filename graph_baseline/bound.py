@@ -18,9 +18,9 @@ from scipy.linalg import get_lapack_funcs
 
 from slamgauge.arrays import Float
 from slamgauge.errors import UserError
-from slamgauge.graph_baseline.solver.cost_estimate import require_room
-from slamgauge.graph_baseline.problem.preparation import MAX_LANDMARK_SIGMA, are_seen_again
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
+from slamgauge.graph_baseline.problem.preparation import MAX_LANDMARK_SIGMA, are_seen_again
+from slamgauge.graph_baseline.solver.cost_estimate import require_room
 from slamgauge.graph_baseline.solver.reduced_scans import NOT_DAMPED, compressed_scans, filter_covariances, filter_maps
 from slamgauge.graph_baseline.solver.smoother import solve
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once

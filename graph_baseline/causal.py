@@ -15,18 +15,18 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.solver.cost_estimate import require_room, tell_if_long
-from slamgauge.graph_baseline.problem.preparation import among_mapped, relative_to_start, require_known_landmarks
-from slamgauge.graph_baseline.solver.incremental import SHORT, GrowingOptimum
 from slamgauge.graph_baseline.hindsight import batch, optimum_from, optimum_near, optimum_of_bearings
-from slamgauge.graph_baseline.solver.multistart import chi_square_of
+from slamgauge.graph_baseline.problem.preparation import among_mapped, relative_to_start, require_known_landmarks
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
+from slamgauge.graph_baseline.solver.cost_estimate import require_room, tell_if_long
+from slamgauge.graph_baseline.solver.incremental import SHORT, GrowingOptimum
+from slamgauge.graph_baseline.solver.multistart import chi_square_of
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 
 
 @relative_to_start
-def isam2(recording: Recording, association: Int | None = None) -> Estimate:
+def causal(recording: Recording, association: Int | None = None) -> Estimate:
     """What the measurements up to each step allow: the newest pose of an optimum that grows with them (`growing`).
 
     It does what iSAM2 (Kaess et al., IJRR 31(2), 2012) does, incremental smoothing with relinearisation, but goes to
@@ -46,8 +46,8 @@ def isam2(recording: Recording, association: Int | None = None) -> Estimate:
         UserError: the recording cannot be turned into a graph, or leaves a variable undetermined.
     """
     if association is not None:
-        return among_mapped(isam2(recording.associated(association)), association)
-    require_room(recording, "isam2", dense=True)
+        return among_mapped(causal(recording.associated(association)), association)
+    require_room(recording, "causal", dense=True)
     tell_if_long(recording)
     growing = GrowingOptimum(recording)
     steps = recording.steps

@@ -9,8 +9,8 @@ import numpy as np
 from slamgauge.arrays import Int
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.problem.preparation import among_mapped, relative_to_start, require_known_landmarks
 from slamgauge.graph_baseline.problem.gtsam_missing import gtsam_needed
+from slamgauge.graph_baseline.problem.preparation import among_mapped, relative_to_start, require_known_landmarks
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 from slamgauge.validation import require_lag
@@ -37,7 +37,7 @@ def fixed_lag(recording: Recording, association: Int | None = None, lag: int = L
     lag = min(require_lag(lag), max(recording.steps, 1))
     if association is not None:
         return among_mapped(fixed_lag(recording.associated(association), lag=lag), association)
-    with gtsam_needed("isam2"):
+    with gtsam_needed("causal"):
         from slamgauge.graph_baseline.gtsam_fixed_lag import LaggingOptimum
     optimum, steps = LaggingOptimum(recording, lag), recording.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)

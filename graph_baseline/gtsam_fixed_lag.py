@@ -11,12 +11,12 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
+from slamgauge.back_projection import positions_seen
 from slamgauge.graph_baseline.gtsam_graph import LENT_SLIP, GraphBuilder
 from slamgauge.graph_baseline.problem.placement import triangulate_one
+from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, rotation
-from slamgauge.back_projection import positions_seen
 
 RELINEARISED = 1e-3  # m or rad: what has moved farther is linearised anew, at every step
 PASSES = 2  # Gauss-Newton steps for each that the robot takes; after one, matrices are those from before its scan

@@ -24,8 +24,6 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.solver.cost_estimate import require_room
-from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum
 from slamgauge.graph_baseline.problem.preparation import (
     among_mapped,
     first_sights,
@@ -33,7 +31,10 @@ from slamgauge.graph_baseline.problem.preparation import (
     relative_to_start,
     require_known_landmarks,
 )
+from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
+from slamgauge.graph_baseline.solver.cost_estimate import require_room
 from slamgauge.graph_baseline.solver.incremental import GrowingOptimum
+from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum
 from slamgauge.graph_baseline.solver.multistart import (
     Start,
     degrees_of_freedom,
@@ -43,7 +44,6 @@ from slamgauge.graph_baseline.solver.multistart import (
     searched,
     softened,
 )
-from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 

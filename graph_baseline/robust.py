@@ -11,10 +11,10 @@ import numpy as np
 
 from slamgauge.arrays import Int
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.solver.motion_elimination import keyed
-from slamgauge.graph_baseline.problem.preparation import are_placed, relative_to_start, require_known_landmarks
-from slamgauge.graph_baseline.problem.gtsam_missing import gtsam_needed
 from slamgauge.graph_baseline.hindsight import batch
+from slamgauge.graph_baseline.problem.gtsam_missing import gtsam_needed
+from slamgauge.graph_baseline.problem.preparation import are_placed, relative_to_start, require_known_landmarks
+from slamgauge.graph_baseline.solver.motion_elimination import keyed
 from slamgauge.graph_baseline.solver.multistart import first_guess
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain

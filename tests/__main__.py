@@ -12,7 +12,7 @@ from pathlib import Path
 from slamgauge.compare.studies.executors import pin_blas_threads
 
 ROOT = Path(__file__).parents[1]
-FLOORS = ("ekf", "graph_baseline", "compare")
+PACKAGES = ("ekf", "graph_baseline", "compare")
 
 CHECKS = {
     "lint": ["ruff", "check", "."],
@@ -34,7 +34,7 @@ def main(names: Sequence[str] = ()) -> int:
     if unknown:
         print(f"no check is called {unknown[0]!r}; use {', '.join(CHECKS)}", file=sys.stderr)
         return 2
-    link_floors()
+    link_packages()
     pin_blas_threads()  # the tests run on all cores already
     chosen = [*(names or CHECKS)]
     first = [name for name in chosen if name != ALL_CORES]
@@ -60,12 +60,12 @@ def passes(name: str) -> bool:
     return done.returncode == 0
 
 
-def link_floors() -> None:
+def link_packages() -> None:
     """Lay out `build/links/slamgauge` as the installed package is: the type checker follows no import hooks."""
     links = ROOT / "build/links/slamgauge"
     shutil.rmtree(links, ignore_errors=True)
     links.mkdir(parents=True)
-    for place in (*(ROOT / "slamgauge").glob("*.py"), *(ROOT / floor for floor in FLOORS)):
+    for place in (*(ROOT / "core").glob("*.py"), *(ROOT / package for package in PACKAGES)):
         (links / place.name).symlink_to(place)
 
 

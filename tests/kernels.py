@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from slamgauge.ekf.advanced.window.warm_up import compile_window_once
 from slamgauge.ekf.kernels.warm_up import (
     compile_association_once,
     compile_bearings_once,
     compile_once,
     compile_sights_once,
-    compile_window_once,
 )
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 

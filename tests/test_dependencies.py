@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-FLOORS = ("slamgauge", "ekf", "graph_baseline", "compare")
+FLOORS = ("core", "ekf", "graph_baseline", "compare")
 
 
 def test_every_import_is_of_a_declared_dependency() -> None:

@@ -15,7 +15,7 @@ import pytest
 from slamgauge.compare.cli.main import main
 
 ROOT = Path(__file__).parents[1]
-FLOORS = ("slamgauge", "ekf", "graph_baseline", "compare")
+FLOORS = ("core", "ekf", "graph_baseline", "compare")
 PACKAGES = sorted({path.parent for floor in FLOORS for path in (ROOT / floor).rglob("__init__.py")})
 PAGES = {
     str(path.relative_to(ROOT)): path.read_text(encoding="utf-8")

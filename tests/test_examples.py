@@ -55,10 +55,10 @@ def test_own_estimator(folder: Path):
     printed, errors = run(folder, "own_estimator.py")
     assert errors == ""
     table = rows(printed)
-    assert list(table) == ["own", "isam2", "batch"]
+    assert list(table) == ["own", "causal", "batch"]
     assert 1.2 < float(table["own"]["x optimum"]) < 3.0
     assert float(table["own"]["NEES"]) > 30.0
-    assert 0.0 < float(table["isam2"]["NEES"]) < 5.0
+    assert 0.0 < float(table["causal"]["NEES"]) < 5.0
 
     run(folder, "-m", "slamgauge", "run", "q1-long-dense", "--estimators", "dead-reckoning", "--out", "first-run")
     arguments = ("--estimators", "dead-reckoning,riekf,own_estimator:estimate")
@@ -94,8 +94,8 @@ def test_compare_question_1(folder: Path):
         title, _, body = text.partition("\n")
         assert title == f"{scenario}, seed 0"
         table = rows(body)
-        assert list(table) == ["dead-reckoning", "ekf", "riekf", "isam2", "batch"]
-        assert float(table["isam2"]["x optimum"]) == float(table["batch"]["x optimum"]) == 1.0
+        assert list(table) == ["dead-reckoning", "ekf", "riekf", "causal", "batch"]
+        assert float(table["causal"]["x optimum"]) == float(table["batch"]["x optimum"]) == 1.0
         assert 0.95 < float(table["ekf"]["NIS/dof"]) < 1.05
         assert float(table["dead-reckoning"]["x optimum"]) > (2.0 if scenario == "q1-long-sparse" else 5.0)
         assert float(table["riekf"]["d to optimum"]) < float(table["ekf"]["d to optimum"])
@@ -115,16 +115,16 @@ def test_compare_question_2(folder: Path):
     *texts, last = printed.split("\n\n")
     tables = [rows(text.partition("\n")[2]) for text in texts]
     assert [text.partition(",")[0] for text in texts] == ["q2-gate-1", "q2-long-dense", "q2-gate-100"]
-    names = ["ekf", "riekf", "isam2", "isam2@ekf"]
+    names = ["ekf", "riekf", "causal", "causal@ekf"]
     assert [list(table) for table in tables] == [names[:3], names, names]
     mapped = [int(table["ekf"]["mapped"]) for table in tables]
     assert mapped[0] > 20 * 37
     assert 37 < mapped[1] < 5 * 37
     for table in tables:
-        assert (table["isam2"]["mapped"], table["isam2"]["wrong"]) == ("37", "0")
-        assert float(table["isam2"]["x optimum"]) == 1.0
+        assert (table["causal"]["mapped"], table["causal"]["wrong"]) == ("37", "0")
+        assert float(table["causal"]["x optimum"]) == 1.0
     for table in tables[1:]:
-        assert table["isam2@ekf"]["wrong"] == table["ekf"]["wrong"]
+        assert table["causal@ekf"]["wrong"] == table["ekf"]["wrong"]
     assert float(tables[2]["ekf"]["ATE [m]"]) > 2 * float(tables[1]["ekf"]["ATE [m]"])
     assert last == "maps: maps of mine/maps.png\n"
     assert imread(folder / "maps of mine/maps.png").shape == (1050, 2250, 4)
@@ -138,7 +138,7 @@ def test_compare_question_3(folder: Path):
     tables = [rows(text.partition("\n")[2]) for text in texts]
     scales = ["q3-scale-0.1", "q3-scale-1", "q3-scale-2", "q3-scale-10"]
     assert [text.partition(",")[0] for text in texts] == scales
-    assert len({table["isam2"]["ATE [m]"] for table in tables}) == 1
+    assert len({table["causal"]["ATE [m]"] for table in tables}) == 1
     for name in ("ekf", "riekf"):
         nees = [float(table[name]["NEES"]) for table in tables]
         assert nees[0] > 10 * nees[1] > 10 * nees[3]
@@ -156,7 +156,7 @@ def test_compare_question_4(folder: Path):
     ways = ["ekf, fis", "riekf, fis", "riekf, inverse-depth", "riekf, delayed"]
     for text, landmarks in zip(texts, ("3", "19"), strict=True):
         lines = [line for line in text.splitlines()[2:] if "  " in line]
-        assert [line.partition("  ")[0] for line in lines] == [*ways, "isam2"]
+        assert [line.partition("  ")[0] for line in lines] == [*ways, "causal"]
         for line in lines:
             cells = line.split("  ")
             assert {cell.strip() for cell in cells} >= {landmarks, "0"}  # mapped, and none wrong

@@ -20,7 +20,7 @@ from random_recordings import random_recording
 from textbook import J, augment, innovation, locate, moved, observe, predict_standard, update
 
 from slamgauge.arrays import Float
-from slamgauge.ekf import SlamFilter, ekf
+from slamgauge.ekf import SlamFilter, ekf_slam
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation, wrap
 
@@ -133,7 +133,7 @@ def test_the_linear_graph_frozen_at_the_filters_jacobians_gives_the_filter(
     mean, cov = solve(recording, frozen)
     sigma = np.sqrt(np.diag(cov))
 
-    estimate = ekf(recording)
+    estimate = ekf_slam(recording)
     np.testing.assert_array_equal(estimate.landmark_ids, frozen.ids)
     difference = np.concatenate([estimate.poses[-1], estimate.landmarks.ravel()]) - mean
     difference[2] = wrap(difference[2])

@@ -12,13 +12,23 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FLOORS = ("slamgauge", "ekf", "graph_baseline", "compare")  # folders; all but the first are mapped into it
+FOLDERS = {"core": "slamgauge", **{name: f"slamgauge.{name}" for name in ("ekf", "graph_baseline", "compare")}}
 
-# rooms from the ground up: a room imports rooms below it, never one above
-ROOMS = {
+# Levels of each package from the ground up, folders or single modules: a module imports its own level and levels
+# below it, never one above. Modules that are not named here lie on top.
+LEVELS = {
     "slamgauge": (),
-    "slamgauge.ekf": ("settings", "kernels", "maps", "bearings", "window"),
-    "slamgauge.graph_baseline": (),
+    "slamgauge.ekf": (
+        "settings",
+        "kernels",
+        "maps",
+        "online_filter",
+        "slam_filter",
+        "associating_filter",
+        "bearings",
+        "advanced",
+    ),
+    "slamgauge.graph_baseline": ("problem", "gtsam_graph", "solver"),
     "slamgauge.compare": (
         "storage",
         "scenarios",
@@ -51,23 +61,22 @@ LIBRARIES = {
     "slamgauge.compare.report": {"jinja2", "markupsafe"},
     "slamgauge.compare.cli": {"tyro"},
 }
-FLOORS_BELOW = {
+PACKAGES_BELOW = {
     "slamgauge": (),
     "slamgauge.ekf": ("slamgauge",),
     "slamgauge.graph_baseline": ("slamgauge",),
     "slamgauge.compare": ("slamgauge", "slamgauge.ekf", "slamgauge.graph_baseline"),
 }
-DOORS = ("slamgauge", "slamgauge.__main__")  # they offer names of all floors, and import them when asked to
+LAZY = ("slamgauge", "slamgauge.__main__")  # they offer names of all packages, and import them on first use
 SLOW_TO_START = ("numpy", "gtsam", "matplotlib", "numba", "scipy", "pydantic")
 
 
 def sources() -> dict[str, Path]:
     """Every module of the program by its import name."""
     found: dict[str, Path] = {}
-    for floor in FLOORS:
-        for path in sorted((ROOT / floor).rglob("*.py")):
-            parts = path.relative_to(ROOT).with_suffix("").parts
-            name = ".".join(parts if floor == "slamgauge" else ("slamgauge", *parts))
+    for folder, package in FOLDERS.items():
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            name = ".".join((package, *path.relative_to(ROOT / folder).with_suffix("").parts))
             found[name.removesuffix(".__init__")] = path
     return found
 
@@ -87,35 +96,36 @@ def imported(path: Path, modules: dict[str, Path] = SOURCES) -> Iterator[str]:
             yield from (name if name in modules else node.module for name in submodules)
 
 
-IMPORTS = {name: {*imported(path)} for name, path in SOURCES.items() if name not in DOORS}
+IMPORTS = {name: {*imported(path)} for name, path in SOURCES.items() if name not in LAZY}
 
 
-def floor_of(name: str) -> str:
-    """The floor of a module."""
+def package_of(name: str) -> str:
+    """Package of a module."""
     two = ".".join(name.split(".")[:2])
-    return two if two in ROOMS else "slamgauge"
+    return two if two in LEVELS else "slamgauge"
 
 
-def room_of(name: str) -> str:
-    """The room of a module within its floor, "" for what lies outside its rooms."""
-    rest = name.removeprefix(floor_of(name)).strip(".").split(".")[0]
-    return rest if rest in ROOMS[floor_of(name)] else ""
+def level_of(name: str) -> str:
+    """Level of a module within its package, "" for modules on top."""
+    first = name.removeprefix(package_of(name)).strip(".").split(".")[0]
+    return first if first in LEVELS[package_of(name)] else ""
 
 
 def height(name: str) -> int:
-    """The room's place from the ground up; what lies at a floor's root is on top of its rooms."""
-    rooms = ROOMS[floor_of(name)]
-    return rooms.index(room_of(name)) if room_of(name) else len(rooms)
+    """Place of the module's level, counted from the ground."""
+    levels = LEVELS[package_of(name)]
+    return levels.index(level_of(name)) if level_of(name) else len(levels)
 
 
 def ours(name: str) -> set[str]:
-    return {other for other in IMPORTS[name] if other.partition(".")[0] == "slamgauge" and other not in DOORS}
+    return {other for other in IMPORTS[name] if other.partition(".")[0] == "slamgauge" and other not in LAZY}
 
 
-def test_every_folder_is_a_room_and_every_room_is_there() -> None:
-    for floor, rooms in ROOMS.items():
-        folder = ROOT / (floor.rpartition(".")[2])
-        assert {each.parent.name for each in folder.glob("*/__init__.py")} == {*rooms}
+def test_every_folder_is_a_level_and_every_level_exists() -> None:
+    for folder, package in FOLDERS.items():
+        folders = {each.parent.name for each in (ROOT / folder).glob("*/__init__.py")}
+        modules = {each.stem for each in (ROOT / folder).glob("*.py")}
+        assert folders <= {*LEVELS[package]} <= folders | modules
 
 
 def test_imports_are_seen_wherever_they_stand(tmp_path: Path) -> None:
@@ -126,15 +136,15 @@ def test_imports_are_seen_wherever_they_stand(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", IMPORTS)
 def test_a_module_imports_from_below(name: str) -> None:
-    above = {other for other in ours(name) if floor_of(other) == floor_of(name) and height(other) > height(name)}
-    allowed = {*FLOORS_BELOW[floor_of(name)], floor_of(name)}
-    assert not above | {other for other in ours(name) if floor_of(other) not in allowed}
+    above = {other for other in ours(name) if package_of(other) == package_of(name) and height(other) > height(name)}
+    allowed = {*PACKAGES_BELOW[package_of(name)], package_of(name)}
+    assert not above | {other for other in ours(name) if package_of(other) not in allowed}
 
 
 @pytest.mark.parametrize("name", IMPORTS)
-def test_a_module_imports_the_libraries_of_its_room(name: str) -> None:
-    floor = floor_of(name)
-    allowed = LIBRARIES[floor] | LIBRARIES.get(f"{floor}.{room_of(name)}", set()) | LIBRARIES.get(name, set())
+def test_a_module_imports_the_libraries_of_its_level(name: str) -> None:
+    package = package_of(name)
+    allowed = LIBRARIES[package] | LIBRARIES.get(f"{package}.{level_of(name)}", set()) | LIBRARIES.get(name, set())
     assert {other.partition(".")[0] for other in IMPORTS[name]} - sys.stdlib_module_names - {"slamgauge"} <= allowed
 
 
@@ -161,7 +171,7 @@ def test_the_command_and_the_package_start_without_the_slow_libraries(statement:
     ("package", "never"),
     [("slamgauge.ekf", "gtsam"), ("slamgauge.graph_baseline", "pydantic"), ("slamgauge.recording", "scipy")],
 )
-def test_a_floor_can_be_used_without_the_others_libraries(package: str, never: str) -> None:
+def test_a_package_can_be_used_without_the_others_libraries(package: str, never: str) -> None:
     loaded = loaded_by(f"from {package} import *")  # all that it offers lazily, too
     assert "numpy" in loaded
     assert not loaded & {never, "slamgauge.compare", "matplotlib"}

@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 from zipfile import ZipFile
 
 import pytest
-from installed_elsewhere import FLOORS, ROOT, lend_kernels, run_in
+from installed_elsewhere import PACKAGES, ROOT, lend_kernels, run_in
 
 SCENARIOS = sorted(path.stem for path in (ROOT / "compare/scenarios").glob("*.toml"))
 
@@ -41,11 +41,11 @@ def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path):
     with ZipFile(wheel) as archive:
         names = {PurePosixPath(name) for name in archive.namelist()}
     program = {name for name in names if not name.parts[0].endswith(".dist-info")}
-    source = {PurePosixPath("slamgauge", file.name) for file in (ROOT / "slamgauge").glob("*.py")}
+    source = {PurePosixPath("slamgauge", file.name) for file in (ROOT / "core").glob("*.py")}
     source |= {PurePosixPath("slamgauge/py.typed"), PurePosixPath("slamgauge/paper.mplstyle")}
-    for floor in FLOORS:
+    for package in PACKAGES:
         kinds = ("*.py", "*.toml", "*.html", "*.css", "*.js")
-        files = [file for kind in kinds for file in (ROOT / floor).rglob(kind)]
+        files = [file for kind in kinds for file in (ROOT / package).rglob(kind)]
         source |= {PurePosixPath("slamgauge", file.relative_to(ROOT).as_posix()) for file in files}
     assert program == source
     assert set(SCENARIOS) >= {"q1-long-dense", "q1-long-sparse", "q1-short-dense"}
@@ -74,7 +74,7 @@ def test_the_unpacked_wheel_finds_its_scenarios(unpacked: Path, tmp_path: Path):
 
 
 def test_the_unpacked_wheel_runs_one(unpacked: Path, tmp_path: Path):
-    arguments = ("--set", "trajectory.duration=2", "--estimators", "isam2,batch", "--out", "run", "--json")
+    arguments = ("--set", "trajectory.duration=2", "--estimators", "causal,batch", "--out", "run", "--json")
     metrics = json.loads(python(unpacked, tmp_path, "-m", "slamgauge", "run", "q1-short-dense", *arguments))
-    assert set(metrics["estimators"]) == {"isam2", "batch"}
+    assert set(metrics["estimators"]) == {"causal", "batch"}
     assert (tmp_path / "run/figure.svg").exists()

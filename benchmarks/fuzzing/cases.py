@@ -15,7 +15,7 @@ from fuzzing.arguments import ARGUMENTS, give_arguments
 from fuzzing.targets import Target, targets
 from slamgauge import Recording, UserError
 from slamgauge.compare.scenarios.scenario import ScenarioError
-from slamgauge.ekf.estimators import ekf
+from slamgauge.ekf.estimators import ekf_slam
 from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_bearings_once
 from slamgauge.errors import refused_by_the_machine
 
@@ -106,7 +106,7 @@ def _undamaged(name: str) -> object:
 
 def _require_usable(recording: Recording) -> None:
     """A filter runs on what was accepted, or says in one line why it cannot."""
-    estimate = ekf(recording)
+    estimate = ekf_slam(recording)
     if not np.isfinite(estimate.poses).all():
         raise ArithmeticError("an accepted recording gives poses that are not finite")
 

@@ -39,7 +39,7 @@ from slamgauge.compare.datasets.victoria_park import read_victoria_park
 from slamgauge.compare.storage.csv_folder import read_recording_csv, write_estimate_csv, write_recording_csv
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, save, write_tum
 from slamgauge.compare.storage.stored_estimates import load_stored
-from slamgauge.ekf.estimators import ekf
+from slamgauge.ekf.estimators import ekf_slam
 from slamgauge.se2 import wrap
 
 Files = Mapping[str, bytes]
@@ -120,7 +120,7 @@ class Target:
 def targets(folder: Path) -> tuple[Target, ...]:
     """All of them; `folder` is an empty one to make whole files in."""
     truth, recording = simulate(_short_scenario(folder), 0)
-    estimate = ekf(recording)
+    estimate = ekf_slam(recording)
     stores = [Target(**each) for each in damaged_stores(_short_scenario(folder), folder)]
     texts = _texts(folder, recording, estimate)
     return (*_npz_files(folder, truth, recording, estimate), *_mat_files(), *texts, *stores)
@@ -141,7 +141,7 @@ def _npz_files(folder: Path, truth: Truth, recording: Recording, estimate: Estim
         "recording npz": (recording, load_recording),
         "truth npz": (truth, load_truth),
         "estimate npz": (estimate, load_estimate),
-        "rays npz": (ekf(simulate(bearings, 0)[1], frames=3), load_estimate),
+        "rays npz": (ekf_slam(simulate(bearings, 0)[1], frames=3), load_estimate),
     }
     for name, (record, load) in records.items():
         save(folder / "record.npz", record)

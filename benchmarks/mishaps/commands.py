@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 
 SHORT = ("--set", "trajectory.duration=3")
-STUDY = ("study", "q1-long-dense", *SHORT, "--jobs", "2", "--estimators", "ekf,isam2")
+STUDY = ("study", "q1-long-dense", *SHORT, "--jobs", "2", "--estimators", "ekf,causal")
 COMMANDS = {
-    "run": ("run", "q1-short-dense", *SHORT, "--estimators", "ekf,isam2"),
+    "run": ("run", "q1-short-dense", *SHORT, "--estimators", "ekf,causal"),
     "evaluate": ("evaluate", "INPUT/recording.npz", "--estimators", "ekf"),
     "import": ("import", "csv", "INPUT/csv"),
     "export": ("export", "INPUT", "--format", "csv"),

@@ -20,7 +20,7 @@ from textbook import textbook_ekf, textbook_fej_ekf, textbook_iekf, textbook_oc_
 from referees.extended import DIGITS_GAINED, Long, Path, as_long, extended, long_rotation, long_wrap, solved
 from referees.verdicts import FILTER_BAR, Outcome, attempt
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf import SlamFilter, ekf, fej_ekf, iekf, oc_ekf, riekf
+from slamgauge.ekf import SlamFilter, ekf_slam, fej_ekf, iekf, oc_ekf, riekf
 from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -42,7 +42,7 @@ class Pair(NamedTuple):
 
 
 PAIRS = {
-    "ekf": Pair(ekf, textbook_ekf),
+    "ekf": Pair(ekf_slam, textbook_ekf),
     "fej-ekf": Pair(fej_ekf, textbook_fej_ekf),
     "oc-ekf": Pair(oc_ekf, textbook_oc_ekf),
     "iekf": Pair(iekf, textbook_iekf),

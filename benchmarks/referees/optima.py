@@ -1,4 +1,4 @@
-"""Batch against an independent least-squares solver, and isam2 at every step against the optimum of what it had seen.
+"""Batch against an independent least-squares solver, and causal at every step against the optimum of what it had seen.
 
 The referee runs from several starts and keeps its lowest cost. Which landmarks bearings place is a matter of
 definition: it is asked about those that batch has placed, on the whole recording or on its first steps. What batch
@@ -22,10 +22,10 @@ from referees.verdicts import COST_BAR, STEP_BAR, Outcome, attempt
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import riekf
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import batch, hindsight, isam2
+from slamgauge.graph_baseline import batch, causal, hindsight
 from slamgauge.graph_baseline.problem.preparation import in_frame_of_start
-from slamgauge.graph_baseline.solver.incremental import GrowingOptimum
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
+from slamgauge.graph_baseline.solver.incremental import GrowingOptimum
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, wrap
 
@@ -38,7 +38,7 @@ PREFIX_ITERATIONS = 50
 
 
 def judge_optima(drawn: Drawn) -> list[Outcome]:
-    """Outcomes of batch and isam2; of batch on bearings, also whether it left out landmarks that it should not."""
+    """Outcomes of batch and causal; of batch on bearings, also whether it left out landmarks that it should not."""
     batched = attempt(batch, drawn.recording)
     recording = drawn.recording
     outcomes: list[Outcome] = []
@@ -50,7 +50,7 @@ def judge_optima(drawn: Drawn) -> list[Outcome]:
     model = Model(recording)
     minimum = lowest(model, starts(model, drawn.truth.poses, batched))
     outcomes.append(_judge_batch(model, minimum, batched))
-    outcomes.append(_judge_isam2(drawn, model, minimum))
+    outcomes.append(_judge_causal(drawn, model, minimum))
     return outcomes
 
 
@@ -186,15 +186,15 @@ def _placed(recording: Recording, name: int, landmark: Float, poses: Float, shar
     return float(np.linalg.eigvalsh(information)[0]) * share**2 * float(squared.min()) > 1.0
 
 
-# --- isam2 -----------------------------------------------------------------------------------------
+# --- causal -----------------------------------------------------------------------------------------
 
 
 @dataclass
 class _Steps:
-    """What is known of isam2's steps so far.
+    """What is known of causal's steps so far.
 
     Attributes:
-        look_again: the step from which on an optimum that isam2 is off from is sought from all starts again. One that
+        look_again: the step from which on an optimum that causal is off from is sought from all starts again. One that
             has just been confirmed is carried on for a while: it hardly ever stops being the lowest.
     """
 
@@ -216,13 +216,13 @@ def stated_check(estimate: Estimate) -> float:
     return math.nan if estimate.optimum_check is None else estimate.optimum_check
 
 
-def _judge_isam2(drawn: Drawn, model: Model, minimum: Minimum | None) -> Outcome:
-    estimate = attempt(isam2, drawn.recording)
+def _judge_causal(drawn: Drawn, model: Model, minimum: Minimum | None) -> Outcome:
+    estimate = attempt(causal, drawn.recording)
     if isinstance(estimate, str):
         if minimum is None:
-            return Outcome("isam2", "undecided", math.inf, estimate)
+            return Outcome("causal", "undecided", math.inf, estimate)
         count = drawn.recording.steps + 1  # it has none of them
-        return Outcome("isam2", "failed", math.inf, estimate, count, count)
+        return Outcome("causal", "failed", math.inf, estimate, count, count)
     steps = _Steps()
     warm: tuple[Model, Float] | None = None
     with grown_once(drawn.recording):
@@ -232,13 +232,13 @@ def _judge_isam2(drawn: Drawn, model: Model, minimum: Minimum | None) -> Outcome
             if part is not None:
                 warm = _judge_step(drawn, part, warm, estimate, steps, minimum if whole else None)
     if not steps.compared:
-        return Outcome("isam2", "undecided", math.nan, "the referee found no minimum at any step")
+        return Outcome("causal", "undecided", math.nan, "the referee found no minimum at any step")
     verdict = "worse" if steps.off else "agrees"
     said = stated_check(estimate)
     unflagged = steps.off if not said > STEP_BAR else 0
     note = f"worst at step {steps.at} of {drawn.recording.steps}, {steps.off} of {steps.compared} off"
     note += ", nothing says so" * bool(unflagged)
-    return Outcome("isam2", verdict, steps.worst, note, steps.compared, steps.off, unflagged)
+    return Outcome("causal", verdict, steps.worst, note, steps.compared, steps.off, unflagged)
 
 
 @contextmanager

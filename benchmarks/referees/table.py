@@ -11,7 +11,7 @@ from referees.filters import PAIRS
 from referees.verdicts import FILTER_BAR, STEP_BAR, Judged, Outcome, Verdict
 
 SHARE_OF_RECORDINGS = 0.995  # on which a filter must agree
-SHARE_OF_STEPS = 0.99  # at which isam2 must be within its bar
+SHARE_OF_STEPS = 0.99  # at which causal must be within its bar
 VERDICTS: tuple[Verdict, ...] = ("agrees", "worse", "failed", "undecided", "not compared")
 UNITS = {"batch": "cost", "batch mapped": "landmarks"}  # of a difference; sigmas if not told
 
@@ -26,7 +26,7 @@ def table(judged: Sequence[Judged]) -> str:
         lines.append(f"{name:14}{row}{largest:>14.1e} {UNITS.get(name, 'sigma'):13}".rstrip())
     compared, off, unflagged = steps_of(judged)
     if compared:
-        lines += ["", f"isam2 steps: {compared}, more than {STEP_BAR} sigma off: {off} ({off / compared:.2%})"]
+        lines += ["", f"causal steps: {compared}, more than {STEP_BAR} sigma off: {off} ({off / compared:.2%})"]
         lines[-1] += f", of these in estimates that do not say so: {unflagged}"
     return "\n".join(lines)
 
@@ -41,8 +41,8 @@ def by_estimator(judged: Sequence[Judged]) -> dict[str, list[Outcome]]:
 
 
 def steps_of(judged: Sequence[Judged]) -> tuple[int, int, int]:
-    """Steps of isam2 that were compared, that are off, and that are off in estimates that do not say so."""
-    outcomes = by_estimator(judged).get("isam2", [])
+    """Steps of causal that were compared, that are off, and that are off in estimates that do not say so."""
+    outcomes = by_estimator(judged).get("causal", [])
     return (
         sum(each.steps for each in outcomes),
         sum(each.steps_off for each in outcomes),
@@ -54,7 +54,7 @@ def bars_missed(judged: Sequence[Judged]) -> list[str]:
     """What is not as it has to be, a line each.
 
     Filters agree with their referee on `SHARE_OF_RECORDINGS`, and iekf ends in its minimum; batch finds the minimum
-    wherever the referee finds one, and maps what bearings place; isam2 is within its bar at `SHARE_OF_STEPS`, and its
+    wherever the referee finds one, and maps what bearings place; causal is within its bar at `SHARE_OF_STEPS`, and its
     estimate says so where it is not.
     """
     missed: list[str] = []
@@ -69,9 +69,9 @@ def bars_missed(judged: Sequence[Judged]) -> list[str]:
             missed.append(f"batch: {what} in {bad} recordings")
     compared, off, unflagged = steps_of(judged)
     if off > (1.0 - SHARE_OF_STEPS) * compared:
-        missed.append(f"isam2: {off} of {compared} steps more than {STEP_BAR} sigma off")
+        missed.append(f"causal: {off} of {compared} steps more than {STEP_BAR} sigma off")
     if unflagged:
-        missed.append(f"isam2: {unflagged} steps off in estimates that do not say so")
+        missed.append(f"causal: {unflagged} steps off in estimates that do not say so")
     return missed
 
 

@@ -24,9 +24,9 @@ class Outcome:
     Attributes:
         estimator: its name.
         verdict: `undecided` where no referee has an answer, `not compared` where there is none for such recordings.
-        difference: to the referee; sigmas of filters and isam2 (its worst step), relative cost of batch.
+        difference: to the referee; sigmas of filters and causal (its worst step), relative cost of batch.
         note: what else is to be said: the message of one that failed.
-        steps: that were compared one by one, and how many of them were off the bar; isam2 alone has them.
+        steps: that were compared one by one, and how many of them were off the bar; causal alone has them.
         unflagged: off the bar, in a recording whose estimate did not say so itself.
     """
 

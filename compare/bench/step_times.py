@@ -14,22 +14,22 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.bench.numpy_filter import plain_numpy_ekf
-from slamgauge.compare.estimators.requests import Asked, Chosen, ask
 from slamgauge.compare.estimators.cost_estimate import require_time, seconds_of
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.estimators.registry import CAUSAL
+from slamgauge.compare.estimators.requests import Asked, Chosen, ask
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell
-from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.storage.progress import counted
-from slamgauge.jit import direct
+from slamgauge.compare.storage.provenance import origin
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.maps.correction_table import CORRECTIONS, RULES, Rule
 from slamgauge.estimate import Estimate
+from slamgauge.jit import direct
 from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
 

@@ -8,12 +8,12 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from slamgauge.compare.checks.covariance_checks import BELIEF
+from slamgauge.compare.checks.exact_measurement_checks import TRUTH
 from slamgauge.compare.checks.id_and_frame_checks import BOOKKEEPING
-from slamgauge.compare.checks.new_landmark_checks import FIRST_SIGHT
 from slamgauge.compare.checks.law import Law, NotJudgedError, Subject
+from slamgauge.compare.checks.new_landmark_checks import FIRST_SIGHT
 from slamgauge.compare.checks.prediction_checks import PREDICTION
 from slamgauge.compare.checks.step_time_check import SPEED
-from slamgauge.compare.checks.exact_measurement_checks import TRUTH
 from slamgauge.compare.checks.update_checks import UPDATE
 from slamgauge.compare.estimators.isolated_process import OverdueError
 from slamgauge.compare.scoring.text_page import Grid, Page

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from slamgauge.arrays import Int
-from slamgauge.compare.checks.law import Answer, Law, NotJudgedError, Subject
 from slamgauge.compare.checks.exact_measurement_checks import ahead, walk
+from slamgauge.compare.checks.law import Answer, Law, NotJudgedError, Subject
 from slamgauge.compare.checks.small_recordings import KNOWN_START, SIGMA, World, pose_error
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, rotation

@@ -8,7 +8,14 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.checks.law import Law, Subject
-from slamgauge.compare.checks.small_recordings import KNOWN_START, World, any_start, correlated, pose_error, relative_error
+from slamgauge.compare.checks.small_recordings import (
+    KNOWN_START,
+    World,
+    any_start,
+    correlated,
+    pose_error,
+    relative_error,
+)
 
 NO_LANDMARKS = np.zeros((0, 2))
 FORWARD, TURN = 1e-2, 2e-3  # sigmas of a move [m], [rad]

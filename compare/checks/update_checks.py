@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamgauge.compare.checks.new_landmark_checks import sight_jacobian
 from slamgauge.compare.checks.law import Law, Subject
+from slamgauge.compare.checks.new_landmark_checks import sight_jacobian
 from slamgauge.compare.checks.small_recordings import KNOWN, KNOWN_START, SIGMA, World, any_start, around, standing
 
 LOOSE = 50.0 * SIGMA  # sigma of a move, against which a sight is as good as exact

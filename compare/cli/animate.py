@@ -58,12 +58,12 @@ class Animate:
 
     def _run_the_worst(self, out: Path) -> int:
         """Carry out the run of a study in which the first estimator that is to be shown has its largest ATE."""
-        from slamgauge.compare.cli.run import Run
         from slamgauge.compare.cli.pages import PageOptions
+        from slamgauge.compare.cli.run import Run
         from slamgauge.compare.report.rerun_command import run_of_study
         from slamgauge.compare.report.study_page import runs_to_look_at
-        from slamgauge.compare.studies.study_run import run_seed
         from slamgauge.compare.studies.stored_study import load_study
+        from slamgauge.compare.studies.study_run import run_seed
 
         study, named = load_study(self.folder), split_names(self.estimators)
         name = named[0] if named and named[0] in study.runs else next(iter(study.runs))

@@ -37,8 +37,8 @@ class Check:
     def __call__(self) -> int:
         """Judge and print; the exit status."""
         from slamgauge.compare.checks.examination import check_estimator, verdicts_json, verdicts_table
-        from slamgauge.compare.estimators.requests import Isolation, ask, isolated
         from slamgauge.compare.estimators.loading import load
+        from slamgauge.compare.estimators.requests import Isolation, ask, isolated
 
         if self.seed < 0:
             raise UserError(f"seed {self.seed}: no generator takes it; give one >= 0")

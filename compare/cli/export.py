@@ -94,8 +94,8 @@ class Export:
 
     def _write_figures(self, form: Format) -> None:
         """Draw the figures of a folder of results."""
-        from slamgauge.compare.figures.redraw import drawings_of
         from slamgauge.compare.figures.figure_size import Sheet, printed_on
+        from slamgauge.compare.figures.redraw import drawings_of
         from slamgauge.compare.storage.staged_folder import staged_folder
 
         drawings = drawings_of(self.path, split_names(self.estimators), self.band)

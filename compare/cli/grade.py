@@ -64,15 +64,15 @@ class Grade:
 
     def __call__(self) -> int:
         """Run, judge, print and write; the exit status."""
-        from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.estimators.cost_estimate import require_time_for_runs
         from slamgauge.compare.estimators.registry import CAUSAL
+        from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.grading.grade_files import write_grades, write_pages
         from slamgauge.compare.grading.grade_table import grade_table
         from slamgauge.compare.grading.grading import grade_folder
         from slamgauge.compare.grading.submissions import submissions_in
-        from slamgauge.compare.storage.safe_names import file_name
         from slamgauge.compare.storage.result_files import GRADES, PAGES, grade_files
+        from slamgauge.compare.storage.safe_names import file_name
 
         out = self.out or Path("results") / f"grades-{file_name(self.folder.resolve().name)}"
         scenario, (reference,) = sampled_scenario(self.scenario, []), ask([self.reference])

@@ -23,19 +23,19 @@ from slamgauge.compare.cli.doctor import Doctor
 from slamgauge.compare.cli.export import Export
 from slamgauge.compare.cli.grade import Grade
 from slamgauge.compare.cli.imports import Import
-from slamgauge.compare.cli.study import Budget, Claims, Study
 from slamgauge.compare.cli.noise import Noise
-from slamgauge.compare.cli.run import Evaluate, Run
 from slamgauge.compare.cli.options import EmptyPathError
 from slamgauge.compare.cli.parsing import Command, parse
 from slamgauge.compare.cli.report import Report
+from slamgauge.compare.cli.run import Evaluate, Run
 from slamgauge.compare.cli.scenarios import Scenarios
 from slamgauge.compare.cli.schema import Schema
 from slamgauge.compare.cli.streams import drop_output, prepare_streams, put
+from slamgauge.compare.cli.study import Budget, Claims, Study
 from slamgauge.compare.cli.terminal import Output, printed_as
 from slamgauge.compare.cli.twin import MakeTwin
-from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.provenance import commanded
+from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import UserError, refused_by_the_machine
 
 DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h

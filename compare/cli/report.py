@@ -8,9 +8,9 @@ from pathlib import Path
 
 import tyro
 
-from slamgauge.compare.cli.run import Run
 from slamgauge.compare.cli.options import Folder
 from slamgauge.compare.cli.pages import Open, open_page
+from slamgauge.compare.cli.run import Run
 from slamgauge.compare.storage.result_files import REPORT
 
 

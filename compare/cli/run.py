@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from slamgauge.recording import Recording
     from slamgauge.truth import Truth
 
-DEFAULT_ESTIMATORS = "ekf,riekf,isam2,batch"
+DEFAULT_ESTIMATORS = "ekf,riekf,causal,batch"
 FRAMES = 240  # maps that filters keep for pictures
 
 
@@ -45,7 +45,7 @@ class Run:
     """Simulate one run of a scenario and grade estimators on it.
 
     For example:
-      slamgauge run q1-long-dense --estimators ekf,riekf,isam2,batch
+      slamgauge run q1-long-dense --estimators ekf,riekf,causal,batch
       slamgauge run q2-long-dense --seed 3 --set association.gate=25
     """
 
@@ -82,8 +82,8 @@ class Run:
         return status if write_page(out, METRICS, self.page) else 1
 
     def _grade(self, scenario: Scenario, out: Path) -> int:
-        from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.estimators.cost_estimate import require_means_for_recording
+        from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.scenarios.scenario_text import scenario_text
         from slamgauge.compare.scenarios.simulation import simulate_informed
         from slamgauge.compare.storage.manifest import require_free
@@ -113,8 +113,8 @@ class Run:
 class Evaluate:
     """Grade estimators, your own among them, on a stored recording.
 
-    From a truth with associations isam2 and batch are told these; where nobody knows them, those of the first estimator
-    that makes any (isam2@ekf). The noise that all assume is the recording's.
+    With a truth that has associations, causal and batch use these; where nobody knows them, they use those of the first
+    estimator that makes any (causal@ekf). The noise that all assume is the recording's.
 
     For example:
       slamgauge evaluate first-run/recording.npz --estimators my_filter.py:estimate
@@ -164,8 +164,8 @@ class Evaluate:
         return status if write_page(self.out, METRICS, self.page) else 1
 
     def _grade(self) -> int:
-        from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.estimators.cost_estimate import require_means_for_recording
+        from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
         from slamgauge.compare.storage.files import load_recording, load_truth
         from slamgauge.compare.storage.safe_names import shown
@@ -202,8 +202,8 @@ class Evaluate:
 
 def _as_it_lies(path: Path, recording: Recording) -> Estimator:
     """The estimator that returns what a file holds of the recording, or fails for the reason why it holds nothing."""
-    from slamgauge.compare.estimators.user_code import OwnCodeError
     from slamgauge.compare.estimators.running import StoredEstimate
+    from slamgauge.compare.estimators.user_code import OwnCodeError
     from slamgauge.compare.storage.stored_estimates import load_stored
 
     def lacking(_: Recording) -> Estimate:

@@ -51,7 +51,7 @@ class Study:
     Exit status 1 if an estimator failed in a run; all others are summed up.
 
     For example:
-      slamgauge study q1-long-dense --runs 100 --estimators ekf,riekf,isam2
+      slamgauge study q1-long-dense --runs 100 --estimators ekf,riekf,causal
       slamgauge study q2-long-dense --runs 20 --sweep association.gate=1,9,100
     """
 
@@ -68,7 +68,7 @@ class Study:
     seed: int = 0
     """Root seed, from which the runs' own seeds are spawned."""
 
-    estimators: Estimators = "ekf,riekf,isam2"
+    estimators: Estimators = "ekf,riekf,causal"
 
     own_code: OwnCode = field(default_factory=OwnCode)
 

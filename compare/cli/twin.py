@@ -39,8 +39,8 @@ class MakeTwin:
         from slamgauge.compare.scoring.text_page import Page
         from slamgauge.compare.storage.files import load_recording
         from slamgauge.compare.storage.manifest import require_free
-        from slamgauge.compare.storage.safe_names import shown
         from slamgauge.compare.storage.result_files import TWIN, TWIN_FILES
+        from slamgauge.compare.storage.safe_names import shown
         from slamgauge.compare.storage.staged_folder import staged_folder
         from slamgauge.compare.studies.twin import ASSOCIATES, make_twin, write_twin
 

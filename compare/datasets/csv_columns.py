@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.text_lines import REMARKS, Line, read_lines
 from slamgauge.compare.datasets.csv_mapping import UNITS, Columns
+from slamgauge.compare.datasets.text_lines import REMARKS, Line, read_lines
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 

@@ -16,9 +16,8 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.datasets.csv_columns import Source, Table, read_columns, require_known
-from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, identified, of_file
-from slamgauge.compare.datasets.text_lines import require_order, require_ranges
 from slamgauge.compare.datasets.csv_mapping import LogMapping, ObservationsTable, OdometryTable, load_mapping
+from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, identified, of_file
 from slamgauge.compare.datasets.synchronisation import (
     Odometry,
     constant_twist,
@@ -26,6 +25,7 @@ from slamgauge.compare.datasets.synchronisation import (
     joined,
     require_turns,
 )
+from slamgauge.compare.datasets.text_lines import require_order, require_ranges
 from slamgauge.compare.storage.csv_folder import START, read_recording_csv
 from slamgauge.compare.storage.result_files import MAPPING
 from slamgauge.errors import UserError

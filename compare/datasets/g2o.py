@@ -33,14 +33,14 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, of_file, require_covariances
-from slamgauge.compare.datasets.text_lines import Line, read_lines
 from slamgauge.compare.datasets.pose_chain import Edges, chained
+from slamgauge.compare.datasets.text_lines import Line, read_lines
 from slamgauge.compare.storage.covariance_columns import from_triangles
 from slamgauge.covariances import inverted
 from slamgauge.errors import UserError
-from slamgauge.suggestions import did_you_mean
 from slamgauge.recording import Recording, Sensor
 from slamgauge.se2 import rotation, wrap
+from slamgauge.suggestions import did_you_mean
 
 VERTICES = {"VERTEX_SE2": "VERTEX_SE2 i x y theta", "VERTEX2": "VERTEX2 i x y theta", "VERTEX_XY": "VERTEX_XY l x y"}
 PRIOR = "EDGE_PRIOR_SE2"

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.compare.storage.files import explained
+from slamgauge.back_projection import positions_seen
 from slamgauge.compare.storage.covariance_columns import upper_triangles
+from slamgauge.compare.storage.files import explained
 from slamgauge.covariances import inverted, scale_of
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation
-from slamgauge.back_projection import positions_seen
 
 
 def write_g2o(path: Path, recording: Recording, *, lend: float | None = None) -> None:

@@ -19,7 +19,6 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, of_file, require_sigmas
-from slamgauge.compare.datasets.text_lines import Line, read_table, require_order, require_ranges
 from slamgauge.compare.datasets.synchronisation import (
     Odometry,
     constant_twist,
@@ -27,6 +26,7 @@ from slamgauge.compare.datasets.synchronisation import (
     joined,
     require_turns,
 )
+from slamgauge.compare.datasets.text_lines import Line, read_table, require_order, require_ranges
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap

@@ -14,8 +14,8 @@ import numpy as np
 
 from slamgauge.compare.datasets.imported_log import require_max_range
 from slamgauge.compare.datasets.text_lines import LARGEST_ID
-from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.covariance_columns import from_triangles
+from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.validation import LARGEST

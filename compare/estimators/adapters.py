@@ -15,10 +15,10 @@ from slamgauge.compare.estimators import course_steps, online_class, predict_upd
 from slamgauge.compare.estimators import step_function as steps
 from slamgauge.compare.estimators.external_program import external
 from slamgauge.compare.estimators.fresh_modules import AddressedCode, Code, Fresh, GivenCode, as_it_stands
-from slamgauge.compare.estimators.user_code import Address, Callee, load_own_module
 from slamgauge.compare.estimators.private_import import present
-from slamgauge.compare.estimators.step_function import Noise, StepFunction
 from slamgauge.compare.estimators.signatures import required
+from slamgauge.compare.estimators.step_function import Noise, StepFunction
+from slamgauge.compare.estimators.user_code import Address, Callee, load_own_module
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from slamgauge.arrays import distinct
-from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.estimators.registry import entry_of
+from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.errors import UserError
 from slamgauge.memory import require_memory

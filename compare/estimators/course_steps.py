@@ -17,9 +17,9 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
-from slamgauge.compare.estimators.user_code import OwnCodeError
 from slamgauge.compare.estimators.signatures import called, pair, required_of_pair
 from slamgauge.compare.estimators.state_log import Trail
+from slamgauge.compare.estimators.user_code import OwnCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import wrap

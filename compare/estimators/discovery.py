@@ -9,9 +9,9 @@ from typing import Any
 from slamgauge.compare.estimators.adapters import EXAMPLES, FORMS, NAMES
 from slamgauge.compare.estimators.external_program import ExternalProgram
 from slamgauge.compare.estimators.fresh_modules import Fresh
-from slamgauge.compare.estimators.user_code import Address, load_own_module, load_whole_module
-from slamgauge.compare.estimators.step_function import StepFunction
 from slamgauge.compare.estimators.signatures import required
+from slamgauge.compare.estimators.step_function import StepFunction
+from slamgauge.compare.estimators.user_code import Address, load_own_module, load_whole_module
 from slamgauge.errors import UserError
 
 

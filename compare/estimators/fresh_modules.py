@@ -12,8 +12,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from slamgauge.compare.estimators.user_code import Address, Callee, load_own_module
 from slamgauge.compare.estimators.private_import import present
+from slamgauge.compare.estimators.user_code import Address, Callee, load_own_module
 
 CHANGING = ("add", "append", "clear", "extend", "insert", "pop", "remove", "update")  # methods of lists and dicts
 PLAIN = (bool, int, float, complex, str, type(None), np.ndarray, np.generic)

@@ -27,9 +27,9 @@ from typing import Any, cast
 from slamgauge.compare.estimators.adapters import adapted
 from slamgauge.compare.estimators.discovery import found_in
 from slamgauge.compare.estimators.isolated_process import FOLDERS, GIVEN, HERE, MADE
-from slamgauge.compare.estimators.user_code import Address, reason_of
-from slamgauge.compare.estimators.sources import Sources
 from slamgauge.compare.estimators.landlock import write_only_in
+from slamgauge.compare.estimators.sources import Sources
+from slamgauge.compare.estimators.user_code import Address, reason_of
 from slamgauge.compare.storage.files import load_recording, save
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator

@@ -11,11 +11,11 @@ import numpy as np
 
 from slamgauge.arrays import Marks
 from slamgauge.compare.estimators.adapters import adapt, adapted
-from slamgauge.compare.estimators.requests import Asked, Chosen, Isolation, ask
-from slamgauge.compare.estimators.isolated_process import Isolated, Spent
-from slamgauge.compare.estimators.user_code import Address
-from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
 from slamgauge.compare.estimators.causality_check import Strict
+from slamgauge.compare.estimators.isolated_process import Isolated, Spent
+from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
+from slamgauge.compare.estimators.requests import Asked, Chosen, Isolation, ask
+from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.ekf.settings.initialisation import Initialisation
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
@@ -47,7 +47,7 @@ def load_estimators(
     """Estimators by the name that results carry.
 
     Args:
-        chosen: names of the registry, `isam2@ekf` is isam2 under the associations that ekf makes, and so for every
+        chosen: names of the registry, `causal@ekf` is causal under the associations that ekf makes, and so for every
             graph and filter; addresses `[LABEL=]FILE.py:callable` or `[LABEL=]package.module:callable` of people's
             own, in any of the forms of `slamgauge.adapters`, and this loads and runs the code found there, with the
             file's folder, or the current one, searched first; or a mapping from labels to either, or to callables.

@@ -17,8 +17,8 @@ import numpy as np
 
 from slamgauge.arrays import Int
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
-from slamgauge.compare.estimators.user_code import Callee, OwnCodeError
 from slamgauge.compare.estimators.signatures import called, parameters, required
+from slamgauge.compare.estimators.user_code import Callee, OwnCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 

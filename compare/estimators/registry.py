@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 DEAD_RECKONING = "dead-reckoning"  # what figures show faintly, and pictures of a map leave out
 FIXED_LAG, SLIDING_WINDOW = LAGGING = ("fixed-lag", "sliding-window")  # fixed-lag-50: of 50 steps
 LAG = "0|[1-9][0-9]{0,8}"  # as a name ends
-UNDER = "@"  # isam2@ekf: isam2 under the associations that ekf makes
+UNDER = "@"  # causal@ekf: causal under the associations that ekf makes
 
 
 class Look(NamedTuple):
@@ -46,7 +46,7 @@ class Entry:
         note: what it is, in a word or two for help texts.
         is_filter: whether it takes a filter's settings: how it associates, how landmarks begin, at how many steps it
             keeps its map. Its rule of correction is that of `ekf.maps.correction_table` for this name.
-        is_graph: whether it can be told associations, as in `isam2@ekf`.
+        is_graph: whether it can be told associations, as in `causal@ekf`.
         is_yardstick: whether it is the optimum that estimates of its kind are compared with. It is told true
             noise and associations, as nobody else.
         is_bound: whether it is no estimator but what none can beat: a function of truth and recording.
@@ -96,7 +96,7 @@ _ENTRIES = (
     ),
     Entry(
         name="ekf",
-        home="slamgauge.ekf:ekf",
+        home="slamgauge.ekf:ekf_slam",
         is_filter=True,
         look=Look("#CC3311", (0, (5, 1.2))),
     ),
@@ -153,8 +153,8 @@ _ENTRIES = (
         is_benched=False,
     ),
     Entry(
-        name="isam2",
-        home="slamgauge.graph_baseline:isam2",
+        name="causal",
+        home="slamgauge.graph_baseline:causal",
         note="causal optimum",
         is_graph=True,
         is_yardstick=True,
@@ -211,7 +211,7 @@ HELP = (
 
 
 def entry_of(name: str) -> Entry:
-    """The entry of a name; `isam2@ekf`, a graph under a filter's associations, and `fixed-lag-5` have one like any.
+    """The entry of a name; `causal@ekf`, a graph under a filter's associations, and `fixed-lag-5` have one like any.
 
     Raises:
         UserError: an unknown name.

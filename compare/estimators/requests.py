@@ -8,8 +8,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from slamgauge.compare.estimators.user_code import Address, address, require_label
 from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HINDSIGHT_BOUND, YARDSTICKS, entry_of, is_ours
+from slamgauge.compare.estimators.user_code import Address, address, require_label
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 
@@ -77,7 +77,7 @@ Chosen = Sequence[str | Asked] | Mapping[str, str | Estimator]  # names and addr
 def ask(chosen: Chosen) -> list[Asked]:
     """Estimators by name, by address `[LABEL=]FILE.py:callable`, or callables by label.
 
-    `isam2@ekf` is a name like any; `bound` stands for both bounds, causal and hindsight. What has been asked
+    `causal@ekf` is a name like any; `bound` stands for both bounds, causal and hindsight. What has been asked
     for stays as it was then: a file that is edited meanwhile does not change it.
 
     Raises:

@@ -48,7 +48,7 @@ def run_side_by_side(
 ) -> SideBySide:
     """Run every estimator on the recording, the yardsticks on the informed one without what is `misleading` (M,).
 
-    Where that has no ids, yardsticks stand under the associations that the first of the others has made, `isam2@ekf`.
+    Where that has no ids, yardsticks stand under the associations that the first of the others has made, `causal@ekf`.
     """
     entries = {name: entry_behind(estimator) for name, estimator in estimators.items()}
     yardsticks = {name: entry for name, entry in entries.items() if entry is not None and entry.is_yardstick}
@@ -81,7 +81,7 @@ def _stand_in(
     estimators: Mapping[str, Estimator],
     recording: Recording,
 ) -> None:
-    """Run yardsticks under the associations of the first that has any; what was asked for as `isam2@ekf` will do."""
+    """Run yardsticks under the associations of the first that has any; what was asked for as `causal@ekf` will do."""
     makers = (name for name, each in ran.estimates.items() if name not in graphs and each.association is not None)
     maker = next(makers, None)
     for name, entry in waiting.items():

@@ -21,9 +21,9 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
-from slamgauge.compare.estimators.user_code import Callee, OwnCodeError
 from slamgauge.compare.estimators.signatures import called, pair, parameters, required
 from slamgauge.compare.estimators.state_log import Trail
+from slamgauge.compare.estimators.user_code import Callee, OwnCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 

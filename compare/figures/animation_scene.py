@@ -26,9 +26,9 @@ from slamgauge.compare.figures.map_layers import (
     key,
 )
 from slamgauge.compare.figures.map_limits import map_limits
+from slamgauge.compare.figures.observed_landmarks import first_seen, sight_lines
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, Style, styles
 from slamgauge.compare.figures.ray_frames import has_rays
-from slamgauge.compare.figures.observed_landmarks import first_seen, sight_lines
 from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.compare.storage.results_folder import Results
 from slamgauge.estimate import Estimate

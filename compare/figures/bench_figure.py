@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from slamgauge.compare.bench.step_times import step_time
-from slamgauge.compare.figures.plot_style import LEGEND, PRINT, logarithmic, styles
 from slamgauge.compare.figures.figure_size import save_printed, sheet
+from slamgauge.compare.figures.plot_style import LEGEND, PRINT, logarithmic, styles
 
 
 def save_bench_figure(out: Path, result: dict[str, Any]) -> None:

@@ -8,8 +8,8 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from slamgauge.compare.estimators.registry import FIXED_LAG
-from slamgauge.compare.figures.plot_style import PRINT, TRUTH_COLOR, WRAPPED
 from slamgauge.compare.figures.figure_size import save_printed, sheet
+from slamgauge.compare.figures.plot_style import PRINT, TRUTH_COLOR, WRAPPED
 from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.storage.safe_names import math_text
 from slamgauge.compare.studies.budget import ErrorBudget, doubts, verdict

@@ -9,8 +9,8 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from slamgauge.compare.figures.plot_style import LEGEND, PRINT, WRAPPED, logarithmic, styles
 from slamgauge.compare.figures.figure_size import save_printed, sheet
+from slamgauge.compare.figures.plot_style import LEGEND, PRINT, WRAPPED, logarithmic, styles
 from slamgauge.compare.storage.safe_names import math_text
 
 PANELS = (("translation_m", "error of the motion [m]"), ("heading_rad", "error of the turn [rad]"))

@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
-from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, logarithmic
 from slamgauge.compare.figures.figure_size import save_printed, sheet
+from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, TRUTH_COLOR, logarithmic
 from slamgauge.compare.noise.noise_json import supported
 from slamgauge.compare.noise.report_text import verdict
 

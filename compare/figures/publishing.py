@@ -8,9 +8,9 @@ from typing import Any
 from slamgauge.compare.figures.bench_figure import save_bench_figure
 from slamgauge.compare.figures.budget_figure import save_budget_figure
 from slamgauge.compare.figures.noise_figure import save_noise_figure
-from slamgauge.compare.figures.run_figures import save_figure
 from slamgauge.compare.figures.ray_frames import has_rays
 from slamgauge.compare.figures.ray_strip import save_ray_strip
+from slamgauge.compare.figures.run_figures import save_figure
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.figures.sweep_figure import save_sweep_figure
 from slamgauge.compare.scoring.comparison import Comparison

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from slamgauge.arrays import Float
+from slamgauge.compare.figures.figure_size import save_printed, sheet
 from slamgauge.compare.figures.map_at_step import map_at
 from slamgauge.compare.figures.map_layers import (
     HEAVIEST,
@@ -26,10 +27,9 @@ from slamgauge.compare.figures.map_layers import (
 from slamgauge.compare.figures.map_limits import map_limits
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, Style, styles
 from slamgauge.compare.figures.ray_frames import RayFrame, ray_frames
-from slamgauge.compare.figures.figure_size import save_printed, sheet
 from slamgauge.compare.figures.world_axes import label_plane
-from slamgauge.estimate import Estimate
 from slamgauge.display import counted
+from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 

@@ -16,8 +16,10 @@ from matplotlib.transforms import ScaledTranslation
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import YARDSTICKS
 from slamgauge.compare.figures.closure_marks import marked_closures
+from slamgauge.compare.figures.downsampling import even_rows
 from slamgauge.compare.figures.ellipses import draw_ellipses
 from slamgauge.compare.figures.error_panels import plot_errors
+from slamgauge.compare.figures.figure_size import save_printed, sheet
 from slamgauge.compare.figures.map_limits import map_limits
 from slamgauge.compare.figures.plot_style import (
     DEAD_RECKONING,
@@ -29,8 +31,6 @@ from slamgauge.compare.figures.plot_style import (
     Style,
     styles,
 )
-from slamgauge.compare.figures.figure_size import save_printed, sheet
-from slamgauge.compare.figures.downsampling import even_rows
 from slamgauge.compare.figures.world_axes import label_plane
 from slamgauge.compare.scoring.landmark_identity import true_landmarks
 from slamgauge.compare.scoring.optimum_figures import is_misfit

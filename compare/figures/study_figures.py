@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
-from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, WRAPPED, logarithmic, styles
 from slamgauge.compare.figures.axis_limits import ASTRAY, ASTRAY_ON_LOGARITHMS, leaving, robust_limits
-from slamgauge.compare.figures.figure_size import save_printed, sheet
 from slamgauge.compare.figures.downsampling import extreme_rows
-from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
+from slamgauge.compare.figures.figure_size import save_printed, sheet
+from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, WRAPPED, logarithmic, styles
 from slamgauge.compare.scoring.aggregation import BAND_LEVEL, PerStep, nees_per_step, nis_per_step, rmse_per_step
+from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, misfits
 from slamgauge.compare.scoring.runs import Runs, paired
 from slamgauge.compare.storage.best_effort import Drawing
 from slamgauge.compare.storage.safe_names import math_text

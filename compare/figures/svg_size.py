@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from slamgauge.arrays import Int
-from slamgauge.compare.figures.svg_paths import thinned
 from slamgauge.compare.figures.downsampling import extreme_rows
+from slamgauge.compare.figures.svg_paths import thinned
 
 LARGEST = 500_000  # bytes
 FEWEST = 50  # points of a curve, which a panel that is a column wide still needs

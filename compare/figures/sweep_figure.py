@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, REGISTRY, is_yardstick
+from slamgauge.compare.figures.figure_size import save_printed, sheet
 from slamgauge.compare.figures.plot_style import (
     LEGEND,
     MARK_COLOR,
@@ -20,7 +21,6 @@ from slamgauge.compare.figures.plot_style import (
     logarithmic,
     styles,
 )
-from slamgauge.compare.figures.figure_size import save_printed, sheet
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_notes import at_places, distance_in_runs
 from slamgauge.compare.storage.safe_names import math_text

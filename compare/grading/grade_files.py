@@ -14,9 +14,9 @@ from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.text_table import interval_cell
 from slamgauge.compare.storage.best_effort import Drawing, decorate
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.storage.result_files import GRADES, GRADES_XML, PAGES
+from slamgauge.compare.storage.safe_names import shown
 
 
 def write_grades(folder: Path, grades: Grades) -> None:

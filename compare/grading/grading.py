@@ -8,18 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.estimators.cost_estimate import require_room_for_runs
+from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.grading.grades import Grade, grade
 from slamgauge.compare.grading.submissions import Submission
 from slamgauge.compare.grading.trial import Trial, Yardstick, examine, yardstick
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.scenario_text import scenario_text
-from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.storage.progress import counted
+from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.studies.executors import lost_worker
-from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.store import digest
+from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.errors import UserError
 
 T = TypeVar("T")

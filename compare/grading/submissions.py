@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slamgauge.compare.estimators.isolated_process import printable
-from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.estimators.sources import sources_of
+from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
 

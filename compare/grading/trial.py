@@ -12,13 +12,13 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.checks.examination import Verdict, check_estimator
-from slamgauge.compare.estimators.requests import Asked, ask
+from slamgauge.compare.estimators.causality_check import require_causal
 from slamgauge.compare.estimators.isolated_process import Isolated
 from slamgauge.compare.estimators.loading import load, without
-from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.estimators.registry import CAUSAL
+from slamgauge.compare.estimators.requests import Asked, ask
 from slamgauge.compare.estimators.running import run_estimator
-from slamgauge.compare.estimators.causality_check import require_causal
+from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring.scores import Score, evaluate

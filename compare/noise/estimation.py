@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.compare.noise.association import with_ids
-from slamgauge.compare.noise.diagnosis import Diagnosis, diagnose
 from slamgauge.compare.noise.autocorrelation import larger, lasting, sights_counted_as_one
+from slamgauge.compare.noise.diagnosis import Diagnosis, diagnose
 from slamgauge.compare.noise.innovation_model import NoiseModel
 from slamgauge.compare.noise.outliers import Fit, fit
-from slamgauge.compare.noise.profile_likelihood import ends
 from slamgauge.compare.noise.parameters import SYSTEMATIC, Heading, Told
+from slamgauge.compare.noise.profile_likelihood import ends
 from slamgauge.ekf.innovations import Innovations
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording

@@ -18,10 +18,10 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.noise.diagnosis import diagnose
 from slamgauge.compare.noise.autocorrelation import lasting
-from slamgauge.compare.noise.likelihood import ITERATIONS, Likelihood
+from slamgauge.compare.noise.diagnosis import diagnose
 from slamgauge.compare.noise.innovation_model import Law, NoiseModel
+from slamgauge.compare.noise.likelihood import ITERATIONS, Likelihood
 from slamgauge.ekf.innovations import Innovations
 
 SIGNIFICANT = 5.0  # standard deviations of a kurtosis under the normal distribution

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from slamgauge.compare.noise.autocorrelation import WORTH_SAYING
 from slamgauge.compare.noise.diagnosis import Diagnosis, Nis
 from slamgauge.compare.noise.estimation import Noise, Supported
-from slamgauge.compare.noise.autocorrelation import WORTH_SAYING
 from slamgauge.compare.noise.parameters import UNITS
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.text_page import Grid, Page

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from slamgauge.compare.estimators.registry import is_yardstick
-from slamgauge.compare.report.page_elements import Cell, Head, Table, origin, pictures
 from slamgauge.compare.report.glossary import ESTIMATOR, TERMS, figure_heads
+from slamgauge.compare.report.page_elements import Cell, Head, Table, origin, pictures
 from slamgauge.compare.report.plain_page import figure_cell, plain_page
 from slamgauge.compare.report.run_page import PICTURES, lead
 from slamgauge.compare.scoring.catalogue import columns
@@ -38,7 +38,7 @@ class Question(NamedTuple):
 QUESTIONS = {
     "q1": Question(
         "Known landmarks: the length of the loop, and how many landmarks there are",
-        dict.fromkeys(("q1-short-dense", "q1-long-dense", "q1-long-sparse"), "dead-reckoning,ekf,isam2,batch"),
+        dict.fromkeys(("q1-short-dense", "q1-long-dense", "q1-long-sparse"), "dead-reckoning,ekf,causal,batch"),
         "The filter is told which landmark it sees. The same robot drives a short loop and a long one among many "
         "landmarks, and the long one among few. How do error and uncertainty go, along the loop and when it closes?",
         (
@@ -52,23 +52,23 @@ QUESTIONS = {
     "q2": Question(
         "Unknown landmarks: the gate of the nearest neighbour",
         {
-            "q2-long-dense": "ekf,isam2,isam2@ekf",
-            "q2-gate-1": "ekf,isam2",
-            "q2-gate-100": "ekf,isam2,isam2@ekf",
+            "q2-long-dense": "ekf,causal,causal@ekf",
+            "q2-gate-1": "ekf,causal",
+            "q2-gate-100": "ekf,causal,causal@ekf",
         },
         "Nobody says which landmark is seen: an observation is given to the landmark nearest in squared "
         "Mahalanobis distance, if that is below the gate, and begins a new one if not. What do gates of 1, 9, 100 do?",
         (
             "Gate 1 refuses three right observations in five (chi-square, 2 degrees of freedom): doubles fill the map.",
             "Gate 100 refuses nearly nothing: what belongs to one landmark moves another, and that is never undone.",
-            "isam2 is told the true associations, isam2@ekf those of the filter: between the two lies what they cost. "
+            "causal receives the true associations, causal@ekf those of the filter: the difference is their cost. "
             "At gate 1 it is left out: an optimum of so many doubles takes very long.",
         ),
         "q2-",
     ),
     "q3": Question(
         "How much noise to assume",
-        dict.fromkeys(("q3-scale-0.1", "q3-scale-1", "q3-scale-2", "q3-scale-10"), "ekf,isam2"),
+        dict.fromkeys(("q3-scale-0.1", "q3-scale-1", "q3-scale-2", "q3-scale-10"), "ekf,causal"),
         "The filter assumes Q and Py that are 0.1, 1, 2 and 10 times those that are simulated, on the long loop among "
         "few landmarks, whose ids it does not know. Which is best?",
         (
@@ -81,7 +81,7 @@ QUESTIONS = {
     ),
     "q4": Question(
         "Bearings alone",
-        dict.fromkeys(("q4-three-landmarks", "q4-ring"), "ekf,riekf,isam2"),
+        dict.fromkeys(("q4-three-landmarks", "q4-ring"), "ekf,riekf,causal"),
         "The sensor gives directions without distances. A landmark begins as a ray of members, each a Gaussian at "
         "another distance, weighed by every further bearing until one is left (federated information sharing).",
         (

@@ -18,7 +18,7 @@ KIND = Head(
 )
 TERMS = {
     "run": (
-        ("causal optimum", "the best that can be known of a pose from what came before (isam2), with the true noise"),
+        ("causal optimum", "the best that can be known of a pose from what came before (causal), with the true noise"),
         ("hindsight optimum", "the best that all measurements together tell (batch)"),
         (
             "3-sigma ellipse",

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from slamgauge.compare.report.page_elements import Cell, Picture, Table
 from slamgauge.compare.report.glossary import glossary as explained
 from slamgauge.compare.report.page import render
+from slamgauge.compare.report.page_elements import Cell, Picture, Table
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.text_table import cell, interval_cell
 

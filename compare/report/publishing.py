@@ -7,9 +7,9 @@ from pathlib import Path
 
 from slamgauge.compare.report.budget_page import budget_page
 from slamgauge.compare.report.claims_page import claims_page
+from slamgauge.compare.report.exercise import question_page
 from slamgauge.compare.report.grade_page import grade_pages
 from slamgauge.compare.report.noise_page import noise_page
-from slamgauge.compare.report.exercise import question_page
 from slamgauge.compare.report.run_page import run_page
 from slamgauge.compare.report.study_page import study_page
 from slamgauge.compare.report.sweep_page import studies_of, sweep_page

@@ -12,10 +12,10 @@ from slamgauge.arrays import Float, Int, distinct
 from slamgauge.compare.figures.error_panels import reference_of
 from slamgauge.compare.figures.map_limits import map_limits
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
-from slamgauge.compare.report.page_elements import Look
+from slamgauge.compare.report.array_encoding import pack
 from slamgauge.compare.report.frames import Sights, frame_steps, sights_of
 from slamgauge.compare.report.map_rows import packed_map, triangle
-from slamgauge.compare.report.array_encoding import pack
+from slamgauge.compare.report.page_elements import Look
 from slamgauge.compare.scoring.consistency import chi2_band, squared_mahalanobis
 from slamgauge.compare.scoring.landmark_identity import wrong_sights
 from slamgauge.compare.scoring.loop_closures import closure_steps

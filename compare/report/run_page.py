@@ -7,9 +7,9 @@ from typing import Any
 
 from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
-from slamgauge.compare.report.page_elements import Cell, Head, Table, looks, origin, pictures, sized
 from slamgauge.compare.report.glossary import ESTIMATOR, KIND, TERMS, figure_heads, glossary
 from slamgauge.compare.report.page import render
+from slamgauge.compare.report.page_elements import Cell, Head, Table, looks, origin, pictures, sized
 from slamgauge.compare.report.replay_data import replay_data
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns
 from slamgauge.compare.scoring.comparison import Comparison, optimum_notes

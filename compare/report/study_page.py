@@ -7,20 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from slamgauge.compare.report.page_elements import Cell, Head, Look, Table, looks, origin, pictures, sized
-from slamgauge.compare.report.glossary import ESTIMATOR, HELP, TERMS, figure_heads, glossary
 from slamgauge.compare.report.array_encoding import pack
+from slamgauge.compare.report.glossary import ESTIMATOR, HELP, TERMS, figure_heads, glossary
 from slamgauge.compare.report.page import render
+from slamgauge.compare.report.page_elements import Cell, Head, Look, Table, looks, origin, pictures, sized
 from slamgauge.compare.report.rerun_command import command_of_run, swept
+from slamgauge.compare.scoring.aggregation import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
 from slamgauge.compare.scoring.catalogue import columns
 from slamgauge.compare.scoring.intervals import Interval
-from slamgauge.compare.scoring.aggregation import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
 from slamgauge.compare.scoring.ray_figures import describe
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_table import cell, interval_cell
 from slamgauge.compare.storage.result_files import REPORT, SUMMARY
-from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.stored_study import StoredStudy, load_study
+from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.summary import (
     failure_lines,
     figure_cells,

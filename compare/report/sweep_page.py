@@ -7,8 +7,8 @@ from typing import Any
 from urllib.parse import quote
 
 from slamgauge.compare.estimators.registry import CAUSAL
-from slamgauge.compare.report.page_elements import Cell, Head, Table, origin, pictures
 from slamgauge.compare.report.glossary import ESTIMATOR, figure_heads
+from slamgauge.compare.report.page_elements import Cell, Head, Table, origin, pictures
 from slamgauge.compare.report.plain_page import interval_of, plain_page
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns
 from slamgauge.compare.scoring.optimum_notes import MARK

@@ -15,8 +15,8 @@ from pydantic_core import PydanticCustomError
 
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.section import Section
-from slamgauge.compare.storage.csv_folder import parse_rows, read_lines
 from slamgauge.compare.storage.covariance_columns import from_triangles
+from slamgauge.compare.storage.csv_folder import parse_rows, read_lines
 from slamgauge.errors import UserError
 from slamgauge.validation import as_covariances
 

@@ -10,8 +10,8 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scenarios.settings_sections import Number, Whole
 from slamgauge.compare.scenarios.section import NonNegative, Section
+from slamgauge.compare.scenarios.settings_sections import Number, Whole
 
 _TRIES = 1000  # places that are tried for a landmark before it is said that there is no room
 

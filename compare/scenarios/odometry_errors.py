@@ -7,9 +7,9 @@ from pydantic import Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scenarios.settings_sections import Number
-from slamgauge.compare.scenarios.section import NonNegative, Probability, Section
 from slamgauge.compare.scenarios.csv_tables import Table, TableText, covariances
+from slamgauge.compare.scenarios.section import NonNegative, Probability, Section
+from slamgauge.compare.scenarios.settings_sections import Number
 from slamgauge.compare.storage.csv_folder import POSE_COV
 
 COV_HEADER = ("step", *POSE_COV)

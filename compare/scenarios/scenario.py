@@ -17,6 +17,7 @@ from pathlib import Path
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from slamgauge.compare.scenarios.csv_tables import FOLDER
 from slamgauge.compare.scenarios.landmarks import Landmarks, RandomLandmarks
 from slamgauge.compare.scenarios.odometry_errors import Motion
 from slamgauge.compare.scenarios.schema import (
@@ -30,7 +31,6 @@ from slamgauge.compare.scenarios.schema import (
     Update,
 )
 from slamgauge.compare.scenarios.sensor_errors import Sensor
-from slamgauge.compare.scenarios.csv_tables import FOLDER
 from slamgauge.compare.scenarios.trajectory import KINDS, Segment, kind_of
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.toml_tables import Table, parse_toml

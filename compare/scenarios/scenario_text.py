@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from slamgauge.compare.scenarios.csv_tables import TableText
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.section import Section
-from slamgauge.compare.scenarios.csv_tables import TableText
 from slamgauge.compare.storage.toml_tables import toml_text
 
 

@@ -9,11 +9,11 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scenarios.settings_sections import Number, Whole, rule_of, section_of
 from slamgauge.compare.scenarios.landmarks import Landmarks
 from slamgauge.compare.scenarios.odometry_errors import Motion, covs
 from slamgauge.compare.scenarios.section import NonNegative, Positive, Section
 from slamgauge.compare.scenarios.sensor_errors import Sensor
+from slamgauge.compare.scenarios.settings_sections import Number, Whole, rule_of, section_of
 from slamgauge.compare.scenarios.trajectory import Csv, Trajectory
 from slamgauge.ekf.settings.association import Association as FilterAssociation
 from slamgauge.ekf.settings.association import MapManagement, Method

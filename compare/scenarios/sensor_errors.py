@@ -9,8 +9,8 @@ from pydantic import Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.scenarios.section import NonNegative, Positive, Probability, Section
 from slamgauge.compare.scenarios.csv_tables import Table, TableText, covariances
+from slamgauge.compare.scenarios.section import NonNegative, Positive, Probability, Section
 from slamgauge.compare.storage.csv_folder import OBSERVED
 from slamgauge.recording import OBSERVATION_DIM
 from slamgauge.recording import Sensor as SensorKind

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, freeze
-from slamgauge.compare.scenarios.odometry_errors import covs
 from slamgauge.compare.scenarios.observation_simulation import Observed, Streams, observe
+from slamgauge.compare.scenarios.odometry_errors import covs
 from slamgauge.compare.scenarios.scenario import Scenario, as_scenario
 from slamgauge.compare.scenarios.schema import Association, Assumed, Delayed, Fis, InverseDepth, Update
 from slamgauge.covariances import square_roots

@@ -15,9 +15,9 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scenarios.settings_sections import Number, Whole
-from slamgauge.compare.scenarios.section import Positive, Section
 from slamgauge.compare.scenarios.csv_tables import Table
+from slamgauge.compare.scenarios.section import Positive, Section
+from slamgauge.compare.scenarios.settings_sections import Number, Whole
 from slamgauge.errors import UserError
 from slamgauge.se2 import between, wrap
 

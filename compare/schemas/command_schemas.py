@@ -134,7 +134,7 @@ def bench() -> Schema:
         "p95_s": number("their 95 % quantile [s]"),
         "share_outside_kernels": number("share of the time that is not spent in compiled code"),
         "ratio_to_plain-numpy": number("of medians"),
-        "ratio_to_isam2": number("of medians"),
+        "ratio_to_causal": number("of medians"),
     }
     return record(
         {

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from slamgauge.compare.schemas.command_schemas import bench, check, claims, doctor, grades, noise, scenarios
-from slamgauge.compare.schemas.run_schemas import budget, metrics, summary, sweep
 from slamgauge.compare.schemas.json_types import document
+from slamgauge.compare.schemas.run_schemas import budget, metrics, summary, sweep
 
 SCHEMAS = {
     "metrics": document("metrics.json", "a run, by `run` and `evaluate`", metrics()),

@@ -11,8 +11,8 @@ from slamgauge.arrays import Float, Int
 from slamgauge.compare.estimators.registry import BOUND_OF, YARDSTICKS
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.coverage import is_inside
-from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.intervals import Interval, jackknife_interval, mean_interval, ratio_interval
+from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.optimum_figures import share_of_doubt
 from slamgauge.compare.scoring.ray_figures import RayFigures, mean_figures
 from slamgauge.compare.scoring.runs import Runs, paired

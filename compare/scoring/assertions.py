@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from slamgauge.compare.scoring.reference_comparison import against_reference
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.optimum_figures import share_of_doubt
 from slamgauge.compare.scoring.optimum_notes import distance_from_optimum, distance_in_runs
+from slamgauge.compare.scoring.reference_comparison import against_reference
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.errors import UserError
 

@@ -14,6 +14,7 @@ from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS
 from slamgauge.compare.estimators.side_by_side import run_side_by_side
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns, empty_columns
 from slamgauge.compare.scoring.empty_columns import empty_lines
+from slamgauge.compare.scoring.implausible import WHY, is_too_near_the_truth
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
 from slamgauge.compare.scoring.optimum_notes import (
     MARK,
@@ -28,12 +29,11 @@ from slamgauge.compare.scoring.optimum_notes import (
 from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell, marked
-from slamgauge.compare.scoring.implausible import WHY, is_too_near_the_truth
 from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
 from slamgauge.compare.storage.provenance import origin
+from slamgauge.display import data_frame
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
-from slamgauge.display import data_frame
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth, require_same_run
 from slamgauge.validation import require_type
@@ -77,7 +77,7 @@ def compare_estimators(
 ) -> Comparison:
     """Run every estimator, then score each against truth and optimum.
 
-    Estimators see the recording alone. Two are yardsticks: `isam2`, the optimum of filtered estimates, and `batch`,
+    Estimators see the recording alone. Two are yardsticks: `causal`, the optimum of filtered estimates, and `batch`,
     that of smoothed ones, show what the measurements allow to somebody whom nothing misleads. What makes them so is
     their entry in the registry of estimators, not the name that they are given here.
 

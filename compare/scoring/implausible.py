@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from slamgauge.compare.scoring.consistency import chi2_band, squared_mahalanobis
-from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.intervals import LEVEL, Interval
+from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.scores import pose_covs_of
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.estimate import Estimate

@@ -6,8 +6,8 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY, Truth

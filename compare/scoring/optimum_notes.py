@@ -11,8 +11,8 @@ from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT, is_in_doubt, unused_observations
 from slamgauge.compare.scoring.text_table import interval_cell
-from slamgauge.estimate import Estimate
 from slamgauge.display import counted
+from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY, Truth
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.scoring.consistency import squared_mahalanobis
-from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.landmark_identity import landmark_errors, true_landmarks
+from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.estimate import Estimate, RayLog
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth

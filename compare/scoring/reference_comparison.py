@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
 from slamgauge.compare.scoring.aggregation import FIRST_STEP
+from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.errors import UserError
 

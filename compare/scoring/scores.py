@@ -13,15 +13,15 @@ from slamgauge.arrays import Float
 from slamgauge.compare.scoring.catalogue import CATALOGUE, SCORED, measured
 from slamgauge.compare.scoring.consistency import sigma_ratios, squared_mahalanobis
 from slamgauge.compare.scoring.coverage import log_scores
-from slamgauge.compare.scoring.nan_stats import mean, number, rms
 from slamgauge.compare.scoring.landmark_identity import association_figures, landmark_errors, true_landmarks
 from slamgauge.compare.scoring.loop_closures import LoopClosure, closure_steps, describe_closures
+from slamgauge.compare.scoring.nan_stats import mean, number, rms
 from slamgauge.compare.scoring.ray_figures import RayFigures, ray_figures
 from slamgauge.compare.scoring.trajectory_error import aligned_errors, distances, pose_errors, step_errors
 from slamgauge.compare.scoring.verdicts import Evidence, verdict
+from slamgauge.display import data_frame, html_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
-from slamgauge.display import data_frame, html_table
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 from slamgauge.validation import require_type

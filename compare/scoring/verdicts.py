@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS
-from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.nan_stats import mean
-from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
-from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs, share_of_doubt
 from slamgauge.compare.scoring.aggregation import late_coverage, late_means, total_nis
+from slamgauge.compare.scoring.consistency import chi2_band
+from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
+from slamgauge.compare.scoring.nan_stats import mean
+from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs, share_of_doubt
 from slamgauge.compare.scoring.runs import Runs, paired
 
 LEVEL = 0.99  # of the two-sided chi-square bands of NEES and NIS

@@ -25,8 +25,8 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.covariance_columns import from_triangles, upper_triangles
+from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
 from slamgauge.recording import OBSERVATION_DIM, Recording, Sensor

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgauge.arrays import Float, chunks
-from slamgauge.compare.storage.npz_file import NONE_KNOWN, read_npz
 from slamgauge.compare.storage.covariance_columns import upper_triangles
+from slamgauge.compare.storage.npz_file import NONE_KNOWN, read_npz
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording

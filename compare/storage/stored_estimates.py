@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.compare.storage.covariance_columns import from_triangles
 from slamgauge.compare.storage.csv_folder import read_estimate_csv
 from slamgauge.compare.storage.files import explained, load_estimate
-from slamgauge.compare.storage.covariance_columns import from_triangles
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.requests import Asked, ask
 from slamgauge.compare.estimators.loading import load
 from slamgauge.compare.estimators.registry import CAUSAL, FILTERS, FIXED_LAG, HINDSIGHT
+from slamgauge.compare.estimators.requests import Asked, ask
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario, sampled
 from slamgauge.compare.scenarios.scenario_text import scenario_text
@@ -32,15 +32,15 @@ from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import marked
 from slamgauge.compare.scoring.trajectory_error import pose_errors, squared_distances
 from slamgauge.compare.storage.files import read_json
-from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.storage.progress import tracked
+from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.storage.result_files import BUDGET
-from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import IN_FLIGHT
+from slamgauge.compare.studies.study_run import run_seed
+from slamgauge.display import counted
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
-from slamgauge.display import counted
 from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY, Truth

@@ -1,8 +1,8 @@
 """What the runs say of one ratio that a claim is about.
 
-The effect is the geometric mean of the ratio over runs, in which no run counts as farther off than by the claim's
-limit. Its interval is that of `scoring.confidence_sequence`, corrected for the number of ratios (Bonferroni): with probability
-1 - ALPHA all intervals hold, after any number of runs, so that a claim may be looked at again and again until it is
+The effect is the geometric mean of the ratio over runs; a run farther off than the claim's limit counts as at the
+limit. Its interval is that of `scoring.confidence_sequence`, corrected for the number of ratios (Bonferroni): with
+probability 1 - ALPHA all intervals hold after any number of runs, so a claim may be tested after every run until it is
 decided.
 """
 

@@ -24,9 +24,9 @@ from slamgauge.arrays import Float
 from slamgauge.compare.estimators.requests import Asked, ask
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.scenario_text import scenario_text
+from slamgauge.compare.scoring.aggregation import share_in_doubt
 from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.optimum_notes import MARK, at_places
-from slamgauge.compare.scoring.aggregation import share_in_doubt
 from slamgauge.compare.scoring.runs import Runs, paired
 from slamgauge.compare.scoring.sequential import growing
 from slamgauge.compare.scoring.text_page import Grid, Page

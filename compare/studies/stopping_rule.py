@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
-from slamgauge.compare.scoring.intervals import LEVEL, Interval, ratio_interval
+from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.scoring.aggregation import late_means
+from slamgauge.compare.scoring.intervals import LEVEL, Interval, ratio_interval
 from slamgauge.compare.scoring.paired_comparison import Paired, compare_paired
 from slamgauge.compare.scoring.runs import Ates, Runs, paired
 from slamgauge.compare.scoring.sequential import Look, plan_looks, repeated_p_value
@@ -106,7 +106,9 @@ def pairs_to_resolve(asked: Sequence[Asked], against: Sequence[str]) -> list[Pai
     over = against or [each.label for each in asked if each.name in (CAUSAL, HINDSIGHT)]
     pairs = [(each.label, other) for other in over for each in asked if each.label != other and not each.is_bound]
     if not pairs:
-        raise UserError("precision: there is no ratio to be known; add isam2 to --estimators, or name one by --against")
+        raise UserError(
+            "precision: there is no ratio to be known; add causal to --estimators, or name one by --against"
+        )
     return pairs
 
 

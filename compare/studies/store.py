@@ -22,7 +22,6 @@ from slamgauge import __version__
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.catalogue import LATER, STORED
 from slamgauge.compare.scoring.runs import SERIES, Ates, Runs
-from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.compare.studies.store_damage import (
     INSERT,
     TABLES,
@@ -32,6 +31,7 @@ from slamgauge.compare.studies.store_damage import (
     with_checksum,
 )
 from slamgauge.compare.studies.store_file import connected
+from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.errors import UserError
 
 # of what a store holds: raise it when `TABLES` (unless `begin_store` adds what lacks), `SERIES` or `STORED` change, and

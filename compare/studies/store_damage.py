@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.partial_folder import partial_folder
 from slamgauge.compare.storage.result_files import SQLITE_SIDE_FILES
+from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.studies.store_file import connected, words_of
 from slamgauge.errors import UserError
 

@@ -9,9 +9,9 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.partial_folder import lock
 from slamgauge.compare.storage.result_files import LOCK
+from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import UserError
 
 PATIENCE = 1.0  # s, for another program that has the store at this moment

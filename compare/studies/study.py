@@ -10,8 +10,8 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
-from slamgauge.compare.estimators.requests import Asked, Chosen, ask, labels_among
 from slamgauge.compare.estimators.cost_estimate import require_room_for_runs
+from slamgauge.compare.estimators.requests import Asked, Chosen, ask, labels_among
 from slamgauge.compare.scenarios.scenario import Scenario, sampled
 from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scoring.runs import Runs
@@ -29,10 +29,10 @@ from slamgauge.compare.studies.stopping_rule import (
     pairs_to_resolve,
     ratios_at,
 )
-from slamgauge.compare.studies.study_run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.store import StudyStore, begin_store, digest, open_store
 from slamgauge.compare.studies.store_damage import require_whole
 from slamgauge.compare.studies.store_file import sole_use
+from slamgauge.compare.studies.study_run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.summary import Failure, Summary, summarise
 from slamgauge.errors import UserError
 
@@ -80,7 +80,7 @@ def run_study(
     scenario, out = sampled(scenario), Path(out)
     asked = ask(estimators)  # misspelt names are refused before anything is written
     if not asked:
-        raise UserError("estimators: none given; name at least one, for example --estimators ekf,isam2")
+        raise UserError("estimators: none given; name at least one, for example --estimators ekf,causal")
     if runs < 1:
         raise UserError(f"runs: {runs} is no study; give at least 1")
     if seed < 0:

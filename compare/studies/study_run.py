@@ -8,16 +8,16 @@ from time import perf_counter
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.requests import Asked, Chosen, ask
 from slamgauge.compare.estimators.loading import load, without
 from slamgauge.compare.estimators.registry import entry_of
+from slamgauge.compare.estimators.requests import Asked, Chosen, ask
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate_informed
 from slamgauge.compare.scoring.catalogue import STORED, measured
 from slamgauge.compare.scoring.consistency import squared_mahalanobis
-from slamgauge.compare.scoring.nan_stats import number, rms
 from slamgauge.compare.scoring.landmark_identity import landmark_errors, true_landmarks
+from slamgauge.compare.scoring.nan_stats import number, rms
 from slamgauge.compare.scoring.ray_figures import RayFigures
 from slamgauge.compare.scoring.runs import SERIES
 from slamgauge.compare.scoring.scores import filter_figures, map_figures, pose_covs_of

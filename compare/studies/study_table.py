@@ -14,8 +14,8 @@ from slamgauge.compare.scoring.catalogue import CATALOGUE, columns
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.text_table import cell, interval_cell
 from slamgauge.compare.storage.files import read_json
-from slamgauge.compare.storage.safe_names import shown
 from slamgauge.compare.storage.result_files import SUMMARY
+from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
 

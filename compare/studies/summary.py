@@ -7,18 +7,18 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from slamgauge.compare.estimators.registry import BOUND_OF, BOUNDS, CAUSAL, HINDSIGHT, REGISTRY, is_ours
+from slamgauge.compare.scoring.aggregation import BAND_LEVEL
 from slamgauge.compare.scoring.catalogue import RELATIVE, SUMMED_UP, columns, empty_columns
 from slamgauge.compare.scoring.empty_columns import empty_lines
+from slamgauge.compare.scoring.implausible import beats_the_optimum
 from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.metric import Table
 from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs
 from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, mean_fit, misfits
-from slamgauge.compare.scoring.aggregation import BAND_LEVEL
-from slamgauge.compare.scoring.metric import Table
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell, interval_cell, marked
-from slamgauge.compare.scoring.implausible import beats_the_optimum
 from slamgauge.compare.scoring.verdicts import verdict_lines
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.studies.stopping_rule import Against, Precision, against_parts

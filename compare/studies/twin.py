@@ -15,18 +15,18 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.estimators.requests import ask
 from slamgauge.compare.estimators.loading import load
 from slamgauge.compare.estimators.registry import HINDSIGHT
+from slamgauge.compare.estimators.requests import ask
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.odometry_errors import COV_HEADER
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.compare.scenarios.sensor_errors import sightings_header
 from slamgauge.compare.scenarios.trajectory import PATH_HEADER
+from slamgauge.compare.storage.covariance_columns import upper_triangles
 from slamgauge.compare.storage.csv_folder import write_rows
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.result_files import TWIN, TWIN_MOTION, TWIN_PATH, TWIN_SIGHTINGS
-from slamgauge.compare.storage.covariance_columns import upper_triangles
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording

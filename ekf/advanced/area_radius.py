@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float, Int, distinct
+from slamgauge.back_projection import positions_seen
 from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
-from slamgauge.back_projection import positions_seen
 
 FEW = 300  # landmarks of a map that the caches hold: it is never compressed
 AREA = 1.5  # radius of an area over the farthest sight

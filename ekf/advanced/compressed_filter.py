@@ -32,10 +32,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.ekf.advanced.compressed_update import account_for_turn, account_for_update
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.workspace import Workspace
+from slamgauge.ekf.maps.correction_table import RULES, WHOLE_SCAN, Correction, Rule, rule_of
 from slamgauge.ekf.maps.input_checks import (
     ids_of,
     require_gate,
@@ -47,9 +47,9 @@ from slamgauge.ekf.maps.input_checks import (
     rows_of,
     start_of,
 )
-from slamgauge.ekf.maps.correction_table import RULES, WHOLE_SCAN, Correction, Rule, rule_of
 from slamgauge.ekf.online_filter import PointFilter
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.errors import UserError
 from slamgauge.memory import require_memory
 from slamgauge.recording import OBSERVATION_DIM, Observations

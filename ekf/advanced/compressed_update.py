@@ -1,15 +1,15 @@
-"""The account that the compressed filter keeps of its area, compiled; see `slamgauge.ekf.advanced.compressed_filter`."""
+"""Kernels of the compressed filter: the effect of an area's updates on the rest of the map; see `compressed_filter`."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.blas import add_outer_pair, solve_factor, subtract_gram, subtract_product
 from slamgauge.ekf.kernels.corrections import mean_rotation
 from slamgauge.ekf.kernels.workspace import CORRECTION, MOVE, Workspace
+from slamgauge.jit import kernel
 
 
 @kernel

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.ekf.kernels.models import SENSOR_CODES
-from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST
-from slamgauge.ekf.kernels.prediction import is_semidefinite
 from slamgauge.ekf.kernels.joint_update import are_sound
+from slamgauge.ekf.kernels.models import SENSOR_CODES
+from slamgauge.ekf.kernels.prediction import is_semidefinite
+from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST
 from slamgauge.ekf.kernels.warm_up import compile_sights_once
 from slamgauge.ekf.maps.input_checks import (
     explain_increment,

@@ -2,8 +2,9 @@
 
 A filter linearises each scan once, when it knows least. Bearings alone suffer most: a landmark whose distance is still
 open when it enters errs by that for ever. Here poses of the last steps stay unknowns beside the landmarks, and the
-whole window is solved anew with each scan (`advanced.window.kernels`). A pose that leaves it is eliminated where the steps since
-have put it. With a window that holds everything this is the causal optimum; with ranges a few steps are enough.
+whole window is solved again with each scan (`advanced.window.kernels`). A pose that leaves it is eliminated where the
+steps since have put it. With a window that holds everything this is the causal optimum; with ranges a few
+steps are enough.
 
 With bearings alone a landmark waits, with its bearings, until those of the window place it. A pose that leaves the
 window with bearings of such a landmark stays, as an unknown beside the landmarks: nothing of what was seen is lost when
@@ -21,12 +22,15 @@ from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.advanced.window import kernels as passes
+from slamgauge.ekf.advanced.window import marginal_prior
+from slamgauge.ekf.advanced.window.gauss_newton import NoMinimumError, descended, inverse, swept, symmetric
+from slamgauge.ekf.advanced.window.observations import NOTHING, Bearings, Scan, in_two_rows, joined, scan_of, sights_of
+from slamgauge.ekf.advanced.window.warm_up import compile_window_once
 from slamgauge.ekf.kernels.belief import ROBOT
-from slamgauge.ekf.kernels.models import BEARING, MIN_BEARING_DISTANCE, POSITION, SENSOR_CODES, locate_all
-from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST, NO_MINIMUM
-from slamgauge.ekf.kernels.prediction import is_semidefinite
 from slamgauge.ekf.kernels.joint_update import are_sound
-from slamgauge.ekf.kernels.warm_up import compile_window_once
+from slamgauge.ekf.kernels.models import BEARING, MIN_BEARING_DISTANCE, POSITION, SENSOR_CODES, locate_all
+from slamgauge.ekf.kernels.prediction import is_semidefinite
+from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST, NO_MINIMUM
 from slamgauge.ekf.maps.input_checks import (
     WHY,
     explain_increment,
@@ -39,9 +43,6 @@ from slamgauge.ekf.maps.input_checks import (
     start_of,
 )
 from slamgauge.ekf.online_filter import PointFilter
-from slamgauge.ekf.advanced.window import marginal_prior
-from slamgauge.ekf.advanced.window.gauss_newton import NoMinimumError, descended, inverse, swept, symmetric
-from slamgauge.ekf.advanced.window.observations import NOTHING, Bearings, Scan, in_two_rows, joined, scan_of, sights_of
 from slamgauge.errors import UserError
 from slamgauge.recording import OBSERVATION_DIM, Observations
 from slamgauge.se2 import compose, rotation

@@ -22,12 +22,12 @@ from slamgauge.ekf.bearings.rays import RayInitialiser
 from slamgauge.ekf.bearings.transaction import all_undone_if_refused
 from slamgauge.ekf.kernels.individual_compatibility import NONE
 from slamgauge.ekf.kernels.warm_up import compile_bearings_once
+from slamgauge.ekf.maps.correction_table import Correction, Rule
+from slamgauge.ekf.maps.divergence_monitor import Watch
 from slamgauge.ekf.maps.input_checks import ids_of, require_gate, require_ids, require_robustness, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.members import Members, joined, points
-from slamgauge.ekf.maps.correction_table import Correction, Rule
-from slamgauge.ekf.maps.divergence_monitor import Watch
 from slamgauge.ekf.settings.association import Association
 from slamgauge.ekf.settings.initialisation import Delayed, Initialisation, InverseDepth, Rays
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness

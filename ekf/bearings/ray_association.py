@@ -7,9 +7,9 @@ scan, the nearest first, and takes those of which both are free; `jcbb` finds th
 With map management a ray must be seen often enough at first, or it was none, and one that is not seen for long is given
 up: it lies in the direction of whatever comes there next. `jcbb` leaves out bearings that are ambiguous, and those of a
 point that was not seen lately and whose direction is not known: they begin a ray, and where that becomes a point, the
-two are joined, all of a scan jointly (`maps.duplicate_landmarks`). One rule for ranges does not hold here: a bearing that may be an
-outlier of a landmark begins a ray all the same (many landmarks lie in a direction, most of them out of reach, and would
-keep new ones from beginning).
+two are joined, all of a scan jointly (`maps.duplicate_landmarks`). One rule for ranges does not hold here: a bearing
+that may be an outlier of a landmark begins a ray all the same (many landmarks lie in a direction, most of them out of
+reach, and would keep new ones from beginning).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from scipy.special import chdtrc, chdtri
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.individual_compatibility import NONE, Pairs, keep_pairs
-from slamgauge.ekf.maps.landmark_ids import GONE, Ids, followed
 from slamgauge.ekf.maps.duplicate_landmarks import find_matchings
+from slamgauge.ekf.maps.landmark_ids import GONE, Ids, followed
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.matching import Matcher
 from slamgauge.ekf.maps.scan_clock import ScanClock

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from slamgauge.arrays import Float
-from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.belief import Belief, resized
 from slamgauge.ekf.kernels.models import locate
 from slamgauge.ekf.kernels.workspace import Workspace
+from slamgauge.jit import kernel
 
 
 @kernel

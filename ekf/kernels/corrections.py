@@ -38,14 +38,14 @@ import math
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.blas import add_outer_pair
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
-from slamgauge.ekf.kernels.models import wrap
-from slamgauge.ekf.kernels.joint_update import take_in
 from slamgauge.ekf.kernels.deferred_downdate import postpone
+from slamgauge.ekf.kernels.joint_update import take_in
+from slamgauge.ekf.kernels.models import wrap
 from slamgauge.ekf.kernels.workspace import CORRECTION, HEADING_ROW, MOVE, Workspace
+from slamgauge.jit import kernel
 
 
 @kernel

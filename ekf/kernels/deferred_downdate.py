@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.ekf.kernels.blas import subtract_gram, subtract_product
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
+from slamgauge.jit import kernel
 
 ENTRIES = 100  # of the state for each row: with fewer, P is in the caches and waiting costs more than it saves
 PANEL = 128  # rows of P that are settled at a time where L and R differ

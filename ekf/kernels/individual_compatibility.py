@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import noise, squared_distance
 from slamgauge.ekf.kernels.linearisation import linearise
 from slamgauge.ekf.kernels.models import BEARING, POSITION
+from slamgauge.jit import kernel
 
 NONE = -1  # no landmark
 

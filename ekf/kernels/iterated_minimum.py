@@ -26,12 +26,12 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.belief import AT_POINT, Belief
 from slamgauge.ekf.kernels.blas import add_outer_pair, cholesky, subtract_gram
 from slamgauge.ekf.kernels.covariance import noise
 from slamgauge.ekf.kernels.linearisation import linearise
 from slamgauge.ekf.kernels.models import POSITION
+from slamgauge.jit import kernel
 
 GAUSS_NEWTON = 3  # passes at least before second derivatives are taken along,
 PATIENCE = 15  # and at most

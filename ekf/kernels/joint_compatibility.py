@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.individual_compatibility import NONE, Pairs, add_noise, pair_covariance
+from slamgauge.jit import kernel
 
 
 class Branch(NamedTuple):

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 
 from slamgauge.arrays import Float
-from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.belief import ROBOT, Belief
 from slamgauge.ekf.kernels.blas import cholesky, combine_rows, solve_factor, subtract_gram
 from slamgauge.ekf.kernels.covariance import innovation_covariance, is_symmetric, mirror_robot_block, project_covariance
+from slamgauge.ekf.kernels.deferred_downdate import may_wait, postpone, settle, subtract_waiting
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
 from slamgauge.ekf.kernels.models import RANGE_BEARING
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST, LEAST, are_pivots_lost, are_variances_lost
-from slamgauge.ekf.kernels.deferred_downdate import may_wait, postpone, settle, subtract_waiting
 from slamgauge.ekf.kernels.workspace import BLOCK_CORRECTION, CORRECTION, Workspace
+from slamgauge.jit import kernel
 
 SAFE = 1e-3  # of what exhausts precision
 

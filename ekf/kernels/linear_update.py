@@ -9,11 +9,11 @@ import math
 from typing import NamedTuple
 
 from slamgauge.arrays import Float, Int
-from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.blas import combine_rows, subtract_gram
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.joint_update import divide_by_factor
+from slamgauge.jit import kernel
 
 
 @kernel

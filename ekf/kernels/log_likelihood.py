@@ -10,17 +10,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from slamgauge.arrays import Float, Int
-from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import Belief, resized
 from slamgauge.ekf.kernels.blas import combine_rows, solve_factor, subtract_gram
 from slamgauge.ekf.kernels.corrections import retract_right_invariant
 from slamgauge.ekf.kernels.covariance import innovation_covariance, mirror_robot_block, project_covariance
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
-from slamgauge.ekf.kernels.rounding_limits import are_variances_lost
-from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.outlier_likelihood import Rows, Run, Tails, continued, factor_weighing, longest_run
+from slamgauge.ekf.kernels.prediction import predict
+from slamgauge.ekf.kernels.rounding_limits import are_variances_lost
 from slamgauge.ekf.kernels.workspace import BLOCK_CORRECTION, CORRECTION, Workspace
+from slamgauge.jit import kernel
 
 WHOLE = -1
 

@@ -12,10 +12,10 @@ import math
 import numpy as np
 
 from slamgauge.arrays import Int, Marks
-from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.linear_update import Room, take_in_linear
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace
+from slamgauge.jit import kernel
 
 
 @kernel

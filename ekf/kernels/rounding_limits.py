@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 from slamgauge.arrays import Float, Int
-from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.belief import ROBOT
+from slamgauge.jit import kernel
 
 LARGEST = 1e50  # of what is measured; a filter that starts with it is still finite after every sum of squares
 LEAST = 1e-13  # share of what a difference was made of

@@ -17,11 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.augmentation import append_landmark
 from slamgauge.ekf.kernels.belief import Belief, at_place, resized
 from slamgauge.ekf.kernels.blas import subtract_gram
-from slamgauge.ekf.kernels.individual_compatibility import NONE, Reach, is_within_reach, reach_of
 from slamgauge.ekf.kernels.corrections import carry_covariance, move_additively, move_invariantly
 from slamgauge.ekf.kernels.covariance import (
     mirror_robot_block,
@@ -30,12 +28,13 @@ from slamgauge.ekf.kernels.covariance import (
     projected,
     squared_distance,
 )
-from slamgauge.ekf.kernels.iterated_update import block, involved_entries
-from slamgauge.ekf.kernels.linearisation import linearise
+from slamgauge.ekf.kernels.individual_compatibility import NONE, Reach, is_within_reach, reach_of
 from slamgauge.ekf.kernels.iterated_minimum import Seen, find_minimum, silence
+from slamgauge.ekf.kernels.iterated_update import block, involved_entries
+from slamgauge.ekf.kernels.joint_update import are_sound
+from slamgauge.ekf.kernels.linearisation import linearise
 from slamgauge.ekf.kernels.models import POSITION
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LEAST, NO_MINIMUM, are_variances_lost
-from slamgauge.ekf.kernels.joint_update import are_sound
 from slamgauge.ekf.kernels.student_t_weights import inflation
 from slamgauge.ekf.kernels.workspace import (
     ANCHOR,
@@ -45,6 +44,7 @@ from slamgauge.ekf.kernels.workspace import (
     PLACE_OF_ONE,
     Workspace,
 )
+from slamgauge.jit import kernel
 
 ROBOT_ALONE = np.zeros(0, dtype=np.int64)
 NEW = -2  # the landmark of an observation that is to be mapped

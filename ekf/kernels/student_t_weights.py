@@ -14,12 +14,12 @@ Geodesy 88(4), 2014 (by the innovation's Mahalanobis distance).
 from __future__ import annotations
 
 from slamgauge.arrays import Float
-from slamgauge.jit import kernel
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import squared_distance
 from slamgauge.ekf.kernels.linearisation import describe
 from slamgauge.ekf.kernels.models import BEARING
 from slamgauge.ekf.kernels.workspace import Workspace
+from slamgauge.jit import kernel
 
 
 @kernel

@@ -7,17 +7,23 @@ import functools
 import numpy as np
 
 from slamgauge.compile_progress import announced
-from slamgauge.ekf.advanced.window import kernels
-from slamgauge.ekf.kernels import corrections, individual_compatibility, iterated_update, linear_update, map_edits, sequential_association
+from slamgauge.ekf.kernels import (
+    corrections,
+    individual_compatibility,
+    iterated_update,
+    linear_update,
+    map_edits,
+    sequential_association,
+)
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import Belief, allocate_belief
+from slamgauge.ekf.kernels.deferred_downdate import settle
 from slamgauge.ekf.kernels.joint_compatibility import mark_ambiguous, search_jointly
+from slamgauge.ekf.kernels.joint_update import are_sound
 from slamgauge.ekf.kernels.linearisation import describe
 from slamgauge.ekf.kernels.models import locate_all, observe_all, wrap
 from slamgauge.ekf.kernels.prediction import is_semidefinite, predict
 from slamgauge.ekf.kernels.slots import find_slots
-from slamgauge.ekf.kernels.joint_update import are_sound
-from slamgauge.ekf.kernels.deferred_downdate import settle
 from slamgauge.ekf.kernels.student_t_weights import weigh
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
 from slamgauge.triangulation import triangulate
@@ -32,7 +38,11 @@ def compile_once() -> None:
         augment(0, belief._replace(size=3), 1, work)
         find_slots(work.ids, work.slots, work.ids, work.slots)
         weigh(0, belief, 1, work, np.empty((1, 2, 2)), 4.0)
-        for update in (corrections.update_standard, iterated_update.update_iterated, corrections.update_right_invariant):
+        for update in (
+            corrections.update_standard,
+            iterated_update.update_iterated,
+            corrections.update_right_invariant,
+        ):
             update(0, belief, 1, work)
         settle(belief.cov, belief.size, work.waiting)
 
@@ -83,32 +93,6 @@ def compile_sights_once() -> None:
         wrap(0.0)
         observe_all(0, np.ones((1, 2)))
         locate_all(0, np.ones((1, 2)))
-
-
-@functools.cache
-def compile_window_once() -> None:
-    """The same for the kernels of a sliding window."""
-    A, b, rest = np.eye(5), np.zeros(5), np.array([1.0, 0.0])
-    prior = kernels.Prior(np.eye(5), np.zeros(5), np.zeros(5))
-    poses = kernels.Window(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3, 3)))
-    seen = kernels.Sights(np.array([0, 0, 1]), np.array([0]), np.array([[1.0, 0.0]]), np.eye(2)[None])
-    none = kernels.Sights(np.array([0]), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)))
-    work, step = kernels.allocate_pass(2, 5), np.zeros(5)
-    problem = kernels.Problem(0, prior, poses, seen, none, rest, 1)
-    with announced("kernels of a sliding window"):
-        is_semidefinite(np.zeros((3, 3)))
-        are_sound(0, np.ones((1, 2)), np.eye(2)[None])
-        locate_all(0, np.ones((1, 2)))
-        triangulate(np.zeros((1, 3)), np.zeros(1), np.ones(1), 1.0)
-        kernels.sweep(problem, A, b, work)
-        kernels.solve(5, A, b, step, np.zeros((3, 3)))
-        kernels.go_back(poses, 5, step, work)
-        kernels.chain(poses)
-        kernels.cost(problem)
-        kernels.add_first(problem, A, b)
-        kernels.move_on(poses, 1, 5, A, b, work)
-        kernels.set_prior(poses.pose[1], rest, 1, A, b, prior)
-        kernels.rebase(prior, poses.pose[1], rest, 1)
 
 
 def _robot_and_landmark() -> tuple[Belief, Workspace]:

@@ -21,8 +21,8 @@ from slamgauge.ekf.kernels.corrections import (
 )
 from slamgauge.ekf.kernels.iterated_update import MAX_PASSES, update_iterated
 from slamgauge.ekf.kernels.linearisation import PROJECTED
-from slamgauge.ekf.kernels.sequential_association import Sequential
 from slamgauge.ekf.kernels.prediction import predict
+from slamgauge.ekf.kernels.sequential_association import Sequential
 from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
@@ -47,8 +47,8 @@ class Rule(NamedTuple):
         first_estimates: whether the belief keeps first estimates, for the prediction and for Jacobians.
         form: of the Jacobians of observations (`Belief.form`).
         block: observations to take in at a time.
-        waiting: sides and rows of what may wait (see `kernels.deferred_downdate`). An update that reads the covariances of
-            landmarks with each other lets nothing wait.
+        waiting: sides and rows of what may wait (see `kernels.deferred_downdate`). Nothing waits with an update
+            that reads the covariances of landmarks with each other.
         sequential: how it corrects with one observation after the other; None if it cannot.
         predict: moves the robot.
         find_slots: looks up the landmarks of a scan. With `update` and `predict` it is all compiled code of a step

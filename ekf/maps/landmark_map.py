@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.jit import direct
 from slamgauge.ekf.kernels import linear_update, map_edits
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import ROBOT, Belief, allocate_belief, enlarged
-from slamgauge.ekf.kernels.models import BEARING, RANGE_BEARING, SENSOR_CODES
-from slamgauge.ekf.kernels.joint_update import are_sound
 from slamgauge.ekf.kernels.deferred_downdate import allocate_waiting, settle
-from slamgauge.ekf.kernels.warm_up import compile_once
+from slamgauge.ekf.kernels.joint_update import are_sound
+from slamgauge.ekf.kernels.models import BEARING, RANGE_BEARING, SENSOR_CODES
 from slamgauge.ekf.kernels.student_t_weights import weigh
+from slamgauge.ekf.kernels.warm_up import compile_once
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
+from slamgauge.ekf.maps.correction_table import Correction, Rule, rule_of
 from slamgauge.ekf.maps.input_checks import (
     DIVERGED,
     explain_increment,
@@ -36,8 +36,8 @@ from slamgauge.ekf.maps.input_checks import (
     start_of,
     why_not,
 )
-from slamgauge.ekf.maps.correction_table import Correction, Rule, rule_of
 from slamgauge.errors import UserError
+from slamgauge.jit import direct
 from slamgauge.memory import require_memory
 
 
@@ -239,7 +239,9 @@ class LandmarkMap:
             UserError: there is no update, because something is not finite or `noise_cov` not positive definite.
         """
         rows = len(innovation)
-        room = linear_update.Room(np.empty((rows, self.belief.size)), np.empty((rows, rows)), self._work.scratch[CORRECTION])
+        room = linear_update.Room(
+            np.empty((rows, self.belief.size)), np.empty((rows, rows)), self._work.scratch[CORRECTION]
+        )
         nis = linear_update.take_in_linear(self.belief, columns, jacobian, innovation, noise_cov, room)
         if not np.isfinite(nis):
             remedy = "make every value finite and every covariance positive definite"

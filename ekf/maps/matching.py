@@ -5,15 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.ekf.kernels.individual_compatibility import Pairs, allocate_pairs, find_compatible, find_located, keep_pairs
+from slamgauge.ekf.kernels.individual_compatibility import (
+    Pairs,
+    allocate_pairs,
+    find_compatible,
+    find_located,
+    keep_pairs,
+)
 from slamgauge.ekf.kernels.joint_compatibility import mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.linearisation import describe
 from slamgauge.ekf.kernels.sequential_association import Gates, update_one_by_one
 from slamgauge.ekf.kernels.warm_up import compile_association_once
+from slamgauge.ekf.maps.correction_table import sequential_of
 from slamgauge.ekf.maps.input_checks import explain_scan
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.maps.correction_table import sequential_of
 from slamgauge.ekf.maps.transaction import is_addition_certain, undone_if_refused
 
 
@@ -75,7 +81,7 @@ class Matcher:
 def update_nearest(
     landmarks: LandmarkMap, ids: Ids, values: Float, covs: Float, gates: Gates
 ) -> tuple[Int, float, int]:
-    """Associate the observations with the nearest landmarks, correcting and mapping at once; see `kernels.sequential_association`.
+    """Associate each observation with its nearest landmark, then correct or map; see `kernels.sequential_association`.
 
     New landmarks get their ids from `ids`.
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Int, Marks
-from slamgauge.ekf.maps.landmark_ids import GONE, Ids, followed
 from slamgauge.ekf.maps.duplicate_landmarks import Matchings, find_matchings
+from slamgauge.ekf.maps.landmark_ids import GONE, Ids, followed
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.scan_clock import ScanClock
 from slamgauge.ekf.settings.association import MapManagement

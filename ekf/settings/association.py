@@ -25,8 +25,9 @@ class MapManagement:
             exceeded once in a million (chi-square, 2 degrees of freedom).
         vagueness: a scan tells by itself a landmark that one of the last `probation` scans has seen, unless the robot
             has been blind since (see `maps.scan_clock`), or whose place relative to the robot is known to this many
-            times the noise of an observation (variances; see `kernels.individual_compatibility.find_located`). What it sees of
-            others begins tracks, which are joined with them.
+            times the noise of an observation (variances; see
+            `kernels.individual_compatibility.find_located`). What it sees of others begins tracks,
+            which are joined with them.
         merge_gate: two landmarks never seen in one scan may be one when the squared Mahalanobis distance
             of their difference from zero is below this (again, one in a million of true doubles fails that), ...
         certainty: ... and are joined when of all ways to match the tracks of a scan with landmarks, by weight, at

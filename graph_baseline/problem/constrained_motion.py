@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body
 from slamgauge.graph_baseline.problem.linearisation import log_se2
+from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, compose
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.jit import inner
-from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body
 from slamgauge.graph_baseline.problem.linearisation import inverse_cholesky
+from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body
+from slamgauge.jit import inner
 from slamgauge.recording import Recording
 
 RANGE_BEARING, POSITION, BEARING = range(3)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
-from slamgauge.graph_baseline.solver.linear_problem import Place
-from slamgauge.graph_baseline.problem.residuals import Measured
-from slamgauge.graph_baseline.problem.placement import SURE, triangulate_one
-from slamgauge.recording import Recording
 from slamgauge.back_projection import positions_seen
+from slamgauge.graph_baseline.problem.placement import SURE, triangulate_one
+from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
+from slamgauge.graph_baseline.problem.residuals import Measured
+from slamgauge.graph_baseline.solver.linear_problem import Place
+from slamgauge.recording import Recording
 
 SURELY = SURE / 2  # sigma over distance of a landmark that bearings will go on to place
 

@@ -13,12 +13,12 @@ from numpy.linalg import LinAlgError
 from scipy.linalg import get_lapack_funcs
 
 from slamgauge.arrays import Float
+from slamgauge.graph_baseline.problem.residuals import Measured
 from slamgauge.graph_baseline.solver import chord_kernels, linear_problem, pose_elimination
-from slamgauge.graph_baseline.solver.multifrontal import EXHAUSTED
-from slamgauge.graph_baseline.solver.linear_problem import Place
 from slamgauge.graph_baseline.solver.active_landmarks import MappedLandmarks
 from slamgauge.graph_baseline.solver.anderson import Mixing
-from slamgauge.graph_baseline.problem.residuals import Measured
+from slamgauge.graph_baseline.solver.linear_problem import Place
+from slamgauge.graph_baseline.solver.multifrontal import EXHAUSTED
 from slamgauge.graph_baseline.solver.smoother import own_blocks_of_inverse
 
 factorised, solved = get_lapack_funcs(("potrf", "potrs"), dtype=np.float64)

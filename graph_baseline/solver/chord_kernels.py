@@ -17,10 +17,18 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.jit import inner, kernel
+from slamgauge.graph_baseline.problem.residuals import (
+    Measured,
+    facing,
+    observe,
+    right_jacobian,
+    sight_of,
+    step_residual,
+    wrap,
+)
 from slamgauge.graph_baseline.solver.linear_problem import Linear, Place
-from slamgauge.graph_baseline.problem.residuals import Measured, facing, observe, right_jacobian, sight_of, step_residual, wrap
 from slamgauge.graph_baseline.solver.matrices_3x3 import multiply
+from slamgauge.jit import inner, kernel
 
 
 class Chord(NamedTuple):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamgauge.graph_baseline.solver.motion_elimination import shorten
-from slamgauge.graph_baseline.problem.preparation import first_sights, landmarks_at_first_sight, require_known_landmarks
-from slamgauge.graph_baseline.solver.multifrontal import largest, numbers_kept
 from slamgauge.graph_baseline.problem.linearisation import linearise
+from slamgauge.graph_baseline.problem.preparation import first_sights, landmarks_at_first_sight, require_known_landmarks
 from slamgauge.graph_baseline.solver.chain_partition import Plan, plan, work
+from slamgauge.graph_baseline.solver.motion_elimination import shorten
+from slamgauge.graph_baseline.solver.multifrontal import largest, numbers_kept
 from slamgauge.memory import free_memory, require_memory
 from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
@@ -69,7 +69,7 @@ def tell_if_long(recording: Recording) -> None:
     seconds = float(np.sum((2.0 * mapped) ** 3)) / 6.0 / RATE
     if seconds > LONG:
         tell_once(
-            f"isam2 of {landmarks} landmarks in {scans} scans takes some {seconds / 3600.0:.1f} h; "
+            f"causal of {landmarks} landmarks in {scans} scans takes some {seconds / 3600.0:.1f} h; "
             "--estimators without it, or with batch, takes less"
         )
 

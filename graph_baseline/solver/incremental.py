@@ -18,14 +18,21 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
+from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
+from slamgauge.graph_baseline.problem.residuals import measured_of
+from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
+from slamgauge.graph_baseline.solver.active_landmarks import MappedLandmarks
 from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
 from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum
-from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
 from slamgauge.graph_baseline.solver.linear_problem import allocate_place
-from slamgauge.graph_baseline.solver.active_landmarks import MappedLandmarks
-from slamgauge.graph_baseline.problem.residuals import measured_of
-from slamgauge.graph_baseline.solver.multistart import Start, explained_by_noise, grown, placed_minimum, searched, softened
-from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
+from slamgauge.graph_baseline.solver.multistart import (
+    Start,
+    explained_by_noise,
+    grown,
+    placed_minimum,
+    searched,
+    softened,
+)
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, compose, wrap

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.problem.preparation import first_sights, require_known_landmarks, require_placeable
 from slamgauge.graph_baseline.problem.constrained_motion import FreeNoise
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise, whitened_residuals
-from slamgauge.graph_baseline.solver.anderson import Mixing, size_of
+from slamgauge.graph_baseline.problem.preparation import first_sights, require_known_landmarks, require_placeable
 from slamgauge.graph_baseline.problem.retraction import displaced, driven
+from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
+from slamgauge.graph_baseline.solver.anderson import Mixing, size_of
 from slamgauge.graph_baseline.solver.reduced_scans import NOT_DAMPED, Damping
 from slamgauge.graph_baseline.solver.smoother import Solution, damped_step, solve_at
-from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 

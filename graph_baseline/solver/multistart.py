@@ -10,8 +10,6 @@ import numpy as np
 from scipy.special import chdtr
 
 from slamgauge.arrays import Float, Int, Marks
-from slamgauge.graph_baseline.solver.motion_elimination import carried_on, keyed
-from slamgauge.graph_baseline.solver.levenberg_marquardt import Approach, Merit, Minimum, approach, settle
 from slamgauge.graph_baseline.problem.preparation import (
     are_at_odds,
     are_placed,
@@ -22,6 +20,8 @@ from slamgauge.graph_baseline.problem.preparation import (
     require_known_landmarks,
 )
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
+from slamgauge.graph_baseline.solver.levenberg_marquardt import Approach, Merit, Minimum, approach, settle
+from slamgauge.graph_baseline.solver.motion_elimination import carried_on, keyed
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 

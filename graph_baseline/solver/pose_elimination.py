@@ -23,10 +23,8 @@ import math
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.jit import inner, kernel
-from slamgauge.graph_baseline.solver.linear_problem import Linear, Place
 from slamgauge.graph_baseline.problem.residuals import Measured, facing, right_jacobian, step_residual
-from slamgauge.graph_baseline.solver.scan_reduction import projected_scan, reflected_scan, seen_slots
+from slamgauge.graph_baseline.solver.linear_problem import Linear, Place
 from slamgauge.graph_baseline.solver.matrices_3x3 import (
     add_identity,
     copy,
@@ -36,6 +34,8 @@ from slamgauge.graph_baseline.solver.matrices_3x3 import (
     product_transposed,
     symmetrise,
 )
+from slamgauge.graph_baseline.solver.scan_reduction import projected_scan, reflected_scan, seen_slots
+from slamgauge.jit import inner, kernel
 
 CHUNK = 384  # rows whose products are taken together
 BLOCK = 128  # columns of Lambda that are added at a time, from their diagonal down

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.jit import kernel
 from slamgauge.graph_baseline.solver.matrices_3x3 import (
     add_identity,
     add_product,
@@ -16,6 +15,7 @@ from slamgauge.graph_baseline.solver.matrices_3x3 import (
     product_transposed,
     symmetrise,
 )
+from slamgauge.jit import kernel
 
 
 @kernel

@@ -12,10 +12,10 @@ import math
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.jit import inner
-from slamgauge.graph_baseline.solver.linear_problem import Linear, Place
 from slamgauge.graph_baseline.problem.residuals import Measured, facing, observe, sight_of
+from slamgauge.graph_baseline.solver.linear_problem import Linear, Place
 from slamgauge.graph_baseline.solver.matrices_3x3 import gram
+from slamgauge.jit import inner
 
 DEPENDENT = 1e-24  # of the square of a column, all that others leave of it: rounding
 

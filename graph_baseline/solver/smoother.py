@@ -23,11 +23,12 @@ import numpy as np
 from scipy.linalg import get_blas_funcs, solve_triangular
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.solver.motion_elimination import Chain, shear, shorten
-from slamgauge.graph_baseline.problem.preparation import least_known_landmark, require_known_landmarks
-from slamgauge.graph_baseline.solver.multifrontal import Factor, covariance_roots, factorised, minimise
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
+from slamgauge.graph_baseline.problem.preparation import least_known_landmark, require_known_landmarks
+from slamgauge.graph_baseline.problem.undetermined import undetermined_variable
 from slamgauge.graph_baseline.solver.chain_partition import Piece, plan
+from slamgauge.graph_baseline.solver.motion_elimination import Chain, shear, shorten
+from slamgauge.graph_baseline.solver.multifrontal import Factor, covariance_roots, factorised, minimise
 from slamgauge.graph_baseline.solver.recursions import run_adjoints
 from slamgauge.graph_baseline.solver.reduced_scans import (
     NOT_DAMPED,
@@ -42,7 +43,6 @@ from slamgauge.graph_baseline.solver.reduced_scans import (
     subtract_scans,
     transposed,
 )
-from slamgauge.graph_baseline.problem.undetermined import undetermined_variable
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
 

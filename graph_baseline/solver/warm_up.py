@@ -7,8 +7,8 @@ import functools
 import numpy as np
 
 from slamgauge.compile_progress import announced
-from slamgauge.graph_baseline.solver import chord_kernels, linear_problem, pose_elimination, recursions
 from slamgauge.graph_baseline.problem.residuals import POSITION, Measured
+from slamgauge.graph_baseline.solver import chord_kernels, linear_problem, pose_elimination, recursions
 from slamgauge.triangulation import triangulate
 
 

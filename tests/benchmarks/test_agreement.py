@@ -223,7 +223,7 @@ def test_one_pass_is_not_the_minimum_of_the_iterated_filter():
 
 
 def test_an_optimum_that_is_wrong_is_told(monkeypatch: pytest.MonkeyPatch):
-    """Batch and isam2 that return dead reckoning in place of what they found."""
+    """Batch and causal that return dead reckoning in place of what they found."""
     each = next(
         d
         for d in map(drawn, range(300))
@@ -231,8 +231,8 @@ def test_an_optimum_that_is_wrong_is_told(monkeypatch: pytest.MonkeyPatch):
     )
     right = {outcome.estimator: outcome for outcome in judge_optima(each)}
     assert right["batch"].verdict == "agrees"
-    assert right["isam2"].steps == each.recording.steps + 1
-    for name in ("batch", "isam2"):
+    assert right["causal"].steps == each.recording.steps + 1
+    for name in ("batch", "causal"):
         theirs = getattr(sys.modules["referees.optima"], name)
 
         def shifted(recording: object, theirs: object = theirs) -> Estimate:
@@ -243,8 +243,8 @@ def test_an_optimum_that_is_wrong_is_told(monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr(f"referees.optima.{name}", shifted)
     wrong = {outcome.estimator: outcome for outcome in judge_optima(each)}
     assert wrong["batch"].verdict == "worse"
-    assert wrong["isam2"].steps_off > 0.9 * each.recording.steps
-    assert wrong["isam2"].difference > 0.3
+    assert wrong["causal"].steps_off > 0.9 * each.recording.steps
+    assert wrong["causal"].difference > 0.3
 
 
 def test_what_is_kept_is_judged_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -287,13 +287,13 @@ def test_bars_of_filters_allow_one_in_two_hundred(verdict: Verdict):
 
 
 def test_bars_of_the_optima():
-    good = judged(Outcome("batch", "agrees"), Outcome("isam2", "worse", 0.1, "", 100, 1))
+    good = judged(Outcome("batch", "agrees"), Outcome("causal", "worse", 0.1, "", 100, 1))
     assert bars_missed([good]) == []
     assert bars_missed([judged(Outcome("batch", "undecided", np.inf, "no optimum"))]) == []
     assert len(bars_missed([good, judged(Outcome("batch", "failed"))])) == 1
     assert len(bars_missed([judged(Outcome("batch mapped", "worse", 2.0))])) == 1
-    assert len(bars_missed([judged(Outcome("isam2", "worse", 0.1, "", 100, 2))])) == 1
-    assert len(bars_missed([judged(Outcome("isam2", "worse", 0.1, "", 100, 1, 1))])) == 1
+    assert len(bars_missed([judged(Outcome("causal", "worse", 0.1, "", 100, 2))])) == 1
+    assert len(bars_missed([judged(Outcome("causal", "worse", 0.1, "", 100, 1, 1))])) == 1
 
 
 def test_the_table_counts_and_the_worst_come_first():

@@ -26,7 +26,7 @@ SMALLEST = {
         "--recordings 20 --seed 1 --jobs 1",
         "estimator agrees worse failed undecided not compared largest difference",
         "riekf ",
-        "isam2 steps:",
+        "causal steps:",
         "bars missed:",
     ),
     "association": (  # 5 s
@@ -50,7 +50,7 @@ SMALLEST = {
     "best_association": ("--runs 1 --sigmas 5", "sigma [deg] bearings wrong %", "5 "),
     "bound": (  # 3 s
         "--scenarios stationary --runs 2 --jobs 1",
-        "scenario bound expected hindsight expected riekf isam2 batch",
+        "scenario bound expected hindsight expected riekf causal batch",
         "stationary 0.",
     ),
     "claims_power": (  # 2 s
@@ -59,7 +59,7 @@ SMALLEST = {
         "q3-scale-10-error q3-scale-1 3 ",
     ),
     "close_landmarks": ("--runs 2 --distances 1.0 --jobs 1", "distance [m] ekf: ATE NEES/3 lost", "1.0 "),  # 3 s
-    "causal_optimum": ("--landmarks 20 --steps 60 --prefixes 5 --log 2000", "estimator landmarks", "isam2 20 60 "),
+    "causal_optimum": ("--landmarks 20 --steps 60 --prefixes 5 --log 2000", "estimator landmarks", "causal 20 60 "),
     "compiled_peer": (  # 10 s, most of it its compilation
         "--landmarks 20",
         "landmarks ours [ms] p95 other [ms] p95 ours/other difference",
@@ -149,7 +149,7 @@ SMALLEST = {
     "study_throughput": ("--runs 2 --many 2", "bare loop:", "2 runs stored by two jobs"),  # 10 s
     "ukfm_slam2d": (  # 14 s
         "--runs 1 --jobs 1 --out results",
-        "heading RMSE [deg] position RMSE [m] NEES heading NEES position last sigma / isam2",
+        "heading RMSE [deg] position RMSE [m] NEES heading NEES position last sigma / causal",
         "riekf - - - - 0.9",
     ),
 }

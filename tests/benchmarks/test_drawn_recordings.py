@@ -9,11 +9,11 @@ from referees.optima import grown_once, judge_optima, lowest, of_estimate
 from referees.recordings import draw
 from referees.verdicts import COST_BAR
 
-from slamgauge.graph_baseline import batch, isam2
-from slamgauge.graph_baseline.solver.levenberg_marquardt import approach, settle
+from slamgauge.graph_baseline import batch, causal
 from slamgauge.graph_baseline.problem.preparation import first_sights, in_frame_of_start, landmarks_at_first_sight
-from slamgauge.graph_baseline.solver.multistart import grown, is_low
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
+from slamgauge.graph_baseline.solver.levenberg_marquardt import approach, settle
+from slamgauge.graph_baseline.solver.multistart import grown, is_low
 from slamgauge.se2 import chain
 
 
@@ -27,13 +27,13 @@ def test_a_landmark_that_is_placed_only_by_the_minimum_with_it_is_mapped():
     """The minimum without it lies where its bearings do not meet."""
     each = draw(2032, 5)
     assert each.recording.landmark is not None
-    for estimator in (batch, isam2):
+    for estimator in (batch, causal):
         assert set(estimator(each.recording).landmark_ids) == set(each.recording.landmark)
 
 
 def test_a_landmark_that_is_seen_without_parallax_waits_in_both_optima():
     recording = draw(2033, 81).recording.first(22)
-    for estimator in (batch, isam2):
+    for estimator in (batch, causal):
         assert set(estimator(recording).landmark_ids) == {0, 3, 6, 7}
 
 
@@ -104,7 +104,7 @@ def test_damped_steps_go_on_to_a_minimum_where_nothing_fits():
 def test_a_scan_that_turns_a_long_blind_path_is_taken_in_anew():
     """The headings of the blind poses had turned under the newest one, and steps with them as they were fell short."""
     recording = draw(2040, 1957).recording
-    optimum, estimate = batch(recording.first(23)), isam2(recording)
+    optimum, estimate = batch(recording.first(23)), causal(recording)
     assert optimum.pose_covs is not None and estimate.pose_covs is not None
     sigma, own = (np.sqrt(np.diag(each[23])) for each in (optimum.pose_covs, estimate.pose_covs))
     np.testing.assert_allclose(estimate.poses[23] / sigma, optimum.poses[23] / sigma, rtol=0, atol=5e-3)
@@ -114,12 +114,12 @@ def test_a_scan_that_turns_a_long_blind_path_is_taken_in_anew():
 def test_a_landmark_that_new_bearings_cease_to_place_leaves_both_optima():
     """It had been placed well, and the causal optimum did not look at it again."""
     recording = draw(2036, 303).recording.first(61)
-    assert set(isam2(recording).landmark_ids) == set(batch(recording).landmark_ids)
+    assert set(causal(recording).landmark_ids) == set(batch(recording).landmark_ids)
 
 
 def test_a_causal_optimum_that_lacked_a_landmark_which_batch_had_mapped_says_so():
     """At step 4: batch maps another than the growing optimum, which finds it a step later."""
-    check = isam2(draw(2038, 174).recording.first(6)).optimum_check
+    check = causal(draw(2038, 174).recording.first(6)).optimum_check
     assert check is not None and check > 1.0
 
 
@@ -144,4 +144,4 @@ def test_newton_steps_do_not_end_uphill():
 def test_the_causal_optimum_maps_what_dead_reckoning_places() -> None:
     """Bearings alone: from the optimum's path three of six landmarks were never placed, though batch places all."""
     recording = draw(2028, 252).recording.first(11)
-    assert len(isam2(recording).landmark_ids) == len(batch(recording).landmark_ids) == 6
+    assert len(causal(recording).landmark_ids) == len(batch(recording).landmark_ids) == 6

@@ -30,7 +30,7 @@ from slamgauge import (
     write_study,
 )
 from slamgauge.compare.estimators.registry import REGISTRY
-from slamgauge.ekf import ekf
+from slamgauge.ekf import ekf_slam
 
 SHORT = load_scenario("q1-short-dense", ["trajectory.duration=1"])
 
@@ -159,5 +159,5 @@ def test_folders_may_be_told_as_texts(tmp_path: Path, monkeypatch: pytest.Monkey
     assert write_study(str(tmp_path / "study"), summary, runs, 0.1)
     assert len(sweep.summaries) == 2
     truth, recording = simulate(SHORT, 0)
-    save_figure(str(tmp_path), truth, recording, {"ekf": ekf(recording)}, "a run")
+    save_figure(str(tmp_path), truth, recording, {"ekf": ekf_slam(recording)}, "a run")
     assert (tmp_path / "figure.svg").exists()

@@ -18,7 +18,7 @@ from slamgauge.compare.scenarios.simulation import informed, simulate_informed
 from slamgauge.compare.storage import npz_file
 from slamgauge.compare.storage.files import save
 from slamgauge.compare.storage.results_folder import load_results
-from slamgauge.ekf.estimators import ekf
+from slamgauge.ekf.estimators import ekf_slam
 from slamgauge.se2 import chain
 from slamgauge.validation import as_covariances, as_floats, as_ints
 
@@ -76,12 +76,14 @@ def test_memory_of_a_long_run_is_what_is_kept_of_its_steps_and_observations(monk
     """`docs/performance.md` has the bytes: 32 and 32 of a recording, 24 of the truth, 120 of a filter's estimate."""
     monkeypatch.setattr(arrays, "CHUNK", 500)
     scenario = load_scenario("q1-long-dense", OVERRIDES)
-    ekf(simulate(load_scenario("q1-long-dense", ["trajectory.duration=3"]), 0)[1])  # what is loaded once is none of it
+    ekf_slam(
+        simulate(load_scenario("q1-long-dense", ["trajectory.duration=3"]), 0)[1]
+    )  # what is loaded once is none of it
     (truth, recording), kept, peak = _traced(lambda: simulate(scenario, 0))
     observations = len(recording.observation)
     assert kept == pytest.approx(STEPS * (32 + 24) + observations * 32, rel=0.05)
     assert peak < kept + observations * 24 + 3e6  # three arrays of the sights, and what a stretch of them takes
-    estimate, kept, peak = _traced(lambda: ekf(recording))
+    estimate, kept, peak = _traced(lambda: ekf_slam(recording))
     assert kept == pytest.approx(STEPS * 120, rel=0.1)
     assert estimate.association is recording.landmark
     assert peak < kept + observations * 8 + 1e5  # no second array of ids
@@ -107,12 +109,12 @@ def test_nothing_depends_on_how_many_rows_are_worked_on_together(monkeypatch: py
     clutter = ["sensor.clutter_rate=0.3", "trajectory.duration=80"]
     for overrides in (clutter, [*clutter, "association.method=nearest-neighbour"]):
         truth, recording = simulate(load_scenario("q1-long-dense", overrides), 1)
-        whole = ekf(recording)
+        whole = ekf_slam(recording)
         scores = evaluate(truth, recording, whole).to_json()
         with monkeypatch.context() as patched:
             patched.setattr(arrays, "CHUNK", 7)
             again = (truth, recording) == simulate(load_scenario("q1-long-dense", overrides), 1)
-            part = ekf(recording)
+            part = ekf_slam(recording)
             parts = evaluate(truth, recording, part).to_json()
         assert again
         assert scores["loop_closure"]
@@ -125,7 +127,7 @@ def test_results_that_are_read_back_share_the_ids(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(arrays, "CHUNK", 500)
     monkeypatch.setattr(npz_file, "TOGETHER", 1 << 14)
     truth, recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=500"]), 0)
-    estimate, ids = ekf(recording), recording.landmark
+    estimate, ids = ekf_slam(recording), recording.landmark
     assert ids is not None
     estimates = {"ekf": estimate, "other": replace(estimate, association=np.where(np.arange(len(ids)) == 3, -1, ids))}
     save(tmp_path / "recording.npz", recording)

@@ -5,27 +5,36 @@ That all kernels are kept: `tests/ekf/kernels/test_compilation.py`.
 
 from __future__ import annotations
 
+import importlib
 import os
-import runpy
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from numba.core import config
 
 from slamgauge import kernel_cache
 
-HEAD = "from slamgauge.jit import kernel\n\n\n@kernel\ndef "
-CALLEE = HEAD + "inside(x):\n    return x + {}\n"
-CALLER = (
-    "import runpy\nfrom pathlib import Path\n\ninside = runpy.run_path(str(Path(__file__).with_name('callee.py')))"
-    "['inside']\n" + HEAD + "outside(x):\n    return inside(x)\n"
-)
+HEAD = "from slamgauge.jit import kernel\n{}\n\n@kernel\ndef "
+CALLEE = HEAD.format("") + "inside(x):\n    return x + {}\n"
+CALLER = HEAD.format("from made_kernels.callee import inside\n") + "outside(x):\n    return inside(x)\n"
+
+
+def imported(folder: Path) -> Any:
+    """The calling kernel, imported as a program that begins now would."""
+    kernel_cache.sources_digest.cache_clear()
+    importlib.invalidate_caches()
+    for name in [each for each in sys.modules if each.partition(".")[0] == "made_kernels"]:
+        del sys.modules[name]
+    for bytecode in (folder / "__pycache__").glob("*.pyc"):
+        bytecode.unlink()  # an edit within a second, of the same length, would go unseen by Python
+    return importlib.import_module("made_kernels.caller").outside
 
 
 def called(folder: Path) -> tuple[int, bool]:
-    """What the calling kernel makes of 1 in a program that begins now, and whether its code was on the disk."""
-    kernel_cache.sources_digest.cache_clear()
-    outside = runpy.run_path(str(folder / "caller.py"))["outside"]
+    """Result of the calling kernel for 1 in a program that begins now, and whether its code was on the disk."""
+    outside = imported(folder)
     return outside(1), bool(outside.stats.cache_hits)
 
 
@@ -33,15 +42,24 @@ def called(folder: Path) -> tuple[int, bool]:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Two modules, a kernel that calls another, compiled and kept."""
     monkeypatch.setattr(config, "CACHE_DIR", "")
-    (tmp_path / "callee.py").write_text(CALLEE.format(1), encoding="utf-8")
-    (tmp_path / "caller.py").write_text(CALLER, encoding="utf-8")
-    assert called(tmp_path) == (2, False)
-    assert called(tmp_path) == (2, True)
-    return tmp_path
+    monkeypatch.syspath_prepend(tmp_path)
+    folder = tmp_path / "made_kernels"
+    folder.mkdir()
+    (folder / "__init__.py").touch()
+    (folder / "callee.py").write_text(CALLEE.format(1), encoding="utf-8")
+    (folder / "caller.py").write_text(CALLER, encoding="utf-8")
+    assert called(folder) == (2, False)
+    assert called(folder) == (2, True)
+    return folder
 
 
 def kept(folder: Path, suffix: str) -> list[Path]:
     return [*(folder / "__pycache__").glob(f"*.{suffix}")]
+
+
+def test_an_edit_of_a_module_that_is_not_imported_costs_no_compilation(folder: Path):
+    (folder / "unrelated.py").write_text("answer = 42\n", encoding="utf-8")
+    assert called(folder) == (2, True)
 
 
 def test_an_edited_kernel_does_not_live_on_in_its_callers(folder: Path):
@@ -79,8 +97,7 @@ def test_files_that_were_cut_are_compiled_anew(folder: Path, suffix: str, share:
 def test_code_for_other_types_under_a_name_is_compiled_anew(folder: Path):
     """Two programs that compile a kernel for different types at once may choose the same name for its file."""
     before = {*kept(folder, "nbc")}
-    kernel_cache.sources_digest.cache_clear()
-    assert runpy.run_path(str(folder / "caller.py"))["outside"](1.5) == 2.5
+    assert imported(folder)(1.5) == 2.5
     for of_floats in {*kept(folder, "nbc")} - before:
         (of_integers,) = (each for each in before if each.name.split(".")[:2] == of_floats.name.split(".")[:2])
         of_integers.write_bytes(of_floats.read_bytes())

@@ -17,7 +17,7 @@ from textbook_association import (
 from slamgauge.arrays import Int
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.ekf import ekf, fej_ekf, iekf, oc_ekf, riekf
+from slamgauge.ekf import ekf_slam, fej_ekf, iekf, oc_ekf, riekf
 from slamgauge.ekf.associating_filter import AssociatingFilter
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.kernels.individual_compatibility import NONE
@@ -28,10 +28,16 @@ from slamgauge.recording import Observations, Recording
 
 Estimator = Callable[[Recording, Association], Estimate]
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
-FILTERS = pytest.mark.parametrize("estimator", [ekf, fej_ekf, oc_ekf, iekf, riekf])
+FILTERS = pytest.mark.parametrize("estimator", [ekf_slam, fej_ekf, oc_ekf, iekf, riekf])
 TWINS = pytest.mark.parametrize(
     ("estimator", "kind"),
-    [(ekf, "standard"), (fej_ekf, "first-estimates"), (oc_ekf, "observable"), (iekf, "iterated"), (riekf, "invariant")],
+    [
+        (ekf_slam, "standard"),
+        (fej_ekf, "first-estimates"),
+        (oc_ekf, "observable"),
+        (iekf, "iterated"),
+        (riekf, "invariant"),
+    ],
     ids=["ekf", "fej-ekf", "oc-ekf", "iekf", "riekf"],
 )
 GATES = pytest.mark.parametrize("gate", [1.0, 9.0, 100.0])
@@ -177,7 +183,7 @@ def test_ids_are_never_looked_at_and_runs_repeat(estimator: Estimator, associati
     named = AssociatingFilter(recording.sensor, recording.prior_mean, recording.prior_cov, "standard", association)
     for _ in drive(named, mixed):
         pass
-    np.testing.assert_array_equal(named.landmarks, ekf(replace(recording, landmark=None), association).landmarks)
+    np.testing.assert_array_equal(named.landmarks, ekf_slam(replace(recording, landmark=None), association).landmarks)
 
 
 @pytest.mark.parametrize("association", [Association(), Association("jcbb"), MANAGED], ids=["nn", "jcbb", "managed"])
@@ -193,7 +199,7 @@ def test_the_online_filter_tells_what_each_observation_was_given_and_what_became
         assert np.isin(slam.standing(np.concatenate(given)), [*slam.landmark_ids.tolist(), NONE]).all()
     slam.predict(np.zeros(3), np.zeros((3, 3)))
     assert len(slam.associated) == 0
-    estimate = ekf(recording, association)
+    estimate = ekf_slam(recording, association)
     np.testing.assert_array_equal(slam.standing(np.concatenate(given)), ids_of(estimate))
     np.testing.assert_array_equal(slam.landmark_ids, estimate.landmark_ids)
     if association.map_management is None:  # every id stands, and all tracks are landmarks

@@ -19,7 +19,7 @@ from slamgauge.ekf import (
     Rays,
     SlamFilter,
     dead_reckoning,
-    ekf,
+    ekf_slam,
     fej_ekf,
     iekf,
     oc_ekf,
@@ -31,7 +31,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 
-FILTERS = pytest.mark.parametrize("estimator", [ekf, fej_ekf, oc_ekf, iekf, riekf])
+FILTERS = pytest.mark.parametrize("estimator", [ekf_slam, fej_ekf, oc_ekf, iekf, riekf])
 Estimator = Callable[..., Estimate]
 
 

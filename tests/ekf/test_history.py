@@ -9,7 +9,7 @@ import pytest
 from random_recordings import random_recording
 
 from slamgauge import load_scenario, simulate
-from slamgauge.ekf import Association, BearingFilter, Delayed, InverseDepth, MapManagement, Rays, ekf, riekf
+from slamgauge.ekf import Association, BearingFilter, Delayed, InverseDepth, MapManagement, Rays, ekf_slam, riekf
 from slamgauge.ekf.bearings.ray_recorder import RayRecorder
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.history import History
@@ -43,7 +43,7 @@ def rays_of(estimate: Estimate) -> RayLog:
 @pytest.mark.parametrize(("steps", "frames"), [(40, 5), (40, 2), (40, 41), (40, 1000), (41, 5), (7, 6), (40, 1)])
 def test_frames_are_spread_evenly_from_first_to_last(steps: int, frames: int) -> None:
     _, recording = random_recording(0, steps=steps)
-    kept = np.unique(history_of(ekf(recording, frames=frames)).step)
+    kept = np.unique(history_of(ekf_slam(recording, frames=frames)).step)
     assert len(kept) == min(frames, steps + 1)
     assert kept[0] == 0
     assert frames == 1 or kept[-1] == steps
@@ -62,13 +62,13 @@ def test_a_frame_is_never_lost_to_rounding(steps: int) -> None:
 @pytest.mark.parametrize("bearing", [False, True])
 def test_without_frames_nothing_is_kept(bearing: bool) -> None:
     recording = ring() if bearing else random_recording(0)[1]
-    assert ekf(recording).history is None
-    assert ekf(recording, frames=0).history is None
+    assert ekf_slam(recording).history is None
+    assert ekf_slam(recording, frames=0).history is None
 
 
 def test_frames_change_nothing_else() -> None:
     recording = ring()
-    with_frames, without = ekf(recording, frames=20), ekf(recording)
+    with_frames, without = ekf_slam(recording, frames=20), ekf_slam(recording)
     np.testing.assert_array_equal(with_frames.poses, without.poses)
     np.testing.assert_array_equal(with_frames.landmarks, without.landmarks)
 
@@ -76,7 +76,7 @@ def test_frames_change_nothing_else() -> None:
 def test_a_map_without_landmarks_has_no_rows() -> None:
     _, recording = random_recording(0, steps=10)
     nothing = recording.only(np.zeros(len(recording.observation), dtype=bool))
-    assert len(history_of(ekf(nothing, frames=5)).step) == 0
+    assert len(history_of(ekf_slam(nothing, frames=5)).step) == 0
 
 
 # --- maps ----------------------------------------------------------------------------------------
@@ -87,13 +87,13 @@ def test_points_are_the_map_at_that_step(known: bool) -> None:
     """That of a filter which saw the recording up to there, and at the end the estimate's own."""
     _, recording = random_recording(1, steps=30)
     recording = recording if known else replace(recording, landmark=None)
-    estimate = ekf(recording, frames=4)
+    estimate = ekf_slam(recording, frames=4)
     history = history_of(estimate)
     assert np.unique(history.step).tolist() == [0, 10, 20, 30]
     assert (history.member == POINT).all()
     assert (history.weight == 1.0).all()
     for step in (0, 10, 20, 30):
-        rows, then = history.step == step, ekf(recording.first(step))
+        rows, then = history.step == step, ekf_slam(recording.first(step))
         np.testing.assert_array_equal(history.landmark[rows], then.landmark_ids)
         np.testing.assert_array_equal(history.position[rows], then.landmarks)
         np.testing.assert_array_equal(history.cov[rows], then.landmark_covs)
@@ -145,7 +145,7 @@ def test_the_log_tells_the_same_as_the_maps(
         association = Association()
     else:
         recording = replace(recording, landmark=None)
-    estimate = ekf(recording, association, initialisation, frames=recording.steps + 1)
+    estimate = ekf_slam(recording, association, initialisation, frames=recording.steps + 1)
     log, history = rays_of(estimate), history_of(estimate)
     counted = [((history.step == step) & (history.member >= 0)).sum() for step in range(recording.steps + 1)]
     np.testing.assert_array_equal(log.members, counted)
@@ -174,8 +174,8 @@ def test_the_log_tells_the_same_as_the_maps(
 
 
 def test_without_rays_there_is_no_log() -> None:
-    assert ekf(ring(), initialisation=Delayed()).rays is None
-    assert ekf(random_recording(0)[1]).rays is None
+    assert ekf_slam(ring(), initialisation=Delayed()).rays is None
+    assert ekf_slam(random_recording(0)[1]).rays is None
 
 
 def test_a_landmark_that_begins_twice_has_two_rows() -> None:

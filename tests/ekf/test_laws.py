@@ -16,13 +16,13 @@ from circles import RUNS, STEPS, Estimator, J, additive_nees, circling, covs_of,
 from random_recordings import random_recording
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf import SlamFilter, dead_reckoning, ekf, fej_ekf, iekf, oc_ekf, riekf, riukf, robocentric_ekf
+from slamgauge.ekf import SlamFilter, dead_reckoning, ekf_slam, fej_ekf, iekf, oc_ekf, riekf, riukf, robocentric_ekf
 from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording, Sensor
 from slamgauge.se2 import between, compose, rotation
 
-FAMILY = [ekf, fej_ekf, oc_ekf, iekf, riekf]
+FAMILY = [ekf_slam, fej_ekf, oc_ekf, iekf, riekf]
 FILTERS = pytest.mark.parametrize("estimator", FAMILY)
 RELATIVES = pytest.mark.parametrize("estimator", [*FAMILY, riukf, robocentric_ekf])
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
@@ -169,7 +169,7 @@ def test_a_standing_robot_learns_nothing_about_its_own_pose(consistent: Estimato
     np.testing.assert_allclose(estimate.poses, still * recording.prior_mean, rtol=0, atol=1e-12)
     np.testing.assert_allclose(covs_of(estimate), still[:, :, None] * recording.prior_cov, rtol=0, atol=1e-15)
 
-    claimed = covs_of(ekf(recording))[-1, 2, 2] / recording.prior_cov[2, 2]
+    claimed = covs_of(ekf_slam(recording))[-1, 2, 2] / recording.prior_cov[2, 2]
     assert claimed < 0.9  # the textbook filter's known fault, without which this test could not fail
 
 
@@ -182,7 +182,7 @@ def test_with_perfect_odometry_the_map_says_nothing_about_the_pose(consistent: E
     np.testing.assert_allclose(between(blind.poses, estimate.poses), 0.0, atol=1e-12)
     np.testing.assert_allclose(covs_of(estimate), covs_of(blind), rtol=0, atol=1e-14)
 
-    claimed = covs_of(ekf(recording))[-1, 2, 2] / covs_of(blind)[-1, 2, 2]
+    claimed = covs_of(ekf_slam(recording))[-1, 2, 2] / covs_of(blind)[-1, 2, 2]
     assert claimed < 0.9
 
 
@@ -211,7 +211,7 @@ def test_doubt_about_the_whole_worlds_place_passes_through_unchanged(invariant: 
     np.testing.assert_allclose(unsure_landmarks, landmarks, rtol=0, atol=1e-11)
     np.testing.assert_allclose(unsure_covs, landmark_covs + world(landmarks)[:, :2, :2], rtol=0, atol=1e-11)
 
-    assert np.abs(ekf(doubtful).poses - ekf(recording).poses).max() > 0.01  # not so for the textbook filter
+    assert np.abs(ekf_slam(doubtful).poses - ekf_slam(recording).poses).max() > 0.01  # not so for the textbook filter
 
 
 @SENSORS
@@ -284,7 +284,7 @@ def test_nees_of_the_observability_constrained_filter_is_chi_square_at_every_ste
     """Where the heading is known to 6 degrees, and the textbook filter's leaves the band."""
     nees, of_textbook = (
         np.asarray(sum(additive_nees(*run) for run in run_all(estimator, sensor, heading_sigma=0.1)))
-        for estimator in (oc_ekf, ekf)
+        for estimator in (oc_ekf, ekf_slam)
     )
     assert outside(nees, 3 * RUNS, STEPS + 1) == 0
     assert outside(of_textbook, 3 * RUNS, STEPS + 1) > STEPS / 4
@@ -301,5 +301,5 @@ def test_nees_in_its_own_coordinates_is_chi_square_even_when_the_heading_is_hard
 @pytest.mark.parametrize("nees_of", [additive_nees, invariant_nees])
 def test_nees_of_the_textbook_filter_leaves_the_band(sensor: Sensor, nees_of: Callable[..., Float]) -> None:
     """The fault that the right-invariant filter mends, and the proof that the tests above can fail."""
-    nees = sum(nees_of(*run) for run in run_all(ekf, sensor, heading_sigma=0.2))
+    nees = sum(nees_of(*run) for run in run_all(ekf_slam, sensor, heading_sigma=0.2))
     assert outside(np.asarray(nees), 3 * RUNS, STEPS + 1) > STEPS / 2

@@ -29,7 +29,7 @@ from slamgauge.ekf import (
     CompressedFilter,
     Robustness,
     SlamFilter,
-    ekf,
+    ekf_slam,
     riekf,
 )
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
@@ -125,7 +125,7 @@ def test_the_filter_for_large_maps_does_the_same(robust: Robustness) -> None:
 def test_the_gate_is_that_of_the_update() -> None:
     _, recording = random_recording(2, steps=30)
     recording = with_outliers(recording)
-    chosen = ekf(recording, robust=Robustness("gate", gate=6.0))
+    chosen = ekf_slam(recording, robust=Robustness("gate", gate=6.0))
     slam = SlamFilter("range-bearing", recording.prior_mean, recording.prior_cov)
     for step, scan in enumerate(recording.scans()):
         if step:

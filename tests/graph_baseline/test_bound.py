@@ -12,10 +12,10 @@ from scipy.stats import chi2
 from textbook import textbook_ekf
 
 from slamgauge.arrays import Float
-from slamgauge.ekf import ekf
+from slamgauge.ekf import ekf_slam
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
-from slamgauge.graph_baseline import batch, causal_bound, hindsight_bound, isam2
+from slamgauge.graph_baseline import batch, causal, causal_bound, hindsight_bound
 from slamgauge.graph_baseline.problem.preparation import MAX_LANDMARK_SIGMA
 from slamgauge.recording import Recording, Sensor
 from slamgauge.se2 import between, rotation, wrap
@@ -127,14 +127,14 @@ def test_where_all_is_linear_the_bounds_are_the_optimas_own_covariances() -> Non
     start = np.append(recording.prior_mean[:2], truth.poses[0, 2])
     recording = replace(recording, prior_mean=start, odometry=turned, odometry_cov=covs)
     causal, hindsight = causal_bound(truth, recording), hindsight_bound(truth, recording)
-    kalman, smoothed = ekf(recording).pose_covs, batch(recording).pose_covs
+    kalman, smoothed = ekf_slam(recording).pose_covs, batch(recording).pose_covs
     assert kalman is not None
     assert smoothed is not None
     np.testing.assert_allclose(causal, kalman, rtol=0, atol=1e-9 * kalman.max())
     np.testing.assert_allclose(hindsight[-1], smoothed[-1], rtol=0, atol=1e-9 * smoothed.max())
 
 
-@pytest.mark.parametrize("estimator", [isam2, batch])
+@pytest.mark.parametrize("estimator", [causal, batch])
 def test_the_optima_touch_the_bound_as_noise_shrinks(estimator: Estimator) -> None:
     """Last errors of 60 runs under the bound's covariance: chi-square of 180 degrees, a false alarm in 1000 seeds."""
     total = 0.0

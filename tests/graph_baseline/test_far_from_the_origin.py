@@ -11,11 +11,11 @@ from elsewhere import FAR, TOLERANCE, assert_same_positions, moved
 from random_recordings import random_recording
 
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import batch, isam2, robust_batch
+from slamgauge.graph_baseline import batch, causal, robust_batch
 from slamgauge.se2 import wrap
 
 
-@pytest.mark.parametrize("optimum", [batch, isam2, robust_batch])
+@pytest.mark.parametrize("optimum", [batch, causal, robust_batch])
 @pytest.mark.parametrize("sensor", ["range-bearing", "position", "bearing"])
 @pytest.mark.parametrize("slip", [True, False])
 def test_optima(optimum: Callable[..., Estimate], sensor: str, slip: bool) -> None:

@@ -10,11 +10,11 @@ from random_recordings import random_recording
 
 from slamgauge.arrays import Int
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import batch, isam2, robust_batch
+from slamgauge.graph_baseline import batch, causal, robust_batch
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
-OPTIMA = pytest.mark.parametrize("optimum", [batch, isam2, robust_batch])
+OPTIMA = pytest.mark.parametrize("optimum", [batch, causal, robust_batch])
 
 
 def blind(seed: int, steps: int = 40) -> tuple[Truth, Recording, Int]:
@@ -47,7 +47,7 @@ def test_given_ids_come_before_the_recordings_own(optimum):  # pyright: ignore[r
     same(optimum(replace(recording, landmark=ids), merged), optimum(replace(recording, landmark=merged)))
 
 
-@pytest.mark.parametrize("optimum", [batch, isam2])
+@pytest.mark.parametrize("optimum", [batch, causal])
 def test_rejected_observations_are_left_out(optimum):  # pyright: ignore[reportMissingParameterType]
     _, recording, ids = blind(1)
     kept = np.arange(len(ids)) % 3 > 0

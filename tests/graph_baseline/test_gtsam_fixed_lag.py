@@ -13,10 +13,10 @@ from slamgauge.arrays import Float
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.ekf import ekf, sliding_window
+from slamgauge.ekf import ekf_slam, sliding_window
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import UndeterminedError, fixed_lag, isam2
+from slamgauge.graph_baseline import UndeterminedError, causal, fixed_lag
 from slamgauge.graph_baseline.gtsam_fixed_lag import LaggingOptimum
 from slamgauge.se2 import wrap
 
@@ -33,7 +33,7 @@ def apart(one: Estimate, other: Estimate) -> float:
 def test_a_window_that_holds_everything_is_the_causal_optimum(seed: int) -> None:
     """But for what has moved by less than a millimetre or 0.001 rad, which GTSAM leaves linearised where it was."""
     recording = recording_of("range-bearing", seed)
-    smoothed, short, optimum = fixed_lag(recording, lag=recording.steps), fixed_lag(recording, lag=1), isam2(recording)
+    smoothed, short, optimum = fixed_lag(recording, lag=recording.steps), fixed_lag(recording, lag=1), causal(recording)
     assert apart(smoothed, optimum) < 0.005 < 0.2 < apart(short, optimum)
     assert smoothed.pose_covs is not None
     assert optimum.pose_covs is not None
@@ -49,7 +49,7 @@ def test_a_window_that_holds_everything_is_the_causal_optimum(seed: int) -> None
 def test_where_noise_vanishes_nothing_is_lost_by_what_is_marginalised(sensor: str, lag: int) -> None:
     for slip in (True, False):
         _, recording = random_recording(3, sensor=sensor, noise=0.01, slip=slip)
-        assert apart(fixed_lag(recording, lag=lag), isam2(recording)) < 0.05
+        assert apart(fixed_lag(recording, lag=lag), causal(recording)) < 0.05
 
 
 def test_bearings_wait_until_the_window_places_their_landmark() -> None:
@@ -59,7 +59,7 @@ def test_bearings_wait_until_the_window_places_their_landmark() -> None:
     assert len(short.landmark_ids) < len(long.landmark_ids) == 3
     assert long.association is not None
     assert set(long.association[long.association >= 0]) == {*long.landmark_ids.tolist()}
-    assert apart(long, isam2(recording)) < apart(short, isam2(recording))
+    assert apart(long, causal(recording)) < apart(short, causal(recording))
 
 
 def test_names_say_how_long_the_lag_is() -> None:
@@ -68,7 +68,9 @@ def test_names_say_how_long_the_lag_is() -> None:
     np.testing.assert_array_equal(loaded["fixed-lag"](recording).poses, fixed_lag(recording, lag=20).poses)
     np.testing.assert_array_equal(loaded["fixed-lag-3"](recording).poses, fixed_lag(recording, lag=3).poses)
     under = load_estimators(["fixed-lag-3@ekf"])["fixed-lag-3@ekf"]
-    np.testing.assert_array_equal(under(recording).poses, fixed_lag(recording, ekf(recording).association, lag=3).poses)
+    np.testing.assert_array_equal(
+        under(recording).poses, fixed_lag(recording, ekf_slam(recording).association, lag=3).poses
+    )
     for steps in ("x", "", "1e3", "007", "9" * 5000):
         with pytest.raises(UserError, match=f"'fixed-lag-{steps}' is not known"):
             load_estimators([f"fixed-lag-{steps}"])

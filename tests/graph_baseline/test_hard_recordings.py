@@ -24,16 +24,16 @@ from small_problems import (
 from slamgauge.arrays import Float
 from slamgauge.ekf import dead_reckoning
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import UndeterminedError, batch, hindsight, isam2
-from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
+from slamgauge.graph_baseline import UndeterminedError, batch, causal, hindsight
 from slamgauge.graph_baseline.gtsam_graph import LENT_SLIP
+from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import between
 
 Estimator = Callable[[Recording], Estimate]
 
-OPTIMA = pytest.mark.parametrize("estimator", [batch, isam2])
+OPTIMA = pytest.mark.parametrize("estimator", [batch, causal])
 
 
 def altered(row: int, value: ArrayLike, array: Float) -> Float:
@@ -121,7 +121,7 @@ def test_ranges_from_several_places_determine_a_landmark() -> None:
     assert_same_covariances(answer(batch(ranges_only)).landmark_covs, expected, 1e-6)
 
 
-@pytest.mark.parametrize(("estimator", "tolerance"), [(batch, 1e-9), (isam2, (LENT_SLIP * 0.1) ** 2)])
+@pytest.mark.parametrize(("estimator", "tolerance"), [(batch, 1e-9), (causal, (LENT_SLIP * 0.1) ** 2)])
 def test_a_start_on_a_known_line_is_a_legal_prior(estimator: Estimator, tolerance: float) -> None:
     """Batch is exact; iSAM2 lends the fixed direction a share of the largest standard deviation, 0.1 m."""
     prior_cov = np.diag([0.01, 0.0, 1e-4])
@@ -129,7 +129,7 @@ def test_a_start_on_a_known_line_is_a_legal_prior(estimator: Estimator, toleranc
     np.testing.assert_allclose(answer(estimator(recording)).pose_covs[0], prior_cov, atol=tolerance)
 
 
-@pytest.mark.parametrize(("estimator", "tolerance"), [(batch, 1e-6), (isam2, 0.1)])
+@pytest.mark.parametrize(("estimator", "tolerance"), [(batch, 1e-6), (causal, 0.1)])
 def test_motion_noise_may_be_singular_in_any_direction(estimator: Estimator, tolerance: float) -> None:
     """The limit of a vanishing variance, in standard deviations; iSAM2 lends that direction a slip."""
     recording = problem(0, "range-bearing", True)[1]
@@ -148,7 +148,7 @@ def test_a_landmark_beyond_double_precision_is_refused_or_right(estimator: Estim
 @pytest.mark.parametrize(
     "estimator",
     [
-        isam2,
+        causal,
         batch,
     ],
 )
@@ -165,11 +165,11 @@ def test_without_observations_the_optimum_is_dead_reckoning(estimator: Estimator
 
 
 @pytest.mark.parametrize("seen", [(0,), (1,), (0, 3), (4,)])
-def test_isam2_takes_few_sights_and_many_stretches_without(seen: tuple[int, ...]) -> None:
+def test_causal_takes_few_sights_and_many_stretches_without(seen: tuple[int, ...]) -> None:
     recording = problem(0, "range-bearing", True)[1]
     sparse = recording.only(np.isin(recording.observation_step, seen) & (require_known_landmarks(recording) == 0))
     last = answer(batch(sparse))
-    off = between(last.poses, answer(isam2(sparse)).poses)[-1]
+    off = between(last.poses, answer(causal(sparse)).poses)[-1]
     assert (np.abs(off) < 0.02 * np.sqrt(np.diag(last.pose_covs[-1]))).all()
 
 

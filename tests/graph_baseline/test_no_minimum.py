@@ -12,11 +12,11 @@ from random_recordings import random_recording
 from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import batch, isam2
-from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
-from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
-from slamgauge.graph_baseline.solver.incremental import GrowingOptimum, Leap
+from slamgauge.graph_baseline import batch, causal
 from slamgauge.graph_baseline.problem.linearisation import linearise
+from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
+from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
+from slamgauge.graph_baseline.solver.incremental import GrowingOptimum, Leap
 from slamgauge.graph_baseline.solver.reduced_scans import Damping
 from slamgauge.graph_baseline.solver.smoother import damped_step
 from slamgauge.se2 import chain
@@ -44,7 +44,7 @@ def test_steps_without_a_minimum_are_flagged_though_the_last_has_one(monkeypatch
         settled.append(growing.settled)
 
     monkeypatch.setattr(GrowingOptimum, "add_step", noted)
-    check = isam2(recording).optimum_check
+    check = causal(recording).optimum_check
     assert [k for k in range(31) if not settled[k]] == [*lost]
     assert check == np.inf
 
@@ -64,7 +64,7 @@ def test_a_minimum_is_not_sought_at_every_step(monkeypatch: pytest.MonkeyPatch) 
     assert len(sought) < 30
 
 
-@pytest.mark.parametrize("optimum", [batch, isam2])
+@pytest.mark.parametrize("optimum", [batch, causal])
 def test_a_range_of_zero_at_first_sight_is_a_mistake_in_one_line_or_none(optimum: Callable[..., Estimate]) -> None:
     recording = random_recording(2, steps=30)[1]
     observation = recording.observation.copy()
@@ -75,7 +75,7 @@ def test_a_range_of_zero_at_first_sight_is_a_mistake_in_one_line_or_none(optimum
         assert "\n" not in str(error)
 
 
-@pytest.mark.parametrize("optimum", [batch, isam2])
+@pytest.mark.parametrize("optimum", [batch, causal])
 def test_a_position_of_zero_is_as_good_as_any(optimum: Callable[..., Estimate]) -> None:
     recording = random_recording(2, steps=30, sensor="position")[1]
     observation = recording.observation.copy()
@@ -138,6 +138,6 @@ def test_a_step_before_a_leap_is_flagged_where_its_pose_was_off(
 
     monkeypatch.setattr(GrowingOptimum, "add_step", leaping)
     monkeypatch.setattr(GrowingOptimum, "newest_pose", off)
-    check = isam2(recording).optimum_check
+    check = causal(recording).optimum_check
     assert check is not None
     assert (check == pytest.approx(wrong, abs=0.05)) if flagged else check < 0.02

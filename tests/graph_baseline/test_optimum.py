@@ -29,9 +29,9 @@ from small_problems import (
 )
 
 from slamgauge.arrays import Float
-from slamgauge.ekf import dead_reckoning, ekf, riekf
+from slamgauge.ekf import dead_reckoning, ekf_slam, riekf
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import batch, cost, isam2
+from slamgauge.graph_baseline import batch, causal, cost
 from slamgauge.graph_baseline.gtsam_graph import build_graph
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose, rotation
@@ -40,7 +40,7 @@ Estimator = Callable[[Recording], Estimate]
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 SLIP = pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])
 SEEDS = pytest.mark.parametrize("seed", range(3))
-OPTIMA = pytest.mark.parametrize("estimator", [batch, isam2])
+OPTIMA = pytest.mark.parametrize("estimator", [batch, causal])
 
 
 # --- scipy ---------------------------------------------------------------------------------------
@@ -159,7 +159,7 @@ def test_nothing_costs_less_than_the_optimum(seed: int, sensor: str) -> None:
         "truth": cost(recording, truth.poses, truth.landmark_ids[seen], truth.landmarks[seen]),
         "dead reckoning": cost_by_odometry(recording),
     }
-    for estimator in (ekf, riekf, isam2):
+    for estimator in (ekf_slam, riekf, causal):
         others[str(estimator)] = cost_of(recording, answer(estimator(recording)))
     assert min(others.values()) > best, others
 
@@ -191,7 +191,7 @@ def test_motion_that_cannot_be_costs_infinitely_much(sensor: str) -> None:
     """A robot that cannot slip: the optimum and dead reckoning obey, filters do not (their corrections slip)."""
     recording, found = problem(0, sensor, False)[1], optimum(0, sensor, False)
     assert cost_of(recording, found) < cost_by_odometry(recording) < math.inf
-    assert cost_of(recording, answer(ekf(recording))) == math.inf
+    assert cost_of(recording, answer(ekf_slam(recording))) == math.inf
     sideways = compose(found.poses, np.array([[0.0, 2e-6, 0.0]] * 13 + [[0.0, 0.0, 0.0]] * 13))
     assert cost(recording, sideways, found.ids, found.landmarks) == math.inf
 
@@ -215,7 +215,7 @@ def test_the_priors_covariance_is_in_the_world_frame(estimator: Estimator) -> No
     """A first sight says nothing about the pose that it is seen from: the prior must come out again."""
     prior_cov = np.array([[1.0, 0.02, 0.05], [0.02, 0.01, 0.0], [0.05, 0.0, 0.01]])
     recording = sights_from_the_start(prior_mean=[0.0, 0.0, math.pi / 2], prior_cov=prior_cov)
-    np.testing.assert_allclose(answer(ekf(recording)).pose_covs[0], prior_cov, atol=1e-12)
+    np.testing.assert_allclose(answer(ekf_slam(recording)).pose_covs[0], prior_cov, atol=1e-12)
     np.testing.assert_allclose(answer(estimator(recording)).pose_covs[0], prior_cov, atol=1e-9)
 
 
@@ -224,10 +224,10 @@ def test_the_priors_covariance_is_in_the_world_frame(estimator: Estimator) -> No
 
 @SENSORS
 @SLIP
-def test_isam2_uses_no_measurement_of_the_future(sensor: str, slip: bool) -> None:
+def test_causal_uses_no_measurement_of_the_future(sensor: str, slip: bool) -> None:
     recording = problem(1, sensor, slip)[1]
-    whole, until = answer(isam2(recording)), 14
-    cut = answer(isam2(recording.first(until)))
+    whole, until = answer(causal(recording)), 14
+    cut = answer(causal(recording.first(until)))
     np.testing.assert_array_equal(cut.poses, whole.poses[: until + 1])
     np.testing.assert_array_equal(cut.pose_covs, whole.pose_covs[: until + 1])
 
@@ -235,25 +235,25 @@ def test_isam2_uses_no_measurement_of_the_future(sensor: str, slip: bool) -> Non
 @SENSORS
 @SLIP
 @SEEDS
-def test_isam2_ends_where_batch_ends(seed: int, sensor: str, slip: bool) -> None:
-    incremental = answer(isam2(problem(seed, sensor, slip)[1]))
+def test_causal_ends_where_batch_ends(seed: int, sensor: str, slip: bool) -> None:
+    incremental = answer(causal(problem(seed, sensor, slip)[1]))
     away = np.abs(pose_difference(incremental.poses, optimum(seed, sensor, slip))[-1]).max()
     assert away < 0.005
 
 
 @SLIP
 @SEEDS
-def test_isam2_is_near_the_optimum_of_the_measurements_so_far(seed: int, slip: bool) -> None:
+def test_causal_is_near_the_optimum_of_the_measurements_so_far(seed: int, slip: bool) -> None:
     recording = problem(seed, "range-bearing", slip)[1]
-    incremental = isam2(recording).poses
+    incremental = causal(recording).poses
     for k in range(1, 26, 4):
         so_far = answer(batch(recording.first(k)))
         assert np.abs(pose_difference(incremental[: k + 1], so_far)[-1]).max() < 0.005
 
 
-def test_isam2_ends_with_batchs_standard_deviations() -> None:
+def test_causal_ends_with_batchs_standard_deviations() -> None:
     for seed, slip in [(0, True), (2, True), (2, False), (5, True)]:
         _, recording = random_recording(seed, slip=slip, steps=40)
-        incremental, smoothed = answer(isam2(recording)), answer(batch(recording))
+        incremental, smoothed = answer(causal(recording)), answer(batch(recording))
         ratio = sigmas_of(incremental.pose_covs)[-1] / sigmas_of(smoothed.pose_covs)[-1]
         np.testing.assert_allclose(ratio, 1.0, atol=0.01)

@@ -16,8 +16,8 @@ from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.ekf import riekf
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch
-from slamgauge.graph_baseline.solver import levenberg_marquardt, multistart
 from slamgauge.graph_baseline.hindsight import optimum_from
+from slamgauge.graph_baseline.solver import levenberg_marquardt, multistart
 from slamgauge.recording import Recording
 
 ROOT = Path(__file__).parents[2]
@@ -70,7 +70,9 @@ def without_gtsam(*words: str) -> subprocess.CompletedProcess[str]:
 def test_tests_of_what_does_not_need_it_pass() -> None:
     done = without_gtsam("-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "-k", SHORT, *SELECTED)
     assert done.returncode == 0, done.stdout
-    looked = without_gtsam("-c", "import slamgauge.graph_baseline.solver.multistart as s; print(s.descended.__module__)")
+    looked = without_gtsam(
+        "-c", "import slamgauge.graph_baseline.solver.multistart as s; print(s.descended.__module__)"
+    )
     assert looked.stdout == "slamgauge.graph_baseline.solver.levenberg_marquardt\n"
 
 
@@ -81,15 +83,15 @@ def test_all_but_two_estimators_run_and_those_say_why(tmp_path: Path) -> None:
         "--set",
         "trajectory.duration=3",
         "--estimators",
-        "ekf,isam2,batch,robust-batch,fixed-lag",
+        "ekf,causal,batch,robust-batch,fixed-lag",
     )
     done = without_gtsam("-m", "slamgauge", *words, "--no-report", "--wide", "--out", str(tmp_path / "run"))
     said = "estimator robust-batch: needs GTSAM, which cannot be had here (there is no gtsam); batch does"
     assert said in done.stdout
-    assert "estimator fixed-lag: needs GTSAM, which cannot be had here (there is no gtsam); isam2 does" in done.stdout
+    assert "estimator fixed-lag: needs GTSAM, which cannot be had here (there is no gtsam); causal does" in done.stdout
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     rows = {line.split()[0]: line.split()[1] for line in done.stdout.splitlines() if line}
-    assert [rows[name] for name in ("ekf", "isam2", "batch", "robust-batch")] == [
+    assert [rows[name] for name in ("ekf", "causal", "batch", "robust-batch")] == [
         *("filtered", "filtered", "smoothed", "failed")
     ]

@@ -7,8 +7,8 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.preparation import as_range_bearing
 from slamgauge.graph_baseline.gtsam_graph import LENT_SLIP, GraphBuilder
+from slamgauge.graph_baseline.problem.preparation import as_range_bearing
 from slamgauge.recording import Recording
 
 

@@ -9,23 +9,23 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-FLOORS = ("compare", "ekf", "graph_baseline")
+PACKAGES = ("compare", "ekf", "graph_baseline")
 
 
 def install_in(folder: Path) -> None:
     """Copy the sources, and the kernels kept beside them."""
     sources = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(ROOT / "slamgauge", folder / "slamgauge", ignore=sources)
-    for floor in FLOORS:
-        shutil.copytree(ROOT / floor, folder / "slamgauge" / floor, ignore=sources)
+    shutil.copytree(ROOT / "core", folder / "slamgauge", ignore=sources)
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, folder / "slamgauge" / package, ignore=sources)
     lend_kernels(folder)
 
 
 def lend_kernels(folder: Path) -> None:
     """Copy the kernels kept here to the same sources there, so that they need not be compiled again."""
-    for floor in ("", *FLOORS):
-        for kept in (ROOT / (floor or "slamgauge")).rglob("*.nb?"):
-            there = folder / "slamgauge" / floor / kept.relative_to(ROOT / (floor or "slamgauge"))
+    for package in ("", *PACKAGES):
+        for kept in (ROOT / (package or "core")).rglob("*.nb?"):
+            there = folder / "slamgauge" / package / kept.relative_to(ROOT / (package or "core"))
             there.parent.mkdir(exist_ok=True)
             shutil.copy2(kept, there)
 

@@ -51,8 +51,8 @@ def _scores(
 
 @cache
 def causal_optimum(scenario: str, seed: int) -> Estimate:
-    """What isam2 makes of a run of the scenario given as JSON."""
+    """What causal makes of a run of the scenario given as JSON."""
     from slamgauge import Scenario
 
     recording = simulate(Scenario.model_validate_json(scenario), seed)[1]
-    return load_estimators(["isam2"])["isam2"](recording)
+    return load_estimators(["causal"])["causal"](recording)

@@ -29,12 +29,12 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.jit import inner, kernel
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.ekf.kernels.blas import cholesky, solve_factor
 from slamgauge.ekf.kernels.corrections import mean_rotation
 from slamgauge.ekf.kernels.models import observe, wrap, wrap_innovation
 from slamgauge.ekf.kernels.rounding_limits import LEAST
+from slamgauge.jit import inner, kernel
 
 
 class Prior(NamedTuple):

@@ -9,8 +9,8 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.ekf.advanced.window import kernels as passes
-from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.ekf.advanced.window.gauss_newton import inverse, symmetric
+from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.se2 import rotation
 
 LENT = 1e-6  # m or rad, standard deviation lent to what is known exactly where its information is needed,

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.kernels.models import BEARING
 from slamgauge.ekf.advanced.window.kernels import Sights
+from slamgauge.ekf.kernels.models import BEARING
 from slamgauge.triangulation import triangulate
 
 SURE = 0.3  # largest standard deviation over distance of a landmark that bearings place: what the optimum asks for, too

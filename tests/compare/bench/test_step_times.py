@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from held_by_schemas import held
 
-from slamgauge.compare.bench.step_times import growth_exponent, workload
 from slamgauge.compare.bench.numpy_filter import plain_numpy_ekf
+from slamgauge.compare.bench.step_times import growth_exponent, workload
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scenarios.trajectory import Segments
-from slamgauge.ekf import ekf
+from slamgauge.ekf import ekf_slam
 
 
 def test_the_plain_numpy_filter_is_the_same_filter() -> None:
     _, recording = simulate(workload(20), 3)
-    plain, compiled = plain_numpy_ekf(recording.first(400)), ekf(recording.first(400))
+    plain, compiled = plain_numpy_ekf(recording.first(400)), ekf_slam(recording.first(400))
     np.testing.assert_allclose(plain.poses, compiled.poses, rtol=0, atol=1e-9)
     np.testing.assert_allclose(plain.pose_covs, compiled.pose_covs, rtol=0, atol=1e-9)  # pyright: ignore[reportArgumentType, reportCallIssue]
 

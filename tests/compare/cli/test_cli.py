@@ -28,7 +28,7 @@ LOST_IN_THE_WOODS = DATA / "lost_in_the_woods/dataset2.mat"
 
 STEPS = 150
 SCENARIOS = sorted(path.stem for path in (ROOT / "compare/scenarios").glob("*.toml"))
-SHIPPED = ("ekf", "riekf", "isam2", "batch")
+SHIPPED = ("ekf", "riekf", "causal", "batch")
 TIMES = ("seconds_total", "seconds_per_step_median")
 
 # as in DESIGN.md
@@ -199,10 +199,12 @@ def test_metrics_have_every_key(stored: Path):
         if value is None and key not in of_optima and key != "verdict"  # there may be nothing to say
     }
     of_batch = {("batch", key) for key in ("nis_per_dof", "seconds_per_step_median", "yardstick_check_sigma")}
-    assert empty == {("isam2", "nis_per_dof")} | of_batch
-    filters = [entry for name, entry in metrics["estimators"].items() if name not in ("isam2", "batch")]
+    assert empty == {("causal", "nis_per_dof")} | of_batch
+    filters = [entry for name, entry in metrics["estimators"].items() if name not in ("causal", "batch")]
     assert all({entry[key] for key in of_optima} == {None} for entry in filters)
-    assert metrics["estimators"]["isam2"]["ratio_to_optimum"] == metrics["estimators"]["batch"]["ratio_to_optimum"] == 1
+    assert (
+        metrics["estimators"]["causal"]["ratio_to_optimum"] == metrics["estimators"]["batch"]["ratio_to_optimum"] == 1
+    )
 
 
 @pytest.mark.usefixtures("empty_pictures")
@@ -263,7 +265,7 @@ def test_the_page_is_opened_where_that_is_asked_for(
 
 def test_evaluate_without_truth_invents_nothing(stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     shutil.copy(stored / "recording.npz", tmp_path)
-    arguments = ("evaluate", tmp_path / "recording.npz", "--estimators", "riekf,isam2", "--json")
+    arguments = ("evaluate", tmp_path / "recording.npz", "--estimators", "riekf,causal", "--json")
     assert run(*arguments) == 0
     blind = json.loads(capsys.readouterr().out)
     needs_truth = ("ate_m", "nees_pose", "landmark_rmse_m", "wrong_associations", "ratio_to_optimum")
@@ -293,12 +295,12 @@ def test_ones_own_estimator_gets_a_row(
     stored: Path, tmp_path: Path, module: Module, capsys: pytest.CaptureFixture[str]
 ):
     own = f"{module(OWN)}:estimate"
-    chosen = ("--estimators", f"dead-reckoning,isam2,{own}")
+    chosen = ("--estimators", f"dead-reckoning,causal,{own}")
     assert run("evaluate", stored / "recording.npz", *chosen, "--out", tmp_path / "out") == 0
     printed = capsys.readouterr()
     assert [line.split()[:2] for line in printed.out.splitlines()[1:]] == [
         ["dead-reckoning", "filtered"],
-        ["isam2", "filtered"],
+        ["causal", "filtered"],
         [own, "filtered"],
         ["fit", "of"],
         ["empty:", "NIS/dof:"],
@@ -313,7 +315,7 @@ def test_ones_own_estimator_gets_a_row(
     assert entries[own]["seconds_total"] > 0
     assert load_estimate(tmp_path / "out/estimates" / f"{own}.npz").poses.shape == (STEPS + 1, 3)
     assert run("evaluate", stored / "recording.npz", *chosen, "--json") == 0
-    assert set(json.loads(capsys.readouterr().out)["estimators"]) == {"dead-reckoning", "isam2", own}
+    assert set(json.loads(capsys.readouterr().out)["estimators"]) == {"dead-reckoning", "causal", own}
 
 
 def test_every_array_that_estimators_see_is_read_only(stored: Path):
@@ -329,7 +331,7 @@ def test_estimates_are_graded_as_they_lie_and_one_that_cannot_be_read_is_a_row(
     stored: Path, capsys: pytest.CaptureFixture[str]
 ):
     whole, path = stored / "estimates/ekf.npz", stored / "trajectories/ekf.tum"
-    words = ("evaluate", stored / "recording.npz", "--estimators", "isam2", "--json", "--estimates")
+    words = ("evaluate", stored / "recording.npz", "--estimators", "causal", "--json", "--estimates")
     assert run(*words, f"mine={whole}", f"path={path}", "gone=none.csv") == 1
     content = json.loads(capsys.readouterr().out)
     line = "estimator gone: none.csv: cannot be read (No such file or directory); check the path and its permissions"

@@ -32,7 +32,7 @@ def run(*arguments: object) -> int:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("run") / "out"
-    estimators = "ekf,riekf,isam2,batch,isam2@ekf,robust-batch@ekf"
+    estimators = "ekf,riekf,causal,batch,causal@ekf,robust-batch@ekf"
     assert run("run", "q2-long-dense", "--estimators", estimators, "--set", DURATION, "--out", out) == 0
     return out
 
@@ -50,7 +50,7 @@ def test_the_stored_recording_has_no_ids_and_the_truth_has_them(folder: Path):
 
 def test_the_figures_of_association(folder: Path):
     found = entries(folder)
-    for name in ("isam2", "batch"):
+    for name in ("causal", "batch"):
         assert (found[name]["wrong_associations"], found[name]["landmarks_spurious"]) == (0, 0)
         assert (found[name]["landmarks_missed"], found[name]["track_purity_min"]) == (0, 1.0)
     ekf = found["ekf"]
@@ -58,11 +58,11 @@ def test_the_figures_of_association(folder: Path):
     assert ekf["landmarks_spurious"] > 0
     assert 0 < ekf["track_purity_min"] <= ekf["track_purity"] <= 1
     given = np.asarray(load_estimate(folder / "estimates/ekf.npz").association)
-    assert np.array_equal(np.asarray(load_estimate(folder / "estimates/isam2@ekf.npz").association), given)
+    assert np.array_equal(np.asarray(load_estimate(folder / "estimates/causal@ekf.npz").association), given)
 
 
 def test_evaluating_the_stored_recording_says_the_same(folder: Path, capsys: pytest.CaptureFixture[str]):
-    assert run("evaluate", folder / "recording.npz", "--estimators", "ekf,isam2", "--json") == 0
+    assert run("evaluate", folder / "recording.npz", "--estimators", "ekf,causal", "--json") == 0
     again = json.loads(capsys.readouterr().out)["estimators"]
     for name, entry in again.items():
         known = entries(folder)[name]

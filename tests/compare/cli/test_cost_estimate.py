@@ -130,7 +130,7 @@ def test_a_map_size_of_thousands_of_digits_is_a_line(capsys: pytest.CaptureFixtu
 
 def test_what_is_usual_is_never_asked_for() -> None:
     scenario = load_scenario("q1-long-dense")
-    cost_estimate.require_time_for_runs(1000, [(scenario, ask(["ekf", "riekf", "isam2"]))], 1, agreed=False)
+    cost_estimate.require_time_for_runs(1000, [(scenario, ask(["ekf", "riekf", "causal"]))], 1, agreed=False)
     cost_estimate.require_room_for_runs(1000, scenario, 3)
 
 

@@ -46,13 +46,13 @@ def test_the_files_are_met_by_whoever_asks_for_them(nonsense: Path):
 
 
 def test_a_run_meets_none(nonsense: Path):
-    names = "dead-reckoning,ekf,riekf,isam2,batch,isam2@ekf"
+    names = "dead-reckoning,ekf,riekf,causal,batch,causal@ekf"
     printed = run(nonsense, "-m", "slamgauge", "run", "q2-short-dense", "--estimators", names, *SHORT, "--json")
     assert list(json.loads(printed)["estimators"]) == names.split(",")
 
 
 def test_the_workers_of_a_study_meet_none(nonsense: Path):
-    size = ("--runs", "2", "--jobs", "2", "--estimators", "ekf,isam2", "--out", "study")
+    size = ("--runs", "2", "--jobs", "2", "--estimators", "ekf,causal", "--out", "study")
     run(nonsense, "-m", "slamgauge", "study", "q1-short-dense", *size, *SHORT)
     summary = json.loads((nonsense / "study/summary.json").read_text(encoding="utf-8"))
     assert (summary["runs"], summary["failures"]) == (2, [])

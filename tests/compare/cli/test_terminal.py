@@ -17,7 +17,7 @@ pytestmark = pytest.mark.usefixtures("empty_pictures")
 
 COMMAND = [sys.executable, "-m", "slamgauge"]
 STUDY = ["study", "q1-short-dense", "--set", "trajectory.duration=1", "--runs", "2", "--jobs", "1"]
-ESTIMATORS = ["--estimators", "dead-reckoning,ekf,isam2,batch"]
+ESTIMATORS = ["--estimators", "dead-reckoning,ekf,causal,batch"]
 
 
 @pytest.fixture(scope="module")

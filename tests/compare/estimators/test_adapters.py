@@ -11,7 +11,7 @@ import slamgauge
 from slamgauge.compare.estimators.adapters import adapt
 from slamgauge.compare.estimators.course_steps import Sight, turn
 from slamgauge.compare.scenarios.scenario import load_scenario
-from slamgauge.ekf import ekf
+from slamgauge.ekf import ekf_slam
 from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -158,7 +158,7 @@ class Mine(SlamFilter):
 
 def test_an_online_class(own: Own, capsys: pytest.CaptureFixture[str]):
     recording = short()
-    estimate, reference = own(ONLINE, recording, "Mine"), ekf(recording)
+    estimate, reference = own(ONLINE, recording, "Mine"), ekf_slam(recording)
     agree(estimate, reference, atol=0.0)
     for name in ("association", "nis", "nis_dof"):
         assert np.array_equal(getattr(estimate, name), getattr(reference, name))
@@ -190,10 +190,10 @@ def test_an_online_class_that_waits_for_something_else(own: Own):
 
 def test_a_callable_on_recordings_stays_as_it_is(capsys: pytest.CaptureFixture[str]):
     def estimate(recording: Recording, gate: float = 9.0) -> Estimate:  # noqa: ARG001
-        return ekf(recording)
+        return ekf_slam(recording)
 
     assert adapt(estimate, "mine")(short()) is not None
-    assert adapt(ekf, "mine") is ekf
+    assert adapt(ekf_slam, "mine") is ekf_slam
     assert capsys.readouterr().err == ""
 
 
@@ -221,11 +221,11 @@ def test_functions_at_hand_bring_those_beside_them(own: Own, source: str, name: 
 
 def test_a_module_is_looked_through():
     module = ModuleType("mine")
-    vars(module)["estimate"] = ekf
-    assert adapt(module, "mine") is ekf
+    vars(module)["estimate"] = ekf_slam
+    assert adapt(module, "mine") is ekf_slam
     module = ModuleType("mine")
     vars(module)["Online"] = type("Online", (SlamFilter,), {"__module__": "mine"})
-    agree(adapt(module, "mine")(short()), ekf(short()), atol=0.0)
+    agree(adapt(module, "mine")(short()), ekf_slam(short()), atol=0.0)
     with pytest.raises(slamgauge.UserError, match="module other has no estimate, ekf_slam, prediction_step, predict;"):
         adapt(ModuleType("other"), "mine")
 

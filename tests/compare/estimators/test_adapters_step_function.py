@@ -17,7 +17,7 @@ from slamgauge.compare.estimators.adapters import step_function
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.ekf import ekf
+from slamgauge.ekf import ekf_slam
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
@@ -93,14 +93,14 @@ def test_a_textbook_one_is_our_ekf(own: Own, capsys: pytest.CaptureFixture[str])
     """The same motion model, and scans from the start on: equal to rounding, map and all."""
     recording = short("q1-short-dense", "trajectory.duration=20")
     assert recording.observation_step[0] == 0
-    estimate, reference = own(BLOCKED, recording), ekf(recording)
+    estimate, reference = own(BLOCKED, recording), ekf_slam(recording)
     agree(estimate, reference)
     assert np.array_equal(np.asarray(estimate.association), np.asarray(reference.association))
     assert "mine: step function of the practical (xEst, PEst, u, y)\n" in capsys.readouterr().err
 
 
 def test_the_handout_feeds_it_as_its_own_simulation_does(own: Own):
-    agree(own(BLOCKED, short("tp4-handout")), ekf(short("tp4-handout")))
+    agree(own(BLOCKED, short("tp4-handout")), ekf_slam(short("tp4-handout")))
 
 
 def example(name: str) -> slamgauge.Estimator:
@@ -112,18 +112,18 @@ def test_the_example_is_our_ekf_with_one_observation_a_scan():
     recording = short("q1-long-dense", "trajectory.duration=20")
     first = np.unique(recording.observation_step, return_index=True)[1]
     recording = recording.only(np.isin(np.arange(len(recording.observation)), first))
-    agree(example("student_ekf")(recording), ekf(recording))
+    agree(example("student_ekf")(recording), ekf_slam(recording))
 
 
 def test_the_example_is_our_ekf_with_its_own_nearest_neighbour():
     """Which is ours, too: observation by observation, at gate 9."""
     recording = short("q2-short-dense", "trajectory.duration=10")
-    agree(example("student_ekf")(recording), ekf(recording))
+    agree(example("student_ekf")(recording), ekf_slam(recording))
 
 
 def test_the_example_is_nearly_our_ekf():
     truth, recording = simulate(load_scenario("q1-short-dense", ["start=sampled"]), 0)
-    mine, ours = (slamgauge.evaluate(truth, recording, each(recording)) for each in (example("student_ekf"), ekf))
+    mine, ours = (slamgauge.evaluate(truth, recording, each(recording)) for each in (example("student_ekf"), ekf_slam))
     assert mine.landmark_rmse_m is not None
     assert mine.ate_m is not None
     assert ours.ate_m is not None
@@ -271,9 +271,9 @@ def test_its_own_noise_is_a_choice(own: Own):
     wrapped += "\nfrom slamgauge import adapters\nmine = adapters.step_function(ekf_slam, noise='file')\n"
     assert len(own(wrapped, short(), "mine").poses) == 41
     with pytest.raises(slamgauge.UserError, match="noise: 'mine' is not known; use 'recording' or 'file'"):
-        step_function(ekf, noise="mine")  # pyright: ignore[reportArgumentType]
+        step_function(ekf_slam, noise="mine")  # pyright: ignore[reportArgumentType]
     with pytest.raises(slamgauge.UserError, match=r"step_function: ekf\(recording\) is none"):
-        step_function(ekf)
+        step_function(ekf_slam)
 
 
 def test_noise_that_it_would_not_notice(own: Own):

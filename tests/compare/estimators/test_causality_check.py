@@ -7,8 +7,8 @@ from textwrap import dedent
 
 import pytest
 
-from slamgauge.compare.estimators.requests import Isolation, ask, isolated
 from slamgauge.compare.estimators.loading import load
+from slamgauge.compare.estimators.requests import Isolation, ask, isolated
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate

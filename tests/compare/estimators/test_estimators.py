@@ -17,13 +17,13 @@ from slamgauge.compare.scenarios.schema import Association
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.comparison import compare_estimators
 from slamgauge.compare.studies.study_run import run_once
-from slamgauge.ekf import ekf, riekf
+from slamgauge.ekf import ekf_slam, riekf
 from slamgauge.ekf.maps.correction_table import CORRECTIONS
 from slamgauge.ekf.settings.association import Association as FilterAssociation
 from slamgauge.ekf.settings.association import MapManagement
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import batch, isam2
+from slamgauge.graph_baseline import batch, causal
 from slamgauge.recording import Recording
 
 from .conftest import short
@@ -68,7 +68,7 @@ def test_a_graph_under_a_filters_associations(graph: str, filter_name: str):
     assert given.all() or graph == "robust-batch"
 
 
-@pytest.mark.parametrize("name", ["isam2@", "isam2@batch", "ekf@isam2", "isam2@ekf@ekf", "dead-reckoning@ekf"])
+@pytest.mark.parametrize("name", ["causal@", "causal@batch", "ekf@causal", "causal@ekf@ekf", "dead-reckoning@ekf"])
 def test_names_that_pair_no_graph_with_a_filter(name: str):
     with pytest.raises(ValueError, match="is not known; write GRAPH@FILTER"):
         load_estimators([name])
@@ -85,16 +85,16 @@ def test_the_optima_are_told_the_true_associations_and_nobody_else():
         return run
 
     truth, recording = simulate(load_scenario("q2-long-dense", SHORT), 0)
-    loaded = load_estimators(["ekf", "isam2", "batch", "isam2@ekf"])
+    loaded = load_estimators(["ekf", "causal", "batch", "causal@ekf"])
     spies = {name: replace(each, estimate=spy(name, each.estimate)) for name, each in loaded.items()}
     comparison = compare_estimators(truth, recording, spies)
-    assert seen["ekf"] is seen["isam2@ekf"] is recording
+    assert seen["ekf"] is seen["causal@ekf"] is recording
     assert recording.landmark is None
     assert truth.association is not None
-    for name, optimum in (("isam2", isam2), ("batch", batch)):
+    for name, optimum in (("causal", causal), ("batch", batch)):
         assert np.array_equal(np.asarray(seen[name].landmark), truth.association)
         assert same(comparison.estimates[name], optimum(replace(recording, landmark=truth.association)))
-    assert comparison.scores["isam2"].wrong_associations == 0
+    assert comparison.scores["causal"].wrong_associations == 0
 
 
 def test_an_optimum_is_known_by_what_it_is_not_by_its_name():
@@ -105,11 +105,11 @@ def test_an_optimum_is_known_by_what_it_is_not_by_its_name():
         return riekf(recording)
 
     truth, recording = simulate(load_scenario("q2-long-dense", SHORT), 0)
-    comparison = compare_estimators(truth, recording, {"batch": own, "isam2": own, "ekf": ekf})
+    comparison = compare_estimators(truth, recording, {"batch": own, "causal": own, "ekf": ekf_slam})
     assert all(each is recording for each in seen)
     assert all(score.ratio_to_optimum is None for score in comparison.scores.values())
     assert all(score.final_distance_to_batch_m is None for score in comparison.scores.values())
-    comparison = compare_estimators(truth, recording, {"ekf": ekf, "hindsight": batch, "causal": isam2})
+    comparison = compare_estimators(truth, recording, {"ekf": ekf_slam, "hindsight": batch, "causal": causal})
     assert comparison.scores["causal"].wrong_associations == comparison.scores["hindsight"].wrong_associations == 0
     assert comparison.scores["ekf"].ratio_to_optimum is not None
     assert comparison.scores["ekf"].final_distance_to_batch_m is not None
@@ -133,8 +133,8 @@ def test_a_graph_under_a_filters_associations_is_no_optimum():
 
 def test_the_box_is_listed_with_all_its_names():
     assert all(name in HELP for name in REGISTRY)
-    assert "isam2 (causal optimum), batch (hindsight), robust-batch, bound (of studies: what" in HELP
-    assert "; isam2@ekf is isam2 under" in HELP
+    assert "causal (causal optimum), batch (hindsight), robust-batch, bound (of studies: what" in HELP
+    assert "; causal@ekf is causal under" in HELP
 
 
 def test_people_may_not_take_a_name_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -142,18 +142,18 @@ def test_people_may_not_take_a_name_twice(tmp_path: Path, monkeypatch: pytest.Mo
     (tmp_path / "own.py").write_text("def f(recording): ...\n")
     for own, whose in ((["ekf=own.py:f"], "ekf is one of ours"), (["a=own.py:f", "a=own:f"], "a stands there twice")):
         with pytest.raises(ValueError, match=f"{whose}; write another LABEL= in front"):
-            load_estimators(["isam2", *own])
-    assert [*load_estimators(["isam2", "a=own.py:f", "own:f", "own.py:f"])] == ["isam2", "a", "own:f", "own.py:f"]
+            load_estimators(["causal", *own])
+    assert [*load_estimators(["causal", "a=own.py:f", "own:f", "own.py:f"])] == ["causal", "a", "own:f", "own.py:f"]
 
 
 def test_without_true_associations_the_optima_ask_for_them():
     truth, recording = simulate(load_scenario("q2-long-dense", SHORT), 0)
-    with pytest.raises(ValueError, match="estimator isam2: landmark: the graph needs known association"):
-        compare_estimators(replace(truth, association=None), recording, load_estimators(["isam2"]))
+    with pytest.raises(ValueError, match="estimator causal: landmark: the graph needs known association"):
+        compare_estimators(replace(truth, association=None), recording, load_estimators(["causal"]))
 
 
 def test_a_study_tells_the_optima_the_true_noise():
-    names = ["isam2", "ekf"]
+    names = ["causal", "ekf"]
     wrong, right = (load_scenario(name, SHORT) for name in ("q3-scale-10", "q1-long-sparse"))
     assert informed(wrong) == informed(right)
     (told, misled), (honest, _) = run_once(wrong, 4, names), run_once(right, 4, names)

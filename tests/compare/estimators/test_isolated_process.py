@@ -19,12 +19,12 @@ import pytest
 
 from slamgauge import dead_reckoning, simulate
 from slamgauge.compare.estimators import isolated_process
-from slamgauge.compare.estimators.requests import Isolation, ask
-from slamgauge.compare.estimators.requests import isolated as kept_apart
 from slamgauge.compare.estimators.isolated_process import Isolated, OverdueError, environment
 from slamgauge.compare.estimators.loading import load, spent_by
-from slamgauge.compare.estimators.user_code import OwnCodeError, address
+from slamgauge.compare.estimators.requests import Isolation, ask
+from slamgauge.compare.estimators.requests import isolated as kept_apart
 from slamgauge.compare.estimators.running import run_estimator
+from slamgauge.compare.estimators.user_code import OwnCodeError, address
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.errors import UserError
 
@@ -236,9 +236,9 @@ def test_memory_has_an_end_and_the_process_that_took_too_much_serves_on(made: Ma
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere nothing limits it")
 def test_memory_that_it_may_take_can_be_taken_and_where_the_machines_ends_it_goes_first(made: Made):
     body = """
-        from slamgauge.ekf import ekf
+        from slamgauge.ekf import ekf_slam
         from slamgauge.graph_baseline import batch
-        ekf(recording), batch(recording)
+        ekf_slam(recording), batch(recording)
         taken = next(line for line in open("/proc/self/status") if line.startswith("VmData")).split()[1]
         assert int(taken) * 1024 < 400_000_000, taken
         assert len(__import__("numpy").zeros(437_500_000)) > 0

@@ -13,14 +13,14 @@ from typing import Any
 
 import pytest
 
-from slamgauge.compare.estimators.requests import ask
 from slamgauge.compare.estimators.loading import load
+from slamgauge.compare.estimators.requests import ask
 from slamgauge.compare.estimators.sources import sources_of
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.studies.cluster import dask_cluster
-from slamgauge.compare.studies.study_run import run_once
 from slamgauge.compare.studies.study import load_runs, run_study
-from slamgauge.ekf import dead_reckoning, ekf
+from slamgauge.compare.studies.study_run import run_once
+from slamgauge.ekf import dead_reckoning, ekf_slam
 from slamgauge.errors import UserError
 
 MINE = "from helper import chosen\ndef estimate(recording):\n    return chosen(recording)\n"
@@ -68,7 +68,7 @@ def test_code_travels_and_stays_what_it_was(folder: Path) -> None:
     (asked,) = pickle.loads(pickle.dumps(ask(["mine.py:estimate"])))
     (folder / "helper.py").write_text("raise ImportError\n")
     recording = __import__("slamgauge").simulate(load_scenario("q1-short-dense", SHORT), 0)[1]
-    assert (load(asked)(recording).poses == ekf(recording).poses).all()
+    assert (load(asked)(recording).poses == ekf_slam(recording).poses).all()
 
 
 def test_a_loaded_step_function_travels(folder: Path) -> None:
@@ -97,7 +97,7 @@ def test_a_killed_study_of_own_code_goes_on(folder: Path) -> None:
     """At its third run it kills the study that has begun it, once."""
     source = """
 import os, signal, time
-from slamgauge.ekf import ekf
+from slamgauge.ekf import ekf_slam
 
 def estimate(recording):
     with open("runs", "a+") as file:
@@ -105,7 +105,7 @@ def estimate(recording):
         if file.tell() == 3:
             os.kill(os.getppid(), signal.SIGKILL)
             time.sleep(60)
-    return ekf(recording)
+    return ekf_slam(recording)
 """
     (folder / "mine.py").write_text(source)
     command = [sys.executable, "-m", "slamgauge", "study", "q1-short-dense", "--set", "trajectory.duration=2"]
@@ -138,7 +138,7 @@ def test_a_study_takes_callables_and_names_failures_by_their_labels(folder: Path
     assert {failure.estimator for failure in summary.failures} == {"broken", "nothing"}
 
 
-@pytest.mark.parametrize("chosen", [["a=mine.py:estimate", "a=other.py:f"], {"ekf": dead_reckoning}, {"a/b": ekf}])
+@pytest.mark.parametrize("chosen", [["a=mine.py:estimate", "a=other.py:f"], {"ekf": dead_reckoning}, {"a/b": ekf_slam}])
 def test_labels_that_are_refused(folder: Path, chosen: object) -> None:
     assert folder.exists()
     with pytest.raises(UserError):

@@ -15,7 +15,7 @@ from slamgauge.compare.estimators.side_by_side import run_side_by_side, with_sta
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.storage.files import save
-from slamgauge.ekf import ekf
+from slamgauge.ekf import ekf_slam
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
@@ -26,29 +26,29 @@ def recording() -> Recording:
 
 
 def own(recording: Recording) -> Estimate:
-    return replace(ekf(recording), kind="filtered")
+    return replace(ekf_slam(recording), kind="filtered")
 
 
 def test_the_first_that_associates_tells_the_yardsticks(recording: Recording):
-    estimators = load_estimators(["isam2", "dead-reckoning", "riekf", "ekf", "batch"])
+    estimators = load_estimators(["causal", "dead-reckoning", "riekf", "ekf", "batch"])
     ran = run_side_by_side(estimators, recording, recording)
-    assert [*ran.estimates] == ["dead-reckoning", "riekf", "ekf", "isam2@riekf", "batch@riekf"]
-    assert ran.optima == {"filtered": "isam2@riekf", "smoothed": "batch@riekf"}
-    assert (ran.failures, ran.stand_ins) == ({}, ["isam2@riekf", "batch@riekf"])
-    told = load_estimators(["isam2@riekf"])["isam2@riekf"](recording)
-    assert np.array_equal(ran.estimates["isam2@riekf"].poses, told.poses)
+    assert [*ran.estimates] == ["dead-reckoning", "riekf", "ekf", "causal@riekf", "batch@riekf"]
+    assert ran.optima == {"filtered": "causal@riekf", "smoothed": "batch@riekf"}
+    assert (ran.failures, ran.stand_ins) == ({}, ["causal@riekf", "batch@riekf"])
+    told = load_estimators(["causal@riekf"])["causal@riekf"](recording)
+    assert np.array_equal(ran.estimates["causal@riekf"].poses, told.poses)
 
 
 def test_people_s_own_can_tell_them_too(recording: Recording):
-    ran = run_side_by_side({"mine": own, **load_estimators(["isam2"])}, recording, recording)
-    assert ran.optima == {"filtered": "isam2@mine"}
+    ran = run_side_by_side({"mine": own, **load_estimators(["causal"])}, recording, recording)
+    assert ran.optima == {"filtered": "causal@mine"}
 
 
 def test_what_was_asked_for_as_such_is_the_yardstick(recording: Recording):
-    ran = run_side_by_side(load_estimators(["ekf", "isam2@riekf", "robust-batch@ekf"]), recording, recording)
-    assert ran.optima == {"filtered": "isam2@riekf"}
-    twice = run_side_by_side(load_estimators(["ekf", "isam2", "isam2@ekf"]), recording, recording)
-    assert (twice.optima, [*twice.estimates]) == ({"filtered": "isam2@ekf"}, ["ekf", "isam2@ekf"])
+    ran = run_side_by_side(load_estimators(["ekf", "causal@riekf", "robust-batch@ekf"]), recording, recording)
+    assert ran.optima == {"filtered": "causal@riekf"}
+    twice = run_side_by_side(load_estimators(["ekf", "causal", "causal@ekf"]), recording, recording)
+    assert (twice.optima, [*twice.estimates]) == ({"filtered": "causal@ekf"}, ["ekf", "causal@ekf"])
 
 
 def test_where_nobody_associates_they_fail_as_rows(recording: Recording):
@@ -61,23 +61,23 @@ def test_true_associations_are_told_as_ever(recording: Recording):
     truth = simulate(load_scenario("q2-long-dense", ["trajectory.duration=4"]), 0)[0]
     assert truth.association is not None
     informed = recording.associated(truth.association)
-    ran = run_side_by_side(load_estimators(["ekf", "isam2", "isam2@ekf"]), recording, informed)
-    assert (ran.optima, ran.stand_ins) == ({"filtered": "isam2"}, [])
+    ran = run_side_by_side(load_estimators(["ekf", "causal", "causal@ekf"]), recording, informed)
+    assert (ran.optima, ran.stand_ins) == ({"filtered": "causal"}, [])
 
 
 def test_evaluate_says_so_and_writes_what_it_has(
     recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     save(tmp_path / "recording.npz", recording)
-    words = ["evaluate", str(tmp_path / "recording.npz"), "--estimators", "ekf,isam2,batch"]
+    words = ["evaluate", str(tmp_path / "recording.npz"), "--estimators", "ekf,causal,batch"]
     for _ in range(2):  # what it has written there it may replace
         assert main([*words, "--out", str(tmp_path / "out")]) == 0
-    assert "held against isam2@ekf and batch@ekf, with associations right or wrong" in capsys.readouterr().out
+    assert "held against causal@ekf and batch@ekf, with associations right or wrong" in capsys.readouterr().out
     entries = json.loads((tmp_path / "out/metrics.json").read_text())["estimators"]
-    assert [*entries] == ["ekf", "isam2@ekf", "batch@ekf"]
+    assert [*entries] == ["ekf", "causal@ekf", "batch@ekf"]
     assert entries["ekf"]["mahalanobis_to_optimum"] > 0
     assert {path.stem for path in (tmp_path / "out/estimates").iterdir()} == {*entries}
-    assert {*entries} < with_stand_ins(["ekf", "isam2", "batch"])
+    assert {*entries} < with_stand_ins(["ekf", "causal", "batch"])
 
 
 def test_a_recording_that_batch_refuses_leaves_the_others(
@@ -90,8 +90,8 @@ def test_a_recording_that_batch_refuses_leaves_the_others(
 
     monkeypatch.setattr("slamgauge.graph_baseline.batch", refuses)
     save(tmp_path / "recording.npz", recording)
-    assert main(["evaluate", str(tmp_path / "recording.npz"), "--estimators", "ekf,isam2,batch"]) == 1
+    assert main(["evaluate", str(tmp_path / "recording.npz"), "--estimators", "ekf,causal,batch"]) == 1
     out = capsys.readouterr().out
     assert "batch@ekf  failed" in out
     assert "estimator batch@ekf: motion 3: undetermined" in out
-    assert "held against isam2@ekf, with" in out
+    assert "held against causal@ekf, with" in out

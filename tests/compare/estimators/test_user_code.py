@@ -18,8 +18,8 @@ import pytest
 
 import slamgauge.ekf
 from slamgauge.compare.estimators.adapters import adapted
-from slamgauge.compare.estimators.user_code import address, load_own_module
 from slamgauge.compare.estimators.private_import import PrivateFolder
+from slamgauge.compare.estimators.user_code import address, load_own_module
 
 from .conftest import short
 

@@ -35,9 +35,9 @@ needs_ffmpeg = pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffm
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Results of `ekf` with rays, `isam2` without a history, and `batch`."""
+    """Results of `ekf` with rays, `causal` without a history, and `batch`."""
     out = tmp_path / "results"
-    write(out, {"ekf": WITH_RAYS, "isam2": GUEST, "batch": SMOOTHED})
+    write(out, {"ekf": WITH_RAYS, "causal": GUEST, "batch": SMOOTHED})
     return out
 
 
@@ -66,9 +66,9 @@ def contents(folder: Path) -> dict[str, bytes]:
 @pytest.mark.parametrize(
     ("names", "arguments", "shown", "mapped"),
     [
-        (["dead-reckoning", "ekf", "isam2", "batch"], [], ["ekf", "isam2", "batch"], ["ekf", "isam2"]),
-        (["ekf", "riekf", "iekf", "isam2", "batch"], [], ["ekf", "batch"], ["ekf"]),
-        (["ekf", "isam2", "batch"], ["--estimators", "isam2"], ["isam2"], ["isam2"]),
+        (["dead-reckoning", "ekf", "causal", "batch"], [], ["ekf", "causal", "batch"], ["ekf", "causal"]),
+        (["ekf", "riekf", "iekf", "causal", "batch"], [], ["ekf", "batch"], ["ekf"]),
+        (["ekf", "causal", "batch"], ["--estimators", "causal"], ["causal"], ["causal"]),
         (["ekf", "batch"], ["--estimators", "batch"], ["batch"], ["batch"]),
         (
             ["a", "b", "c", "d", "batch"],
@@ -189,15 +189,15 @@ def test_the_worst_run_of_a_study_is_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setenv("PATH", "")
-    words = ("study", "q1-short-dense", "--set", "trajectory.duration=3", "--runs", "3", "--estimators", "ekf,isam2")
+    words = ("study", "q1-short-dense", "--set", "trajectory.duration=3", "--runs", "3", "--estimators", "ekf,causal")
     assert main([*words, "--jobs", "1", "--no-report", "--out", str(tmp_path)]) == 0
-    runs = load_study(tmp_path).runs["isam2"]
+    runs = load_study(tmp_path).runs["causal"]
     worst = int(np.argmax(runs.figures["ate_m"]))
     capsys.readouterr()
-    assert animate(tmp_path, "--estimators", "isam2", *SHORT) == 0
-    assert f"run {worst}, the worst of isam2:" in capsys.readouterr().err
+    assert animate(tmp_path, "--estimators", "causal", *SHORT) == 0
+    assert f"run {worst}, the worst of causal:" in capsys.readouterr().err
     found = json.loads((tmp_path / "worst-run/metrics.json").read_text())
-    assert found["estimators"]["isam2"]["ate_m"] == pytest.approx(runs.figures["ate_m"][worst], rel=1e-9)
+    assert found["estimators"]["causal"]["ate_m"] == pytest.approx(runs.figures["ate_m"][worst], rel=1e-9)
     assert (tmp_path / "worst-run/animation.gif").exists()
 
 
@@ -283,12 +283,12 @@ def test_metrics_of_another_form_are_refused(folder: Path, capsys: pytest.Captur
 
 
 def test_what_does_not_belong_together_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]):
-    save(folder / "estimates/isam2.npz", Estimate("filtered", np.zeros((5, 3))))
+    save(folder / "estimates/causal.npz", Estimate("filtered", np.zeros((5, 3))))
     assert refusal(capsys, folder).startswith(
-        f"{folder}/estimates/isam2.npz: 5 poses, but the recording beside it needs"
+        f"{folder}/estimates/causal.npz: 5 poses, but the recording beside it needs"
     )
-    (folder / "estimates/isam2.npz").unlink()
-    assert "isam2.npz: cannot be read (No such file" in refusal(capsys, folder)
+    (folder / "estimates/causal.npz").unlink()
+    assert "causal.npz: cannot be read (No such file" in refusal(capsys, folder)
     save(folder / "truth.npz", Truth(np.zeros((5, 3))))
     assert refusal(capsys, folder).startswith(f"truth.poses: 5 rows, but the recording needs {STEPS + 1}")
 
@@ -301,7 +301,7 @@ def test_results_without_estimates_are_refused(tmp_path: Path, capsys: pytest.Ca
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--estimators", "fej"], "estimator 'fej': has no estimate in the folder; choose from ekf, isam2, batch"),
+        (["--estimators", "fej"], "estimator 'fej': has no estimate in the folder; choose from ekf, causal, batch"),
         (["--seconds", "0"], "seconds 0.0: no length of an animation; give a number > 0, for example 10"),
         (["--seconds", "nan"], "seconds nan: no length of an animation; give a number > 0, for example 10"),
         (["--fps", "0"], "fps 0: not what viewers show; give 1 to 50 frames per second"),

@@ -16,10 +16,10 @@ from matplotlib.figure import Figure
 
 from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.figures.redraw import drawings_of
-from slamgauge.compare.figures.publishing import write_study, write_sweep
 from slamgauge.compare.figures.axis_limits import robust_limits
 from slamgauge.compare.figures.figure_size import INCHES, Sheet, Width, printed_on
+from slamgauge.compare.figures.publishing import write_study, write_sweep
+from slamgauge.compare.figures.redraw import drawings_of
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.scoring.comparison import metrics
@@ -49,10 +49,10 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (out / name).mkdir()
     scenario = load_scenario("q4-ring", SHORT)
     comparison = compare_estimators(
-        *simulate(scenario, 0), load_estimators(["dead-reckoning", "ekf", "isam2"], frames=240)
+        *simulate(scenario, 0), load_estimators(["dead-reckoning", "ekf", "causal"], frames=240)
     )
     write_comparison(out / "run", comparison, metrics(comparison, "q4-ring", 0))
-    short, chosen = load_scenario("q1-short-dense", SHORT), ["ekf", "isam2", "batch"]
+    short, chosen = load_scenario("q1-short-dense", SHORT), ["ekf", "causal", "batch"]
     with ThreadPoolExecutor(1) as executor, pytest.MonkeyPatch.context() as patch:
         patch.setattr(publishing, "decorate", undecorated)
         summary = run_study(short, 3, 0, chosen, out / "study", executor)
@@ -64,7 +64,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     log = simulate(load_scenario("q1-short-dense", [*SHORT, "assumed.scale=4"]), 2)[1]
     write_json(out / "noise" / "noise.json", noise_json(find_noise(log)))
     times = {str(size): {"median_s": 1e-6 * size**1.5, "p95_s": 2e-6 * size**1.5} for size in (20, 1000)}
-    write_json(out / "bench" / "bench.json", {"estimators": dict.fromkeys(("ekf", "isam2", "plain-numpy"), times)})
+    write_json(out / "bench" / "bench.json", {"estimators": dict.fromkeys(("ekf", "causal", "plain-numpy"), times)})
     return out
 
 
@@ -106,9 +106,9 @@ def test_the_command_draws_the_estimators_and_the_band_that_are_chosen(
     results: Path, tmp_path: Path, drawn: dict[str, Figure], capsys: pytest.CaptureFixture[str]
 ):
     words = ("export", str(results / "run"), "--format", "svg", "--out", str(tmp_path / "out"))
-    assert main([*words, "--estimators", "ekf,isam2", "--band", "isam2"]) == 0
+    assert main([*words, "--estimators", "ekf,causal", "--band", "causal"]) == 0
     assert set(drawn) == DRAWN["run"]
-    assert {"ekf", "isam2"} <= labels(drawn["figure"])
+    assert {"ekf", "causal"} <= labels(drawn["figure"])
     assert "dead-reckoning" not in labels(drawn["figure"])  # not even from the recording
     panel = drawn["figure"].axes[1]
     faces = [np.atleast_2d(np.asarray(each.get_facecolor(), dtype=float)) for each in panel.collections]
@@ -116,8 +116,8 @@ def test_the_command_draws_the_estimators_and_the_band_that_are_chosen(
     assert len(bands) == 1
     drawings_of(results / "sweep", ["ekf"])["sweep"](tmp_path)
     assert labels(drawn["sweep"]) == {"ekf"}
-    drawings_of(results / "bench", ["isam2"])["bench"](tmp_path)
-    assert labels(drawn["bench"]) == {"isam2"}
+    drawings_of(results / "bench", ["causal"])["bench"](tmp_path)
+    assert labels(drawn["bench"]) == {"causal"}
     drawings_of(results / "study", ["ekf"])["nees"](tmp_path)
     assert labels(drawn["nees"]) == {"ekf", "99.9% band"}
     capsys.readouterr()
@@ -212,7 +212,7 @@ def test_the_errors_of_a_large_study_stay_below_half_a_megabyte(results: Path, t
     series |= {key: np.ones((50, 1200)) for key in runs.series if key.startswith("sigma")}
     many = replace(runs, run=np.arange(50), series=series)
     with printed_on(Sheet("page", ("svg",))):
-        study_drawings(study.summary, dict.fromkeys(("ekf", "riekf", "isam2"), many), 0.1)["errors"](tmp_path)
+        study_drawings(study.summary, dict.fromkeys(("ekf", "riekf", "causal"), many), 0.1)["errors"](tmp_path)
     text = (tmp_path / "errors.svg").read_text(encoding="utf-8")
     assert 300_000 < len(text.encode()) < 500_000
     assert "errors of the first 26 runs" in text

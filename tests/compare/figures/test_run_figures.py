@@ -214,7 +214,7 @@ def test_errors_are_drawn_in_metres_and_degrees() -> None:
 
 def test_only_the_first_band_is_filled() -> None:
     truth, recording = circle()
-    panels = panels_of(truth, recording, {name: estimate(truth, [0, 0, 0]) for name in ("ekf", "riekf", "isam2")})
+    panels = panels_of(truth, recording, {name: estimate(truth, [0, 0, 0]) for name in ("ekf", "riekf", "causal")})
     filled: list[Collection] = [each for each in panels[0].collections if each.get_alpha() == 0.15]
     assert len(filled) == 1
     assert len(panels[0].lines) == 3 * 3 + 1  # error and two bounds each, zero
@@ -229,7 +229,7 @@ def test_dead_reckoning_is_left_out_of_the_errors_where_there_is_anything_else()
     assert both[0].get_title() == "error and ±3σ (dead reckoning left out)"
 
 
-@pytest.mark.parametrize(("best", "others"), [("batch", ["ekf", "isam2"]), ("isam2", ["ekf"])])
+@pytest.mark.parametrize(("best", "others"), [("batch", ["ekf", "causal"]), ("causal", ["ekf"])])
 def test_without_truth_differences_to_the_optimum_are_drawn(best: str, others: list[str]) -> None:
     truth, recording = circle()
     estimates = {name: estimate(truth, [0.3, 0, 0]) for name in others} | {best: estimate(truth, [0.1, 0, 0])}
@@ -296,7 +296,7 @@ def test_ticks_of_many_loop_closures_make_no_bar() -> None:
     assert "1 in 2 loop closures" in labels(map_of(truth, recording, {}))
 
 
-@pytest.mark.parametrize("optimum", ["batch", "isam2", "ekf"])
+@pytest.mark.parametrize("optimum", ["batch", "causal", "ekf"])
 def test_titles_of_a_figure_without_truth_are_whole(
     optimum: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

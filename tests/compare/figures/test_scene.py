@@ -110,7 +110,7 @@ def test_paths_end_where_the_robots_are():
 
 
 def test_the_map_is_the_history_or_what_was_seen_of_the_last_map():
-    scene = scene_of({"ekf": WITH_RAYS, "isam2": GUEST}, ["ekf", "isam2"])
+    scene = scene_of({"ekf": WITH_RAYS, "causal": GUEST}, ["ekf", "causal"])
     scene.show(30)
     shown = [
         len(np.asarray(each.get_offsets()))
@@ -124,7 +124,7 @@ def test_the_map_is_the_history_or_what_was_seen_of_the_last_map():
 
 
 def test_the_time_and_the_lines_of_sight_move():
-    scene = scene_of({"isam2": GUEST}, ["isam2"])
+    scene = scene_of({"causal": GUEST}, ["causal"])
     (sight,) = (each for each in scene.figure.axes[0].collections if isinstance(each, LineCollection))
     for step, time, lines in ((0, "t = 0.0 s", 1), (90, "t = 9.0 s", 3)):
         scene.show(step)

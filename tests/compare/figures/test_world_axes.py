@@ -134,8 +134,8 @@ def test_an_optimum_in_doubt_is_named_in_the_figure(tmp_path: Path) -> None:
     texts = {}
     for name, each in (("sure", replace(optimum, optimum_check=0.01)), ("doubtful", optimum)):
         (tmp_path / name).mkdir()
-        save_figure(tmp_path / name, None, recording, {"isam2": each}, "a title")
+        save_figure(tmp_path / name, None, recording, {"causal": each}, "a title")
         texts[name] = (tmp_path / name / "figure.svg").read_text(encoding="utf-8")
-    said = "isam2 is 0.31 sigma from the optimum at a checked step"
+    said = "causal is 0.31 sigma from the optimum at a checked step"
     assert [said in texts[name] for name in ("sure", "doubtful")] == [False, True]
-    assert ["difference to isam2? and" in texts[name] for name in ("sure", "doubtful")] == [False, True]
+    assert ["difference to causal? and" in texts[name] for name in ("sure", "doubtful")] == [False, True]

@@ -22,7 +22,7 @@ from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.studies.store import digest
 from slamgauge.errors import UserError
 
-from ..scoring.test_against_reference import scores
+from ..scoring.test_reference_comparison import scores
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SCENARIO = 'extends = "q1-short-dense"\n\n[trajectory]\nduration = 6.0\n'

@@ -13,8 +13,8 @@ from scipy.stats import kstest, norm
 
 from slamgauge import Recording, UserError, find_noise, load_scenario, simulate
 from slamgauge.compare.noise.diagnosis import autocorrelation, normal_quantiles, normal_scores, quantiles
-from slamgauge.compare.noise.likelihood import Likelihood
 from slamgauge.compare.noise.innovation_model import Law, NoiseModel
+from slamgauge.compare.noise.likelihood import Likelihood
 from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.noise.profile_likelihood import CRITICAL, ends
 from slamgauge.compare.noise.report_text import noise_table

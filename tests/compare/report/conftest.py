@@ -93,7 +93,7 @@ def reader() -> Generator[Reader]:
 def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The README's first run with names that are not meant well, and its page."""
     truth, recording = simulate(load_scenario("q1-long-dense"), 0)
-    estimators = load_estimators(["dead-reckoning", "ekf", "riekf", "isam2", "batch"], frames=240)
+    estimators = load_estimators(["dead-reckoning", "ekf", "riekf", "causal", "batch"], frames=240)
     named = {GUEST if name == "riekf" else name: each for name, each in estimators.items()}
     comparison = compare_estimators(truth, recording, named)
     folder = tmp_path_factory.mktemp("run")

@@ -44,16 +44,16 @@ def test_every_rung_is_marked_where_the_optima_are_none_of_what_has_happened(tmp
 def test_a_sweep_is_marked_where_its_optimum_is_in_doubt(tmp_path: Path):
     scenario = load_scenario("q1-short-dense", ["start=sampled", "trajectory.duration=3"])
     with ThreadPoolExecutor(1) as executor:
-        summary = run_study(scenario, 2, 0, ["ekf", "isam2"], tmp_path / "study", executor)
+        summary = run_study(scenario, 2, 0, ["ekf", "causal"], tmp_path / "study", executor)
     optimum = replace(
-        summary.estimators["isam2"], others={"chi_square_per_dof": Interval(3.0, 2.9, 3.1)}, faults=("is astray",)
+        summary.estimators["causal"], others={"chi_square_per_dof": Interval(3.0, 2.9, 3.1)}, faults=("is astray",)
     )
-    misfit = replace(summary, estimators={**summary.estimators, "isam2": optimum})
+    misfit = replace(summary, estimators={**summary.estimators, "causal": optimum})
     sweep = Sweep("q1", "assumed.scale", 2, 0, ("1", "2"), (summary, misfit))
     page = page_of(tmp_path, "sweep.json", sweep.to_json())
     said = [part for part in sweep_table(sweep).parts if isinstance(part, str)]
     assert any("is astray at assumed.scale=2" in line for line in said)
-    assert any("assumed.scale=2: the residuals of isam2" in line for line in said)
+    assert any("assumed.scale=2: the residuals of causal" in line for line in said)
     assert [line for line in said if line not in page] == []
     assert len(re.findall(r"\d\?", page)) == 2  # x causal, of both estimators at the second value
 

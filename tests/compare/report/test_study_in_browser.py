@@ -22,9 +22,9 @@ from slamgauge.compare.studies.budget import RUNGS, summarise_budget
 from slamgauge.compare.studies.claim_evidence import Evidence
 from slamgauge.compare.studies.claim_list import CLAIMS
 from slamgauge.compare.studies.claims import Judgement
-from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.study_run import run_seed
 
 from .conftest import NAMED, Reader, unexplained
 
@@ -37,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four short runs of two estimators, and their page."""
     folder = tmp_path_factory.mktemp("study")
     scenario = load_scenario("q1-short-dense", ["start=sampled", "trajectory.duration=5"])
-    chosen = ["ekf", "isam2"]
+    chosen = ["ekf", "causal"]
     with ThreadPoolExecutor(1) as executor:
         summary = run_study(scenario, RUNS, 0, chosen, folder, executor, against=["ekf"])
     assert write_study(folder, summary, load_runs(scenario, RUNS, 0, chosen, folder), scenario.trajectory.step)
@@ -80,7 +80,7 @@ def test_the_page_of_a_study_asks_for_nothing_and_tells_first_what_the_figures_s
 
 
 def test_pages_of_many_runs_explain_every_column(folder: Path, sweep: Path):
-    assert unexplained(folder / "report.html", "ekf", "isam2") == []
+    assert unexplained(folder / "report.html", "ekf", "causal") == []
     assert unexplained(sweep / "report.html") == []
 
 
@@ -160,7 +160,18 @@ def undecorated(*_: object) -> bool:
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two short runs at each of two scales, the optimum in a store of its own."""
     folder = tmp_path_factory.mktemp("sweeps") / "sweep"
-    words = ("study", "q1-short-dense", "--runs", "2", "--jobs", "1", "--estimators", "ekf,isam2", "--out", str(folder))
+    words = (
+        "study",
+        "q1-short-dense",
+        "--runs",
+        "2",
+        "--jobs",
+        "1",
+        "--estimators",
+        "ekf,causal",
+        "--out",
+        str(folder),
+    )
     with pytest.MonkeyPatch.context() as patch, lighter.studies_in_a_thread():
         patch.setattr("slamgauge.compare.figures.publishing.decorate", undecorated)
         assert main([*words, "--set", "trajectory.duration=3", "--sweep", "assumed.scale=1,2"]) == 0
@@ -180,7 +191,7 @@ def test_the_page_of_a_sweep_leads_to_those_of_its_values(reader: Reader, sweep:
 
 def test_a_value_of_a_sweep_is_a_study_with_the_optimum_beside_it(sweep: Path, tmp_path: Path):
     study = load_study(sweep / "assumed.scale=2")
-    assert [*study.runs] == ["ekf", "isam2"]
+    assert [*study.runs] == ["ekf", "causal"]
     written = json.loads((sweep / "assumed.scale=2/summary.json").read_text())
     for name, entry in study.summary.estimators.items():
         assert json.loads(json.dumps(entry.to_json())) == written["estimators"][name]
@@ -191,7 +202,7 @@ def test_a_value_of_a_sweep_is_a_study_with_the_optimum_beside_it(sweep: Path, t
     (tmp_path / "alone").mkdir()
     for name in ("summary.json", "study.sqlite"):
         (tmp_path / "alone" / name).write_bytes((sweep / "assumed.scale=2" / name).read_bytes())
-    with pytest.raises(UserError, match="holds no run of isam2; give the command of the study again"):
+    with pytest.raises(UserError, match="holds no run of causal; give the command of the study again"):
         load_study(tmp_path / "alone")
 
 

@@ -30,7 +30,7 @@ from slamgauge.compare.studies.claims import Judgement
 from slamgauge.compare.studies.stopping_rule import Until
 from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.sweep import Sweep
-from slamgauge.ekf import ekf
+from slamgauge.ekf import ekf_slam
 
 FILES = Path(__file__).parents[3] / "docs/schemas"
 SHORT = ["trajectory.duration=3", "start=sampled"]
@@ -55,7 +55,7 @@ def test_every_kind_is_offered_and_every_file_is_one():
 @pytest.fixture(scope="module")
 def comparison() -> Comparison:
     truth, recording = simulate(load_scenario("q1-short-dense", [*SHORT, "trajectory.duration=12"]), 0)
-    return compare_estimators(truth, recording, load_estimators(["dead-reckoning", "ekf", "isam2", "batch"]))
+    return compare_estimators(truth, recording, load_estimators(["dead-reckoning", "ekf", "causal", "batch"]))
 
 
 def test_a_run(comparison: Comparison):
@@ -76,10 +76,10 @@ def test_a_run_of_bearings_alone():
 def test_studies_and_sweeps(tmp_path: Path):
     scenario = load_scenario("q1-short-dense", SHORT)
     with ThreadPoolExecutor(1) as executor:
-        arguments = (scenario, 3, 0, ["ekf", "isam2", "batch", "bound"], tmp_path, executor)
+        arguments = (scenario, 3, 0, ["ekf", "causal", "batch", "bound"], tmp_path, executor)
         summary = run_study(*arguments, against=["ekf"], until=Until(0.9, 4))
     found = held("summary", of(summary.to_json()))
-    assert found["against"]["ekf"]["isam2"]
+    assert found["against"]["ekf"]["causal"]
     assert found["bound"]["causal_position_rmse_m"] > 0
     assert found["precision"]["ratios"]
     held("sweep", of(Sweep("q1", "a.b", 3, 0, ("1", "2"), (summary, summary)).to_json()))
@@ -106,11 +106,11 @@ def noise() -> Any:
 
 
 def bench() -> Any:
-    return run_bench([5], ["ekf", "isam2"])
+    return run_bench([5], ["ekf", "causal"])
 
 
 def check() -> Any:
-    return verdicts_json(check_estimator("ekf", ekf))
+    return verdicts_json(check_estimator("ekf", ekf_slam))
 
 
 @pytest.mark.parametrize("make", [budget, claims, grades, noise, bench, check], ids=lambda make: make.__name__)

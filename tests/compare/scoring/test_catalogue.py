@@ -11,8 +11,8 @@ from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring import catalogue, comparison, scores
-from slamgauge.compare.scoring.comparison import compare_estimators, table
 from slamgauge.compare.scoring.aggregation import mean_of
+from slamgauge.compare.scoring.comparison import compare_estimators, table
 from slamgauge.compare.scoring.metric import Column, Quantity
 from slamgauge.compare.scoring.runs import SERIES, Runs
 from slamgauge.compare.scoring.scores import Score

@@ -10,7 +10,15 @@ import pytest
 from scipy import stats
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scoring.confidence_sequence import POWER, SHARES, location, log_wealth, lower_end, smallest_effect, upper_end
+from slamgauge.compare.scoring.confidence_sequence import (
+    POWER,
+    SHARES,
+    location,
+    log_wealth,
+    lower_end,
+    smallest_effect,
+    upper_end,
+)
 from slamgauge.compare.scoring.sequential import plan_looks
 
 LIMIT = math.log(10.0)

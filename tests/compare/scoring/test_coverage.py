@@ -9,9 +9,9 @@ import pytest
 from scipy import stats
 
 from slamgauge.arrays import Float
+from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.catalogue import STORED
 from slamgauge.compare.scoring.coverage import is_inside, log_scores
-from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.runs import SERIES, Runs
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.studies.summary import summarise
@@ -112,7 +112,7 @@ def test_a_study_has_the_share_of_the_late_steps_and_the_paired_score():
     nees = np.zeros((2, FIRST_STEP + 4))
     nees[:, :FIRST_STEP] = 1e9  # early steps do not count
     nees[0, FIRST_STEP] = 7.0
-    summaries = summarise({"ekf": stored(nees, [-3.0, -2.0]), "isam2": stored(nees, [-5.0, -5.0])})
+    summaries = summarise({"ekf": stored(nees, [-3.0, -2.0]), "causal": stored(nees, [-5.0, -5.0])})
     entry = summaries["ekf"].to_json()
     assert entry["coverage_95"]["mean"] == pytest.approx((3 / 4 + 1) / 2)
     assert entry["coverage_99"]["mean"] == 1.0

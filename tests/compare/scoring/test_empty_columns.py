@@ -51,7 +51,7 @@ def test_without_truth_and_optimum(run: tuple[Truth, Recording]):
         "empty: ATE [m], x optimum, NEES, in 95% ellipse, heading [rad], end [m], wrong, map [m], of, nats to optimum: "
         "the truth is not known (no truth.npz)",
         "empty: d to optimum: no optimum of their kind is there "
-        "(isam2 for filtered estimates, batch for smoothed ones)",
+        "(causal for filtered estimates, batch for smoothed ones)",
         "empty: end to batch [m]: batch is not among the estimators that ran",
     ]
 
@@ -61,7 +61,7 @@ def test_of_a_path_alone(run: tuple[Truth, Recording]):
     assert lines_of(*run, "mine", "batch") == [nis]  # batch has the rest
     assert lines_of(replace(run[0], landmarks=None, landmark_ids=None), run[1], "mine") == [
         "empty: x optimum, d to optimum: no optimum of their kind is there "
-        "(isam2 for filtered estimates, batch for smoothed ones)",
+        "(causal for filtered estimates, batch for smoothed ones)",
         "empty: NEES, in 95% ellipse, nats to optimum: no estimate has `pose_covs`",
         nis,
         "empty: wrong: no estimate has `association`",

@@ -14,7 +14,7 @@ from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.scoring.trajectory_error import align, aligned_errors
 from slamgauge.compare.studies.study_run import near_and_far, step_series
-from slamgauge.ekf import Delayed, Rays, ekf, riekf
+from slamgauge.ekf import Delayed, Rays, ekf_slam, riekf
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation
@@ -62,7 +62,7 @@ def test_scores_of_a_run_are_those_of_the_same_run_far_away(name: str) -> None:
     assert truth.association is not None
     told = recording.associated(truth.association)
     options: dict[str, Any] = {"initialisation": Rays()} if name.startswith("q4") else {}
-    estimate, optimum = ekf(told, **options), riekf(told, **options)  # any will do for an optimum here
+    estimate, optimum = ekf_slam(told, **options), riekf(told, **options)  # any will do for an optimum here
     smoothed = replace(optimum, kind="smoothed", nis=None, nis_dof=None)
     near = evaluate(truth, recording, estimate, optimum, smoothed)
     moved = far_run(truth, recording)

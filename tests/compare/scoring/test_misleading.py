@@ -41,7 +41,7 @@ def test_the_optima_are_told_what_misleads(method: str) -> None:
     scenario = load_scenario("q1-short-dense", [*SHORT, *BAD, f"association.method={method}"])
     truth, recording = simulate(scenario, 2)
     told = simulate(informed(scenario), 2)[1]
-    estimators = load_estimators(["ekf", "isam2", "batch"], Association(method=scenario.association.method))
+    estimators = load_estimators(["ekf", "causal", "batch"], Association(method=scenario.association.method))
     comparison = compare_estimators(truth, recording, estimators, told)
     assert truth.misleading is not None
     alone = batch(told.only(~truth.misleading))
@@ -53,7 +53,7 @@ def test_the_optima_are_told_what_misleads(method: str) -> None:
     assert not is_misfit(found)
     text = str(table(comparison))
     count = int(truth.misleading.sum())
-    assert f"batch and isam2 are told which observations mislead, and run without these {count}" in text
+    assert f"batch and causal are told which observations mislead, and run without these {count}" in text
     assert "leaves out" not in text
     assert "?" not in text
     own = comparison.estimates["ekf"].association
@@ -86,9 +86,9 @@ def test_residuals_are_implausible_beyond_chance_and_by_more_than_is_tolerable(
 def test_an_optimum_that_the_residuals_deny_is_named_and_marked() -> None:
     """Errors of odometry that nobody is told of: the optimum is wrong too."""
     truth, recording = simulate(load_scenario("q1-short-dense", [*SHORT, "motion.scale_error=0.5"]), 2)
-    comparison = compare_estimators(truth, recording, load_estimators(["riekf", "isam2", "batch"]))
+    comparison = compare_estimators(truth, recording, load_estimators(["riekf", "causal", "batch"]))
     line = (
-        "the residuals of batch and isam2 are not those of the stated noise: "
+        "the residuals of batch and causal are not those of the stated noise: "
         "no optimum of what has happened; figures relative to them are marked ?"
     )
     assert line in str(table(comparison)).splitlines()
@@ -98,13 +98,13 @@ def test_an_optimum_that_the_residuals_deny_is_named_and_marked() -> None:
 
 
 def test_a_study_says_so_too(thread: ThreadPoolExecutor, tmp_path: Path) -> None:
-    names = ("riekf", "isam2", "batch")
+    names = ("riekf", "causal", "batch")
     bad = load_scenario("q1-short-dense", [*SHORT, "motion.scale_error=0.5"])
     doubtful = run_study(bad, 3, 0, names, tmp_path / "bad", thread)
-    assert misfit_optima(doubtful) == ["batch", "isam2"]
+    assert misfit_optima(doubtful) == ["batch", "causal"]
     rows = str(summary_table(doubtful)).splitlines()
     assert [row.count("?") for row in rows[1:4]] == [4, 4, 4]  # x causal, x hindsight, nats to causal, sigma / optimum
-    assert "the residuals of batch and isam2 are not those of the stated noise" in str(summary_table(doubtful))
+    assert "the residuals of batch and causal are not those of the stated noise" in str(summary_table(doubtful))
     assert doubtful.estimators["riekf"].verdict is None or "optimum" not in str(doubtful.estimators["riekf"].verdict)
     told = run_study(load_scenario("q1-short-dense", [*SHORT, *BAD]), 3, 0, names, tmp_path / "told", thread)
     assert misfit_optima(told) == []

@@ -35,12 +35,12 @@ def compared(
 ) -> Comparison:
     """A filter beside its optima, as `compare_estimators` would have it."""
     recording, truth = recording or examples.recording(), truth or examples.truth()
-    estimates = {"ekf": FILTER, "isam2": causal} | ({} if batch is None else {"batch": batch})
+    estimates = {"ekf": FILTER, "causal": causal} | ({} if batch is None else {"batch": batch})
     scores = {
         name: evaluate(truth, recording, each, batch if each.kind == "smoothed" else causal, batch)
         for name, each in estimates.items()
     }
-    optima = {"filtered": "isam2"} | ({} if batch is None else {"smoothed": "batch"})
+    optima = {"filtered": "causal"} | ({} if batch is None else {"smoothed": "batch"})
     return Comparison(truth, recording, estimates, scores, optima)  # pyright: ignore[reportArgumentType]
 
 
@@ -56,23 +56,23 @@ def test_metrics_tell_how_good_an_optimum_is():
     batch = replace(BATCH, chi_square=8.0, chi_square_dof=4, association=[-1, -1, 9])
     found = metrics(compared(causal, batch), None, None)["estimators"]
     keys = ("optimum_check_sigma", "chi_square_per_dof", "observations_left_out", "observations_rejected")
-    assert [found["isam2"][key] for key in keys] == [0.31, 1.5, 1, 1]
+    assert [found["causal"][key] for key in keys] == [0.31, 1.5, 1, 1]
     assert [found["batch"][key] for key in keys] == [None, 2.0, 2, 2]
     assert [found["ekf"][key] for key in keys] == [None, None, None, 0]
-    assert [found[name]["yardstick_check_sigma"] for name in ("ekf", "isam2", "batch")] == [0.31, 0.31, None]
+    assert [found[name]["yardstick_check_sigma"] for name in ("ekf", "causal", "batch")] == [0.31, 0.31, None]
 
 
 def test_an_optimum_without_a_degree_of_freedom_has_no_fit():
     scores = compared(replace(CAUSAL, chi_square=0.0, chi_square_dof=0)).scores
-    assert scores["isam2"].figure("chi_square_per_dof") is None
+    assert scores["causal"].figure("chi_square_per_dof") is None
 
 
 def test_a_check_that_is_infinite_is_the_largest_number_that_json_has():
     comparison = compared(replace(CAUSAL, optimum_check=math.inf))
-    assert comparison.scores["isam2"].figure("optimum_check_sigma") == math.inf
+    assert comparison.scores["causal"].figure("optimum_check_sigma") == math.inf
     text = json.dumps(metrics(comparison, None, None), allow_nan=False)
     found = json.loads(text)["estimators"]
-    assert found["isam2"]["optimum_check_sigma"] == sys.float_info.max > CHECK_LIMIT
+    assert found["causal"]["optimum_check_sigma"] == sys.float_info.max > CHECK_LIMIT
     assert found["ekf"]["yardstick_check_sigma"] == sys.float_info.max
 
 
@@ -161,11 +161,11 @@ def test_figures_relative_to_an_optimum_in_doubt_are_marked(title: str):
     [
         (None, []),
         (CHECK_LIMIT, []),
-        (0.312, ["isam2 is 0.31 sigma from the optimum at a checked step: figures relative to it are marked ?"]),
+        (0.312, ["causal is 0.31 sigma from the optimum at a checked step: figures relative to it are marked ?"]),
         (
             math.inf,
             [
-                "isam2 has steps whose optimum was not found, or that of the whole recording was not: "
+                "causal has steps whose optimum was not found, or that of the whole recording was not: "
                 "figures relative to it are marked ?"
             ],
         ),
@@ -177,5 +177,5 @@ def test_a_note_says_why_figures_are_marked(check: float | None, said: list[str]
 
 def test_a_graph_under_a_filters_associations_is_named_and_marks_nothing():
     comparison = compared()
-    comparison.estimates["isam2@ekf"] = replace(CAUSAL, optimum_check=2.0)
-    assert notes(comparison) == ["isam2@ekf is 2 sigma from the optimum at a checked step"]
+    comparison.estimates["causal@ekf"] = replace(CAUSAL, optimum_check=2.0)
+    assert notes(comparison) == ["causal@ekf is 2 sigma from the optimum at a checked step"]

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.landmark_identity import association_figures
 from slamgauge.compare.scoring.loop_closures import closure_steps
+from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.scores import evaluate
-from slamgauge.ekf import ekf
+from slamgauge.ekf import ekf_slam
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, compose, rotation
@@ -206,7 +206,7 @@ def test_bearings_that_see_nothing_begin_no_rays() -> None:
     far = ["trajectory.duration=1", "landmarks.positions=[[100.0, 100.0]]"]
     truth, recording = simulate(load_scenario("q4-ring", far), 0)
     assert not len(recording.observation)
-    rays = evaluate(truth, recording, ekf(recording)).rays
+    rays = evaluate(truth, recording, ekf_slam(recording)).rays
     assert rays is not None
     assert {*rays} == {0.0}
 

@@ -10,7 +10,7 @@ from random_recordings import random_recording
 
 from slamgauge.compare.storage.files import save, write_tum
 from slamgauge.compare.storage.stored_estimates import load_stored
-from slamgauge.ekf import ekf
+from slamgauge.ekf import ekf_slam
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 
@@ -19,7 +19,7 @@ _, RECORDING = random_recording(0, steps=10)
 
 @pytest.fixture(scope="module")
 def estimate() -> Estimate:
-    return ekf(RECORDING)
+    return ekf_slam(RECORDING)
 
 
 def test_tum_with_and_without_covariances(estimate: Estimate, tmp_path: Path) -> None:

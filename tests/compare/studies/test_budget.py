@@ -57,14 +57,14 @@ def test_wrong_noise_is_charged_to_the_noise() -> None:
 
 def test_wrong_associations_are_charged_to_the_associations(monkeypatch: pytest.MonkeyPatch) -> None:
     """A filter that takes two landmarks for one, and rejects a third, but solves that problem perfectly."""
-    isam2 = load_estimators(["isam2"])["isam2"]
+    causal = load_estimators(["causal"])["causal"]
 
     def confused(recording: Recording) -> Estimate:
         assert recording.landmark is not None
         given = np.where(recording.landmark == 1, 0, recording.landmark)
         kept = given != 2
         seen = replace(recording.only(kept), landmark=given[kept])
-        return replace(isam2(seen), association=np.where(kept, given, -1))
+        return replace(causal(seen), association=np.where(kept, given, -1))
 
     monkeypatch.setattr("slamgauge.ekf.ekf", confused)
     errors = rung_errors(load_scenario("q1-long-dense", SHORT), 0, "ekf")[0]
@@ -178,7 +178,7 @@ def test_rungs_that_are_optima_in_doubt_are_marked_and_named(tmp_path: Path, sav
     assert [line.count("?") for line in lines[:6]] == [0, 0, 0, 0, 1, 1]
     assert "linearisation: 1.7500? m^2, 44%? of the whole." in lines[-2]
     note = (
-        "own associations: isam2 is more than 0.05 sigma from the optimum at a checked step in 50.0% of the runs: "
+        "own associations: causal is more than 0.05 sigma from the optimum at a checked step in 50.0% of the runs: "
         "figures relative to it are marked ?"
     )
     assert lines[-1] == note
@@ -200,7 +200,7 @@ def test_optima_that_are_none_of_what_has_happened_are_said_to_be_so(tmp_path: P
     assert budget.fit.low is not None
     assert budget.fit.low > 1.05
     note = (
-        "the residuals of batch and isam2 are not those of the stated noise: no optimum of what has happened; "
+        "the residuals of batch and causal are not those of the stated noise: no optimum of what has happened; "
         "figures relative to them are marked ?"
     )
     lines = str(budget_table(budget)).splitlines()
@@ -212,12 +212,12 @@ def test_optima_that_are_none_of_what_has_happened_are_said_to_be_so(tmp_path: P
 
 
 def test_a_run_tells_the_checks_of_its_optima(monkeypatch: pytest.MonkeyPatch) -> None:
-    isam2 = load_estimators(["isam2"])["isam2"]
+    causal = load_estimators(["causal"])["causal"]
 
     def checked(recording: Recording) -> Estimate:
-        return replace(isam2(recording), optimum_check=0.3)
+        return replace(causal(recording), optimum_check=0.3)
 
-    monkeypatch.setattr("slamgauge.graph_baseline.isam2", checked)
+    monkeypatch.setattr("slamgauge.graph_baseline.causal", checked)
     checks = rung_errors(load_scenario("q1-long-dense", ["start=sampled", "trajectory.duration=1"]), 0, "ekf").checks
     np.testing.assert_array_equal(checks, [np.nan, 0.3, 0.3, 0.3, np.nan])
 

@@ -110,7 +110,7 @@ def test_too_few_runs_decide_nothing_and_overflow_is_no_number():
     claim = CLAIMS[0]
     nobody = runs_of({"landmark_error_far_m": np.zeros(0), "landmark_error_near_m": np.zeros(0), "ate_m": np.zeros(0)})
     setting = claim.figure.setting
-    judgement = judged(claim, {(setting, "ekf"): nobody, (setting, "isam2"): nobody})
+    judgement = judged(claim, {(setting, "ekf"): nobody, (setting, "causal"): nobody})
     assert (judgement.optimum, judgement.evidence.effect, judgement.evidence.runs) == (None, None, 0)
     line = table([judgement], ["there, run 0: ekf failed: no luck"])
     assert "  undecided      -    - to -  1.0000          -     0          -  " in line[1]
@@ -133,7 +133,7 @@ def test_ratios_pair_the_runs_and_the_least_suitable_rival_decides():
         ("a", "ekf"): runs_of({"x": ones * wiggle, "ate_m": 2 * ones}),
         ("b", "ekf"): runs_of({"x": 2 * ones}),
         ("c", "ekf"): runs_of({"x": np.array([3.0, 3.0, 0.5, 0.5])}, [10, 11, 0, 1]),  # only runs 0 and 1 are common
-        ("a", "isam2"): runs_of({"ate_m": ones}),
+        ("a", "causal"): runs_of({"ate_m": ones}),
     }
     judgement = judged(claim, studies)
     assert judgement.evidence.effect == pytest.approx(math.sqrt(1.0 * 1.01) / 0.5)
@@ -248,12 +248,12 @@ def test_what_rests_on_an_optimum_in_doubt_is_marked():
     optimum = {"ate_m": np.ones(4), "optimum_check_sigma": np.array([0.0, 0.05, 0.06, np.inf])}
     settings = ("q3-scale-0.1", "q3-scale-1")
     studies = {(setting, "ekf"): runs_of(ate) for setting in settings}
-    studies |= {(setting, "isam2"): runs_of(optimum) for setting in settings}
+    studies |= {(setting, "causal"): runs_of(optimum) for setting in settings}
     both = [judged(claim, studies) for claim in (of_itself, of_optimum)]
     lines = table(both, [])
     assert [line.count("?") for line in lines[1:3]] == [1, 3]  # avoidable; ratio and verdict too
     assert lines[-1] == (
-        "q3-scale-1, q3-scale-0.1: isam2 is more than 0.05 sigma from the optimum at a checked step "
+        "q3-scale-1, q3-scale-0.1: causal is more than 0.05 sigma from the optimum at a checked step "
         "in 50.0% of the runs: figures relative to it are marked ?"
     )
     assert [each.to_json()["optimum_check_share"] for each in both] == [0.5, 0.5]
@@ -269,7 +269,7 @@ def test_table_shows_small_p_values_as_such():
                 "ate_m": np.full(50, 2.0),
             }
         ),
-        (claim.figure.setting, "isam2"): runs_of({"ate_m": np.ones(50)}),
+        (claim.figure.setting, "causal"): runs_of({"ate_m": np.ones(50)}),
     }
     line = table([judged(claim, studies)], [])[1]
     assert "< 0.0001" in line

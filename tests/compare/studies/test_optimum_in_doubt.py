@@ -15,8 +15,8 @@ from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.figures.sweep_figure import save_sweep_figure
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.compare.studies.sweep import Sweep, sweep_table
 from slamgauge.estimate import Estimate
@@ -24,7 +24,7 @@ from slamgauge.recording import Recording
 
 EMPTY = "empty: x hindsight: batch is not among the estimators that ran"
 NOTE = (
-    "isam2 is more than 0.05 sigma from the optimum at a checked step in 50.0% of the runs: "
+    "causal is more than 0.05 sigma from the optimum at a checked step in 50.0% of the runs: "
     "figures relative to it are marked ?"
 )
 
@@ -33,16 +33,16 @@ def studied(
     checks: list[float], scenario: Scenario, thread: ThreadPoolExecutor, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Summary:
     """A study in which the causal optimum says of itself what `checks` has for each run."""
-    isam2 = load_estimators(["isam2"])["isam2"]
+    causal = load_estimators(["causal"])["causal"]
     starts = [simulate(scenario, run_seed(0, run))[1].odometry[0, 0] for run in range(len(checks))]
 
     def checked(recording: Recording) -> Estimate:
         check = checks[starts.index(recording.odometry[0, 0])]
-        return replace(isam2(recording), chi_square=52.0, chi_square_dof=50, optimum_check=check)
+        return replace(causal(recording), chi_square=52.0, chi_square_dof=50, optimum_check=check)
 
     with monkeypatch.context() as patch:
-        patch.setattr("slamgauge.graph_baseline.isam2", checked)
-        return run_study(scenario, len(checks), 0, ("ekf", "isam2"), out, thread)
+        patch.setattr("slamgauge.graph_baseline.causal", checked)
+        return run_study(scenario, len(checks), 0, ("ekf", "causal"), out, thread)
 
 
 def marks(table: str) -> list[int]:
@@ -55,8 +55,8 @@ def test_the_share_of_runs_in_doubt_stands_under_the_table(
 ) -> None:
     sure = studied([0.01, 0.05], scenario, thread, tmp_path / "sure", monkeypatch)
     doubtful = studied([0.01, 0.31], scenario, thread, tmp_path / "doubtful", monkeypatch)
-    assert [each.estimators["isam2"].optimum_check_share for each in (sure, doubtful)] == [0.0, 0.5]
-    assert doubtful.to_json()["estimators"]["isam2"]["optimum_check_share"] == 0.5
+    assert [each.estimators["causal"].optimum_check_share for each in (sure, doubtful)] == [0.0, 0.5]
+    assert doubtful.to_json()["estimators"]["causal"]["optimum_check_share"] == 0.5
     assert doubtful.to_json()["estimators"]["ekf"]["optimum_check_share"] is None
     fit = "fit of the model: chi2/dof of the causal optimum 1.040 ± 0.000"
     assert str(summary_table(sure)).splitlines()[3:5] == [fit, EMPTY]
@@ -80,7 +80,7 @@ def test_figures_say_it_too(
     summaries = []
     for name, check in (("sure", 0.01), ("doubtful", 0.31)):
         summary = studied([0.01, check], scenario, thread, tmp_path / name, monkeypatch)
-        runs = load_runs(scenario, 2, 0, ("ekf", "isam2"), tmp_path / name)
+        runs = load_runs(scenario, 2, 0, ("ekf", "causal"), tmp_path / name)
         for draw in study_drawings(summary, runs, 0.1).values():
             draw(tmp_path)
         saved[name] = saved["ratios"]

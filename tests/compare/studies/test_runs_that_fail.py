@@ -21,8 +21,8 @@ from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.studies import study_run as study_run
 from slamgauge.compare.studies.executors import local_processes, lost_worker
 from slamgauge.compare.studies.stopping_rule import Until
-from slamgauge.compare.studies.study_run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.study import AGAIN, load_runs, run_study
+from slamgauge.compare.studies.study_run import Outcome, run_once, run_seed
 from slamgauge.compare.studies.summary import summary_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate

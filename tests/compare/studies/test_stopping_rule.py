@@ -13,15 +13,15 @@ from held_by_schemas import held
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
-from slamgauge.compare.scoring.intervals import Interval, ratio_interval
 from slamgauge.compare.scoring.aggregation import FIRST_STEP
+from slamgauge.compare.scoring.intervals import Interval, ratio_interval
 from slamgauge.compare.scoring.paired_comparison import compare_paired
 from slamgauge.compare.scoring.sequential import plan_looks
 from slamgauge.compare.studies import study_run as study_run
 from slamgauge.compare.studies.executors import local_processes
 from slamgauge.compare.studies.stopping_rule import Until, is_narrow
-from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -104,11 +104,11 @@ def width(interval: Interval) -> float:
 
 
 def test_a_study_that_cannot_know_ends_at_the_most(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path):
-    summary = run_study(scenario, 3, 0, ("ekf", "isam2"), tmp_path, thread, until=Until(precision=1e-6, most=7))
+    summary = run_study(scenario, 3, 0, ("ekf", "causal"), tmp_path, thread, until=Until(precision=1e-6, most=7))
     assert summary.runs == 7
     assert summary.precision is not None
     assert not summary.precision.reached
-    assert [*summary.precision.ratios] == [("ekf", "isam2")]  # over the optimum, where nobody is named
+    assert [*summary.precision.ratios] == [("ekf", "causal")]  # over the optimum, where nobody is named
     assert "not reached with 7 runs" in str(summary_table(summary))
 
 
@@ -158,9 +158,9 @@ def test_killed_and_resumed_it_ends_where_it_would_have(
     ("names", "options", "message"),
     [
         (["ekf"], {"against": ["riekf"]}, "'riekf': is not among --estimators; choose from ekf"),
-        (["ekf"], {"until": Until(0.1, 10)}, "there is no ratio to be known; add isam2"),
-        (["ekf", "isam2"], {"until": Until(1.5, 10)}, "precision: 1.5 is no share"),
-        (["ekf", "isam2"], {"until": Until(0.1, 3)}, "max-runs: 3 are fewer than the 5"),
+        (["ekf"], {"until": Until(0.1, 10)}, "there is no ratio to be known; add causal"),
+        (["ekf", "causal"], {"until": Until(1.5, 10)}, "precision: 1.5 is no share"),
+        (["ekf", "causal"], {"until": Until(0.1, 3)}, "max-runs: 3 are fewer than the 5"),
     ],
 )
 def test_what_makes_no_sense_is_refused_before_anything_is_written(

@@ -17,9 +17,9 @@ from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scoring.catalogue import LATER, STORED
 from slamgauge.compare.scoring.runs import SERIES
 from slamgauge.compare.studies import store as study_store
-from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.errors import UserError
 
 HELD = {1: "1e8420eb23df3370"}  # of each schema number, a digest of the columns
@@ -86,7 +86,7 @@ def test_the_schema_number_is_raised_with_what_a_store_holds(
 
 def test_figures_that_old_rows_lack_are_unknown(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path) -> None:
     """A study that was begun before they existed goes on, and its old runs are not repeated."""
-    run_study(scenario, 2, 0, ("isam2",), tmp_path, thread)
+    run_study(scenario, 2, 0, ("causal",), tmp_path, thread)
     with closing(sqlite3.connect(tmp_path / "study.sqlite")) as connection, connection:
         rows = connection.execute("SELECT figures FROM outcome WHERE run = 0").fetchall()
         old = {key: figure for key, figure in json.loads(rows[0][0]).items() if key not in LATER}
@@ -94,10 +94,10 @@ def test_figures_that_old_rows_lack_are_unknown(scenario: Scenario, thread: Thre
         connection.execute("UPDATE outcome SET figures = ? WHERE run = 0", (json.dumps(old),))
         connection.execute("UPDATE outcome SET figures = ? WHERE run = 1", (json.dumps(new),))
         connection.execute("ALTER TABLE outcome DROP COLUMN checksum")  # as it was then
-    held = load_runs(scenario, 2, 0, ("isam2",), tmp_path)["isam2"].figures
+    held = load_runs(scenario, 2, 0, ("causal",), tmp_path)["causal"].figures
     np.testing.assert_array_equal(held["optimum_check_sigma"], [np.nan, np.inf])
     np.testing.assert_array_equal(held["chi_square_per_dof"], [np.nan, 1.25])
-    entry = run_study(scenario, 2, 0, ("isam2",), tmp_path, thread).estimators["isam2"].to_json()
+    entry = run_study(scenario, 2, 0, ("causal",), tmp_path, thread).estimators["causal"].to_json()
     assert entry["optimum_check_share"] == 1.0
     assert entry["chi_square_per_dof"] == {"mean": 1.25, "low": None, "high": None}
     json.dumps(entry, allow_nan=False)

@@ -13,27 +13,27 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.estimators.loading import load_estimators
+from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.figures.publishing import write_study
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.aggregation import FIRST_STEP
+from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.storage.manifest import MANIFEST, begin_file, write_manifest
 from slamgauge.compare.studies import cluster
 from slamgauge.compare.studies import study_run as study_run
 from slamgauge.compare.studies.cluster import dask_cluster
 from slamgauge.compare.studies.executors import local_processes
-from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.study import load_runs, run_study
+from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
-NAMES = ("ekf", "riekf", "isam2")
+NAMES = ("ekf", "riekf", "causal")
 SHORT = ["start=sampled", "trajectory.duration=4"]  # as the fixture `scenario`
 
 
@@ -80,11 +80,11 @@ def test_the_summary_is_that_of_the_runs(scenario: Scenario, thread: ThreadPoolE
         average = nees[name].mean(axis=0)
         assert entry.nees_share_inside_band == pytest.approx(np.mean((low <= average) & (average <= high)))
         assert entry.ratio_to_causal is not None
-        assert entry.ratio_to_causal.mean == pytest.approx(ates[name].mean() / ates["isam2"].mean(), rel=1e-12)
+        assert entry.ratio_to_causal.mean == pytest.approx(ates[name].mean() / ates["causal"].mean(), rel=1e-12)
         assert entry.sigma_ratio_to_optimum_final == pytest.approx(
-            tuple((sigmas[name] / sigmas["isam2"]).mean(axis=0)), rel=1e-6
+            tuple((sigmas[name] / sigmas["causal"]).mean(axis=0)), rel=1e-6
         )
-    assert summary.estimators["isam2"].ratio_to_hindsight is None
+    assert summary.estimators["causal"].ratio_to_hindsight is None
 
 
 def test_a_study_goes_on_where_it_was_and_repeats_nothing(
@@ -248,11 +248,11 @@ def test_the_command_prints_the_table_and_writes_summary_and_figures(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["study", "q1-long-dense", "--set", "trajectory.duration=3", "--runs", "3", "--jobs", "1"]
-    words += ["--estimators", "ekf,isam2,batch", "--out", str(tmp_path / "study")]
+    words += ["--estimators", "ekf,causal,batch", "--out", str(tmp_path / "study")]
     assert main(words) == 0
     table = capsys.readouterr().out
-    below = ["fit", "ekf:", "isam2:", "batch:"]
-    assert [line.split()[0] for line in table.splitlines()] == ["estimator", "ekf", "isam2", "batch", *below]
+    below = ["fit", "ekf:", "causal:", "batch:"]
+    assert [line.split()[0] for line in table.splitlines()] == ["estimator", "ekf", "causal", "batch", *below]
     content = json.loads((tmp_path / "study" / "summary.json").read_text())
     origin = {"version", "command", "scenario_text"}
     assert set(content) == {

@@ -44,18 +44,18 @@ def test_a_value_twice():
 def test_every_point_is_the_study_of_its_scenario_and_the_optimum_runs_once(tmp_path: Path):
     with ThreadPoolExecutor(1) as executor:
         sweep = run_sweep(
-            "q2-long-dense", SHORT, "association.gate=1,9", 3, 5, ["ekf", "isam2"], tmp_path / "sweep", executor
+            "q2-long-dense", SHORT, "association.gate=1,9", 3, 5, ["ekf", "causal"], tmp_path / "sweep", executor
         )
         assert sweep.values == ("1", "9")
         for value, summary in zip(sweep.values, sweep.summaries, strict=True):
             scenario = load_scenario("q2-long-dense", [*SHORT, f"association.gate={value}"])
-            alone = run_study(scenario, 3, 5, ["ekf", "isam2"], tmp_path / value, executor)
-            for name in ("ekf", "isam2"):
+            alone = run_study(scenario, 3, 5, ["ekf", "causal"], tmp_path / value, executor)
+            for name in ("ekf", "causal"):
                 one, other = summary.estimators[name], alone.estimators[name]
                 assert (one.ate_m, one.landmarks_mapped) == (other.ate_m, other.landmarks_mapped)
             assert summary.estimators["ekf"].ratio_to_causal == alone.estimators["ekf"].ratio_to_causal
     assert len(list((tmp_path / "sweep/optimum").iterdir())) == 1
-    assert sweep.summaries[0].estimators["isam2"].ate_m == sweep.summaries[1].estimators["isam2"].ate_m
+    assert sweep.summaries[0].estimators["causal"].ate_m == sweep.summaries[1].estimators["causal"].ate_m
     mapped = [summary.estimators["ekf"].landmarks_mapped for summary in sweep.summaries]
     assert mapped[0] is not None
     assert mapped[1] is not None
@@ -65,27 +65,27 @@ def test_every_point_is_the_study_of_its_scenario_and_the_optimum_runs_once(tmp_
 def test_a_key_that_changes_the_measurements_has_an_optimum_at_each_value(tmp_path: Path):
     with ThreadPoolExecutor(1) as executor:
         sweep = run_sweep(
-            "q1-long-dense", SHORT, "sensor.sigma_range=0.01,1", 2, 0, ["ekf", "isam2"], tmp_path, executor
+            "q1-long-dense", SHORT, "sensor.sigma_range=0.01,1", 2, 0, ["ekf", "causal"], tmp_path, executor
         )
     assert len(list((tmp_path / "optimum").iterdir())) == 2
-    first, second = (summary.estimators["isam2"].ate_m for summary in sweep.summaries)
+    first, second = (summary.estimators["causal"].ate_m for summary in sweep.summaries)
     assert first is not None
     assert second is not None
     assert first.mean < second.mean
 
 
 def test_more_values_later_run_no_optimum_again_and_failures_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    sweep = ("q2-long-dense", SHORT, "association.gate=9,16", 2, 0, ["ekf", "isam2"], tmp_path)
+    sweep = ("q2-long-dense", SHORT, "association.gate=9,16", 2, 0, ["ekf", "causal"], tmp_path)
     with ThreadPoolExecutor(1) as executor:
         run_sweep(*sweep, executor)
 
         def broken(*_: object, **__: object) -> Estimate:
             raise UserError("no luck")
 
-        monkeypatch.setattr("slamgauge.graph_baseline.isam2", broken)
+        monkeypatch.setattr("slamgauge.graph_baseline.causal", broken)
         monkeypatch.setattr("slamgauge.ekf.ekf", broken)
-        again = run_sweep("q2-long-dense", SHORT, "association.gate=4,9", 2, 0, ["ekf", "isam2"], tmp_path, executor)
-    assert again.summaries[0].estimators["isam2"].runs == 2
+        again = run_sweep("q2-long-dense", SHORT, "association.gate=4,9", 2, 0, ["ekf", "causal"], tmp_path, executor)
+    assert again.summaries[0].estimators["causal"].runs == 2
     assert [failure.run for failure in again.summaries[0].failures] == [0, 1]
     assert again.summaries[1].failures == ()
     lines = str(sweep_table(again)).splitlines()
@@ -99,7 +99,7 @@ def test_mistakes_are_found_before_anything_is_run(tmp_path: Path):
         with pytest.raises(ValueError, match=r"9 and 9\.0 are the same value"):
             run_sweep("q2-long-dense", SHORT, "association.gate=9,9.0", 1, 0, ["ekf"], tmp_path, executor)
         with pytest.raises(ValueError, match="add a filter"):
-            run_sweep("q2-long-dense", SHORT, "association.gate=9", 1, 0, ["isam2"], tmp_path, executor)
+            run_sweep("q2-long-dense", SHORT, "association.gate=9", 1, 0, ["causal"], tmp_path, executor)
     assert not list(tmp_path.iterdir())
 
 
@@ -107,14 +107,14 @@ def test_a_filter_of_ones_own_is_swept_and_drawn_beside_ours(
     tmp_path: Path, saved: dict[str, Figure], capsys: pytest.CaptureFixture[str]
 ):
     own = Path(__file__).parents[3] / "examples/student_ekf.py"
-    estimators = f"isam2@ekf,mine={own}:ekf_slam,isam2"
+    estimators = f"causal@ekf,mine={own}:ekf_slam,causal"
     arguments = ("study", "q2-long-dense", "--runs", "2", "--jobs", "1", "--estimators", estimators)
     sweep = ("--sweep", "association.gate=4,9", "--set", "trajectory.duration=3", "--out", str(tmp_path))
     assert main([*arguments, *sweep]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[1] for line in lines[1:7]] == ["isam2@ekf", "mine", "isam2"] * 2
+    assert [line.split()[1] for line in lines[1:7]] == ["causal@ekf", "mine", "causal"] * 2
     titles = saved["sweep"].axes[0].get_legend_handles_labels()[1]
-    assert titles == ["isam2@ekf", "mine", "causal optimum"]
+    assert titles == ["causal@ekf", "mine", "causal optimum"]
 
 
 def entry(summary: Summary, *faults: str, runs: int = 7) -> EstimatorSummary:
@@ -139,7 +139,7 @@ def test_below_the_table_stands_what_is_wrong_and_at_which_values(tmp_path: Path
         for place, each in enumerate(sweep.summaries)
     )
     assert str(sweep_table(replace(sweep, runs=7, summaries=summaries))).splitlines()[-4:] == [
-        "empty: x causal: isam2 is not among the estimators that ran",
+        "empty: x causal: causal is not among the estimators that ran",
         "ekf: claims too small a sigma at every value; loses to the causal optimum at association.gate=1",
         "mine: claims too large a sigma at association.gate=9",
         "right: nothing wrong is shown by 7 runs",
@@ -150,13 +150,13 @@ def test_below_the_table_stands_what_is_wrong_and_at_which_values(tmp_path: Path
 
 @pytest.mark.usefixtures("studies_in_a_thread")
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    arguments = ("study", "q3-scale-1", "--runs", "2", "--jobs", "1", "--estimators", "ekf,isam2")
+    arguments = ("study", "q3-scale-1", "--runs", "2", "--jobs", "1", "--estimators", "ekf,causal")
     sweep = ("--sweep", "assumed.scale=0.1,10", "--set", "trajectory.duration=2", "--out", str(tmp_path))
     assert main([*arguments, *sweep]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split()[:2] == ["assumed.scale", "estimator"]
-    assert [line.split()[:2] for line in lines[1:5]] == [[v, e] for v in ("0.1", "10") for e in ("ekf", "isam2")]
-    assert [line.partition(":")[0] for line in lines[5:]] == ["ekf", "isam2"]  # and no empty column
+    assert [line.split()[:2] for line in lines[1:5]] == [[v, e] for v in ("0.1", "10") for e in ("ekf", "causal")]
+    assert [line.partition(":")[0] for line in lines[5:]] == ["ekf", "causal"]  # and no empty column
     content = held("sweep", json.loads((tmp_path / "sweep.json").read_text()))
     assert [point["value"] for point in content["points"]] == ["0.1", "10"]
     faults = [point["summary"]["estimators"]["ekf"]["faults"] for point in content["points"]]

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from slamgauge.ekf import CompressedFilter, SlamFilter, estimators, riekf
-from slamgauge.ekf.estimators import drive, online_filter
 from slamgauge.ekf.advanced.area_radius import area_that_pays, work
+from slamgauge.ekf.estimators import drive, online_filter
 from slamgauge.ekf.maps.correction_table import CORRECTIONS, Correction
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR
 from slamgauge.ekf.settings.initialisation import Rays
 from slamgauge.ekf.settings.robustness import PLAIN
 from slamgauge.errors import UserError
-from slamgauge.graph_baseline import batch, isam2
+from slamgauge.graph_baseline import batch, causal
 from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 
@@ -124,7 +124,7 @@ def test_the_compressed_filter_needs_little_beyond_the_covariance() -> None:
 def test_memory_that_is_not_there_is_told_before_work_begins(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = along_a_road(20, 3.0, 0.5)
     monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 1e3)
-    for estimator, what in ((riekf, "covariance"), (batch, "batch"), (isam2, "isam2")):
+    for estimator, what in ((riekf, "covariance"), (batch, "batch"), (causal, "causal")):
         with pytest.raises(UserError, match=rf"{what} of 20 landmarks.* GB are free"):
             estimator(recording)
 
@@ -134,5 +134,5 @@ def test_hours_of_the_causal_optimum_are_told(
 ) -> None:
     recording = along_a_road(20, 3.0, 0.5)
     monkeypatch.setattr("slamgauge.graph_baseline.solver.cost_estimate.RATE", 1.0)
-    isam2(recording)
-    assert "isam2 of 20 landmarks in 40 scans takes some" in capsys.readouterr().err
+    causal(recording)
+    assert "causal of 20 landmarks in 40 scans takes some" in capsys.readouterr().err

@@ -16,13 +16,13 @@ from random_recordings import random_recording
 from textbook_relatives import textbook_riukf, textbook_robocentric_ekf
 
 from slamgauge.arrays import Float
-from slamgauge.ekf import ekf, riukf, robocentric_ekf
-from slamgauge.ekf.kernels.models import SENSOR_CODES, locate, locate_all, observe, observe_all
+from slamgauge.ekf import ekf_slam, riukf, robocentric_ekf
 from slamgauge.ekf.advanced.numpy_filter import MovingBelief, NumpyFilter
 from slamgauge.ekf.advanced.robocentric import RobocentricBelief
 from slamgauge.ekf.advanced.sigma_points import (
     InvariantBelief,
 )
+from slamgauge.ekf.kernels.models import SENSOR_CODES, locate, locate_all, observe, observe_all
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording, Sensor
@@ -101,7 +101,7 @@ def test_nis_and_nees_are_chi_square(estimator: Estimator) -> None:
     nees = np.asarray(sum(additive_nees(*run) for run in runs))
     assert outside(nees, 3 * RUNS, STEPS + 1) == 0
     assert outside(total_nis(runs), total_dof(runs), 1) == 0
-    of_textbook = np.asarray(sum(additive_nees(*run) for run in run_all(ekf, sensor, 0.1, RUNS)))
+    of_textbook = np.asarray(sum(additive_nees(*run) for run in run_all(ekf_slam, sensor, 0.1, RUNS)))
     assert outside(of_textbook, 3 * RUNS, STEPS + 1) > STEPS / 4
 
 
@@ -130,9 +130,9 @@ def test_doubt_about_the_worlds_place_never_moves_the_robocentric_estimate(sigma
     np.testing.assert_allclose(unsure.poses, sure.poses, rtol=0, atol=1e-12)
     if sigma > 1.0:
         with pytest.raises(UserError, match="so far apart"):
-            ekf(doubtful)
+            ekf_slam(doubtful)
     else:
-        assert np.abs(ekf(doubtful).poses - ekf(recording).poses).max() > 0.01
+        assert np.abs(ekf_slam(doubtful).poses - ekf_slam(recording).poses).max() > 0.01
 
 
 # --- soundness -----------------------------------------------------------------------------------

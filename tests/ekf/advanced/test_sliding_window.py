@@ -17,11 +17,10 @@ from slamgauge import load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.compare.datasets.victoria_park import read_victoria_park
 from slamgauge.ekf import SlidingWindowFilter, riekf, sliding_window
-from slamgauge.ekf.advanced import sliding_window
 from slamgauge.ekf.advanced.window import gauss_newton, marginal_prior
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import batch, isam2
+from slamgauge.graph_baseline import batch, causal
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import between, chain, wrap
 
@@ -98,7 +97,7 @@ def test_a_window_that_holds_everything_is_the_causal_optimum(scenario: str, fix
     recording = simulate(load_scenario(scenario, ["start=sampled"]), 0)[1].first(90)
     if fixed:
         recording = replace(recording, prior_cov=np.zeros((3, 3)))
-    poses, sigmas = off(sliding_window(recording, lag=90), isam2(recording))
+    poses, sigmas = off(sliding_window(recording, lag=90), causal(recording))
     assert np.median(poses[5:]) < 0.05
     assert np.median(sigmas[5:]) < 0.02
     assert poses[-1] < 0.05
@@ -119,7 +118,7 @@ def test_what_an_unplaced_landmark_was_seen_at_is_not_lost(monkeypatch: pytest.M
     What its sigmas then lack beside the optimum's. From other seeds: .23 and .17 with them, .38 and .50 without.
     """
     recording = seen_early_and_late()
-    optimum = isam2(recording)
+    optimum = causal(recording)
     _, kept = off(sliding_window(recording, lag=60), optimum)
     monkeypatch.setattr(sliding_window, "KEPT", 0.0)
     _, lost = off(sliding_window(recording, lag=60), optimum)
@@ -180,7 +179,7 @@ def test_on_a_recorded_drive_it_stays_with_the_optimum() -> None:
     if not VICTORIA_PARK.is_file():
         pytest.skip(f"{VICTORIA_PARK} is not there")
     recording = read_victoria_park(VICTORIA_PARK).first(501)
-    ours, optimum = sliding_window(recording, lag=10), isam2(recording)
+    ours, optimum = sliding_window(recording, lag=10), causal(recording)
     assert np.hypot(*(ours.poses - optimum.poses)[:, :2].T).max() < 0.1
     _, sigmas = off(ours, replace(optimum, pose_covs=covs_of(optimum) + 1e-9 * np.eye(3)))
     assert sigmas[100:].max() < 0.1
@@ -273,7 +272,7 @@ def test_what_its_first_pose_leaves_behind_is_all_or_nothing(monkeypatch: pytest
         raise np.linalg.LinAlgError
 
     for name in ("without_first", "with_first_kept", "without_kept"):
-        monkeypatch.setattr(past, name, exhausted)
+        monkeypatch.setattr(marginal_prior, name, exhausted)
     with pytest.raises(UserError, match=r"^increment: no window is left without its first pose; its standard dev"):
         slam.predict([0.1, 0.0, 0.0], 0.01 * np.eye(3))
     after = (slam.pose, slam.pose_cov, slam.landmarks, slam.kept_poses, slam.provisional)

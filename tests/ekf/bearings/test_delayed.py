@@ -11,8 +11,8 @@ from jacobians import assert_jacobian
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.delayed import IMPROBABLE, DelayedInitialiser, whitened_bearings
-from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.correction_table import RULES, Correction
+from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.settings.initialisation import FEWEST, Delayed
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap

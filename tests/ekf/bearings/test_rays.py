@@ -9,7 +9,7 @@ import pytest
 
 from slamgauge import load_scenario, simulate
 from slamgauge.arrays import Float
-from slamgauge.ekf import ekf, riekf
+from slamgauge.ekf import ekf_slam, riekf
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.rays import MIN_SHARE
 from slamgauge.ekf.estimators import drive
@@ -190,7 +190,7 @@ def test_without_ids_bearings_are_refused():
 def test_estimators_map_every_landmark_of_the_ring():
     truth, recording = simulate(load_scenario("q4-ring", ["start=sampled"]), 1)
     assert truth.poses is not None
-    for estimator in (ekf, riekf):
+    for estimator in (ekf_slam, riekf):
         estimate = estimator(recording)
         assert len(np.asarray(estimate.landmark_ids)) == 19
         assert np.array_equal(np.asarray(estimate.association), np.asarray(recording.landmark))

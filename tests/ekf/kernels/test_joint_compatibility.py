@@ -22,15 +22,15 @@ from textbook_association import (
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.associating_filter import AssociatingFilter
-from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.ekf.kernels.individual_compatibility import NONE, Pairs, allocate_pairs, find_compatible, find_located
 from slamgauge.ekf.kernels.joint_compatibility import mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.models import SENSOR_CODES
 from slamgauge.ekf.kernels.sequential_association import Gates
+from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.matching import update_nearest
-from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.ekf.settings.association import Association
+from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation
 

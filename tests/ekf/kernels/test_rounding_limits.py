@@ -10,14 +10,14 @@ import pytest
 from random_recordings import random_recording
 
 from slamgauge.arrays import Float
-from slamgauge.ekf import ekf, fej_ekf, iekf, oc_ekf, riekf, riukf, robocentric_ekf
+from slamgauge.ekf import ekf_slam, fej_ekf, iekf, oc_ekf, riekf, riukf, robocentric_ekf
 from slamgauge.ekf.maps.input_checks import without_rounding
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 
-FAMILY = [ekf, fej_ekf, oc_ekf, iekf, riekf]
+FAMILY = [ekf_slam, fej_ekf, oc_ekf, iekf, riekf]
 FILTERS = pytest.mark.parametrize("estimator", FAMILY)
 RELATIVES = [riukf, robocentric_ekf]
 ALL = pytest.mark.parametrize("estimator", [*FAMILY, *RELATIVES])

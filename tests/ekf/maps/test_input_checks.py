@@ -13,9 +13,9 @@ from random_recordings import random_covariances
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import AssociatingFilter, Association, BearingFilter, CompressedFilter, OnlineFilter, SlamFilter
 from slamgauge.ekf.kernels.corrections import update_standard
+from slamgauge.ekf.kernels.joint_update import are_sound
 from slamgauge.ekf.kernels.models import RANGE_BEARING
 from slamgauge.ekf.kernels.prediction import is_semidefinite
-from slamgauge.ekf.kernels.joint_update import are_sound
 from slamgauge.ekf.maps.correction_table import Rule
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations, Recording

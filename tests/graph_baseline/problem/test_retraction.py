@@ -9,9 +9,9 @@ import pytest
 from random_recordings import random_recording
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.preparation import first_sights, landmarks_at_first_sight, require_known_landmarks
 from slamgauge.graph_baseline.problem.constrained_motion import FreeNoise
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
+from slamgauge.graph_baseline.problem.preparation import first_sights, landmarks_at_first_sight, require_known_landmarks
 from slamgauge.graph_baseline.problem.retraction import displaced, driven
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation, wrap

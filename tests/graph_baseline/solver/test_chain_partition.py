@@ -16,11 +16,11 @@ from random_recordings import random_recording
 from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch
+from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
 from slamgauge.graph_baseline.solver import chain_partition, cost_estimate, smoother
+from slamgauge.graph_baseline.solver.chain_partition import plan
 from slamgauge.graph_baseline.solver.motion_elimination import Chain, shorten
 from slamgauge.graph_baseline.solver.multifrontal import covariance_roots, dissected, factorised, minimise
-from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
-from slamgauge.graph_baseline.solver.chain_partition import plan
 from slamgauge.graph_baseline.solver.reduced_scans import NOT_DAMPED, Damping
 from slamgauge.graph_baseline.solver.smoother import Solution, damped_step, solve
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
@@ -217,8 +217,8 @@ def test_a_map_that_fits_in_pieces_alone_is_not_refused(monkeypatch: pytest.Monk
     monkeypatch.setattr(cost_estimate, "free_memory", lambda: 3e7)
     monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 3e7)
     cost_estimate.require_room(recording, "batch")
-    with pytest.raises(UserError, match=r"^isam2 of \d+ landmarks in \d+ scans needs 0\.2 GB of memory"):
-        cost_estimate.require_room(recording, "isam2", dense=True)
+    with pytest.raises(UserError, match=r"^causal of \d+ landmarks in \d+ scans needs 0\.2 GB of memory"):
+        cost_estimate.require_room(recording, "causal", dense=True)
 
 
 # --- the optimum ---------------------------------------------------------------------------------

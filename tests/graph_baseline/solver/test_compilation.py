@@ -11,7 +11,7 @@ from installed_elsewhere import first_and_later_use
 from numba.core.dispatcher import Dispatcher
 from random_recordings import random_recording
 
-from slamgauge import Recording, batch, isam2, load_scenario, simulate
+from slamgauge import Recording, batch, causal, load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.graph_baseline.problem import residuals
 from slamgauge.graph_baseline.solver import chord_kernels, matrices_3x3, pose_elimination, recursions, scan_reduction
@@ -23,7 +23,7 @@ def specialisations() -> dict[str, int]:
     """How many types of arguments each kernel has been compiled for."""
     return {
         f"{module.__name__}.{name}": len(each.signatures)
-        for module in (chord, elimination, models, recursions, scan_rows, three_by_three)
+        for module in (chord_kernels, pose_elimination, residuals, recursions, scan_reduction, matrices_3x3)
         for name, each in vars(module).items()
         if isinstance(each, Dispatcher)
     }
@@ -55,13 +55,13 @@ def test_no_recording_asks_for_other_types_than_the_first_use() -> None:
     before = specialisations()
     for sensor in ("position", "range-bearing"):
         recording = random_recording(1, sensor=sensor)[1]
-        isam2(recording)
+        causal(recording)
         batch(recording)
-    isam2(bearings_alone(random_recording(1)[1]))
+    causal(bearings_alone(random_recording(1)[1]))
     scenario = load_scenario("q1-short-dense", ["trajectory.duration=2"])
     constant_noise = simulate(scenario, 0)[1]  # kept once, for all rows
     for each in (constant_noise, bearings_alone(constant_noise)):
-        isam2(each)
+        causal(each)
         batch(each)
     assert specialisations() == before
 
