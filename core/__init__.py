@@ -144,7 +144,7 @@ if TYPE_CHECKING:
     ]
     __all__ += estimators.__all__
 
-__version__ = "0.4.0"
+__version__ = "0.5.0"
 
 _NAMES = {  # of each module, as above; a test holds the two lists together
     "arrays": "Float Int Marks",

@@ -50,7 +50,7 @@ def require_time_for_runs(
 
 def seconds_of(steps: int, landmarks: int, asked: Sequence[Asked]) -> float:
     """How long estimators take for a recording, to the order of magnitude [s]."""
-    graphs = sum(bool(each.name) and entry_of(each.name).is_graph for each in asked)
+    graphs = sum(bool(each.name) and entry_of(each.name).takes_associations for each in asked)
     return steps * (graphs * OPTIMUM + (len(asked) - graphs) * FILTER + len(asked) * PAIR * landmarks**2)
 
 
@@ -79,8 +79,8 @@ def seconds_for(recording: Recording, asked: Asked) -> float:
     """
     seconds = seconds_of(recording.steps, _landmarks_of(recording), [asked])
     entry = entry_of(asked.name) if asked.name else None
-    in_pieces = entry is not None and entry.is_graph and entry.kind == "smoothed" and recording.sensor != "bearing"
-    if seconds > LONG and in_pieces and recording.landmark is not None:
+    is_batch = entry is not None and entry.takes_associations and entry.kind == "smoothed"
+    if seconds > LONG and is_batch and recording.sensor != "bearing" and recording.landmark is not None:
         from slamgauge.graph_baseline.solver.cost_estimate import seconds_in_hindsight
 
         return min(seconds, seconds_in_hindsight(recording))

@@ -100,7 +100,7 @@ def load(
         )
     if asked.name:
         return _ours(entry_of(asked.name), _settings(association, initialisation, robust), frames)
-    own = Entry(name=asked.label, kind=None, is_own=True, is_benched=False)
+    own = Entry(name=asked.label, kind=None, role="user")
     if asked.where is not None and asked.isolation is not None:
         return LoadedEstimator(own, _apart(asked.where, asked.isolation, announced=announced))
     if asked.where is not None:
@@ -110,11 +110,11 @@ def load(
     return LoadedEstimator(entry or own, asked.call if entry else adapt(asked.call, asked.label, announced=announced))
 
 
-def without(yardstick: Estimator, informed: Recording, misleading: Marks | None) -> Estimator:
+def without(optimum: Estimator, informed: Recording, misleading: Marks | None) -> Estimator:
     """An optimum that leaves out what is `misleading` (M,), clutter and outliers, in the recording that it is told."""
-    entry = entry_behind(yardstick)
+    entry = entry_behind(optimum)
     if entry is None or misleading is None or not misleading.any() or informed.landmark is None:
-        return yardstick
+        return optimum
     graph: Callable[..., Estimate] = entry.load()
     return LoadedEstimator(entry, partial(graph, association=np.where(misleading, NOBODY, informed.landmark)))
 
@@ -148,7 +148,7 @@ def _ours(entry: Entry, settings: dict[str, object], frames: int) -> LoadedEstim
     if under:
         slam = partial(REGISTRY[filter_name].load(), **settings)
         return LoadedEstimator(entry, _under_associations(estimate, slam))
-    if entry.is_filter:
+    if entry.role == "filter":
         estimate = partial(estimate, **settings, **({"frames": frames} if frames else {}))
     return LoadedEstimator(entry, estimate)
 

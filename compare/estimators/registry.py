@@ -9,7 +9,7 @@ import importlib
 import re
 import sys
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Literal, NamedTuple, cast
 
 from slamgauge.errors import UserError
 from slamgauge.suggestions import did_you_mean
@@ -35,41 +35,43 @@ class Look(NamedTuple):
     dashes: tuple[int, tuple[float, ...]]
 
 
+Role = Literal["estimator", "filter", "graph", "optimum", "bound", "user"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Entry:
     """An estimator.
 
     Attributes:
-        name: what people write, and what results carry.
-        home: where its function stands, `module:attribute`; empty for people's own.
-        kind: of its estimates; None where only they can tell.
-        note: what it is, in a word or two for help texts.
-        is_filter: whether it takes a filter's settings: how it associates, how landmarks begin, at how many steps it
-            keeps its map. Its rule of correction is that of `ekf.maps.correction_table` for this name.
-        is_graph: whether it can be told associations, as in `causal@ekf`.
-        is_yardstick: whether it is the optimum that estimates of its kind are compared with. It is told true
-            noise and associations, as nobody else.
-        is_bound: whether it is no estimator but what none can beat: a function of truth and recording.
-        lag: steps of the window that its name asks for.
+        name: what users write, and what results carry.
+        home: place of its function, `module:attribute`; empty for user code.
+        role: what its function takes, and what others may compare with it.
+            `estimator`: takes the recording alone.
+            `filter`: also takes a filter's settings; `ekf.maps.correction_table` has its correction under this name.
+            `graph`: also takes associations, as in `causal@ekf`.
+            `optimum`: a graph that others of its kind are compared with; it receives the true noise and associations.
+            `bound`: takes truth and recording; no estimator's error is below it.
+            `user`: user code; its output and errors are reported as the user's.
+        kind: kind of its estimates; None if only the estimate itself says so.
+        note: short description for help texts.
+        lag: steps of the window that its name states, as in `fixed-lag-50`.
         title: its name as an optimum in figures.
-        is_own: whether it is people's own: what it prints and raises is theirs.
-        is_benched: whether `slamgauge bench` measures it unless it is told otherwise.
-        look: of its curves; None takes a guest's.
+        look: colour and dashes of its curves; None takes a free one.
     """
 
     name: str
     home: str = ""
+    role: Role = "estimator"
     kind: Kind | None = "filtered"
     note: str = ""
-    is_filter: bool = False
-    is_graph: bool = False
-    is_yardstick: bool = False
-    is_bound: bool = False
     lag: int | None = None
     title: str = ""
-    is_own: bool = False
-    is_benched: bool = True
     look: Look | None = None
+
+    @property
+    def takes_associations(self) -> bool:
+        """Whether its function takes associations, as in `causal@ekf`."""
+        return self.role in ("graph", "optimum")
 
     def load(self) -> Estimator:
         """Its function, imported now."""
@@ -97,67 +99,62 @@ _ENTRIES = (
     Entry(
         name="ekf",
         home="slamgauge.ekf:ekf_slam",
-        is_filter=True,
+        role="filter",
         look=Look("#CC3311", (0, (5, 1.2))),
     ),
     Entry(
         name="fej-ekf",
         home="slamgauge.ekf:fej_ekf",
-        is_filter=True,
+        role="filter",
         look=Look("#33BBEE", (0, (3, 1, 1, 1, 1, 1))),
     ),
     Entry(
         name="oc-ekf",
         home="slamgauge.ekf:oc_ekf",
-        is_filter=True,
+        role="filter",
         look=Look("#EE3377", (0, (6, 1, 1, 1, 3, 1))),
     ),
     Entry(
         name="iekf",
         home="slamgauge.ekf:iekf",
-        is_filter=True,
+        role="filter",
         look=Look("#775522", (0, (9, 2))),
     ),
     Entry(
         name="riekf",
         home="slamgauge.ekf:riekf",
-        is_filter=True,
+        role="filter",
         look=Look("#0077BB", (0, (4, 1, 1, 1))),
     ),
     Entry(
         name="riukf",
         home="slamgauge.ekf:riukf",
         note="right-invariant, with sigma points",
-        is_benched=False,
         look=Look("#AA4499", (0, (2, 1, 5, 1))),
     ),
     Entry(
         name="robocentric-ekf",
         home="slamgauge.ekf:robocentric_ekf",
         note="map in the robot's frame",
-        is_benched=False,
         look=Look("#117733", (0, (8, 1, 2, 1))),
     ),
     Entry(
         name=SLIDING_WINDOW,
         home="slamgauge.ekf:sliding_window",
         note=f"filter, the last 100 steps linearised anew; {SLIDING_WINDOW}-50: the last 50",
-        is_benched=False,
         look=Look("#661100", (0, (5, 1, 1, 1, 1, 1))),
     ),
     Entry(
         name=FIXED_LAG,
         home="slamgauge.graph_baseline:fixed_lag",
         note=f"the last 20 steps smoothed; {FIXED_LAG}-5: the last 5",
-        is_graph=True,
-        is_benched=False,
+        role="graph",
     ),
     Entry(
         name="causal",
         home="slamgauge.graph_baseline:causal",
         note="causal optimum",
-        is_graph=True,
-        is_yardstick=True,
+        role="optimum",
         title="causal optimum",
         look=Look("#CC9900", (0, (2, 1))),
     ),
@@ -166,8 +163,7 @@ _ENTRIES = (
         home="slamgauge.graph_baseline:batch",
         kind="smoothed",
         note="hindsight",
-        is_graph=True,
-        is_yardstick=True,
+        role="optimum",
         title="hindsight optimum",
         look=Look("#882288", (0, (7, 1, 1, 1, 1, 1))),
     ),
@@ -175,8 +171,7 @@ _ENTRIES = (
         name="robust-batch",
         home="slamgauge.graph_baseline:robust_batch",
         kind="smoothed",
-        is_graph=True,
-        is_benched=False,
+        role="graph",
     ),
 )
 REGISTRY = {entry.name: entry for entry in _ENTRIES}
@@ -186,23 +181,23 @@ BOUNDS = {  # of studies: these need the truth, and many runs
         name=BOUND,
         home="slamgauge.graph_baseline:causal_bound",
         note="of studies: what no estimator can beat, causal and in hindsight",
-        is_bound=True,
+        role="bound",
         look=Look("#000000", (0, (1, 1))),
     ),
     HINDSIGHT_BOUND: Entry(
         name=HINDSIGHT_BOUND,
         home="slamgauge.graph_baseline:hindsight_bound",
         kind="smoothed",
-        is_bound=True,
+        role="bound",
         look=Look("#777777", (0, (1, 2))),
     ),
 }
 BOUND_OF = {str(entry.kind): entry.name for entry in BOUNDS.values()}  # by the kind that they bound
-FILTERS = tuple(entry.name for entry in _ENTRIES if entry.is_filter)
-GRAPHS = tuple(entry.name for entry in _ENTRIES if entry.is_graph)
-YARDSTICKS = {str(entry.kind): entry.name for entry in _ENTRIES if entry.is_yardstick}  # by the kind they judge
-CAUSAL, HINDSIGHT = YARDSTICKS["filtered"], YARDSTICKS["smoothed"]
-BENCHED = ",".join(entry.name for entry in _ENTRIES if entry.is_benched)
+FILTERS = tuple(entry.name for entry in _ENTRIES if entry.role == "filter")
+GRAPHS = tuple(entry.name for entry in _ENTRIES if entry.takes_associations)
+OPTIMA = {str(entry.kind): entry.name for entry in _ENTRIES if entry.role == "optimum"}  # by the kind of estimates
+CAUSAL, HINDSIGHT = OPTIMA["filtered"], OPTIMA["smoothed"]
+BENCHED = ",".join((DEAD_RECKONING, *FILTERS, *OPTIMA.values()))  # what `slamgauge bench` measures by default
 _HELPED = (*_ENTRIES, BOUNDS[BOUND])
 HELP = (
     f"Comma-separated: {', '.join(f'{each.name} ({each.note})' if each.note else each.name for each in _HELPED)}; "
@@ -220,8 +215,8 @@ def entry_of(name: str) -> Entry:
     entry = _plain_entry_of(graph)
     if entry is not None and not under:
         return entry
-    if entry is not None and entry.is_graph and filter_name in FILTERS:
-        return replace(entry, name=name, note="", is_yardstick=False, title="", look=None)
+    if entry is not None and entry.takes_associations and filter_name in FILTERS:
+        return replace(entry, name=name, role="graph", note="", title="", look=None)
     if under and entry is not None:
         remedy = f"write GRAPH@FILTER with one of {', '.join(GRAPHS)} and one of {', '.join(FILTERS)}"
     else:
@@ -246,6 +241,6 @@ def is_ours(name: str) -> bool:
     return True
 
 
-def is_yardstick(name: str) -> bool:
+def is_optimum(name: str) -> bool:
     """Whether a name, as `load_estimators` takes it, is that of an optimum."""
-    return name in YARDSTICKS.values()
+    return name in OPTIMA.values()

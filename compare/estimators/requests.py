@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HINDSIGHT_BOUND, YARDSTICKS, entry_of, is_ours
+from slamgauge.compare.estimators.registry import BOUND, BOUNDS, HINDSIGHT_BOUND, OPTIMA, entry_of, is_ours
 from slamgauge.compare.estimators.user_code import Address, address, require_label
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
@@ -46,9 +46,9 @@ class Asked:
     isolation: Isolation | None = None
 
     @property
-    def is_yardstick(self) -> bool:
+    def is_optimum(self) -> bool:
         """Whether it is an optimum, which is told true noise and associations."""
-        return self.name in YARDSTICKS.values()
+        return self.name in OPTIMA.values()
 
     @property
     def is_bound(self) -> bool:
@@ -58,7 +58,7 @@ class Asked:
     @property
     def is_told(self) -> bool:
         """Whether it is told true noise and associations: what others are measured by."""
-        return self.is_yardstick or self.is_bound
+        return self.is_optimum or self.is_bound
 
     @property
     def key(self) -> str:

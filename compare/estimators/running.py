@@ -44,7 +44,7 @@ def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tupl
             not done in time.
     """
     entry = entry_behind(estimator)
-    is_ours = entry is not None and not entry.is_own
+    is_ours = entry is not None and entry.role != "user"
     start = perf_counter()
     try:
         # standard output is for results; ours are silent, and threads of a study must not redirect it

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.transforms import ScaledTranslation
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.registry import YARDSTICKS
+from slamgauge.compare.estimators.registry import OPTIMA
 from slamgauge.compare.figures.closure_marks import marked_closures
 from slamgauge.compare.figures.downsampling import even_rows
 from slamgauge.compare.figures.ellipses import draw_ellipses
@@ -169,7 +169,7 @@ def save_figure(
         if max(map(len, labels)) > LONG_LABEL:
             columns = -(-2 * columns // 3)
         figure.legend(handles, labels, loc="outside lower center", ncols=columns, **LEGEND)
-        doubts = [misfits([name for name in YARDSTICKS.values() if name in estimates and is_misfit(estimates[name])])]
+        doubts = [misfits([name for name in OPTIMA.values() if name in estimates and is_misfit(estimates[name])])]
         doubts += [distance_from_optimum(name, estimate.optimum_check) for name, estimate in estimates.items()]
         figure.suptitle(math_text("\n".join([title, *filter(None, doubts)])), **WRAPPED)
         save_printed(figure, Path(folder) / "figure")

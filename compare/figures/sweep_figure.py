@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, REGISTRY, is_yardstick
+from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, REGISTRY, is_optimum
 from slamgauge.compare.figures.figure_size import save_printed, sheet
 from slamgauge.compare.figures.plot_style import (
     LEGEND,
@@ -45,8 +45,8 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
         for axes, (key, label) in zip(figure.subplots(rows, columns, sharex=True).flat, PANELS, strict=True):
             for name, style in names.items():
                 intervals = [summary.estimators[name].figure(key) for summary in sweep.summaries]
-                title = REGISTRY[name].title if is_yardstick(name) else name
-                _draw(axes, sweep.values, intervals, title, style, line=is_yardstick(name) or name in BOUNDS)
+                title = REGISTRY[name].title if is_optimum(name) else name
+                _draw(axes, sweep.values, intervals, title, style, line=is_optimum(name) or name in BOUNDS)
             axes.set_ylabel(label)
             _arrange(axes, sweep.values)
             if key == "nees_pose_per_dof":

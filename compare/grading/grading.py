@@ -12,7 +12,7 @@ from slamgauge.compare.estimators.cost_estimate import require_room_for_runs
 from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.grading.grades import Grade, grade
 from slamgauge.compare.grading.submissions import Submission
-from slamgauge.compare.grading.trial import Trial, Yardstick, examine, yardstick
+from slamgauge.compare.grading.trial import ReferenceRun, Trial, examine, reference_run
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.storage.progress import counted
@@ -91,12 +91,12 @@ def grade_folder(
     require_room_for_runs(runs, scenario, 1)
     seeds = [run_seed(seed, run) for run in range(runs)]
     arguments = [(scenario, each, reference) for each in seeds]
-    measured = dict(_carried(executor, yardstick, arguments, "run"))
+    measured = dict(_carried(executor, reference_run, arguments, "run"))
     lost = next((each for each in measured.values() if isinstance(each, Exception)), None)
     if lost is not None:
         raise UserError(f"reference {reference.label}: {lost}")
-    yardsticks = [each for _, each in sorted(measured.items()) if isinstance(each, Yardstick)]
-    optima, scores = [each.optimum for each in yardsticks], [each.reference for each in yardsticks]
+    references = [each for _, each in sorted(measured.items()) if isinstance(each, ReferenceRun)]
+    optima, scores = [each.optimum for each in references], [each.reference for each in references]
     waiting = [(place, each) for place, each in enumerate(submissions) if each.where is not None]
     arguments = [(each.where, each.name, scenario, seeds, optima, timeout) for _, each in waiting]
     trials = {place: Trial(reason=each.reason) for place, each in enumerate(submissions)}

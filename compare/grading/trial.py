@@ -1,4 +1,4 @@
-"""What a worker does: the yardsticks of a run, and all runs and laws of a submission.
+"""What a worker does: the references of a run, and all runs and laws of a submission.
 
 The truth is made here and stays here: a submission runs in a process of its own.
 """
@@ -31,7 +31,7 @@ FEW_STEPS, LOUDER = 20, 4.0  # of a recording whose noise is said to be that man
 
 
 @dataclass(frozen=True)
-class Yardstick:
+class ReferenceRun:
     """What a run is measured by.
 
     Attributes:
@@ -66,7 +66,7 @@ class Trial:
     reason: str | None = None
 
 
-def yardstick(scenario: Scenario, seed: int, reference: Asked) -> Yardstick:
+def reference_run(scenario: Scenario, seed: int, reference: Asked) -> ReferenceRun:
     """The reference and the causal optimum on one run.
 
     Raises:
@@ -82,7 +82,7 @@ def yardstick(scenario: Scenario, seed: int, reference: Asked) -> Yardstick:
         optimum = run_estimator(CAUSAL, without(load(best), told, truth.misleading), told)[0]
     except UserError:  # not every recording determines one
         optimum = None
-    return Yardstick(_scored(truth, recording, estimate, optimum, seconds), optimum)
+    return ReferenceRun(_scored(truth, recording, estimate, optimum, seconds), optimum)
 
 
 def examine(

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from slamgauge.compare.estimators.registry import is_yardstick
+from slamgauge.compare.estimators.registry import is_optimum
 from slamgauge.compare.report.glossary import ESTIMATOR, TERMS, figure_heads
 from slamgauge.compare.report.page_elements import Cell, Head, Table, origin, pictures
 from slamgauge.compare.report.plain_page import figure_cell, plain_page
@@ -159,5 +159,5 @@ def said(runs: dict[str, Any]) -> list[tuple[str, str]]:
         (f"{scenario}, {estimator}", text)
         for scenario, metrics in runs.items()
         for estimator, text in lead(metrics)
-        if not is_yardstick(estimator)
+        if not is_optimum(estimator)
     ]

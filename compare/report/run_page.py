@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS
+from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
 from slamgauge.compare.report.glossary import ESTIMATOR, KIND, TERMS, figure_heads, glossary
 from slamgauge.compare.report.page import render
@@ -77,7 +77,7 @@ def run_page(folder: Path) -> dict[str, str]:
 
 def optima_of(results: Results) -> dict[Kind, str]:
     """The optimum of each kind that is among the estimates."""
-    return {each.kind: name for name, each in results.estimates.items() if YARDSTICKS.get(each.kind) == name}
+    return {each.kind: name for name, each in results.estimates.items() if OPTIMA.get(each.kind) == name}
 
 
 def doubtful_kinds(comparison: Comparison) -> set[str]:
@@ -96,10 +96,10 @@ def _sentence(name: str, entry: dict[str, Any]) -> str:
     parts: list[str] = []
     if error is not None:
         parts.append(f"RMS position error {cell(error, '{:.3f}')} m")
-    if name in YARDSTICKS.values():
+    if name in OPTIMA.values():
         parts.append(f"the {REGISTRY[name].title}, which {entry['kind']} estimates are held against")
     elif ratio is not None:
-        optimum = REGISTRY[YARDSTICKS[entry["kind"]]].title
+        optimum = REGISTRY[OPTIMA[entry["kind"]]].title
         parts.append(f"{cell(ratio, '{:.2f}')} times the {optimum}'s")
     if entry.get("verdict"):
         parts.append(entry["verdict"])

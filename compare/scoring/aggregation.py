@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.estimators.registry import BOUND_OF, YARDSTICKS
+from slamgauge.compare.estimators.registry import BOUND_OF, OPTIMA
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.coverage import is_inside
 from slamgauge.compare.scoring.intervals import Interval, jackknife_interval, mean_interval, ratio_interval
@@ -106,7 +106,7 @@ def late_coverage(level: float) -> OverRuns:
     return lambda runs, _: mean_interval(late_means(is_inside(runs.series["nees_position"], level)))
 
 
-def over_yardstick(name: str | None = None) -> OverRuns:
+def over_optimum(name: str | None = None) -> OverRuns:
     """Mean ATE over that of an optimum, paired run by run; of the same kind's unless it is named."""
 
     def sum_up(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
@@ -196,7 +196,7 @@ def mean_rays(runs: Runs, _: Mapping[str, Runs]) -> RayFigures | None:
 
 def _optimum(runs: Runs, others: Mapping[str, Runs]) -> Runs | None:
     """The runs of the optimum of the same kind, if it has any."""
-    return others.get(YARDSTICKS[runs.kind]) if runs.kind else None
+    return others.get(OPTIMA[runs.kind]) if runs.kind else None
 
 
 def _mean_root(sums: Float, count: int) -> Float:

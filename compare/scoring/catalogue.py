@@ -20,7 +20,7 @@ from slamgauge.compare.scoring.aggregation import (
     mean_rays,
     mean_root_of,
     over_bound,
-    over_yardstick,
+    over_optimum,
     plain_mean_of,
     position_sigma,
     share_in_doubt,
@@ -231,13 +231,13 @@ CATALOGUE = (
         key="ratio_to_optimum",
         help="ATE over that of the optimum of the same kind, paired run by run",
         scored=True,
-        over_runs=over_yardstick(),
+        over_runs=over_optimum(),
         column=Column(title="x optimum", form="{:.2f}", run=2, relative=True, needs=(*TRUTH, "optimum")),
     ),
     Quantity(
         key="ratio_to_causal",
         help="ATE over that of the causal optimum",
-        over_runs=over_yardstick(CAUSAL),
+        over_runs=over_optimum(CAUSAL),
         column=Column(title="x causal", study=3, sweep=3, relative=True, needs=(*TRUTH, "causal optimum")),
     ),
     Quantity(
@@ -249,7 +249,7 @@ CATALOGUE = (
     Quantity(
         key="ratio_to_hindsight",
         help="ATE over that of the hindsight optimum",
-        over_runs=over_yardstick(HINDSIGHT),
+        over_runs=over_optimum(HINDSIGHT),
         column=Column(title="x hindsight", study=7, needs=(*TRUTH, "hindsight optimum")),
     ),
     Quantity(

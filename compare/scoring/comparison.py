@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from slamgauge.arrays import chunks
-from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS
+from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.estimators.side_by_side import run_side_by_side
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns, empty_columns
 from slamgauge.compare.scoring.empty_columns import empty_lines
@@ -77,7 +77,7 @@ def compare_estimators(
 ) -> Comparison:
     """Run every estimator, then score each against truth and optimum.
 
-    Estimators see the recording alone. Two are yardsticks: `causal`, the optimum of filtered estimates, and `batch`,
+    Estimators see the recording alone. Two are optima: `causal`, the optimum of filtered estimates, and `batch`,
     that of smoothed ones, show what the measurements allow to somebody whom nothing misleads. What makes them so is
     their entry in the registry of estimators, not the name that they are given here.
 
@@ -85,7 +85,7 @@ def compare_estimators(
         truth: as much of the truth as is known.
         recording: what estimators see.
         estimators: by name.
-        informed: the same measurements with their true noise and associations, which the yardsticks see; by
+        informed: the same measurements with their true noise and associations, which the optima see; by
             default the recording, with the truth's associations where it has no ids of its own.
 
     Raises:
@@ -215,7 +215,7 @@ def optimum_notes(comparison: Comparison) -> list[str]:
     judges = [(kind, comparison.optima[kind]) for kind in ("smoothed", "filtered") if kind in comparison.optima]
     if judges:
         kind, name = judges[0]
-        notes.append(fit_of_the_model(REGISTRY[YARDSTICKS[kind]].title, comparison.estimates[name]))
+        notes.append(fit_of_the_model(REGISTRY[OPTIMA[kind]].title, comparison.estimates[name]))
     for _, name in judges:
         notes.append(left_out(name, comparison.truth, comparison.recording, comparison.estimates[name]))
     notes += [doubt(name, comparison.estimates[name].optimum_check) for _, name in judges]

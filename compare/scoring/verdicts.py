@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgauge.compare.estimators.registry import REGISTRY, YARDSTICKS
+from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.scoring.aggregation import late_coverage, late_means, total_nis
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
@@ -210,7 +210,7 @@ def faults_over_runs(runs: Runs, others: Mapping[str, Runs]) -> tuple[str, ...]:
 
 
 def _evidence(runs: Runs, others: Mapping[str, Runs]) -> Evidence:
-    name = YARDSTICKS[runs.kind]
+    name = OPTIMA[runs.kind]
     nees = late_means(runs.series["nees_pose"])
     coverage = late_coverage(0.95)(runs, others)
     nis = total_nis(runs, others)

@@ -58,6 +58,8 @@ FORMER_RAYS = {"alpha": 0.3, "beta": 2.0, "s_min": 1.0}
 BUSY = 10  # s that another program may keep the store from taking in a run
 LATER_SECTIONS = ("update",)  # likewise whole sections
 _UNNUMBERED = {"0.3.0": "1"}  # the schema of stores that were begun before they carried its number, by version
+NAMES = "2"  # of estimators: raise it when a name gets another meaning, and refuse stores that hold the old one
+_RENAMED = "isam2"  # until names 2 (version 0.5) the causal optimum, since then GTSAM's ISAM2
 _DONE = "estimator = ?1 AND run < ?2 AND error IS NULL"
 _OF_ONE_KIND = (
     f"{_DONE} AND (SELECT count(DISTINCT kind) FROM outcome WHERE {_DONE}) = 1"  # else they have no one optimum
@@ -153,6 +155,7 @@ def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
     """
     ours = {
         "schema": str(SCHEMA),
+        "names": NAMES,
         "version": __version__,  # that began it: for information alone
         "digest": digest(scenario, seed),
         "scenario": _as_text(scenario),
@@ -170,6 +173,8 @@ def begin_store(path: Path, scenario: Scenario, seed: int) -> None:
             for number in _UNNUMBERED.items():
                 note = "INSERT OR IGNORE INTO study SELECT 'schema', ?2 FROM study WHERE key = 'version' AND value = ?1"
                 connection.execute(note, number)
+            if not _holds_renamed(connection):
+                connection.execute("INSERT OR IGNORE INTO study VALUES ('names', ?)", (NAMES,))
 
 
 @contextmanager
@@ -199,6 +204,7 @@ def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tup
     require_whole(path)
     with connected(path) as connection:
         found = dict(connection.execute("SELECT key, value FROM study"))
+        _require_present_names(connection, path)
         if found.get("digest") != digest or found.get("schema") != str(SCHEMA):
             raise UserError(f"{path}: is of another study than the summary beside it; give the command again")
         latest = "SELECT estimator FROM outcome GROUP BY estimator ORDER BY max(rowid)"
@@ -218,6 +224,24 @@ def _require_same(connection: sqlite3.Connection, path: Path, scenario: Scenario
             f"{path}: has schema {schema} (begun by slamgauge {found['version']}), this is schema {SCHEMA} "
             f"(slamgauge {__version__}); finish it with that version, or give another --out"
         )
+    _require_present_names(connection, path)
     if found["digest"] != digest(scenario, seed):
         what = "another seed" if found["scenario"] == _as_text(scenario) else "another scenario"
         raise UserError(f"{path}: holds a study of {what} (digest {found['digest'][:12]}); give another --out")
+
+
+def _holds_renamed(connection: sqlite3.Connection) -> bool:
+    """Whether results stand under a name that has another meaning now."""
+    if connection.execute("SELECT 1 FROM study WHERE key = 'names' AND value = ?", (NAMES,)).fetchone():
+        return False
+    query = "SELECT 1 FROM outcome WHERE estimator = ?1 OR estimator LIKE ?1 || '@%' LIMIT 1"
+    return connection.execute(query, (_RENAMED,)).fetchone() is not None
+
+
+def _require_present_names(connection: sqlite3.Connection, path: Path) -> None:
+    """Refuse a store whose results stand under a name that has another meaning now."""
+    if _holds_renamed(connection):
+        raise UserError(
+            f"{path}: was begun before slamgauge 0.5, when {_RENAMED!r} was the name of the causal optimum, "
+            f"now 'causal' ({_RENAMED!r} is GTSAM's ISAM2 now); run the study again with 'causal' in another --out"
+        )

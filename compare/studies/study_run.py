@@ -67,7 +67,7 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
         estimator = load(
             asked, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
         )
-        if asked.is_yardstick:
+        if asked.is_optimum:
             estimator = without(estimator, recording, truth.misleading)
         estimate, seconds = run_estimator(asked.label, estimator, recording)
         series = step_series(truth, estimate)

@@ -262,7 +262,7 @@ def test_what_is_kept_is_judged_once(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert not Kept(path, 3).judged
 
 
-def test_what_a_yardstick_says_of_itself_is_read():
+def test_what_a_optimum_says_of_itself_is_read():
     poses = np.zeros((1, 3))
     assert np.isnan(stated_check(Estimate("filtered", poses)))
     assert stated_check(Estimate("filtered", poses, optimum_check=0.3)) == 0.3

@@ -128,7 +128,7 @@ def test_every_entry_leads_to_an_estimator_that_is_known_again():
 
 def test_a_graph_under_a_filters_associations_is_no_optimum():
     entry = entry_of("batch@riekf")
-    assert (entry.name, entry.kind, entry.is_yardstick, entry.look) == ("batch@riekf", "smoothed", False, None)
+    assert (entry.name, entry.kind, entry.role, entry.look) == ("batch@riekf", "smoothed", "graph", None)
 
 
 def test_the_box_is_listed_with_all_its_names():

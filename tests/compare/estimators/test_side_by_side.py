@@ -29,7 +29,7 @@ def own(recording: Recording) -> Estimate:
     return replace(ekf_slam(recording), kind="filtered")
 
 
-def test_the_first_that_associates_tells_the_yardsticks(recording: Recording):
+def test_the_first_that_associates_tells_the_optima(recording: Recording):
     estimators = load_estimators(["causal", "dead-reckoning", "riekf", "ekf", "batch"])
     ran = run_side_by_side(estimators, recording, recording)
     assert [*ran.estimates] == ["dead-reckoning", "riekf", "ekf", "causal@riekf", "batch@riekf"]
@@ -44,7 +44,7 @@ def test_people_s_own_can_tell_them_too(recording: Recording):
     assert ran.optima == {"filtered": "causal@mine"}
 
 
-def test_what_was_asked_for_as_such_is_the_yardstick(recording: Recording):
+def test_what_was_asked_for_as_such_is_the_optimum(recording: Recording):
     ran = run_side_by_side(load_estimators(["ekf", "causal@riekf", "robust-batch@ekf"]), recording, recording)
     assert ran.optima == {"filtered": "causal@riekf"}
     twice = run_side_by_side(load_estimators(["ekf", "causal", "causal@ekf"]), recording, recording)

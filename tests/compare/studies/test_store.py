@@ -17,6 +17,7 @@ from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scoring.catalogue import LATER, STORED
 from slamgauge.compare.scoring.runs import SERIES
 from slamgauge.compare.studies import store as study_store
+from slamgauge.compare.studies import store_damage
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.study_run import Outcome
@@ -82,6 +83,47 @@ def test_the_schema_number_is_raised_with_what_a_store_holds(
     first = [key for key in STORED if key not in LATER]
     held = hashlib.sha256(json.dumps([tables, SERIES, first]).encode()).hexdigest()[:16]
     assert {study_store.SCHEMA: held} == {study_store.SCHEMA: HELD[study_store.SCHEMA]}
+
+
+@pytest.fixture
+def begun_with_0_4(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path) -> Path:
+    """A study folder as version 0.4 left it, which called the causal optimum isam2."""
+    run_study(scenario, 1, 0, ("causal",), tmp_path, thread)
+    with closing(sqlite3.connect(tmp_path / "study.sqlite")) as connection, connection:
+        connection.execute("DELETE FROM study WHERE key = 'names'")
+        connection.execute("UPDATE study SET value = '0.4.0' WHERE key = 'version'")
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["isam2", "isam2@ekf"])
+def test_a_study_of_0_4_that_holds_isam2_is_refused_in_a_line(
+    scenario: Scenario, thread: ThreadPoolExecutor, begun_with_0_4: Path, name: str
+) -> None:
+    store = begun_with_0_4 / "study.sqlite"
+    study = run_study(scenario, 1, 0, ("causal",), begun_with_0_4.with_name("new"), thread)
+    rows = sqlite3.connect(begun_with_0_4.with_name("new") / "study.sqlite").execute("SELECT * FROM outcome").fetchall()
+    with closing(sqlite3.connect(store)) as connection, connection:
+        connection.execute("DELETE FROM outcome")
+        row = (rows[0][0], name, *rows[0][2:-1])
+        checked = store_damage.with_checksum(row)
+        connection.execute(store_damage.INSERT, checked)
+    message = "begun before slamgauge 0.5, when 'isam2' was the name of the causal optimum, now 'causal'"
+    for again in (
+        lambda: run_study(scenario, 1, 0, ("ekf",), begun_with_0_4, thread),
+        lambda: load_runs(scenario, 1, 0, ("ekf",), begun_with_0_4),
+        lambda: study_store.read_store(store, study.digest, ("ekf",), 1),
+    ):
+        with pytest.raises(UserError, match=message) as caught:
+            again()
+        assert "\n" not in str(caught.value)
+
+
+def test_a_study_of_0_4_without_isam2_goes_on_and_may_then_hold_it(
+    scenario: Scenario, thread: ThreadPoolExecutor, begun_with_0_4: Path
+) -> None:
+    for names in (("causal",), ("causal", "isam2"), ("causal", "isam2")):
+        assert run_study(scenario, 1, 0, names, begun_with_0_4, thread).estimators["causal"].runs == 1
+    assert about(begun_with_0_4)["version"] == "0.4.0"
 
 
 def test_figures_that_old_rows_lack_are_unknown(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path) -> None:

@@ -1,0 +1,81 @@
+"""A fresh clone of the project, installed as README says, in which the package is imported from the clone's root."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+IMPORTS = "import slamgauge.ekf, slamgauge.compare; from slamgauge import SlamFilter; print(SlamFilter.__name__)"
+NOTEBOOK = """
+import nbformat, sys
+from nbclient import NotebookClient
+cell = nbformat.v4.new_code_cell("from slamgauge import SlamFilter; import slamgauge.ekf; print(SlamFilter.__name__)")
+notebook = NotebookClient(nbformat.v4.new_notebook(cells=[cell]), kernel_name="python3").execute()
+print(notebook.cells[0].outputs[0].text, end="")
+"""
+USER_TEST = """
+from slamgauge import SlamFilter
+import slamgauge.compare, slamgauge.ekf
+
+def test_filter():
+    assert SlamFilter("position", [0, 0, 0], [[0] * 3] * 3).pose.tolist() == [0, 0, 0]
+"""
+
+
+@pytest.fixture(scope="module", params=[".", "-e ."])
+def clone(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A clone with an environment of its own that sees the dependencies of this one; nothing is downloaded."""
+    clone = tmp_path_factory.mktemp("clone") / "slamgauge-clone"
+    tracked = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False).stdout
+    if not tracked:
+        pytest.skip("the project is no git checkout here")
+    for name in filter(None, tracked.split("\0")):
+        if (ROOT / name).exists():
+            (clone / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, clone / name)
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", clone / ".venv"], check=True)
+    packages = run(clone, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").stdout.strip()
+    Path(packages, "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n", encoding="utf-8")
+    pip = ["-m", "pip", "--quiet", "install", "--no-index", "--no-deps", "--no-build-isolation", "--ignore-installed"]
+    done = run(clone, *pip, *request.param.split())
+    assert done.returncode == 0, done.stderr
+    return clone
+
+
+def run(clone: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the clone's Python in the clone's root."""
+    command = [clone / ".venv/bin/python", *arguments]
+    return subprocess.run(command, cwd=clone, capture_output=True, text=True, check=False)
+
+
+def output(clone: Path, *arguments: str) -> str:
+    done = run(clone, *arguments)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout.strip()
+
+
+def test_the_packages_are_imported_from_the_root_of_the_clone(clone: Path):
+    assert output(clone, "-c", IMPORTS) == "SlamFilter"
+    place = output(clone, "-c", "import slamgauge; print(slamgauge.__file__)")
+    assert clone in Path(place).parents
+
+
+def test_python_m_slamgauge_runs_in_the_root_of_the_clone(clone: Path):
+    import slamgauge
+
+    assert slamgauge.__version__ in output(clone, "-m", "slamgauge", "--version")
+
+
+def test_a_notebook_runs_in_the_root_of_the_clone(clone: Path):
+    assert output(clone, "-c", NOTEBOOK) == "SlamFilter"
+
+
+def test_pytest_of_a_users_file_runs_in_the_root_of_the_clone(clone: Path):
+    (clone / "test_mine.py").write_text(USER_TEST, encoding="utf-8")
+    assert "1 passed" in output(clone, "-m", "pytest", "-p", "no:cacheprovider", "test_mine.py")
