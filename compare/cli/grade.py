@@ -69,7 +69,7 @@ class Grade:
         from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.grading.grade_files import write_grades, write_pages
         from slamgauge.compare.grading.grade_table import grade_table
-        from slamgauge.compare.grading.grading import grade_folder
+        from slamgauge.compare.grading.grading import GradeSettings, grade_folder
         from slamgauge.compare.grading.submissions import submissions_in
         from slamgauge.compare.storage.result_files import GRADES, PAGES, grade_files
         from slamgauge.compare.storage.safe_names import file_name
@@ -82,9 +82,8 @@ class Grade:
         writes = grade_files(each.name for each in submissions)
         with results_folder(out, writes, GRADES, [f"{PAGES}/*.md", f"{PAGES}/*.html"]) as staged:
             with carried_by(self.work.jobs) as executor:
-                grades = grade_folder(
-                    self.folder, submissions, scenario, self.runs, self.seed, reference, timeout, executor
-                )
+                settings = GradeSettings(scenario, self.runs, self.seed, reference, timeout)
+                grades = grade_folder(self.folder, submissions, settings, executor)
             if not any(each.is_graded for each in grades.grades):
                 first = grades.grades[0]
                 raise UserError(f"{self.folder}: nothing could be graded; {first.submission}: {first.reasons[0]}")

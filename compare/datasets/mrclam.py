@@ -48,7 +48,8 @@ def read_mrclam(
 ) -> Imported:
     """The recording of one robot, `range-bearing` and with subjects for ids, and its ground truth.
 
-    The files say nothing of noise; the defaults are a beginning, not measurements.
+    The files state no noise; the defaults are starting values, not measurements. Each of the seven parameters is an
+    option of `slamgauge import mrclam`.
 
     Args:
         folder: Of the files.

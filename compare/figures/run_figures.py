@@ -149,6 +149,8 @@ def save_figure(
 ) -> None:
     """Write figure.png (200 dpi) and figure.svg into `folder`: the map beside the errors, in a column above them.
 
+    Of the seven parameters the first five say what is drawn and where, the last two are options.
+
     The bounds of the estimate `band` are filled. Dead reckoning is drawn in the map where the estimates lack it, unless
     `drift` is False. An optimum that its check puts in doubt, or its residuals, is named
     under the title.

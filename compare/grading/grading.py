@@ -59,31 +59,40 @@ class Grades:
         return [each.to_json() | where for each in self.grades]
 
 
+@dataclass(frozen=True)
+class GradeSettings:
+    """Runs on which submissions are graded.
+
+    Attributes:
+        scenario: what to simulate; draw the true start from the prior (`start = "sampled"`).
+        runs: their number, at least 2; their seeds are spawned from `seed`, as those of a study.
+        seed: root seed. Whoever knows seed and scenario can simulate the truth: use one that nobody knows.
+        reference: estimator that a right submission is not shown to be worse than.
+        timeout: largest time of a run of a submission [s].
+    """
+
+    scenario: Scenario
+    runs: int
+    seed: int
+    reference: Asked
+    timeout: float
+
+
 def grade_folder(
-    folder: Path,
-    submissions: Sequence[Submission],
-    scenario: Scenario,
-    runs: int,
-    seed: int,
-    reference: Asked,
-    timeout: float,
-    executor: Executor,
+    folder: Path, submissions: Sequence[Submission], settings: GradeSettings, executor: Executor
 ) -> Grades:
     """Grade submissions, each in a process of its own; nothing that they do keeps the others from being graded.
 
     Args:
         folder: where they lie.
         submissions: `submissions_in` it.
-        scenario: what to simulate; draw the true start from the prior (`start = "sampled"`).
-        runs: how many, at least 2; their seeds are spawned from `seed`, as those of a study.
-        seed: root seed. Who knows it and the scenario can make the truth: give one that nobody knows.
-        reference: what a right submission is not shown to be worse than.
-        timeout: of a run of a submission [s].
+        settings: runs, reference and largest time.
         executor: carries submissions, one at a time for each of its workers.
 
     Raises:
         UserError: bad numbers, or a reference that gives no estimates.
     """
+    scenario, runs, seed, reference = settings.scenario, settings.runs, settings.seed, settings.reference
     if runs < 2:
         raise UserError(f"runs: {runs} has no interval, and nothing could be judged by it; give at least 2")
     if seed < 0:
@@ -98,7 +107,7 @@ def grade_folder(
     references = [each for _, each in sorted(measured.items()) if isinstance(each, ReferenceRun)]
     optima, scores = [each.optimum for each in references], [each.reference for each in references]
     waiting = [(place, each) for place, each in enumerate(submissions) if each.where is not None]
-    arguments = [(each.where, each.name, scenario, seeds, optima, timeout) for _, each in waiting]
+    arguments = [(each.where, each.name, scenario, seeds, optima, settings.timeout) for _, each in waiting]
     trials = {place: Trial(reason=each.reason) for place, each in enumerate(submissions)}
     for number, trial in _carried(executor, examine, arguments, "submission"):
         trials[waiting[number][0]] = trial if isinstance(trial, Trial) else Trial(reason=LOST)

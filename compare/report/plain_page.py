@@ -25,7 +25,11 @@ def plain_page(
     back: str = "",
     verbatim: Sequence[str] = (),
 ) -> str:
-    """A page; `lead` is what is told first, each with whom it is about, `verbatim` lines of a program's record."""
+    """Return the HTML of a page.
+
+    A page has ten parts, and each is a parameter by keyword: `lead` holds the first sentences, each with the name of
+    the estimator it is about, and `verbatim` lines that a program printed.
+    """
     return render(
         "plain.html",
         kind=kind,

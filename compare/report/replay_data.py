@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,16 @@ FEWEST_FRAMES = 30
 STEP_LEVEL = 0.95  # of the band that the NEES of single steps is held against
 
 
+class _Run(NamedTuple):
+    """What the replay data of every estimate of a run is compared with, and the steps that are shown."""
+
+    recording: Recording
+    truth: Truth
+    reference: Float  # (N+1, 3) poses that errors are counted from
+    sights: Sights
+    shown: Int  # (T,)
+
+
 def replay_data(results: Results, looks: Sequence[Look], room: int) -> dict[str, Any]:
     """The run with as many moments as find room.
 
@@ -55,6 +65,7 @@ def _data(results: Results, looks: Sequence[Look], shown: Int) -> dict[str, Any]
     reference = reference_of(truth, recording, results.estimates)
     closures = closure_steps(truth, recording)
     named = "error" if reference.name is None else f"difference to {reference.name}"
+    run = _Run(recording, truth, reference.poses, sights, shown)
     return {
         "step": pack(shown, "i4"),
         "time": pack(recording.stamps[shown] - recording.stamps[0]),
@@ -67,10 +78,7 @@ def _data(results: Results, looks: Sequence[Look], shown: Int) -> dict[str, Any]
             "body": pack(sights.body),
             "bearingOnly": recording.sensor == "bearing",
         },
-        "estimates": [
-            _estimate(results.estimates[look.name], look, recording, truth, reference.poses, sights, shown)
-            for look in looks
-        ],
+        "estimates": [_estimate(results.estimates[look.name], look, run) for look in looks],
         "closures": pack([] if closures is None else np.unique(_frames_of(closures, shown)), "i4"),
         "world": {"low": world[0].tolist(), "high": world[1].tolist()},
         "errorTitle": f"position {named} [m]",
@@ -78,9 +86,8 @@ def _data(results: Results, looks: Sequence[Look], shown: Int) -> dict[str, Any]
     }
 
 
-def _estimate(
-    estimate: Estimate, look: Look, recording: Recording, truth: Truth, reference: Float, sights: Sights, shown: Int
-) -> dict[str, Any]:
+def _estimate(estimate: Estimate, look: Look, run: _Run) -> dict[str, Any]:
+    recording, truth, reference, sights, shown = run
     errors, covs = pose_errors(reference[shown], estimate.poses[shown]), pose_covs_of(estimate)[shown]
     nees = squared_mahalanobis(errors, covs) if truth.poses is not None else errors[:, 0] * np.nan
     wrong = wrong_sights(truth, recording, estimate)

@@ -9,6 +9,7 @@ from contextlib import closing
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 from slamgauge.compare.estimators.cost_estimate import require_room_for_runs
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask, labels_among
@@ -40,6 +41,16 @@ IN_FLIGHT = 256  # runs handed to the executor at a time, so that results do not
 MOST_LOST = 3  # workers in a row that die at a single run: it is not the run then
 AGAIN = "not stored: the same command carries it out again"
 
+
+class _Work(NamedTuple):
+    """Runs of a study: what is simulated and estimated, and where."""
+
+    scenario: Scenario
+    seed: int
+    asked: list[Asked]
+    executor: Executor
+
+
 _Task = tuple[int, list[Asked]]  # a run, and the estimators that it is still to be given to
 
 
@@ -58,6 +69,8 @@ def run_study(
 
     An estimator's error is stored as what became of the run. What the machine refused (memory, room, a worker that
     died) is named among the failures and not stored: the same command carries it out again.
+
+    Eight parameters: six say what to run and where, the last two are options by keyword.
 
     Args:
         scenario: what to simulate; draw the true start from the prior (`start = "sampled"`) for any
@@ -93,7 +106,9 @@ def run_study(
     with sole_use(out / STORE):
         begin_store(out / STORE, scenario, seed)
         with open_store(out / STORE, scenario, seed) as store:
-            look, precision, refused = _carry_out_looks(store, scenario, seed, asked, executor, looks, pairs, until)
+            look, precision, refused = _carry_out_looks(
+                store, _Work(scenario, seed, asked, executor), looks, pairs, until
+            )
             loaded = {each.label: store.load(each.key, look.runs) for each in asked}
             found = [*(Failure(*each) for each in store.failures(look.runs)), *refused]
     labels = {each.key: each.label for each in asked}
@@ -129,21 +144,14 @@ def load_runs(
 
 
 def _carry_out_looks(
-    store: StudyStore,
-    scenario: Scenario,
-    seed: int,
-    asked: Sequence[Asked],
-    executor: Executor,
-    looks: Sequence[Look],
-    pairs: Sequence[Pair],
-    until: Until | None,
+    store: StudyStore, work: _Work, looks: Sequence[Look], pairs: Sequence[Pair], until: Until | None
 ) -> tuple[Look, Precision | None, list[Failure]]:
     """Carry out runs up to the look at which enough is known, and return that, what is known, and what failed."""
     look, precision, refused = looks[0], None, list[Failure]()
     for look in looks:
-        refused = _carry_out(store, scenario, look.runs, seed, asked, executor)
+        refused = _carry_out(store, work, look.runs)
         if until is not None:
-            ates = {each.label: store.ates(each.key, look.runs) for each in asked}
+            ates = {each.label: store.ates(each.key, look.runs) for each in work.asked}
             ratios = ratios_at(look, pairs, ates)
             precision = Precision(until, look, ratios, tuple(pair for pair in pairs if pair not in ratios))
         if precision is None or precision.is_settled:
@@ -151,33 +159,31 @@ def _carry_out_looks(
     return look, precision, refused
 
 
-def _carry_out(
-    store: StudyStore, scenario: Scenario, runs: int, seed: int, asked: Sequence[Asked], executor: Executor
-) -> list[Failure]:
+def _carry_out(store: StudyStore, work: _Work, runs: int) -> list[Failure]:
     """Hand out the missing runs, and store each as it arrives; what failed and is not stored is returned.
 
     When a worker dies, all that its pool carried is lost. Those runs are carried out again one at a time, which
     tells the one that takes its worker with it from the others.
     """
     stored = store.stored()
-    keys = {each.key for each in asked}
+    keys = {each.key for each in work.asked}
     whole = Counter(run for run, key in stored if run < runs and key in keys)
     there = sum(count == len(keys) for count in whole.values())
-    to_do = ((run, [each for each in asked if (run, each.key) not in stored]) for run in range(runs))
-    progress = counted(runs, "run", scenario.name, there, leave=True)
+    to_do = ((run, [each for each in work.asked if (run, each.key) not in stored]) for run in range(runs))
+    progress = counted(runs, "run", work.scenario.name, there, leave=True)
     refused: list[Failure] = []
     lost: list[_Task] = []
     in_a_row = 0
     with progress:
-        with closing(_carried((task for task in to_do if task[1]), IN_FLIGHT, scenario, seed, executor)) as arriving:
+        with closing(_carried((task for task in to_do if task[1]), IN_FLIGHT, work)) as arriving:
             for task, done in arriving:
                 if done is None:
                     lost.append(task)
                 else:
-                    refused += _kept(store, task[0], seed, done)
+                    refused += _kept(store, task[0], work.seed, done)
                     progress.update()
         lost.sort(key=lambda task: task[0])
-        with closing(_carried(lost, 1, scenario, seed, executor)) as arriving:
+        with closing(_carried(lost, 1, work)) as arriving:
             for (run, estimators), done in arriving:
                 in_a_row = in_a_row + 1 if done is None else 0
                 if in_a_row == MOST_LOST:
@@ -186,7 +192,9 @@ def _carry_out(
                         "(out of memory?); make room, and give the same command again"
                     )
                 error = Outcome("", error="its worker process died (out of memory?)", transient=True)
-                refused += _kept(store, run, seed, done or [replace(error, estimator=each.key) for each in estimators])
+                refused += _kept(
+                    store, run, work.seed, done or [replace(error, estimator=each.key) for each in estimators]
+                )
                 progress.update()
     return refused
 
@@ -197,16 +205,14 @@ def _kept(store: StudyStore, run: int, seed: int, outcomes: list[Outcome]) -> li
     return [Failure(run, each.estimator, f"{each.error} ({AGAIN})") for each in outcomes if each.transient]
 
 
-def _carried(
-    to_do: Iterable[_Task], in_flight: int, scenario: Scenario, seed: int, executor: Executor
-) -> Generator[tuple[_Task, list[Outcome] | None]]:
+def _carried(to_do: Iterable[_Task], in_flight: int, work: _Work) -> Generator[tuple[_Task, list[Outcome] | None]]:
     """What became of each run, as it arrives; None if its worker died."""
     pending: dict[Future[list[Outcome]], _Task] = {}
     waiting = iter(to_do)
     try:
         while True:
             for run, asked in islice(waiting, in_flight - len(pending)):
-                pending[executor.submit(run_once, scenario, run_seed(seed, run), asked)] = (run, asked)
+                pending[work.executor.submit(run_once, work.scenario, run_seed(work.seed, run), asked)] = (run, asked)
             if not pending:
                 return
             for future in wait(pending, return_when=FIRST_COMPLETED).done:

@@ -135,8 +135,9 @@ def run_sweep(
 ) -> Sweep:
     """A study at every value, stored in folders `key=value` of `out`; what is stored already is not run again.
 
-    The optima are told true noise and associations, which most keys do not touch. They are run once for all
-    values at which they see the same.
+    The optima receive the true noise and associations, which most keys do not change. They are run once for all
+    values at which their measurements are the same. The parameters are those of `load_scenario` and `run_study`, which
+    are more than six, one after the other.
 
     Args:
         name_or_path: see `load_scenario`.
