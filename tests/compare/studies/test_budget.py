@@ -66,7 +66,7 @@ def test_wrong_associations_are_charged_to_the_associations(monkeypatch: pytest.
         seen = replace(recording.only(kept), landmark=given[kept])
         return replace(causal(seen), association=np.where(kept, given, -1))
 
-    monkeypatch.setattr("slamgauge.ekf.ekf", confused)
+    monkeypatch.setattr("slamgauge.ekf.ekf_slam", confused)
     errors = rung_errors(load_scenario("q1-long-dense", SHORT), 0, "ekf")[0]
     assert errors[3] != errors[2]
     assert errors[2] == errors[1]
@@ -133,7 +133,7 @@ def test_an_estimator_that_fails_is_named_with_the_seed(monkeypatch: pytest.Monk
     def broken(_: Recording) -> Estimate:
         raise UserError("no luck")
 
-    monkeypatch.setattr("slamgauge.ekf.ekf", broken)
+    monkeypatch.setattr("slamgauge.ekf.ekf_slam", broken)
     with (
         ThreadPoolExecutor(1) as executor,
         pytest.raises(ValueError, match=rf"^run with seed {run_seed(0, 0)}: estimator ekf: no luck$"),

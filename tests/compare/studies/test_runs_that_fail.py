@@ -49,7 +49,7 @@ def test_a_failure_is_one_line_that_tells_mistakes_from_defects(
     def broken(_: Recording) -> Estimate:
         raise error
 
-    monkeypatch.setattr("slamgauge.ekf.ekf", broken)
+    monkeypatch.setattr("slamgauge.ekf.ekf_slam", broken)
     (failure,) = run_study(scenario, 1, 0, ("ekf",), tmp_path, thread).failures
     assert re.sub(r"test_runs_that_fail\.py, line \d+", "PLACE", failure.error) == kept
 

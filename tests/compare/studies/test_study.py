@@ -280,7 +280,7 @@ def test_figures_of_a_study_in_which_everything_failed(
     def broken(_: Recording) -> Estimate:
         raise ValueError("never")
 
-    monkeypatch.setattr("slamgauge.ekf.ekf", broken)
+    monkeypatch.setattr("slamgauge.ekf.ekf_slam", broken)
     summary = run_study(scenario, 2, 0, ("ekf",), tmp_path, thread)
     write_study(tmp_path, summary, load_runs(scenario, 2, 0, ("ekf",), tmp_path), 0.1)
     content = json.loads((tmp_path / "summary.json").read_text())

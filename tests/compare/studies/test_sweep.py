@@ -83,7 +83,7 @@ def test_more_values_later_run_no_optimum_again_and_failures_are_shown(tmp_path:
             raise UserError("no luck")
 
         monkeypatch.setattr("slamgauge.graph_baseline.causal", broken)
-        monkeypatch.setattr("slamgauge.ekf.ekf", broken)
+        monkeypatch.setattr("slamgauge.ekf.ekf_slam", broken)
         again = run_sweep("q2-long-dense", SHORT, "association.gate=4,9", 2, 0, ["ekf", "causal"], tmp_path, executor)
     assert again.summaries[0].estimators["causal"].runs == 2
     assert [failure.run for failure in again.summaries[0].failures] == [0, 1]
