@@ -11,7 +11,7 @@ from pathlib import Path
 from referees.verdicts import Judged, Outcome
 
 ROOT = Path(__file__).parents[2]
-JUDGING = ("slamgauge", "ekf", "graph_baseline", "benchmarks/referees", "tests/reference")
+JUDGING = ("core", "ekf", "graph_baseline", "benchmarks/referees", "tests/reference")
 
 
 class Kept:
