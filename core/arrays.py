@@ -15,6 +15,11 @@ Marks = NDArray[np.bool_]
 CHUNK = 65_536  # rows that are worked on together: what that takes of memory does not grow with a recording
 
 
+def select(condition: Any, one: Any, other: Any) -> Any:
+    """Return `one` where the condition holds, else `other`: `numpy.where`, which kernels compile to a plain choice."""
+    return np.where(condition, one, other)
+
+
 def chunks(count: int) -> Iterator[slice]:
     """The rows 0..`count` in turn, `CHUNK` of them together."""
     return (slice(first, min(first + CHUNK, count)) for first in range(0, count, CHUNK))

@@ -7,7 +7,9 @@ from typing import Any, ParamSpec, TypeVar
 
 from numba import njit, typeof
 from numba.core.dispatcher import Dispatcher
+from numba.extending import overload, register_jitable
 
+from slamgauge.arrays import select
 from slamgauge.kernel_cache import cache_of
 
 Arguments = ParamSpec("Arguments")
@@ -22,6 +24,23 @@ def kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]
 def inner(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """A kernel for other kernels alone: no way into it from Python is compiled, half the time where it is small."""
     return _compiled(function, callable_from_python=False)
+
+
+def callable_in_kernels(*functions: Callable[..., object]) -> None:
+    """Let kernels call these plain Python functions: each kernel compiles them with itself."""
+    for function in functions:
+        register_jitable(function)
+
+
+def _choose(condition: Any, one: Any, other: Any) -> Any:
+    """Return `select` for numbers."""
+    return one if condition else other
+
+
+@overload(select)
+def _select_in_kernels(condition: Any, one: Any, other: Any) -> Any:  # noqa: ARG001 numba compares the parameters
+    """Return what kernels compile for `select`."""
+    return _choose
 
 
 def _compiled(function: Callable[Arguments, Result], *, callable_from_python: bool) -> Callable[Arguments, Result]:

@@ -1,23 +1,78 @@
-"""Planar poses: composition, increments, angles.
+"""Planar poses, the group SE(2): composition, exponential, logarithm and their Jacobians.
 
 A pose is ``(x, y, heading)`` in the world frame, metres and radians, heading in (-pi, pi]. An increment
-``(dx, dy, dtheta)`` is expressed in the body frame at the start of its step.
+``(dx, dy, dtheta)`` is expressed in the body frame at the start of its step. A tangent vector ``(x, y, turn)`` is the
+constant body-frame velocity that makes an increment in unit time: exp(tangent) = (V(turn) (x, y), turn).
+
+The functions of the first part take numbers or arrays of equal shape; `slamgauge.se2_kernels` compiles the same
+functions for kernels. Source: Sola, Deray and Atchuthan, arXiv 1812.01537, equations 153 to 164.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from slamgauge.arrays import Float, chunks
+from slamgauge.arrays import Float, chunks, select
+
+# --- formulas for numbers and arrays --------------------------------------------------------------
+
+
+def wrap_angle(angle: Any) -> Any:
+    """Return the angle [rad] brought into (-pi, pi]; an angle already there is returned unchanged."""
+    wrapped = angle - 2.0 * np.pi * np.ceil((angle - np.pi) / (2.0 * np.pi))
+    wrapped = select((wrapped <= -np.pi) | (wrapped > np.pi), np.pi, wrapped)  # rounding at the seam
+    return select((angle > -np.pi) & (angle <= np.pi), angle, wrapped)
+
+
+def mean_cos_sin(turn: Any) -> tuple[Any, Any]:
+    """Return cosine and sine c, s of V(turn) = [[c, -s], [s, c]], the mean of the rotations from 0 to `turn`.
+
+    c = sin(turn) / turn and s = (1 - cos(turn)) / turn.
+    """
+    is_zero = turn == 0.0
+    safe = select(is_zero, 1.0, turn)
+    return select(is_zero, 1.0, np.sin(turn) / safe), 2.0 * np.sin(0.5 * turn) ** 2 / safe
+
+
+def exp_xy(x: Any, y: Any, turn: Any) -> tuple[Any, Any]:
+    """Return the translation V(turn) (x, y) of the exponential of (x, y, turn)."""
+    c, s = mean_cos_sin(turn)
+    return c * x - s * y, s * x + c * y
+
+
+def log_xy(x: Any, y: Any, turn: Any) -> tuple[Any, Any]:
+    """Return the translation V(turn)^-1 (x, y) of the logarithm of the increment (x, y, turn).
+
+    V(turn)^-1 = [[h cot h, h], [-h, h cot h]] with h = turn / 2; a series gives h cot h near 0.
+    """
+    half = 0.5 * turn
+    q = half * half
+    series = 1.0 - q / 3.0 * (1.0 + q / 15.0 * (1.0 + q * 2.0 / 21.0 * (1.0 + q / 10.0)))
+    is_small = np.abs(half) < 0.05
+    cotangent = select(is_small, series, half / np.tan(select(is_small, 1.0, half)))
+    return cotangent * x + half * y, cotangent * y - half * x
+
+
+def right_jacobian_entries(x: Any, y: Any, turn: Any) -> tuple[Any, Any, Any, Any]:
+    """Return j00, j01, j02, j12 of the right Jacobian [[j00, j01, j02], [-j01, j00, j12], [0, 0, 1]] at a tangent."""
+    is_small = np.abs(turn) < 1e-2
+    safe = select(turn == 0.0, 1.0, turn)
+    c, s = mean_cos_sin(turn)
+    b = select(turn == 0.0, 0.5, s / safe)
+    series = turn / 6.0 - turn**3 / 120.0 + turn**5 / 5040.0
+    a = select(is_small, series, (turn - np.sin(turn)) / (safe * safe))
+    return c, s, a * x - b * y, b * x + a * y
+
+
+# --- angles and poses as arrays -------------------------------------------------------------------
 
 
 def wrap(angle: ArrayLike) -> Float:
-    """Angle(s) in rad brought into (-pi, pi]; an angle already there is returned unchanged."""
-    angle = np.asarray(angle, dtype=np.float64)
-    wrapped = angle - 2.0 * np.pi * np.ceil((angle - np.pi) / (2.0 * np.pi))
-    wrapped = np.where((wrapped <= -np.pi) | (wrapped > np.pi), np.pi, wrapped)  # rounding at the seam
-    return np.where((angle > -np.pi) & (angle <= np.pi), angle, wrapped)
+    """Return angles [rad] brought into (-pi, pi]; an angle already there is returned unchanged."""
+    return wrap_angle(np.asarray(angle, dtype=np.float64))
 
 
 def rotation(heading: ArrayLike) -> Float:
@@ -58,3 +113,42 @@ def chain(start: ArrayLike, increments: ArrayLike) -> Float:
     for rows in chunks(len(poses)):
         poses[rows, 2] = wrap(headings[rows])
     return poses
+
+
+def mean_rotation(turn: ArrayLike) -> Float:
+    """Return V(turn) (..., 2, 2), the mean of the rotations from 0 to `turn` [rad]: (R(turn) - I) / (turn J)."""
+    c, s = mean_cos_sin(np.asarray(turn, dtype=np.float64))
+    return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
+
+
+def exp(tangent: ArrayLike) -> Float:
+    """Return the increments (..., 3) that the tangent vectors (..., 3) make in unit time; turns are not wrapped."""
+    x, y, turn = _columns(tangent)
+    return np.stack([*exp_xy(x, y, turn), turn], axis=-1)
+
+
+def log(increment: ArrayLike) -> Float:
+    """Return the tangent vectors (..., 3) of increments (..., 3) whose turns are in (-2 pi, 2 pi)."""
+    x, y, turn = _columns(increment)
+    return np.stack([*log_xy(x, y, turn), turn], axis=-1)
+
+
+def right_jacobian(tangent: ArrayLike) -> Float:
+    """Return J (..., 3, 3) at tangents (..., 3): exp(tangent + d) = exp(tangent) exp(J d) to first order in d."""
+    x, y, turn = _columns(tangent)
+    j00, j01, j02, j12 = right_jacobian_entries(x, y, turn)
+    jacobian = np.zeros((*turn.shape, 3, 3))
+    jacobian[..., 0, 0] = jacobian[..., 1, 1] = j00
+    jacobian[..., 0, 1], jacobian[..., 1, 0] = j01, -j01
+    jacobian[..., 0, 2], jacobian[..., 1, 2], jacobian[..., 2, 2] = j02, j12, 1.0
+    return jacobian
+
+
+def left_jacobian(tangent: ArrayLike) -> Float:
+    """Return J (..., 3, 3) at tangents (..., 3): exp(tangent + d) = exp(J d) exp(tangent) to first order in d."""
+    return right_jacobian(-np.asarray(tangent, dtype=np.float64))
+
+
+def _columns(vectors: ArrayLike) -> Float:
+    """Return x, y and turn, each (...), of vectors (..., 3)."""
+    return np.moveaxis(np.asarray(vectors, dtype=np.float64), -1, 0)

@@ -65,7 +65,8 @@ def link_packages() -> None:
     links = ROOT / "build/links/slamgauge"
     shutil.rmtree(links, ignore_errors=True)
     links.mkdir(parents=True)
-    for place in (*(ROOT / "core").glob("*.py"), *(ROOT / package for package in PACKAGES)):
+    modules, folders = (ROOT / "core").glob("*.py"), (each.parent for each in (ROOT / "core").glob("*/__init__.py"))
+    for place in (*modules, *folders, *(ROOT / package for package in PACKAGES)):
         (links / place.name).symlink_to(place)
 
 

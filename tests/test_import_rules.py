@@ -17,7 +17,7 @@ FOLDERS = {"core": "slamgauge", **{name: f"slamgauge.{name}" for name in ("ekf",
 # Levels of each package from the ground up, folders or single modules: a module imports its own level and levels
 # below it, never one above. Modules that are not named here lie on top.
 LEVELS = {
-    "slamgauge": (),
+    "slamgauge": ("arrays", "sensor_models"),
     "slamgauge.ekf": (
         "settings",
         "kernels",

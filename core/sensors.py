@@ -1,0 +1,148 @@
+"""The table of sensors, and their models in numpy for a sensor by name.
+
+Every model lives in the body frame. `delta` (..., 2) [m] is the landmark there, R(heading)' (l - p); an observation z
+(..., d) has the sensor's own d numbers. The formulas are in `slamgauge.sensor_models`, one file for each sensor;
+`slamgauge.sensor_kernels` compiles the same functions for kernels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from slamgauge.arrays import Float
+from slamgauge.se2 import wrap
+from slamgauge.sensor_models import bearing, position, range_bearing
+
+Sensor = Literal["range-bearing", "bearing", "position"]
+MIN_BEARING_DISTANCE = 0.01  # m; a bearing from closer carries no information
+
+
+@dataclass(frozen=True, slots=True)
+class SensorModel:
+    """One sensor.
+
+    Attributes:
+        name: as in `Recording.sensor`.
+        code: the sensor in kernels.
+        columns: name of each number of an observation.
+        units: unit of each of them; those in rad are angles.
+        places_landmarks: whether one observation gives the landmark's position.
+        observe: (dx, dy, nearest) to z and A = dz/d(delta), row by row.
+        locate: z to delta and B = d(delta)/dz, row by row.
+    """
+
+    name: Sensor
+    code: int
+    columns: tuple[str, ...]
+    units: tuple[str, ...]
+    places_landmarks: bool
+    observe: Callable[..., tuple[Any, ...]]
+    locate: Callable[..., tuple[Any, ...]]
+
+    @property
+    def dim(self) -> int:
+        """Numbers of an observation, d."""
+        return len(self.columns)
+
+    @property
+    def is_angle(self) -> tuple[bool, ...]:
+        """Which numbers of an observation are angles."""
+        return tuple(unit == "rad" for unit in self.units)
+
+    @property
+    def has_range(self) -> bool:
+        """Whether the first number of an observation is a range, which cannot be negative."""
+        return self.columns[0] == "range"
+
+    @property
+    def has_bearing(self) -> bool:
+        """Whether the last number of an observation is a bearing."""
+        return self.columns[-1] == "bearing"
+
+
+_ENTRIES = (
+    SensorModel(
+        name="range-bearing",
+        code=0,
+        columns=("range", "bearing"),
+        units=("m", "rad"),
+        places_landmarks=True,
+        observe=range_bearing.observe,
+        locate=range_bearing.locate,
+    ),
+    SensorModel(
+        name="position",
+        code=1,
+        columns=("x", "y"),
+        units=("m", "m"),
+        places_landmarks=True,
+        observe=position.observe,
+        locate=position.locate,
+    ),
+    SensorModel(
+        name="bearing",
+        code=2,
+        columns=("bearing",),
+        units=("rad",),
+        places_landmarks=False,
+        observe=bearing.observe,
+        locate=bearing.locate,
+    ),
+)
+SENSORS: dict[str, SensorModel] = {each.name: each for each in _ENTRIES}
+
+
+def predict(sensor: str, delta: ArrayLike) -> Float:
+    """Return the observation z (..., d) of a landmark at delta (..., 2)."""
+    return _observed(sensor, delta, 0.0)[0]
+
+
+def jacobian(sensor: str, delta: ArrayLike, nearest: float = MIN_BEARING_DISTANCE) -> Float:
+    """Return A = dz/d(delta) (..., d, 2) for a landmark at delta (..., 2).
+
+    The row of a bearing is zero closer than `nearest` [m]: there a bearing carries no information.
+    """
+    return _observed(sensor, delta, nearest)[1]
+
+
+def inverse(sensor: str, z: ArrayLike) -> Float:
+    """Return delta (..., 2) of a landmark that is observed as z (..., d); a bearing puts it at a distance of 1 m."""
+    return _located(sensor, z)[0]
+
+
+def inverse_jacobian(sensor: str, z: ArrayLike) -> Float:
+    """Return B = d(delta)/dz (..., 2, d) of `inverse`."""
+    return _located(sensor, z)[1]
+
+
+def innovation(sensor: str, z: ArrayLike, predicted: ArrayLike) -> Float:
+    """Return z - predicted (..., d), bearings wrapped into (-pi, pi]."""
+    difference = np.asarray(z, dtype=np.float64) - np.asarray(predicted, dtype=np.float64)
+    for row, is_angle in enumerate(SENSORS[sensor].is_angle):
+        if is_angle:
+            difference[..., row] = wrap(difference[..., row])
+    return difference
+
+
+@np.errstate(divide="ignore", invalid="ignore")  # at distance 0
+def _observed(sensor: str, delta: ArrayLike, nearest: float) -> tuple[Float, Float]:
+    """Predictions (..., d) and Jacobians (..., d, 2)."""
+    model, delta = SENSORS[sensor], np.asarray(delta, dtype=np.float64)
+    return _split(model.observe(delta[..., 0], delta[..., 1], nearest), model.dim, 2)
+
+
+def _located(sensor: str, z: ArrayLike) -> tuple[Float, Float]:
+    """Landmarks (..., 2) in the body frame and their Jacobians (..., 2, d)."""
+    model, z = SENSORS[sensor], np.asarray(z, dtype=np.float64)
+    return _split(model.locate(*np.moveaxis(z, -1, 0)), 2, model.dim)
+
+
+def _split(parts: tuple[Any, ...], rows: int, columns: int) -> tuple[Float, Float]:
+    """Values (..., rows) and Jacobians (..., rows, columns) of a model's results."""
+    whole = np.stack(np.broadcast_arrays(*parts), axis=-1)
+    return whole[..., :rows], whole[..., rows:].reshape(*whole.shape[:-1], rows, columns)
