@@ -104,7 +104,7 @@ def main() -> None:
 def row(choice: tuple[float, float, float]) -> str:
     """The settings, and how many members they make."""
     alpha, beta, share = choice
-    return f"{alpha:6.2f} {beta:5.2f} {share:6.2f} {len(rays(*choice, reach=1.0).distances()):3}"
+    return f"{alpha:6.2f} {beta:5.2f} {share:6.2f} {rays(*choice, reach=1.0).member_count:3}"
 
 
 if __name__ == "__main__":

@@ -161,9 +161,7 @@ class Result(NamedTuple):
     dof: int  # its degrees of freedom
 
 
-def update_by_ids(
-    sensor: str, x: Float, P: Float, scan: Observations, ids: list[int]
-) -> tuple[Float, Float, Result]:
+def update_by_ids(sensor: str, x: Float, P: Float, scan: Observations, ids: list[int]) -> tuple[Float, Float, Result]:
     """Correct by all observations of mapped landmarks at once, then map new landmarks in the order of observation.
 
     `ids` are those of the mapped landmarks; new ones are appended. The second observation of a landmark that is new in
@@ -221,7 +219,9 @@ def squared_distances(P: Float, seen: Linearised) -> Float:
 def _require_exercise(recording: Recording, association: Association | None) -> float:
     """Refuse what the exercise's filter cannot use; return the gate."""
     if recording.sensor == "bearing":
-        raise UserError("sensor: the textbook EKF has no bearing-only landmarks; use `ekf`, which starts them as rays (FIS)")
+        raise UserError(
+            "sensor: the textbook EKF has no bearing-only landmarks; use `ekf`, which starts them as rays (FIS)"
+        )
     if association is None:
         return GATE
     if association.method != "nearest-neighbour" or association.map_management is not None:

@@ -1,15 +1,18 @@
-"""Undelayed initialisation of bearing-only landmarks (FIS): each starts as a ray of members and becomes a point.
+"""FIS: undelayed initialisation of bearing-only landmarks (the exercise, equations 4.1 to 4.4).
 
-A first bearing puts members at distances in geometric progression along the ray, each with a standard deviation
-that grows with its distance. Later bearings weigh the members; the improbable ones go, and the last one is an
-ordinary landmark. Until then a measurement is shared out among the members (federated information sharing): member
-i is corrected with R / rho_i and the shares rho_i add up to one at most, so that the ray receives no more
-information than the measurement has.
+One bearing has no distance. The first bearing of a landmark therefore puts several members into the map, along the
+ray that it defines. `RayInitialiser.observe` does the following with every later bearing z, variance R:
 
-Members are landmarks of the `LandmarkMap`; the logic here is the same for all corrections.
+1. compute innovation nu_i and its variance Z_i of each member; reject z if no member passes the gate;
+2. multiply each weight by the likelihood of z, then normalise the weights of the ray;
+3. prune members of small weight;
+4. promote the ray to a point if one member is left, and update it with R;
+5. otherwise share the information of z (federated information sharing): update member i with R / rho_i. The shares
+   rho_i are the weights, and their sum is at most 1, so the ray receives no more information than z has.
 
-Sources: Sola, Monin, Devy and Lemaire, "Undelayed initialization in bearing only SLAM", IROS 2005; the practical,
-equations 4.1 to 4.4.
+Members are landmarks of the `LandmarkMap`, which computes innovations, updates and covariances.
+
+Source: Sola, Monin, Devy and Lemaire, "Undelayed initialization in bearing only SLAM", IROS 2005.
 """
 
 from __future__ import annotations
@@ -27,24 +30,42 @@ from slamgauge.ekf.maps.matching import innovations
 from slamgauge.ekf.maps.members import NO_MEMBERS, Members
 from slamgauge.ekf.settings.initialisation import Rays
 
+MIN_SHARE = 0.05  # members with a smaller share rho are not updated
+SAME = 1.2  # ratio of distances below which the last two members are the same
+
 
 @dataclass
 class Ray:
-    """Members of a landmark that is not a point yet: ids in the map, log weights (normalised), numbers at birth."""
+    """Members of a landmark that is not a point yet.
+
+    Attributes:
+        members: (n,) their ids in the map.
+        log_weights: (n,) logarithms of the weights Lambda_i; the sum of the weights is 1.
+        numbers: (n,) their numbers i when the ray started, from 0.
+        first_count: N_g, number of members when the ray started.
+        failures: bearings in a row that failed the gate.
+    """
 
     members: Int
     log_weights: Float
     numbers: Int
-    born_with: int
+    first_count: int
     failures: int = 0
 
 
-MIN_SHARE = 0.05  # members with a smaller share are not corrected
-SAME = 1.2  # two members with distances nearer than this ratio are one
+def distances_and_sigmas(settings: Rays) -> tuple[Float, Float]:
+    """Distances s_i (N_g,) [m] of the members of a new ray, and their standard deviations (N_g,) [m] along the ray.
+
+    N_g is the smallest number of members of which the last reaches s_max: s_i + sigma_i >= s_max.
+    """
+    s_1 = settings.s_min / (1.0 - settings.alpha)  # (4.1), so that s_1 - sigma_1 = s_min
+    i = np.arange(settings.member_count)  # from 0: i - 1 of the exercise
+    s = s_1 * np.float64(settings.beta) ** i  # (4.2), (4.3): s_i = beta^(i - 1) s_1
+    return s, settings.alpha * s  # sigma_i = alpha s_i
 
 
 class RayInitialiser:
-    """The rays of a map; see `Initialiser` for its methods."""
+    """Rays of a map. The methods are those of `Initialiser`."""
 
     def __init__(self, landmarks: LandmarkMap, settings: Rays) -> None:
         self._map = landmarks
@@ -53,30 +74,128 @@ class RayInitialiser:
         self._ids = Ids()
         self.log = RayRecorder()
 
-    @property
-    def counts(self) -> dict[int, int]:
-        """Landmarks that are rays, and how many members each has."""
-        return {landmark: len(ray.members) for landmark, ray in self._rays.items()}
-
     def observe(self, step: int, ids: list[int], values: Float, covs: Float) -> dict[int, int]:
-        """Weigh the rays that were seen, correct their members in one update, then start rays for what is new."""
-        rows, members, shares, points = [], [], [], dict[int, int]()
-        known = [(row, landmark) for row, landmark in enumerate(ids) if landmark in self._rays]
-        for row, landmark in known:
-            given, share = self._weigh(step, landmark, values[row : row + 1], covs[row : row + 1])
-            rows.append(np.full(len(given), row))
-            members.append(given)
-            shares.append(share)
-            if len(given) == 1 and landmark not in self._rays:
-                points[landmark] = int(given[0])
+        """Update the rays that were observed, then start a ray for every other landmark.
+
+        Args:
+            step: step of the bearings, for the log.
+            ids: (m,) distinct landmarks that are not points.
+            values: (m, 1) their bearings [rad].
+            covs: (m, 1, 1) variances [rad^2].
+
+        Returns:
+            The landmarks that became points, and the id of each in the map.
+        """
+        points: dict[int, int] = {}
+        rows, members, shares = [], [], []
+        for row, landmark in enumerate(ids):
+            ray = self._rays.get(landmark)
+            if ray is None or not self._weigh(step, landmark, values[row], covs[row]):
+                continue
+            self._prune(ray)
+            if len(ray.members) == 1:
+                points[landmark] = self._promote(step, landmark)
+            updated, rho = self._shares(ray)
+            members.append(updated)
+            shares.append(rho)
+            rows.append(np.full(len(updated), row))
         if rows:
-            row = np.concatenate(rows)
-            share = np.concatenate(shares)[:, None, None]
-            self._map.correct(self._map.slots_of(np.concatenate(members)), values[row], covs[row] / share)
+            row, rho = np.concatenate(rows), np.concatenate(shares)[:, None, None]
+            slots = self._map.slots_of(np.concatenate(members))
+            self._map.correct(slots, values[row], covs[row] / rho)  # all members at once: R_i = R / rho_i
         for row, landmark in enumerate(ids):
             if landmark not in self._rays and landmark not in points:
-                self._begin(step, landmark, values[row], covs[row])
+                self._start(step, landmark, values[row], covs[row])
         return points
+
+    def _start(self, step: int, landmark: int, value: Float, cov: Float) -> None:
+        """Start a ray along a bearing (1,) with variance (1, 1)."""
+        s, sigma = distances_and_sigmas(self._settings)
+        count = len(s)
+        # (4.4): the map appends x_p^i = p + s_i (cos, sin)(heading + z) and its covariances P_pX^i = J_r P, with the
+        # whole state, and P_pp^i = J_r P J_r' + J_y diag(sigma_i^2, R) J_y'. The blocks of two members i, j, which (4.4)
+        # leaves empty, are J_r^i P J_r^j': members share the error of the robot.
+        polar = np.column_stack([s, np.full(count, value[0])])  # (distance, bearing) of each member
+        polar_covs = np.zeros((count, 2, 2))
+        polar_covs[:, 0, 0] = sigma**2
+        polar_covs[:, 1, 1] = cov[0, 0]
+        members = self._ids.take(count)
+        self._map.add(members, polar, polar_covs)
+        self._rays[landmark] = Ray(members, np.full(count, -math.log(count)), np.arange(count), count)
+        self.log.begin(step, landmark, s)
+
+    def _weigh(self, step: int, landmark: int, value: Float, cov: Float) -> bool:
+        """Weigh the members of a ray by a bearing (1,) with variance (1, 1); False if it fails the gate.
+
+        A ray that fails the gate too often in a row is deleted.
+        """
+        ray, R = self._rays[landmark], cov[0, 0]
+        slots, count = self._map.slots_of(ray.members), len(ray.members)
+        innovation, Z = innovations(self._map, slots, np.tile(value, (count, 1)), np.tile(cov, (count, 1, 1)))
+        nu, Z = innovation[:, 0], Z[:, 0, 0]  # Z_i = H_i P H_i' + R
+        squared = nu**2 / Z  # squared Mahalanobis distance
+        if squared.min() > self._settings.gate:
+            ray.failures += 1
+            if ray.failures >= self._settings.lost_after:
+                self.forget(step, landmark)
+            return False
+        ray.failures = 0
+        Z = np.where(Z > R, Z, 2.0 * math.pi)  # H = 0 at the robot: every bearing is equally likely
+        # Lambda_i <- Lambda_i lambda_i / sum, with lambda_i = exp(-nu_i^2 / (2 Z_i)) / sqrt(Z_i)
+        ray.log_weights = _normalised(ray.log_weights - squared / 2.0 - np.log(Z) / 2.0)
+        return True
+
+    def _prune(self, ray: Ray) -> None:
+        """Remove members with Lambda_i < tau / N_g, and of two that are nearly at the same distance the lighter one."""
+        kept = ray.log_weights >= math.log(self._settings.threshold / ray.first_count)
+        if kept.sum() == 2:
+            positions = self._map.entries(self._map.columns_of(ray.members[kept])).reshape(-1, 2)
+            near, far = sorted(np.hypot(*(positions - self._map.robot[:2]).T))
+            if far < SAME * near:
+                kept[:] = False
+        kept[np.argmax(ray.log_weights)] = True  # never the last one
+        self._remove(ray.members[~kept])
+        ray.members, ray.numbers = ray.members[kept], ray.numbers[kept]
+        ray.log_weights = _normalised(ray.log_weights[kept])
+
+    def _promote(self, step: int, landmark: int) -> int:
+        """Make a point of a ray's last member; return its id in the map."""
+        ray = self._rays.pop(landmark)
+        self.log.end(step, landmark, int(ray.numbers[0]))
+        return int(ray.members[0])
+
+    def _shares(self, ray: Ray) -> tuple[Int, Float]:
+        """Members that a bearing updates, and the share rho_i of its information for each."""
+        weights, sharing = np.exp(ray.log_weights), self._settings.sharing
+        if len(weights) == 1:  # a point
+            return ray.members, np.ones(1)
+        if sharing == "federated":
+            updated = weights >= MIN_SHARE
+            return ray.members[updated], weights[updated]  # rho_i = Lambda_i
+        if sharing == "best":
+            heaviest = np.argmax(weights)
+            return ray.members[heaviest : heaviest + 1], np.ones(1)
+        if sharing == "weights":
+            return ray.members[:0], np.zeros(0)
+        return ray.members, np.full(len(weights), 1.0 if sharing == "none" else 1.0 / len(weights))
+
+    def forget(self, step: int, landmark: int) -> None:
+        """Delete a ray and its members."""
+        self._remove(self._rays.pop(landmark).members)
+        self.log.end(step, landmark)
+
+    def _remove(self, members: Int) -> None:
+        for member in members.tolist():
+            self._map.remove(int(self._map.slots_of(np.array([member]))[0]))
+
+    @property
+    def counts(self) -> dict[int, int]:
+        """Number of members of each ray, by landmark."""
+        return {landmark: len(ray.members) for landmark, ray in self._rays.items()}
+
+    def member_ids(self) -> dict[int, Int]:
+        """Ids in the map of the members of each ray, by landmark."""
+        return {landmark: ray.members for landmark, ray in self._rays.items()}
 
     def members(self) -> Members:
         """Every member of every ray."""
@@ -92,85 +211,8 @@ class RayInitialiser:
             cov=self._map.position_covs[slots],
         )
 
-    def member_ids(self) -> dict[int, Int]:
-        """Ids of every ray's members."""
-        return {landmark: ray.members for landmark, ray in self._rays.items()}
-
-    def forget(self, step: int, landmark: int) -> None:
-        """Take a ray out of the state; it is lost."""
-        self._remove(self._rays.pop(landmark).members)
-        self.log.end(step, landmark)
-
-    def _weigh(self, step: int, landmark: int, value: Float, cov: Float) -> tuple[Int, Float]:
-        """Weigh the members of a ray by a bearing (1, 1) with covariance (1, 1, 1); prune, collapse, or lose it.
-
-        Returns the members that the bearing corrects, and the share rho of each.
-        """
-        ray, settings = self._rays[landmark], self._settings
-        count = len(ray.members)
-        slots = self._map.slots_of(ray.members)
-        values, covs = np.repeat(value, count, axis=0), np.repeat(cov, count, axis=0)
-        innovation, Z = innovations(self._map, slots, values, covs)
-        squared = innovation[:, 0] ** 2 / Z[:, 0, 0]
-        spread = np.where(Z[:, 0, 0] > cov[0, 0, 0], Z[:, 0, 0], 2.0 * math.pi)  # at the robot: any bearing alike
-        if squared.min() > settings.gate:
-            ray.failures += 1
-            if ray.failures >= settings.lost_after:
-                self.forget(step, landmark)
-            return ray.members[:0], np.zeros(0)
-        ray.failures = 0
-        weights = _normalised(ray.log_weights - squared / 2.0 - np.log(spread) / 2.0)
-        self._prune(ray, weights)
-        if len(ray.members) == 1:
-            del self._rays[landmark]
-            self.log.end(step, landmark, int(ray.numbers[0]))
-            return ray.members, np.ones(1)
-        return self._shares(ray)
-
-    def _prune(self, ray: Ray, weights: Float) -> None:
-        """Give the members these log weights; those that are improbable now, or one with another, go."""
-        kept = weights >= math.log(self._settings.threshold / ray.born_with)
-        if kept.sum() == 2:
-            members = self._map.entries(self._map.columns_of(ray.members[kept])).reshape(-1, 2)
-            near, far = sorted(np.hypot(*(members - self._map.robot[:2]).T))
-            if far < SAME * near:
-                kept[:] = False
-        kept[np.argmax(weights)] = True
-        self._remove(ray.members[~kept])
-        ray.members, ray.numbers, ray.log_weights = ray.members[kept], ray.numbers[kept], _normalised(weights[kept])
-
-    def _shares(self, ray: Ray) -> tuple[Int, Float]:
-        weights = np.exp(ray.log_weights)
-        sharing = self._settings.sharing
-        if sharing == "federated":
-            corrected = weights >= MIN_SHARE
-            return ray.members[corrected], weights[corrected]
-        if sharing == "best":
-            heaviest = np.argmax(weights)
-            return ray.members[heaviest : heaviest + 1], np.ones(1)
-        if sharing == "weights":
-            return ray.members[:0], np.zeros(0)
-        return ray.members, np.full(len(weights), 1.0 if sharing == "none" else 1.0 / len(weights))
-
-    def _begin(self, step: int, landmark: int, value: Float, cov: Float) -> None:
-        """Put the members of a new ray along a bearing (1,) with covariance (1, 1)."""
-        distances = self._settings.distances()
-        count = len(distances)
-        members = self._ids.take(count)
-        seen = np.column_stack([distances, np.full(count, value[0])])
-        seen_covs = np.zeros((count, 2, 2))
-        seen_covs[:, 0, 0] = (self._settings.alpha * distances) ** 2
-        seen_covs[:, 1, 1] = cov[0, 0]
-        self._map.add(members, seen, seen_covs)
-        self._rays[landmark] = Ray(members, np.full(count, -math.log(count)), np.arange(count), count)
-        self.log.begin(step, landmark, distances)
-
-    def _remove(self, members: Int) -> None:
-        for member in members.tolist():
-            self._map.remove(int(self._map.slots_of(np.array([member]))[0]))
-
 
 def _normalised(log_weights: Float) -> Float:
-    """Log weights that add up to one."""
+    """Logarithms of weights whose sum is 1."""
     largest = log_weights.max()
     return log_weights - largest - math.log(np.exp(log_weights - largest).sum())

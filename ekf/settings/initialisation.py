@@ -6,9 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-
-from slamgauge.arrays import Float
 from slamgauge.ekf.settings.validation import check, gate_setting, setting
 from slamgauge.errors import UserError
 
@@ -50,16 +47,13 @@ class Rays:
         check(self)
         if not self.s_min < self.s_max:
             raise UserError(f"s_max: {self.s_max} m must lie beyond s_min, {self.s_min} m; choose it farther")
-        if self._count() > MOST_MEMBERS:
-            what = f"{self.beta} makes {self._count()} members of a ray from s_min to s_max"
+        if self.member_count > MOST_MEMBERS:
+            what = f"{self.beta} makes {self.member_count} members of a ray from s_min to s_max"
             raise UserError(f"beta: {what}; choose it larger, for {MOST_MEMBERS} members at most")
 
-    def distances(self) -> Float:
-        """Distances (N_g,) of the members [m]."""
-        return self.s_min / (1.0 - self.alpha) * np.float64(self.beta) ** np.arange(self._count())
-
-    def _count(self) -> int:
-        """Number N_g of members."""
+    @property
+    def member_count(self) -> int:
+        """Number N_g of members of a new ray (see `bearings.rays`)."""
         orders = math.log((1.0 - self.alpha) / (1.0 + self.alpha)) + math.log(self.s_max) - math.log(self.s_min)
         return max(1 + math.ceil(orders / math.log(self.beta)), 1)
 

@@ -11,6 +11,7 @@ from random_recordings import random_recording
 from slamgauge import load_scenario, simulate
 from slamgauge.ekf import Association, BearingFilter, Delayed, InverseDepth, MapManagement, Rays, ekf_slam, riekf
 from slamgauge.ekf.bearings.ray_recorder import RayRecorder
+from slamgauge.ekf.bearings.rays import distances_and_sigmas
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.history import History
 from slamgauge.ekf.maps.members import POINT
@@ -160,7 +161,8 @@ def test_the_log_tells_the_same_as_the_maps(
         assert steps.tolist() == [*range(int(log.birth[row]), last + 1)]
         distances = log.distances[row][np.isfinite(log.distances[row])]
         assert history.member[as_ray & (history.step == log.birth[row])].tolist() == [*range(len(distances))]
-        expected = initialisation.distances() if isinstance(initialisation, Rays) else [1.0 / initialisation.mean]
+        is_ray = isinstance(initialisation, Rays)
+        expected = distances_and_sigmas(initialisation)[0] if is_ray else [1.0 / initialisation.mean]
         np.testing.assert_array_equal(distances, expected)
         if log.survivor[row] >= 0:
             assert log.survivor[row] in history.member[as_ray & (history.step == last)]

@@ -11,7 +11,7 @@ from slamgauge import load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.ekf import ekf_slam, riekf
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
-from slamgauge.ekf.bearings.rays import MIN_SHARE
+from slamgauge.ekf.bearings.rays import MIN_SHARE, distances_and_sigmas
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.ekf.settings.initialisation import Rays
@@ -33,7 +33,7 @@ FOUR = Rays(alpha=0.3, beta=2.0, s_min=1.0)  # members
     ],
 )
 def test_the_progression(alpha: float, beta: float, s_min: float, s_max: float, distances: list[float]):
-    np.testing.assert_allclose(Rays(alpha, beta, s_min, s_max).distances(), distances, atol=5e-3)
+    np.testing.assert_allclose(distances_and_sigmas(Rays(alpha, beta, s_min, s_max))[0], distances, atol=5e-3)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ class Twin:
         angle = self.x[2] + z
         e, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
         P0 = self.P.copy()
-        for s in self.rays.distances():
+        for s in distances_and_sigmas(self.rays)[0]:
             G = np.zeros((2, len(self.x)))
             G[:, :2], G[:, 2] = np.eye(2), s * across
             new = G @ self.P @ G.T + R * s**2 * np.outer(across, across)
@@ -65,7 +65,7 @@ class Twin:
             self.P = np.block([[self.P, self.P @ G.T], [G @ self.P, new]])
             self.x = np.concatenate([self.x, self.x[:2] + s * e])
         assert np.array_equal(self.P[: len(P0), : len(P0)], P0)
-        self.born_with = len(self.rays.distances())
+        self.born_with = self.rays.member_count
         self.weights = np.full(self.born_with, 1.0 / self.born_with)
 
     def predict(self, increment: Float, Q: Float) -> None:
@@ -172,10 +172,10 @@ def test_a_member_at_the_robot_explains_any_bearing_alike():
     """Its likelihood is that of the whole circle, not that of a bearing it had predicted exactly."""
     rays, variance = replace(FOUR, threshold=1e-9), 1e-2
     slam = BearingFilter(np.zeros(3), np.zeros((3, 3)), initialisation=rays)
-    for increment in (0.0, float(rays.distances()[0])):
+    for increment in (0.0, float(distances_and_sigmas(rays)[0][0])):
         slam.predict([increment, 0.0, 0.0], np.zeros((3, 3)))
         slam.update(Observations(np.array([1]), np.zeros((1, 1)), np.full((1, 1, 1), variance)))
-    distances = rays.distances()
+    distances = distances_and_sigmas(rays)[0]
     far = distances[1:] - distances[0]
     Z = variance + variance * (distances[1:] / far) ** 2  # across the ray the members are as good as the first bearing
     likelihood = np.append(1.0 / (2.0 * np.pi), 1.0 / np.sqrt(2.0 * np.pi * Z))
