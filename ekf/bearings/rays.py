@@ -113,7 +113,7 @@ class RayInitialiser:
         s, sigma = distances_and_sigmas(self._settings)
         count = len(s)
         # (4.4): the map appends x_p^i = p + s_i (cos, sin)(heading + z) and its covariances P_pX^i = J_r P, with the
-        # whole state, and P_pp^i = J_r P J_r' + J_y diag(sigma_i^2, R) J_y'. The blocks of two members i, j, which (4.4)
+        # whole state, and P_pp^i = J_r P J_r' + J_y diag(sigma_i^2, R) J_y'. The blocks of members i and j, which (4.4)
         # leaves empty, are J_r^i P J_r^j': members share the error of the robot.
         polar = np.column_stack([s, np.full(count, value[0])])  # (distance, bearing) of each member
         polar_covs = np.zeros((count, 2, 2))
