@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         SlamFilter,
         SlidingWindowFilter,
         estimators,
+        textbook_ekf,
     )
     from slamgauge.ekf.estimators import *
     from slamgauge.errors import UserError
@@ -138,6 +139,7 @@ if TYPE_CHECKING:
         "save_figure",
         "shipped_scenarios",
         "simulate",
+        "textbook_ekf",
         "triangulate",
         "wrap",
         "write_study",
@@ -156,7 +158,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
     "triangulation": "Triangulation triangulate",
     "ekf": (
         "AssociatingFilter Association BearingFilter CompressedFilter Delayed InverseDepth MapManagement Rays "
-        "OnlineFilter Robustness SlamFilter SlidingWindowFilter"
+        "OnlineFilter Robustness SlamFilter SlidingWindowFilter textbook_ekf"
     ),
     "graph_baseline": "UndeterminedError batch causal_bound cost fixed_lag hindsight_bound causal robust_batch",
     "compare.checks.examination": "Verdict check_estimator",
@@ -183,7 +185,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 _PACKAGES = ("compare", "ekf", "graph_baseline")
-_VOCABULARY = {module for module in _NAMES if "." not in module} | {"suggestions", "validation"}
+_VOCABULARY = {module for module in _NAMES if "." not in module} | {"sensors", "suggestions", "validation"}
 
 
 def __getattr__(name: str) -> object:

@@ -1,8 +1,9 @@
 """Planar landmark SLAM filters.
 
-`settings`: settings of filters. `kernels`: compiled steps. `maps`: state and landmarks. `slam_filter` (ids are known),
-`associating_filter` (ids are unknown), `bearings` (bearing-only) and `advanced`: the online filters. `estimators`: the
-filters as functions from a recording to an estimate.
+`textbook`: the EKF of the exercise, to be read first. `settings`: settings of filters. `kernels`: compiled steps.
+`maps`: state and landmarks. `slam_filter` (ids are known), `associating_filter` (ids are unknown), `bearings`
+(bearing-only) and `advanced`: the online filters. `estimators`: the filters as functions from a recording to an
+estimate.
 
 Names are imported on first use, so that settings load no compiler.
 """
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
     from slamgauge.ekf.settings.robustness import Robustness
     from slamgauge.ekf.slam_filter import SlamFilter
+    from slamgauge.ekf.textbook import textbook_ekf
 
     __all__ = [
         "AssociatingFilter",
@@ -38,10 +40,12 @@ if TYPE_CHECKING:
         "Robustness",
         "SlamFilter",
         "SlidingWindowFilter",
+        "textbook_ekf",
     ]
     __all__ += estimators.__all__
 
 _NAMES = {  # of each module, as above
+    "textbook": "textbook_ekf",
     "associating_filter": "AssociatingFilter",
     "bearings.bearing_filter": "BearingFilter",
     "advanced.compressed_filter": "CompressedFilter",

@@ -150,6 +150,8 @@ def _ours(entry: Entry, settings: dict[str, object], frames: int) -> LoadedEstim
         return LoadedEstimator(entry, _under_associations(estimate, slam))
     if entry.role == "filter":
         estimate = partial(estimate, **settings, **({"frames": frames} if frames else {}))
+    if entry.role == "textbook" and "association" in settings:
+        estimate = partial(estimate, association=settings["association"])
     return LoadedEstimator(entry, estimate)
 
 

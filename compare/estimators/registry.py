@@ -35,7 +35,7 @@ class Look(NamedTuple):
     dashes: tuple[int, tuple[float, ...]]
 
 
-Role = Literal["estimator", "filter", "graph", "optimum", "bound", "user"]
+Role = Literal["estimator", "textbook", "filter", "graph", "optimum", "bound", "user"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +47,7 @@ class Entry:
         home: place of its function, `module:attribute`; empty for user code.
         role: what its function takes, and what others may compare with it.
             `estimator`: takes the recording alone.
+            `textbook`: also takes the association of a filter's settings.
             `filter`: also takes a filter's settings; `ekf.maps.correction_table` has its correction under this name.
             `graph`: also takes associations, as in `causal@ekf`.
             `optimum`: a graph that others of its kind are compared with; it receives the true noise and associations.
@@ -95,6 +96,13 @@ _ENTRIES = (
         name=DEAD_RECKONING,
         home="slamgauge.ekf:dead_reckoning",
         look=Look("#009988", (0, (1, 1.4))),
+    ),
+    Entry(
+        name="textbook-ekf",
+        home="slamgauge.ekf:textbook_ekf",
+        role="textbook",
+        note="the same as ekf in 200 lines, for reading",
+        look=Look("#6A5ACD", (0, (7, 3))),
     ),
     Entry(
         name="ekf",
