@@ -17,12 +17,15 @@ import numpy as np
 import pytest
 from optimum import square_root
 from random_recordings import random_recording
-from textbook import J, augment, innovation, locate, moved, observe, predict_standard, update
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter, ekf_slam
+from slamgauge.ekf.textbook import Linearised, augment, linearise, motion_jacobians, predict, update
 from slamgauge.recording import Recording
-from slamgauge.se2 import rotation, wrap
+from slamgauge.se2 import wrap
+
+# step, landmark slot, Hx, Hl, constant b and covariance R of 0 = Hx x + Hl l - b + noise
+Observed = tuple[int, int, Float, Float, Float, Float]
 
 
 @dataclass
@@ -30,8 +33,7 @@ class FrozenFactors:
     """Affine factors over x_0, w_1, w_2, ... and the landmarks, with the points at which they were frozen."""
 
     motions: list[tuple[Float, Float, Float]] = field(default_factory=list)  # F, c, G of each step
-    observations: list[tuple[int, int, Float, Float, Float, Float]] = field(default_factory=list)
-    # step, landmark slot, Hx, Hl, constant b and covariance R of 0 = Hx x + Hl l - b + noise
+    observations: list[Observed] = field(default_factory=list)
     ids: list[int] = field(default_factory=list)
 
 
@@ -44,44 +46,36 @@ def freeze(recording: Recording) -> FrozenFactors:
         if k > 0:
             increment, Q = recording.odometry[k - 1], recording.odometry_cov[k - 1]
             before = x[:3].copy()
-            after = np.append(moved(x, increment)[:2], before[2] + increment[2])
-            F, G = np.eye(3), np.eye(3)
-            F[:2, 2], G[:2, :2] = J @ (after[:2] - before[:2]), rotation(before[2])
-            frozen.motions.append((F, after - F @ before, G))
-            x, P = predict_standard(x, x, P, increment, Q)
-            x[2] = after[2]
+            F, G = motion_jacobians(x, increment)
+            x, P = predict(x, P, increment, Q)
+            x[2] = before[2] + increment[2]
+            frozen.motions.append((F, x[:3] - F @ before, G))
         assert scan.landmark is not None
         names = scan.landmark.tolist()
         old = [i for i, name in enumerate(names) if name in frozen.ids]
-        for i in old:
-            slot = frozen.ids.index(names[i])
-            frozen.observations.append(frozen_sight(recording.sensor, k, slot, x, scan.value[i], scan.cov[i]))
         if old:
-            slots, heading = [frozen.ids.index(names[i]) for i in old], x[2]
-            x, P, _ = update(recording.sensor, x, x, P, slots, scan.value[old], scan.cov[old], kind="additive")
+            slots, heading = np.array([frozen.ids.index(names[i]) for i in old]), x[2]
+            seen = linearise(recording.sensor, x, slots, scan.value[old], scan.cov[old])
+            frozen.observations += frozen_observations(k, slots, x, seen)
+            x, P, *_ = update(x, P, seen)
             x[2] = heading + wrap(x[2] - heading)
         for i, name in enumerate(names):
             if name not in frozen.ids:
                 frozen.ids.append(name)
-                x, P = augment(recording.sensor, x, x, P, scan.value[i], scan.cov[i], invariant=False)
-                sight = frozen_sight(recording.sensor, k, len(frozen.ids) - 1, x, scan.value[i], scan.cov[i])
-                delta = rotation(x[2]).T @ (x[-2:] - x[:2])
-                np.testing.assert_allclose(locate(recording.sensor, scan.value[i])[0], delta, atol=1e-12)
-                frozen.observations.append(sight)
+                x, P = augment(recording.sensor, x, P, scan.value[i], scan.cov[i])
+                slot = np.array([len(frozen.ids) - 1])
+                seen = linearise(recording.sensor, x, slot, scan.value[[i]], scan.cov[[i]])
+                np.testing.assert_allclose(seen.innovation, 0.0, atol=1e-12)
+                frozen.observations += frozen_observations(k, slot, x, seen)
     return frozen
 
 
-def frozen_sight(
-    sensor: str, step: int, slot: int, x: Float, z: Float, R: Float
-) -> tuple[int, int, Float, Float, Float, Float]:
-    """The factor z = h(x^) + H (x - x^) + noise."""
-    pose, landmark = x[:3], x[3 + 2 * slot : 5 + 2 * slot]
-    offset = landmark - pose[:2]
-    predicted, A = observe(sensor, rotation(pose[2]).T @ offset)
-    Hl = A @ rotation(pose[2]).T
-    Hx = np.column_stack([-Hl, -Hl @ J @ offset])
-    b = innovation(sensor, z.copy(), predicted) + Hx @ pose + Hl @ landmark
-    return step, slot, Hx, Hl, b, R
+def frozen_observations(step: int, slots: Int, x: Float, seen: Linearised) -> list[Observed]:
+    """Factors z = h(x^) + H (x - x^) + noise."""
+    found: list[Observed] = []
+    for slot, v, H, columns, R in zip(slots.tolist(), *seen, strict=True):
+        found.append((step, slot, H[:, :3], H[:, 3:], v + H @ x[columns], R))
+    return found
 
 
 def solve(recording: Recording, frozen: FrozenFactors) -> tuple[Float, Float]:

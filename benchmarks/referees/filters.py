@@ -15,12 +15,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from textbook import textbook_ekf, textbook_fej_ekf, textbook_iekf, textbook_oc_ekf, textbook_riekf
+from textbook import textbook_fej_ekf, textbook_iekf, textbook_oc_ekf, textbook_riekf
 
 from referees.extended import DIGITS_GAINED, Long, Path, as_long, extended, long_rotation, long_wrap, solved
 from referees.verdicts import FILTER_BAR, Outcome, attempt
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf import SlamFilter, ekf_slam, fej_ekf, iekf, oc_ekf, riekf
+from slamgauge.ekf import SlamFilter, ekf_slam, fej_ekf, iekf, oc_ekf, riekf, textbook_ekf
 from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate

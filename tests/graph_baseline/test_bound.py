@@ -9,10 +9,9 @@ import pytest
 from jacobians import differentiate
 from random_recordings import random_recording
 from scipy.stats import chi2
-from textbook import textbook_ekf
 
 from slamgauge.arrays import Float
-from slamgauge.ekf import ekf_slam
+from slamgauge.ekf import ekf_slam, textbook_ekf
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 from slamgauge.graph_baseline import batch, causal, causal_bound, hindsight_bound

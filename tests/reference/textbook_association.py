@@ -1,24 +1,26 @@
-"""Association by the book, dense and slow: the references that `ekf.associating_filter` is held against.
+"""Association by the textbook, dense and slow: the references for `ekf.associating_filter`.
 
-`textbook_nearest_neighbour` is the practical's filter of question 2: observation by observation, the landmark
-of the smallest squared Mahalanobis distance below the gate corrects at once, else a new landmark is mapped at
-once. `Scan` holds every innovation and Jacobian of one scan, and `brute_force_joint` enumerates its assignments.
+`textbook_nearest_neighbour` is `slamgauge.textbook_ekf` without ids, and the same rule with the relatives of the
+textbook EKF: observation by observation, the landmark of the smallest squared Mahalanobis distance within the gate
+corrects at once, else a new landmark is mapped at once. `Scan` holds every innovation and Jacobian of one scan, and
+`brute_force_joint` enumerates its assignments.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
+from scipy.linalg import block_diag
 from textbook import (
     KEEP_FIRST,
     Jacobians,
+    Kind,
     additive_from_invariant,
     augment,
-    block_diagonal,
+    dense,
     linearised,
     predict_invariant,
     predict_standard,
@@ -27,10 +29,11 @@ from textbook import (
 )
 
 from slamgauge.arrays import Float
+from slamgauge.ekf import Association, textbook_ekf
+from slamgauge.ekf.textbook import squared_distances
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
-Kind = Literal["standard", "first-estimates", "observable", "iterated", "invariant"]
 Pair = tuple[int, int]  # observation, slot
 
 NONE = -1
@@ -38,6 +41,8 @@ NONE = -1
 
 def textbook_nearest_neighbour(recording: Recording, gate: float, kind: Kind) -> Estimate:
     """Ids of landmarks count up from 0 in the order of birth; the recording's own are not looked at."""
+    if kind == "standard":
+        return textbook_ekf(replace(recording, landmark=None), Association(gate=gate))
     invariant = kind == "invariant"
     jacobians: Jacobians = "invariant" if invariant else "observable" if kind == "observable" else "additive"
     x, P = recording.prior_mean.copy(), recording.prior_cov.copy()
@@ -56,7 +61,9 @@ def textbook_nearest_neighbour(recording: Recording, gate: float, kind: Kind) ->
         dof.append(0)
         for z, R in zip(scan.value, scan.cov, strict=True):
             point = first if kind in KEEP_FIRST else x
-            distances = squared_distances(recording.sensor, x, point, P, z, R, kind=jacobians)
+            every = [*range((len(x) - 3) // 2)]
+            copies = np.tile(z, (len(every), 1)), np.tile(R, (len(every), 1, 1))
+            distances = squared_distances(P, linearised(recording.sensor, x, point, every, *copies, kind=jacobians))
             if len(distances) and min(distances) <= gate:
                 slot = int(np.argmin(distances))
                 sight = [slot], z[None], R[None]
@@ -95,17 +102,6 @@ def additive(x: Float, P: Float, *, invariant: bool) -> Float:
     return (full + full.T) / 2
 
 
-def squared_distances(
-    sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, *, kind: Jacobians = "additive"
-) -> Float:
-    """d^2 (L,) of one observation and every landmark, Jacobians at `point`."""
-    count = (len(x) - 3) // 2
-    v, H = linearised(sensor, x, point, list(range(count)), np.tile(z, (count, 1)), kind=kind)
-    v, HP = v.reshape(count, 2), (H @ P).reshape(count, 2, len(x))
-    S = HP @ H.reshape(count, 2, len(x)).swapaxes(1, 2) + R
-    return np.einsum("li,lij,lj->l", v, np.linalg.inv(S), v)
-
-
 @dataclass(frozen=True)
 class Scan:
     """One scan of m observations before L landmarks, dense."""
@@ -121,7 +117,7 @@ class Scan:
             return 0.0
         v = np.concatenate([self.innovation[pair] for pair in pairs])
         H = np.concatenate([self.jacobian[pair] for pair in pairs])
-        S = H @ self.P @ H.T + block_diagonal(self.R[[i for i, _ in pairs]])
+        S = H @ self.P @ H.T + block_diag(*self.R[[i for i, _ in pairs]])
         return float(v @ np.linalg.inv(S) @ v)
 
     def distances(self) -> Float:
@@ -133,7 +129,9 @@ class Scan:
 def dense_scan(sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float) -> Scan:
     """The scan of observations (m, 2) with covariances (m, 2, 2), Jacobians at `point`."""
     slots = list(range((len(x) - 3) // 2))
-    rows = [linearised(sensor, x, point, slots, np.tile(value, (len(slots), 1))) for value in z]
+    no_noise = np.zeros((len(slots), 2, 2))
+    copies = [np.tile(value, (len(slots), 1)) for value in z]
+    rows = [dense(linearised(sensor, x, point, slots, each, no_noise), len(x)) for each in copies]
     innovation = np.array([v.reshape(-1, 2) for v, _ in rows])
     jacobian = np.array([H.reshape(-1, 2, len(x)) for _, H in rows])
     return Scan(innovation, jacobian, P, R)

@@ -12,13 +12,15 @@ from collections.abc import Callable
 
 import numpy as np
 from jacobians import differentiate
-from scipy.linalg import sqrtm
-from textbook import additive_from_invariant, block_diagonal, exp_action, innovation, locate, moved, observe
+from scipy.linalg import block_diag, sqrtm
+from textbook import additive_from_invariant, exp_action, moved
 
 from slamgauge.arrays import Float, Int
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation, wrap
+from slamgauge.sensors import innovation, predict
+from slamgauge.sensors import inverse as locate
 
 Numbers = list[int]
 SPREAD = 3.0**0.5  # sigmas from the mean to a sigma point
@@ -65,12 +67,12 @@ class TextbookInvariant:
             for k, slot in enumerate(seen):
                 xi[3 + 2 * slot : 5 + 2 * slot] = back.T @ u[2 * k : 2 * k + 2]
             values = self.seen(exp_action(xi, self.x), slots)
-            row[:] = np.concatenate([innovation(self.sensor, *each) for each in zip(values, predicted, strict=True)])
+            row[:] = innovation(self.sensor, values, predicted).ravel()
         mean = changes.sum(axis=0) / (2.0 * SPREAD**2)
-        S = second_moment(changes) - np.outer(mean, mean) + block_diagonal(R)
+        S = second_moment(changes) - np.outer(mean, mean) + block_diag(*R)
         H = (changes.T @ points / (2.0 * SPREAD**2)) @ np.linalg.pinv(U, rcond=1e-13, hermitian=True) @ T
-        left = [innovation(self.sensor, *each) for each in zip(z, predicted + mean.reshape(-1, 2), strict=True)]
-        v, K = np.concatenate(left), self.P @ H.T @ np.linalg.inv(S)
+        v = innovation(self.sensor, z, predicted + mean.reshape(-1, 2)).ravel()
+        K = self.P @ H.T @ np.linalg.inv(S)
         self.P = self.P - K @ S @ K.T
         self.x = exp_action(K @ v, self.x)
         self.x[2] = wrap(self.x[2])
@@ -78,12 +80,12 @@ class TextbookInvariant:
 
     def seen(self, x: Float, slots: Numbers) -> Float:
         deltas = [rotation(x[2]).T @ (x[3 + 2 * slot : 5 + 2 * slot] - x[:2]) for slot in slots]
-        return np.array([observe(self.sensor, delta)[0] for delta in deltas])
+        return predict(self.sensor, np.array(deltas))
 
     def add(self, z: Float, R: Float) -> None:
-        delta, turn, n = locate(self.sensor, z)[0], rotation(self.x[2]), len(self.x)
+        delta, turn, n = locate(self.sensor, z), rotation(self.x[2]), len(self.x)
         points = [z + sign * column for column in np.linalg.cholesky(R).T for sign in (SPREAD, -SPREAD)]
-        noise = second_moment(np.array([turn @ (locate(self.sensor, each)[0] - delta) for each in points]))
+        noise = second_moment(np.array([turn @ (locate(self.sensor, each) - delta) for each in points]))
         T = np.vstack([np.eye(n), np.eye(2, n)])
         self.P = T @ self.P @ T.T
         self.P[n:, n:] += noise
@@ -117,13 +119,12 @@ class TextbookRobocentric:
     def correct(self, slots: Numbers, z: Float, R: Float) -> float:
         def seen(x: Float) -> Float:
             deltas = [rotation(x[-1]).T @ (x[3 + 2 * slot : 5 + 2 * slot] - x[-3:-1]) for slot in slots]
-            return np.concatenate([observe(self.sensor, delta)[0] for delta in deltas])
+            return predict(self.sensor, np.array(deltas)).ravel()
 
         bearings = [] if self.sensor == "position" else [*range(1, 2 * len(slots), 2)]
         H = differentiate(seen, self.x, angles=bearings)
-        pairs = zip(z, seen(self.x).reshape(-1, 2), strict=True)
-        v = np.concatenate([innovation(self.sensor, *each) for each in pairs])
-        S = H @ self.P @ H.T + block_diagonal(R)
+        v = innovation(self.sensor, z, seen(self.x).reshape(-1, 2)).ravel()
+        S = H @ self.P @ H.T + block_diag(*R)
         K = self.P @ H.T @ np.linalg.inv(S)
         self.P = (np.eye(len(self.x)) - K @ H) @ self.P
         self.P = (self.P + self.P.T) / 2
@@ -134,12 +135,12 @@ class TextbookRobocentric:
 
     def add(self, z: Float, R: Float) -> None:
         self.transform(composed, angles=[2])
-        B = differentiate(lambda at: locate(self.sensor, at)[0], z)
+        B = differentiate(lambda at: locate(self.sensor, at), z)
         n = len(self.x) - 3
         T = np.insert(np.eye(n + 3), [n, n], 0.0, axis=0)
         self.P = T @ self.P @ T.T
         self.P[n : n + 2, n : n + 2] = B @ R @ B.T
-        self.x = np.concatenate([self.x[:n], locate(self.sensor, z)[0], np.zeros(3)])
+        self.x = np.concatenate([self.x[:n], locate(self.sensor, z), np.zeros(3)])
 
     def transform(self, function: Callable[[Float], Float], angles: Numbers) -> None:
         F = differentiate(function, self.x, angles=angles)

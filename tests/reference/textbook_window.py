@@ -11,8 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 from jacobians import differentiate
-from textbook import innovation, locate, observe
 
+from slamgauge import sensors
 from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -69,12 +69,8 @@ class TextbookWindow:
     def of_sight(self, row: int, values: Values) -> Float:
         pose = values["pose", int(self.recording.observation_step[row])]
         delta = rotation(pose[2]).T @ (values["landmark", self.name(row)] - pose[:2])
-        if self.recording.sensor == "bearing":
-            seen = np.arctan2(delta[1:], delta[:1])
-            v = np.asarray(wrap(self.recording.observation[row] - seen))
-        else:
-            seen, _ = observe(self.recording.sensor, delta)
-            v = innovation(self.recording.sensor, self.recording.observation[row], seen)
+        sensor = self.recording.sensor
+        v = sensors.innovation(sensor, self.recording.observation[row], sensors.predict(sensor, delta))
         return whitened(v, self.recording.observation_cov[row])
 
     def of_scan(self, rows: list[int], values: Values) -> list[Float]:
@@ -105,7 +101,7 @@ class TextbookWindow:
             for row in self.rows(self.step):
                 if self.name(row) not in self.placed_at:
                     z, pose = self.recording.observation[row], self.values["pose", self.step]
-                    delta, _ = locate(self.recording.sensor, z)
+                    delta = sensors.inverse(self.recording.sensor, z)
                     self.place(self.name(row), pose[:2] + rotation(pose[2]) @ delta)
             return self.solve()
         self.solve()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from random_recordings import random_covariances
 from scipy.stats import chi2
-from textbook import additive_from_invariant, belief_of, observe
+from textbook import additive_from_invariant, belief_of
 from textbook_association import (
     Pair,
     Scan,
@@ -33,6 +33,7 @@ from slamgauge.ekf.settings.association import Association
 from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation
+from slamgauge.sensors import predict
 
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 
@@ -65,7 +66,7 @@ def ids_from(first: int) -> Ids:
 
 
 def predicted(sensor: str, x: Float, slots: Int) -> Float:
-    return np.array([observe(sensor, rotation(x[2]).T @ (x[3 + 2 * s : 5 + 2 * s] - x[:2]))[0] for s in slots])
+    return predict(sensor, (x[3:].reshape(-1, 2)[slots] - x[:2]) @ rotation(x[2]))
 
 
 def upper(P: Float) -> Float:

@@ -1,0 +1,180 @@
+"""The textbook EKF: its Jacobians by differences, `ekf` against it on all scenarios of questions 1 and 2, refusals.
+
+On random recordings, with correlated noise and position sensors too, `test_filters_against_textbook` and
+`test_associating_filter` compare the two.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from jacobians import assert_jacobian
+from random_recordings import random_recording, recording_of
+
+from slamgauge import (
+    Association,
+    Estimate,
+    MapManagement,
+    Recording,
+    UserError,
+    ekf_slam,
+    load_estimators,
+    load_scenario,
+    simulate,
+)
+from slamgauge import textbook_ekf as exported
+from slamgauge.arrays import Float
+from slamgauge.ekf.textbook import augment, linearise, locate, motion_jacobians, predict, textbook_ekf, update
+
+SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
+X = np.array([0.3, -0.2, 2.9, 1.5, 2.0, -0.6, -3.0])  # a robot that looks backwards, and two landmarks
+EQUAL = 1e-9  # largest difference, absolute up to 1 and relative above: the last digits of two orders of summation
+FULL = ("q1-short-dense", "q1-long-dense", "q1-long-sparse", "q2-short-dense", "q2-long-sparse")
+SHORT = {"q2-long-dense": 400, "q2-gate-1": 150, "q2-gate-100": 400}  # steps; long maps take the textbook minutes
+
+
+# --- Jacobians -----------------------------------------------------------------------------------
+
+
+def test_motion_jacobians() -> None:
+    u = np.array([0.5, 0.1, 0.6])  # the heading passes pi
+    F, G = motion_jacobians(X, u)
+    none = np.zeros((len(X), len(X)))
+    assert_jacobian(lambda at: predict(at, none, u, np.zeros((3, 3)))[0][:3], F, X[:3], angles=[2])
+    assert_jacobian(lambda at: predict(X, none, at, np.zeros((3, 3)))[0][:3], G, u, angles=[2])
+
+
+@SENSORS
+def test_observation_jacobian(sensor: str) -> None:
+    slots, z, noise = np.array([1, 0]), np.array([[3.0, 0.5], [2.0, 1.5]]), np.zeros((2, 2, 2))
+    seen = linearise(sensor, X, slots, z, noise)
+    H = np.zeros((2, 2, len(X)))
+    for row, columns, block in zip(H, seen.columns, seen.jacobian, strict=True):
+        row[:, columns] = block
+    angles = [1, 3] if sensor == "range-bearing" else []
+    assert_jacobian(
+        lambda at: -linearise(sensor, at, slots, z, noise).innovation.ravel(), H.reshape(4, -1), X, angles=angles
+    )
+
+
+@SENSORS
+def test_augmentation_jacobians(sensor: str) -> None:
+    z = np.array([2.0, 1.5])
+    _, J_r, J_y = locate(sensor, X[:3], z)
+    assert_jacobian(lambda at: locate(sensor, at, z)[0], J_r, X[:3])
+    assert_jacobian(lambda at: locate(sensor, X[:3], at)[0], J_y, z)
+
+
+# --- covariances on full matrices ----------------------------------------------------------------
+
+
+def random_covariance(size: int) -> Float:
+    root = np.random.default_rng(size).normal(size=(size, size))
+    return root @ root.T
+
+
+def test_prediction_on_full_matrices() -> None:
+    P, Q, u = random_covariance(7), random_covariance(3), np.array([0.5, 0.1, 0.6])
+    F, G = np.eye(7), np.eye(7, 3)
+    F[:3, :3], G[:3] = motion_jacobians(X, u)
+    np.testing.assert_allclose(predict(X, P, u, Q)[1], F @ P @ F.T + G @ Q @ G.T, rtol=0, atol=1e-12)
+
+
+def test_augmentation_on_full_matrices() -> None:
+    P, R, z = random_covariance(7), random_covariance(2), np.array([2.0, 1.5])
+    landmark, J_r, J_y = locate("range-bearing", X[:3], z)
+    T, noise = np.vstack([np.eye(7), np.eye(2, 7)]), np.zeros((9, 9))
+    T[7:, :3], noise[7:, 7:] = J_r, J_y @ R @ J_y.T
+    x, augmented = augment("range-bearing", X, P, z, R)
+    np.testing.assert_array_equal(x, [*X, *landmark])
+    np.testing.assert_allclose(augmented, T @ P @ T.T + noise, rtol=0, atol=1e-12)
+
+
+def test_update_in_joseph_form_is_the_same() -> None:
+    P, R = 0.01 * random_covariance(7), 0.01 * np.stack([random_covariance(2), 2 * random_covariance(2)])
+    z, slots = np.array([[2.5, 1.3], [2.9, 2.1]]), np.array([0, 1])
+    seen = linearise("position", X, slots, z, R)
+    _, after, _, dof = update(X, P, seen)
+    H, noise = np.zeros((4, 7)), np.zeros((4, 4))
+    for i, columns in enumerate(seen.columns):
+        H[2 * i : 2 * i + 2, columns], noise[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = seen.jacobian[i], R[i]
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + noise)
+    joseph = (np.eye(7) - K @ H) @ P @ (np.eye(7) - K @ H).T + K @ noise @ K.T
+    np.testing.assert_allclose(after, joseph, rtol=0, atol=1e-13)
+    assert dof == 4
+
+
+def test_a_bearing_from_the_landmarks_own_place_is_not_used() -> None:
+    x = np.array([1.0, 2.0, 0.3, 1.003, 2.0])
+    R = np.array([[[0.01, 0.004], [0.004, 0.02]]])
+    seen = linearise("range-bearing", x, np.array([0]), np.array([[0.1, 2.0]]), R)
+    _, P, nis, dof = update(x, 0.01 * np.eye(5), seen)
+    assert dof == 1
+    assert nis == pytest.approx((0.1 - 0.003) ** 2 / 0.03)  # S = 0.01 + 0.01 + 0.01
+    assert P[2, 2] == 0.01
+
+
+# --- the fast filter -----------------------------------------------------------------------------
+
+
+def assert_equal(actual: Estimate, expected: Estimate) -> None:
+    for name in ("association", "landmark_ids", "nis_dof"):
+        np.testing.assert_array_equal(getattr(actual, name), getattr(expected, name), err_msg=name)
+    for name in ("poses", "pose_covs", "landmarks", "landmark_covs", "nis"):
+        found, wanted = getattr(actual, name), getattr(expected, name)
+        assert (np.abs(found - wanted) <= EQUAL * np.maximum(1.0, np.abs(wanted))).all(), name
+
+
+@pytest.mark.parametrize("name", [*FULL, *SHORT])
+def test_ekf_is_the_textbook_ekf_on_questions_1_and_2(name: str) -> None:
+    scenario = load_scenario(name, ["start=sampled"])
+    _, recording = simulate(scenario, 0)
+    recording = recording.first(SHORT.get(name, recording.steps))
+    association = None if scenario.association is None else scenario.association.settings()
+    assert (recording.landmark is None) == name.startswith("q2")
+    fast = ekf_slam(recording) if association is None else ekf_slam(recording, association)
+    assert_equal(fast, textbook_ekf(recording, association))
+
+
+def test_a_new_landmark_that_is_observed_twice_in_a_scan() -> None:
+    _, recording = random_recording(2, steps=10)
+    twice = np.repeat(np.arange(len(recording.observation)), 2)
+    repeated = Recording(
+        stamps=recording.stamps,
+        prior_mean=recording.prior_mean,
+        prior_cov=recording.prior_cov,
+        odometry=recording.odometry,
+        odometry_cov=recording.odometry_cov,
+        sensor=recording.sensor,
+        observation_step=recording.observation_step[twice],
+        observation=recording.observation[twice],
+        observation_cov=recording.observation_cov[twice],
+        landmark=None if recording.landmark is None else recording.landmark[twice],
+    )
+    assert_equal(ekf_slam(repeated), textbook_ekf(repeated))
+
+
+# --- what it does not have -----------------------------------------------------------------------
+
+
+def test_bearing_only_recordings_are_refused() -> None:
+    with pytest.raises(UserError, match=r"^sensor: .*bearing-only landmarks; use ekf, which starts them as rays"):
+        textbook_ekf(recording_of("bearing"))
+
+
+@pytest.mark.parametrize("association", [Association("jcbb"), Association(map_management=MapManagement())])
+def test_other_associations_are_refused(association: Association) -> None:
+    with pytest.raises(UserError, match=r"^association: .*nearest neighbour without map management only; use ekf$"):
+        textbook_ekf(random_recording(0)[1], association)
+
+
+# --- its name ------------------------------------------------------------------------------------
+
+
+def test_it_is_an_estimator_by_name_with_the_gate_of_the_scenario() -> None:
+    assert exported is textbook_ekf
+    scenario = load_scenario("q2-gate-100", ["trajectory.duration=5"])
+    _, recording = simulate(scenario, 0)
+    loaded = load_estimators(["textbook-ekf", "ekf"], association=scenario.association)
+    assert_equal(loaded["ekf"](recording), loaded["textbook-ekf"](recording))
+    assert len(loaded["ekf"](recording).landmark_ids) < len(textbook_ekf(recording).landmark_ids)  # gate 9
