@@ -60,8 +60,9 @@ if TYPE_CHECKING:
         hindsight_bound,
         robust_batch,
     )
-    from slamgauge.recording import OBSERVATION_DIM, Observations, Recording, Sensor
+    from slamgauge.recording import Observations, Recording
     from slamgauge.se2 import between, chain, compose, rotation, wrap
+    from slamgauge.sensors import OBSERVATION_DIM, Sensor
     from slamgauge.triangulation import Triangulation, triangulate
     from slamgauge.truth import Truth
 
@@ -152,7 +153,8 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
     "arrays": "Float Int Marks",
     "errors": "UserError",
     "se2": "between chain compose rotation wrap",
-    "recording": "OBSERVATION_DIM Observations Recording Sensor",
+    "sensors": "OBSERVATION_DIM Sensor",
+    "recording": "Observations Recording",
     "truth": "Truth",
     "estimate": "Estimate Estimator Kind MapHistory RayLog",
     "triangulation": "Triangulation triangulate",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,8 @@ from numpy.typing import NDArray
 from slamgauge.arrays import Float, Int, chunks, distinct
 from slamgauge.display import counted, data_frame, fact_table
 from slamgauge.errors import UserError
+from slamgauge.sensors import SENSORS, Sensor
 from slamgauge.validation import as_covariances, as_floats, as_ints, equal, for_all, require_rows, store
-
-Sensor = Literal["range-bearing", "bearing", "position"]
-
-
-OBSERVATION_DIM: dict[str, int] = {"range-bearing": 2, "bearing": 1, "position": 2}
-VALUES = {"range-bearing": ("range", "bearing"), "bearing": ("bearing",), "position": ("x", "y")}
 
 
 class Observations(NamedTuple):
@@ -68,12 +63,12 @@ class Recording:
         require_rows(
             "stamps", np.diff(stamps, prepend=-np.inf) > 0, stamps, "stamps must increase strictly; sort the steps"
         )
-        if self.sensor not in OBSERVATION_DIM:
-            raise UserError(f"sensor: {self.sensor!r} is not known; use one of {', '.join(OBSERVATION_DIM)}")
-        dim = OBSERVATION_DIM[self.sensor]
+        if self.sensor not in SENSORS:
+            raise UserError(f"sensor: {self.sensor!r} is not known; use one of {', '.join(SENSORS)}")
+        dim = SENSORS[self.sensor].dim
         observation = as_floats("observation", self.observation, (None, dim))
         count = len(observation)
-        if self.sensor == "range-bearing":
+        if SENSORS[self.sensor].has_range:
             require_rows("observation", observation[:, 0] >= 0, observation, "a range cannot be negative; drop the row")
         observation_step = as_ints("observation_step", self.observation_step, (count,))
         in_range = (observation_step >= 0) & (observation_step <= steps)
@@ -127,7 +122,7 @@ class Recording:
         columns: dict[str, Any] = {"step": self.observation_step, "stamp": self.stamps[self.observation_step]}
         if self.landmark is not None:
             columns["landmark"] = self.landmark
-        return data_frame(columns | dict(zip(VALUES[self.sensor], self.observation.T, strict=True)))
+        return data_frame(columns | dict(zip(SENSORS[self.sensor].columns, self.observation.T, strict=True)))
 
     @property
     def steps(self) -> int:

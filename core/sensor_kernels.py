@@ -15,7 +15,12 @@ from slamgauge.sensor_models import bearing, position, range_bearing
 from slamgauge.sensors import MIN_BEARING_DISTANCE, SENSORS
 
 RANGE_BEARING, POSITION, BEARING = (SENSORS[name].code for name in ("range-bearing", "position", "bearing"))
-IS_ANGLE = tuple((False, *each.is_angle)[-2:] for each in sorted(SENSORS.values(), key=lambda each: each.code))
+_BY_CODE = sorted(SENSORS.values(), key=lambda each: each.code)
+IS_ANGLE = tuple((False, *each.is_angle)[-2:] for each in _BY_CODE)  # of both rows
+DIM = tuple(each.dim for each in _BY_CODE)  # rows that carry information
+HAS_RANGE = tuple(each.has_range for each in _BY_CODE)
+HAS_BEARING = tuple(each.has_bearing for each in _BY_CODE)
+PLACES_LANDMARKS = tuple(each.places_landmarks for each in _BY_CODE)
 
 callable_in_kernels(bearing.gradient)
 _observe_polar, _locate_polar = inner(range_bearing.observe), inner(range_bearing.locate)

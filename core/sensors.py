@@ -76,15 +76,6 @@ _ENTRIES = (
         locate=range_bearing.locate,
     ),
     SensorModel(
-        name="position",
-        code=1,
-        columns=("x", "y"),
-        units=("m", "m"),
-        places_landmarks=True,
-        observe=position.observe,
-        locate=position.locate,
-    ),
-    SensorModel(
         name="bearing",
         code=2,
         columns=("bearing",),
@@ -93,8 +84,19 @@ _ENTRIES = (
         observe=bearing.observe,
         locate=bearing.locate,
     ),
+    SensorModel(
+        name="position",
+        code=1,
+        columns=("x", "y"),
+        units=("m", "m"),
+        places_landmarks=True,
+        observe=position.observe,
+        locate=position.locate,
+    ),
 )
 SENSORS: dict[str, SensorModel] = {each.name: each for each in _ENTRIES}
+OBSERVATION_DIM = {name: each.dim for name, each in SENSORS.items()}
+PLACING = tuple(name for name, each in SENSORS.items() if each.places_landmarks)
 
 
 def predict(sensor: str, delta: ArrayLike) -> Float:

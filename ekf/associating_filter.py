@@ -33,6 +33,7 @@ from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
+from slamgauge.sensors import PLACING
 
 
 class AssociatingFilter(PointFilter):
@@ -59,7 +60,7 @@ class AssociatingFilter(PointFilter):
         association: Association = NEAREST_NEIGHBOUR,
         robust: Robustness = PLAIN,
     ) -> None:
-        require_sensor(sensor, ("range-bearing", "position"))
+        require_sensor(sensor, PLACING)
         self._map = LandmarkMap(
             sensor, prior_mean, prior_cov, correction, landmarks=32, tails=require_robustness(robust).tails
         )

@@ -31,6 +31,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
 from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
+from slamgauge.sensors import SENSORS
 from slamgauge.validation import require_type
 
 __all__ = [
@@ -161,7 +162,7 @@ def sliding_window(recording: Recording, lag: int = LAG) -> Estimate:
     require_type("recording", recording, Recording)
     slam = SlidingWindowFilter(recording.sensor, recording.prior_mean, recording.prior_cov, lag)
     poses = int(min(lag, recording.steps))
-    kept = int(KEPT * poses) if recording.sensor == "bearing" else 0
+    kept = int(KEPT * poses) if not SENSORS[recording.sensor].places_landmarks else 0
     _require_room(_landmarks_of(recording), ROOM_IN_NUMPY, poses, kept)
     return replace(_driven(slam, recording, frames=0), nis=None, nis_dof=None)
 
@@ -259,7 +260,7 @@ def online_filter(
 ) -> OnlineFilter:
     """The online filter that the recording calls for."""
     start = (recording.prior_mean, recording.prior_cov, correction)
-    if recording.sensor == "bearing":
+    if not SENSORS[recording.sensor].places_landmarks:
         return BearingFilter(*start, initialisation, association if recording.landmark is None else None, robust)
     if recording.landmark is None:
         return AssociatingFilter(recording.sensor, *start, association, robust)

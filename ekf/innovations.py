@@ -15,13 +15,13 @@ from slamgauge.arrays import Float, Int
 from slamgauge.compile_progress import announced
 from slamgauge.ekf.kernels.belief import allocate_belief
 from slamgauge.ekf.kernels.log_likelihood import WHOLE, Measured, Order, run_log
-from slamgauge.ekf.kernels.models import SENSOR_CODES
 from slamgauge.ekf.kernels.outlier_likelihood import GAUSSIAN, MIXTURE, STUDENT_T, Rows, Tails, weigh
 from slamgauge.ekf.kernels.workspace import allocate
 from slamgauge.ekf.maps.correction_table import BLOCK
 from slamgauge.ekf.maps.input_checks import start_of
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
+from slamgauge.sensors import SENSORS
 
 __all__ = ["GAUSSIAN", "MIXTURE", "STUDENT_T", "Innovations", "Log", "Tails", "gaussian_tails", "weigh"]
 
@@ -57,10 +57,10 @@ class Log:
     def __init__(self, recording: Recording) -> None:
         if recording.landmark is None:
             raise UserError("landmark: a log without ids; associate it first (Recording.associated)")
-        if recording.sensor == "bearing":
+        if not SENSORS[recording.sensor].places_landmarks:
             raise UserError("sensor: bearings alone place no landmark at its first sight; give ranges, too")
         self._recording = recording
-        self._code = SENSOR_CODES[recording.sensor]
+        self._code = SENSORS[recording.sensor].code
         self._kept, self._order = _ordered(recording.observation_step, recording.landmark, recording.steps)
         self._landmarks = int(self._order.slots.max(initial=-1)) + 1
         most = int(np.diff(self._order.first).max(initial=0))

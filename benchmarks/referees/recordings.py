@@ -18,8 +18,9 @@ import numpy as np
 from optimum import exp_se2
 
 from slamgauge.arrays import Float, Int
-from slamgauge.recording import Recording, Sensor
+from slamgauge.recording import Recording
 from slamgauge.se2 import compose, rotation, wrap
+from slamgauge.sensors import Sensor
 from slamgauge.truth import Truth
 
 SENSORS = get_args(Sensor)

@@ -29,8 +29,9 @@ from slamgauge.compare.datasets.text_lines import require_order, require_ranges
 from slamgauge.compare.storage.csv_folder import START, read_recording_csv
 from slamgauge.compare.storage.result_files import MAPPING
 from slamgauge.errors import UserError
-from slamgauge.recording import Recording, Sensor
+from slamgauge.recording import Recording
 from slamgauge.se2 import between, wrap
+from slamgauge.sensors import Sensor
 from slamgauge.truth import Truth
 
 ODOMETRIES = ("increments", "velocities", "poses")

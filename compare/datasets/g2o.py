@@ -38,8 +38,9 @@ from slamgauge.compare.datasets.text_lines import Line, read_lines
 from slamgauge.compare.storage.covariance_columns import from_triangles
 from slamgauge.covariances import inverted
 from slamgauge.errors import UserError
-from slamgauge.recording import Recording, Sensor
+from slamgauge.recording import Recording
 from slamgauge.se2 import rotation, wrap
+from slamgauge.sensors import Sensor
 from slamgauge.suggestions import did_you_mean
 
 VERTICES = {"VERTEX_SE2": "VERTEX_SE2 i x y theta", "VERTEX2": "VERTEX2 i x y theta", "VERTEX_XY": "VERTEX_XY l x y"}

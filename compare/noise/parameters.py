@@ -22,8 +22,9 @@ from scipy.ndimage import uniform_filter1d
 from slamgauge.arrays import Float
 from slamgauge.compare.noise.odometry_form import odometry_form
 from slamgauge.errors import UserError
-from slamgauge.recording import Recording, Sensor
+from slamgauge.recording import Recording
 from slamgauge.se2 import rotation, wrap
+from slamgauge.sensors import Sensor
 
 ODOMETRY = ("forward", "lateral", "turn")
 CHANNELS: dict[Sensor, tuple[str, ...]] = {"range-bearing": ("range", "bearing"), "position": ("position",)}

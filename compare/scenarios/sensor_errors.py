@@ -12,8 +12,8 @@ from slamgauge.arrays import Float, Int
 from slamgauge.compare.scenarios.csv_tables import Table, TableText, covariances
 from slamgauge.compare.scenarios.section import NonNegative, Positive, Probability, Section
 from slamgauge.compare.storage.csv_folder import OBSERVED
-from slamgauge.recording import OBSERVATION_DIM
-from slamgauge.recording import Sensor as SensorKind
+from slamgauge.sensors import OBSERVATION_DIM
+from slamgauge.sensors import Sensor as SensorKind
 
 _SIGMAS = {
     "range-bearing": ("sigma_range", "sigma_bearing_deg"),

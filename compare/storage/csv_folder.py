@@ -29,7 +29,8 @@ from slamgauge.compare.storage.covariance_columns import from_triangles, upper_t
 from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
-from slamgauge.recording import OBSERVATION_DIM, Recording, Sensor
+from slamgauge.recording import Recording
+from slamgauge.sensors import OBSERVATION_DIM, Sensor
 from slamgauge.validation import as_ints
 
 START, ODOMETRY, OBSERVATIONS = "start.csv", "odometry.csv", "observations.csv"

@@ -13,6 +13,7 @@ from slamgauge.back_projection import positions_seen
 from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
+from slamgauge.sensors import SENSORS
 
 FEW = 300  # landmarks of a map that the caches hold: it is never compressed
 AREA = 1.5  # radius of an area over the farthest sight
@@ -64,7 +65,7 @@ def work(recording: Recording, correction: Correction, radius: float) -> tuple[f
 def _distances(recording: Recording) -> Float:
     """(M,) [m] of the landmarks from the robot."""
     z = recording.observation
-    return np.hypot(*z.T) if recording.sensor == "position" else z[:, 0]
+    return z[:, 0] if SENSORS[recording.sensor].has_range else np.hypot(*z.T)
 
 
 def _dead_reckoned(recording: Recording) -> tuple[Float, Int, Float, Int]:

@@ -52,7 +52,8 @@ from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.errors import UserError
 from slamgauge.memory import require_memory
-from slamgauge.recording import OBSERVATION_DIM, Observations
+from slamgauge.recording import Observations
+from slamgauge.sensors import PLACING, SENSORS
 
 ROWS = 128  # of the map's covariance that are settled together
 
@@ -84,7 +85,7 @@ class CompressedFilter(PointFilter):
         landmarks: int = 32,
         correction: Correction = "standard",
     ) -> None:
-        require_sensor(sensor, ("range-bearing", "position"))
+        require_sensor(sensor, PLACING)
         self._rule = rule_of(correction)
         self._is_turning = self._rule == RULES["right-invariant"]
         if not (self._is_turning or self._rule == RULES["standard"]):
@@ -151,7 +152,7 @@ class CompressedFilter(PointFilter):
 
     def update(self, observations: Observations, gate: float | None = None) -> tuple[float, int]:
         """Correct with all observations of one step, then map new landmarks; see `SlamFilter.update`."""
-        values, covs = rows_of(observations, OBSERVATION_DIM[self._sensor])
+        values, covs = rows_of(observations, SENSORS[self._sensor].dim)
         ids = ids_of(observations, len(values))
         require_gate(gate)
         outside = np.isin(ids, self._ids) & ~np.isin(ids, self._local.landmark_ids)

@@ -7,9 +7,9 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.blas import add_outer_pair, solve_factor, subtract_gram, subtract_product
-from slamgauge.ekf.kernels.corrections import mean_rotation
 from slamgauge.ekf.kernels.workspace import CORRECTION, MOVE, Workspace
 from slamgauge.jit import kernel
+from slamgauge.se2_kernels import mean_rotation
 
 
 @kernel

@@ -7,7 +7,7 @@ from scipy.linalg import solve_triangular
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.rounding_limits import LEAST
-from slamgauge.se2 import rotation, wrap
+from slamgauge.se2 import rotation
 
 
 def kalman_step(
@@ -76,11 +76,3 @@ def block_diagonal(blocks: Float) -> Float:
 def symmetric(matrices: Float) -> Float:
     """The symmetric part of matrices (..., n, n): what is left out is rounding."""
     return (matrices + matrices.swapaxes(-1, -2)) / 2
-
-
-def difference(sensor: str, one: Float, other: Float) -> Float:
-    """Differences (..., 2) of observations; those of bearings are wrapped."""
-    apart = one - other
-    if sensor == "range-bearing":
-        apart[..., 1] = wrap(apart[..., 1])
-    return apart

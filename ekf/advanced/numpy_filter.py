@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.joint_update import are_sound
-from slamgauge.ekf.kernels.models import SENSOR_CODES
 from slamgauge.ekf.kernels.prediction import is_semidefinite
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST
 from slamgauge.ekf.kernels.warm_up import compile_sights_once
@@ -30,9 +29,8 @@ from slamgauge.ekf.maps.input_checks import (
 )
 from slamgauge.ekf.maps.landmark_ids import of_scan
 from slamgauge.ekf.online_filter import PointFilter
-from slamgauge.recording import OBSERVATION_DIM, Observations
-
-SENSORS = ("range-bearing", "position")
+from slamgauge.recording import Observations
+from slamgauge.sensors import PLACING, SENSORS
 
 
 class MovingBelief(Protocol):
@@ -95,7 +93,7 @@ class NumpyFilter(PointFilter):
     """
 
     def __init__(self, sensor: str, belief: MovingBelief) -> None:
-        require_sensor(sensor, SENSORS)
+        require_sensor(sensor, PLACING)
         compile_sights_once()
         self._sensor = sensor
         self.belief = belief
@@ -157,12 +155,12 @@ class NumpyFilter(PointFilter):
             UserError: no ids, shapes that do not fit, a negative range, a number that is not finite, a covariance that
                 is not positive definite, or no update in double precision; the filter is then unchanged.
         """
-        given, given_covs = rows_of(observations, OBSERVATION_DIM[self._sensor])
+        given, given_covs = rows_of(observations, SENSORS[self._sensor].dim)
         values, covs = np.array(given, np.float64), np.array(given_covs, np.float64)
         ids = ids_of(observations, len(values))
         require_ids(ids)
         belief, slot_of = copy.copy(self.belief), self._slot_of
-        if not are_sound(SENSOR_CODES[self._sensor], values, covs):
+        if not are_sound(SENSORS[self._sensor].code, values, covs):
             raise explain_scan(self._sensor, values, covs, np.nan, np.diagonal(belief.cov))
         try:
             nis, dof = 0.0, 0

@@ -24,7 +24,6 @@ from slamgauge.arrays import Float, Int
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.ekf.advanced.dense_algebra import (
     block_diagonal,
-    difference,
     kalman_step,
     pairs,
     place_jacobian,
@@ -32,9 +31,11 @@ from slamgauge.ekf.advanced.dense_algebra import (
     times_rows,
 )
 from slamgauge.ekf.kernels.belief import ROBOT
-from slamgauge.ekf.kernels.models import SENSOR_CODES, locate_all, observe_all, wrap
 from slamgauge.ekf.maps.input_checks import start_of
 from slamgauge.se2 import between, rotation
+from slamgauge.se2_kernels import wrap
+from slamgauge.sensor_kernels import locate_all, observe_all
+from slamgauge.sensors import SENSORS, innovation
 
 WORLD = slice(ROBOT, 2 * ROBOT)  # entries of the world's frame; landmarks come after
 FIRST = 2 * ROBOT
@@ -108,7 +109,7 @@ class RobocentricBelief:
         """Correct with sights (m, 2) of the landmarks in slots (m,); the NIS and its degrees of freedom."""
         heading, entries = float(self._mean[2]), pairs(slots, FIRST)
         offset = (self._mean[entries].reshape(-1, 2) - self._mean[:2]) @ rotation(heading)
-        predicted, sight = observe_all(SENSOR_CODES[self._sensor], np.ascontiguousarray(offset))
+        predicted, sight = observe_all(SENSORS[self._sensor].code, np.ascontiguousarray(offset))
         jacobian = sight @ place_jacobian(heading, offset)
         informative = (sight != 0.0).any(axis=2)
 
@@ -116,8 +117,8 @@ class RobocentricBelief:
             return times_rows(jacobian, rows[:ROBOT], rows[entries])
 
         cross = seen(self._cov)
-        innovation = (difference(self._sensor, values, predicted) * informative).ravel()
-        step, self._cov, nis = kalman_step(self._cov, cross, seen(cross.T) + block_diagonal(covs), innovation, frames=2)
+        error = (innovation(self._sensor, values, predicted) * informative).ravel()
+        step, self._cov, nis = kalman_step(self._cov, cross, seen(cross.T) + block_diagonal(covs), error, frames=2)
         self._mean = self._mean + step
         self._mean[2], self._mean[5] = wrap(self._mean[2]), wrap(self._mean[5])
         return nis, int(informative.sum())
@@ -125,7 +126,7 @@ class RobocentricBelief:
     def add(self, values: Float, covs: Float) -> None:
         """Map the landmarks that are seen at values (k, 2), in the next slots: nothing else is correlated with them."""
         self._compose()
-        deltas, jacobian = locate_all(SENSOR_CODES[self._sensor], values)
+        deltas, jacobian = locate_all(SENSORS[self._sensor].code, values)
         size, more = len(self._mean), 2 * len(values)
         whole = np.zeros((size + more, size + more))
         whole[:size, :size] = self._cov

@@ -30,7 +30,6 @@ from numpy.typing import ArrayLike
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.advanced.dense_algebra import (
     block_diagonal,
-    difference,
     kalman_step,
     pairs,
     place_jacobian,
@@ -38,10 +37,12 @@ from slamgauge.ekf.advanced.dense_algebra import (
     times_rows,
 )
 from slamgauge.ekf.kernels.belief import ROBOT
-from slamgauge.ekf.kernels.models import SENSOR_CODES, locate_all, observe_all, wrap
 from slamgauge.ekf.kernels.rounding_limits import LEAST
 from slamgauge.ekf.maps.input_checks import start_of
-from slamgauge.se2 import rotation
+from slamgauge.se2 import mean_rotation, rotation
+from slamgauge.se2_kernels import wrap
+from slamgauge.sensor_kernels import locate_all, observe_all
+from slamgauge.sensors import SENSORS, innovation
 
 SPREAD = 3.0**0.5  # sigmas from the mean to a point: along it a normal distribution's first four moments are right
 WEIGHT = 0.5 / SPREAD**2  # of a sigma point
@@ -120,9 +121,9 @@ class InvariantBelief:
         mean, second = moments(changes)
         ahead, behind = np.split(changes, 2)
         cross = WEIGHT * SPREAD * (ahead - behind).T @ whitened
-        innovation = difference(self._sensor, values, predicted[which]) * informative[which]
-        innovation = difference(self._sensor, innovation, mean.reshape(-1, 2)).ravel()
-        step, cov, nis = kalman_step(self._cov, cross, second + block_diagonal(covs), innovation, frames=1)
+        error = innovation(self._sensor, values, predicted[which]) * informative[which]
+        error = innovation(self._sensor, error, mean.reshape(-1, 2)).ravel()
+        step, cov, nis = kalman_step(self._cov, cross, second + block_diagonal(covs), error, frames=1)
         self._mean, self._cov = moved(self._mean, cov, step)
         return nis, int(informative[which].sum())
 
@@ -134,18 +135,18 @@ class InvariantBelief:
             factor: (2s, 2s) root of the covariance of c.
             turns: (2s,) t that goes with each of its columns.
         """
-        code = SENSOR_CODES[self._sensor]
+        code = SENSORS[self._sensor].code
         points = SPREAD * np.vstack([factor.T, -factor.T]).reshape(4 * len(offset), -1, 2)
-        back = exp_jacobian(SPREAD * np.concatenate([-turns, turns]))
+        back = mean_rotation(SPREAD * np.concatenate([-turns, turns]))
         deltas = offset + points @ back.swapaxes(1, 2)
         predicted, jacobian = observe_all(code, np.ascontiguousarray(offset))
         informative = (jacobian != 0.0).any(axis=2).astype(np.float64)
         values = observe_all(code, deltas.reshape(-1, 2))[0].reshape(deltas.shape)
-        return predicted, informative, difference(self._sensor, values, predicted) * informative
+        return predicted, informative, innovation(self._sensor, values, predicted) * informative
 
     def add(self, values: Float, covs: Float) -> None:
         """Map the landmarks that are seen at values (k, 2), in the next slots."""
-        code, turn, count = SENSOR_CODES[self._sensor], rotation(self._mean[2]), len(values)
+        code, turn, count = SENSORS[self._sensor].code, rotation(self._mean[2]), len(values)
         roots = np.linalg.cholesky(covs).swapaxes(1, 2)  # rows are standard deviations
         deltas = locate_all(code, values)[0]
         points = values[:, None] + SPREAD * np.concatenate([roots, -roots], axis=1)
@@ -195,7 +196,7 @@ def motion_noise(turn: Float, cov: Float) -> Float:
     with_turn = cov[:2, 2] / heading_sigma if heading_sigma > 0.0 else np.zeros(2)
     t = SPREAD * heading_sigma * np.array([1.0, -1.0])
     moves = SPREAD * np.outer([1.0, -1.0], turn @ with_turn)
-    changes = np.column_stack([np.linalg.solve(exp_jacobian(t), moves[:, :, None])[:, :, 0], t])
+    changes = np.column_stack([np.linalg.solve(mean_rotation(t), moves[:, :, None])[:, :, 0], t])
     noise = about_zero(changes)
     noise[:2, :2] += turn @ (cov[:2, :2] - np.outer(with_turn, with_turn)) @ turn.T
     return noise
@@ -203,21 +204,12 @@ def motion_noise(turn: Float, cov: Float) -> Float:
 
 def moved(mean: Float, cov: Float, step: Float) -> tuple[Float, Float]:
     """State (n,) after the correction e = `step` (n,), and the covariance (n, n) turned with it."""
-    V = exp_jacobian(step[2:3])[0]
+    V = mean_rotation(step[2])
     robot, landmarks = V @ step[:2], step[ROBOT:].reshape(-1, 2) @ V.T
     lever = np.concatenate([_quarter_turned(robot), [0.0], _quarter_turned(landmarks).ravel()])
     shared = np.outer(lever, cov[2] + 0.5 * cov[2, 2] * lever)
     there = np.concatenate([mean[:2] + robot, [wrap(mean[2] + step[2])], mean[ROBOT:] + landmarks.ravel()])
     return there, cov + (shared + shared.T)
-
-
-def exp_jacobian(t: Float) -> Float:
-    """V(t) (k, 2, 2) = [[sin t, cos t - 1], [1 - cos t, sin t]] / t of angles (k,) [rad]."""
-    sine, versine = np.sinc(t / np.pi), np.sin(t / 2) * np.sinc(t / (2 * np.pi))
-    V = np.empty((len(t), 2, 2))
-    V[:, 0, 0] = V[:, 1, 1] = sine
-    V[:, 0, 1], V[:, 1, 0] = -versine, versine
-    return V
 
 
 def _quarter_turned(vectors: Float) -> Float:

@@ -28,7 +28,6 @@ from slamgauge.ekf.advanced.window.observations import NOTHING, Bearings, Scan, 
 from slamgauge.ekf.advanced.window.warm_up import compile_window_once
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.ekf.kernels.joint_update import are_sound
-from slamgauge.ekf.kernels.models import BEARING, MIN_BEARING_DISTANCE, POSITION, SENSOR_CODES, locate_all
 from slamgauge.ekf.kernels.prediction import is_semidefinite
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST, NO_MINIMUM
 from slamgauge.ekf.maps.input_checks import (
@@ -44,8 +43,10 @@ from slamgauge.ekf.maps.input_checks import (
 )
 from slamgauge.ekf.online_filter import PointFilter
 from slamgauge.errors import UserError
-from slamgauge.recording import OBSERVATION_DIM, Observations
+from slamgauge.recording import Observations
 from slamgauge.se2 import compose, rotation
+from slamgauge.sensor_kernels import locate_all
+from slamgauge.sensors import MIN_BEARING_DISTANCE, SENSORS
 from slamgauge.validation import require_lag
 
 LAG = 100  # steps
@@ -68,7 +69,7 @@ class SlidingWindowFilter(PointFilter):
     """
 
     def __init__(self, sensor: str, prior_mean: ArrayLike, prior_cov: ArrayLike, lag: int = LAG) -> None:
-        require_sensor(sensor, tuple(SENSOR_CODES))
+        require_sensor(sensor, tuple(SENSORS))
         self._lag = require_lag(lag)
         compile_window_once()
         self._sensor = sensor
@@ -185,7 +186,7 @@ class SlidingWindowFilter(PointFilter):
             UserError: no ids, shapes that do not fit, a negative range, a number that is not finite, a covariance that
                 is not positive definite, or no solution in double precision; the filter is then unchanged.
         """
-        given, given_covs = rows_of(observations, OBSERVATION_DIM[self._sensor])
+        given, given_covs = rows_of(observations, SENSORS[self._sensor].dim)
         ids = ids_of(observations, len(given))
         require_ids(ids)
         values, covs = in_two_rows(given, given_covs)
@@ -218,11 +219,12 @@ class SlidingWindowFilter(PointFilter):
         self._slot_of = np.concatenate([self._slot_of, unplaced])
         numbers = np.array([self._number_of[name] for name in ids.tolist()])
         self._scans[-1] = joined([self._scans[-1], scan_of(self._code, numbers, values, covs)])
-        if self._code != BEARING:
+        places_landmarks = SENSORS[self._sensor].places_landmarks
+        if places_landmarks:
             self._place_seen(ids, values)
         if (self._slot_of[numbers] != WAITING).any():
             self._solve()
-        if self._code == BEARING and self._place_waiting(ids):
+        if not places_landmarks and self._place_waiting(ids):
             self._solve()
 
     def _place_seen(self, ids: Int, values: Float) -> None:
@@ -232,7 +234,7 @@ class SlidingWindowFilter(PointFilter):
         """
         deltas, _ = locate_all(self._code, values)
         pose = self._window.pose[-1]
-        says = (np.hypot(*deltas.T) >= MIN_BEARING_DISTANCE) | (self._code == POSITION)
+        says = (np.hypot(*deltas.T) >= MIN_BEARING_DISTANCE) | (not SENSORS[self._sensor].has_bearing)
         for row in np.flatnonzero(says).tolist():
             self._place(int(ids[row]), pose[:2] + rotation(pose[2]) @ deltas[row])
 
@@ -269,7 +271,7 @@ class SlidingWindowFilter(PointFilter):
 
     @property
     def _code(self) -> int:
-        return SENSOR_CODES[self._sensor]
+        return SENSORS[self._sensor].code
 
     def _problem(self, scans: list[Scan] | None = None) -> passes.Problem:
         """Where the window stands; with some of its scans, if only these are asked for."""

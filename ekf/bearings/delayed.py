@@ -25,12 +25,12 @@ import numpy as np
 from scipy.special import chdtri
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.bearings.bearing_jacobian import bearing_gradient
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.members import NO_MEMBERS, Members
 from slamgauge.ekf.settings.initialisation import FEWEST, Delayed
 from slamgauge.se2 import wrap
+from slamgauge.sensor_models.bearing import gradient as bearing_gradient
 from slamgauge.triangulation import triangulate
 
 IMPROBABLE = 1e-3  # probability that right bearings are made to wait
@@ -171,7 +171,7 @@ def whitened_bearings(poses: Float, bearings: Float, variances: Float, landmark:
     """
     count, sigmas = len(bearings), np.sqrt(variances)
     offset = landmark - poses[:, :2]
-    gradient = bearing_gradient(offset, (offset**2).sum(axis=1) * sigmas)
+    gradient = np.column_stack(bearing_gradient(*offset.T, (offset**2).sum(axis=1) * sigmas))
     of_poses = np.zeros((count, count, 3))
     row = np.arange(count)
     of_poses[row, row, :2] = -gradient

@@ -22,14 +22,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.bearings.bearing_jacobian import bearing_gradient
 from slamgauge.ekf.bearings.ray_recorder import RayRecorder
-from slamgauge.ekf.kernels.models import MIN_BEARING_DISTANCE
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.members import NO_MEMBERS, Members
 from slamgauge.ekf.settings.initialisation import InverseDepth
 from slamgauge.se2 import wrap
+from slamgauge.sensor_models.bearing import gradient as bearing_gradient
+from slamgauge.sensors import MIN_BEARING_DISTANCE
 
 BEYOND_INFINITY = 3.0  # standard deviations of omega
 VAGUE = 0.5  # rad; what a bearing predicted no better than this says is not linear, and is left out
@@ -162,7 +162,7 @@ def linearise_depths(state: Float, bearings: Float) -> tuple[Float, Float]:
     delta = omega[:, None] * offset + along
     squared = (delta**2).sum(axis=1)
     near = squared < (MIN_BEARING_DISTANCE * omega) ** 2
-    gradient = bearing_gradient(delta, np.where(near, 1.0, squared))
+    gradient = np.column_stack(bearing_gradient(*delta.T, np.where(near, 1.0, squared)))
     jacobian = np.zeros((count, 3 + 4 * count))
     jacobian[:, :2] = -omega[:, None] * gradient
     jacobian[:, 2] = -1.0

@@ -6,9 +6,9 @@ import math
 
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief, resized
-from slamgauge.ekf.kernels.models import locate
 from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.jit import kernel
+from slamgauge.sensor_kernels import locate
 
 
 @kernel

@@ -43,9 +43,9 @@ from slamgauge.ekf.kernels.blas import add_outer_pair
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.deferred_downdate import postpone
 from slamgauge.ekf.kernels.joint_update import take_in
-from slamgauge.ekf.kernels.models import wrap
 from slamgauge.ekf.kernels.workspace import CORRECTION, HEADING_ROW, MOVE, Workspace
 from slamgauge.jit import kernel
+from slamgauge.se2_kernels import mean_rotation, wrap
 
 
 @kernel
@@ -105,14 +105,6 @@ def move_invariantly(belief: Belief, dx: Float, u: Float) -> None:
             for k in (i, i + 1):
                 state[k] += dx[k]
                 u[k] = 0.0
-
-
-@kernel
-def mean_rotation(turn: float) -> tuple[float, float]:
-    """Cosine and sine of V(turn), the mean of the rotations from none to `turn`: it turns and shrinks."""
-    if turn == 0.0:
-        return 1.0, 0.0
-    return math.sin(turn) / turn, 2.0 * math.sin(turn / 2.0) ** 2 / turn
 
 
 @kernel

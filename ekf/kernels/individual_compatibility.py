@@ -19,8 +19,8 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import noise, squared_distance
 from slamgauge.ekf.kernels.linearisation import linearise
-from slamgauge.ekf.kernels.models import BEARING, POSITION
 from slamgauge.jit import kernel
+from slamgauge.sensor_kernels import HAS_RANGE, PLACES_LANDMARKS
 
 NONE = -1  # no landmark
 
@@ -113,12 +113,12 @@ class Reach(NamedTuple):
 def reach_of(sensor: int, z: Float, R: Float, cov: Float) -> Reach:
     """Of an observation z (2,) with covariance R (2, 2), the covariance of the belief being `cov`."""
     robot = math.sqrt(max(cov[0, 0] + cov[1, 1], 0.0))
-    if sensor == BEARING:
+    if not PLACES_LANDMARKS[sensor]:
         return Reach(-1.0, 0.0, robot, 0.0)
-    if sensor == POSITION:  # the robot's turns move the landmark
-        heading = math.sqrt(max(cov[2, 2], 0.0))
-        return Reach(math.sqrt(z[0] ** 2 + z[1] ** 2), R[0, 0] + R[1, 1], robot, heading)
-    return Reach(z[0], R[0, 0], robot, 0.0)
+    if HAS_RANGE[sensor]:
+        return Reach(z[0], R[0, 0], robot, 0.0)
+    heading = math.sqrt(max(cov[2, 2], 0.0))  # the robot's turns move a position
+    return Reach(math.sqrt(z[0] ** 2 + z[1] ** 2), R[0, 0] + R[1, 1], robot, heading)
 
 
 @kernel

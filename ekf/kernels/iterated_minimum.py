@@ -30,8 +30,8 @@ from slamgauge.ekf.kernels.belief import AT_POINT, Belief
 from slamgauge.ekf.kernels.blas import add_outer_pair, cholesky, subtract_gram
 from slamgauge.ekf.kernels.covariance import noise
 from slamgauge.ekf.kernels.linearisation import linearise
-from slamgauge.ekf.kernels.models import POSITION
 from slamgauge.jit import kernel
+from slamgauge.sensor_kernels import HAS_BEARING
 
 GAUSS_NEWTON = 3  # passes at least before second derivatives are taken along,
 PATIENCE = 15  # and at most
@@ -285,7 +285,7 @@ def _subtract_curvature(place: Float, L: Float, seen: Seen, terms: Terms) -> Non
         ex, ey = place[landmark] - place[0], place[landmark + 1] - place[1]
         for j in range(size):
             ex_row[j], ey_row[j] = L[landmark, j] - L[0, j], L[landmark + 1, j] - L[1, j]
-        if seen.sensor == POSITION:
+        if not HAS_BEARING[seen.sensor]:
             turning = -0.5 * (q0 * (c * ex + s * ey) + q1 * (c * ey - s * ex))
             tx, ty = -s * q0 - c * q1, c * q0 - s * q1
             for j in range(size):

@@ -19,10 +19,10 @@ from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.ekf.kernels.iterated_minimum import Seen, find_minimum, silence
 from slamgauge.ekf.kernels.joint_update import are_sound, whiten
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
-from slamgauge.ekf.kernels.models import wrap
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, NO_MINIMUM, are_variances_lost
 from slamgauge.ekf.kernels.workspace import CORRECTION, PLACE, WAY_BACK, Workspace
 from slamgauge.jit import kernel
+from slamgauge.se2_kernels import wrap
 
 MAX_PASSES = 2000  # some are needed where rays contradict each other; a dozen is much elsewhere
 

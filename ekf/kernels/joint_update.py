@@ -10,10 +10,10 @@ from slamgauge.ekf.kernels.blas import cholesky, combine_rows, solve_factor, sub
 from slamgauge.ekf.kernels.covariance import innovation_covariance, is_symmetric, mirror_robot_block, project_covariance
 from slamgauge.ekf.kernels.deferred_downdate import may_wait, postpone, settle, subtract_waiting
 from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
-from slamgauge.ekf.kernels.models import RANGE_BEARING
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST, LEAST, are_pivots_lost, are_variances_lost
 from slamgauge.ekf.kernels.workspace import BLOCK_CORRECTION, CORRECTION, Workspace
 from slamgauge.jit import kernel
+from slamgauge.sensor_kernels import HAS_RANGE
 
 SAFE = 1e-3  # of what exhausts precision
 
@@ -133,7 +133,7 @@ def are_sound(sensor: int, values: Float, covs: Float) -> bool:
         R = covs[i]
         if not (abs(values[i, 0]) < LARGEST and abs(values[i, 1]) < LARGEST):
             return False
-        if sensor == RANGE_BEARING and values[i, 0] < 0.0:
+        if HAS_RANGE[sensor] and values[i, 0] < 0.0:
             return False
         product = R[0, 0] * R[1, 1]
         if not (R[0, 0] > 0.0 and product - R[0, 1] * R[1, 0] > 0.0 and R[0, 0] + R[1, 1] < LARGEST * LARGEST):

@@ -7,9 +7,9 @@ import math
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import noise, projected
-from slamgauge.ekf.kernels.models import observe, wrap_innovation
 from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.jit import kernel
+from slamgauge.sensor_kernels import observe, wrap_innovation
 
 PROJECTED = 1  # form of Jacobians (`Belief.form`): at the belief's state, then projected
 

@@ -13,9 +13,9 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import ROUNDING, is_symmetric, mirror_robot_block
-from slamgauge.ekf.kernels.models import wrap
 from slamgauge.ekf.kernels.rounding_limits import LARGEST
 from slamgauge.jit import kernel
+from slamgauge.se2_kernels import wrap
 
 
 @kernel

@@ -33,7 +33,6 @@ from slamgauge.ekf.kernels.iterated_minimum import Seen, find_minimum, silence
 from slamgauge.ekf.kernels.iterated_update import block, involved_entries
 from slamgauge.ekf.kernels.joint_update import are_sound
 from slamgauge.ekf.kernels.linearisation import linearise
-from slamgauge.ekf.kernels.models import POSITION
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LEAST, NO_MINIMUM, are_variances_lost
 from slamgauge.ekf.kernels.student_t_weights import inflation
 from slamgauge.ekf.kernels.workspace import (
@@ -45,6 +44,7 @@ from slamgauge.ekf.kernels.workspace import (
     Workspace,
 )
 from slamgauge.jit import kernel
+from slamgauge.sensor_kernels import HAS_RANGE
 
 ROBOT_ALONE = np.zeros(0, dtype=np.int64)
 NEW = -2  # the landmark of an observation that is to be mapped
@@ -224,7 +224,7 @@ def _lever(scan: Scan, belief: Belief, landmark: int) -> float:
         state, anchor = belief.state, scan.work.scratch[ANCHOR]
         lever += math.hypot(state[0] - anchor[0], state[1] - anchor[1])
         lever += math.hypot(state[landmark] - anchor[landmark], state[landmark + 1] - anchor[landmark + 1])
-    if scan.sensor == POSITION:
+    if not HAS_RANGE[scan.sensor]:
         point = belief.point
         lever += math.hypot(point[landmark] - point[0], point[landmark + 1] - point[1])
     return lever

@@ -17,16 +17,15 @@ from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import squared_distance
 from slamgauge.ekf.kernels.linearisation import describe
-from slamgauge.ekf.kernels.models import BEARING
 from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.jit import kernel
+from slamgauge.sensor_kernels import DIM
 
 
 @kernel
 def inflation(sensor: int, distance: float, freedom: float) -> float:
     """1 / w of an observation at a squared Mahalanobis distance, for noise of `freedom` degrees of freedom."""
-    rows = 1.0 if sensor == BEARING else 2.0
-    return max(1.0, (freedom + distance) / (freedom + rows))
+    return max(1.0, (freedom + distance) / (freedom + DIM[sensor]))
 
 
 @kernel

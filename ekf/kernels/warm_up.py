@@ -21,11 +21,12 @@ from slamgauge.ekf.kernels.deferred_downdate import settle
 from slamgauge.ekf.kernels.joint_compatibility import mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.joint_update import are_sound
 from slamgauge.ekf.kernels.linearisation import describe
-from slamgauge.ekf.kernels.models import locate_all, observe_all, wrap
 from slamgauge.ekf.kernels.prediction import is_semidefinite, predict
 from slamgauge.ekf.kernels.slots import find_slots
 from slamgauge.ekf.kernels.student_t_weights import weigh
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
+from slamgauge.se2_kernels import wrap
+from slamgauge.sensor_kernels import locate_all, observe_all
 from slamgauge.triangulation import triangulate
 
 

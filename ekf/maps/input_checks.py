@@ -19,7 +19,8 @@ from slamgauge.ekf.settings.association import Association
 from slamgauge.ekf.settings.robustness import Robustness
 from slamgauge.ekf.settings.validation import is_number, require
 from slamgauge.errors import UserError
-from slamgauge.recording import OBSERVATION_DIM, Observations
+from slamgauge.recording import Observations
+from slamgauge.sensors import SENSORS
 from slamgauge.validation import REAL, as_covariances, as_floats, as_ints, as_numbers, require_rows
 
 DIVERGED = "every value is sound, so the filter has diverged; raise its noise, or start it anew"
@@ -239,9 +240,9 @@ def _singular(name: str, covs: Float, first: int) -> Int:
 
 def require_sound(sensor: str, values: ArrayLike, covs: ArrayLike) -> None:
     """Refuse observations (m, d) that a `Recording` would refuse, with its words."""
-    dim = OBSERVATION_DIM[sensor]
+    dim = SENSORS[sensor].dim
     values = as_floats("observation", values, (None, dim))
-    if sensor == "range-bearing":
+    if SENSORS[sensor].has_range:
         require_rows("observation", values[:, 0] >= 0, values, "a range cannot be negative; drop the row")
     covs = as_covariances("observation_cov", covs, (len(values), dim, dim), definite=True)
     require_rows("observation", (np.abs(values) < LARGEST).all(axis=1), values, f"{TOO_LARGE}; drop the row")

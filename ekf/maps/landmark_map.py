@@ -21,7 +21,6 @@ from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import ROBOT, Belief, allocate_belief, enlarged
 from slamgauge.ekf.kernels.deferred_downdate import allocate_waiting, settle
 from slamgauge.ekf.kernels.joint_update import are_sound
-from slamgauge.ekf.kernels.models import BEARING, RANGE_BEARING, SENSOR_CODES
 from slamgauge.ekf.kernels.student_t_weights import weigh
 from slamgauge.ekf.kernels.warm_up import compile_once
 from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
@@ -39,6 +38,7 @@ from slamgauge.ekf.maps.input_checks import (
 from slamgauge.errors import UserError
 from slamgauge.jit import direct
 from slamgauge.memory import require_memory
+from slamgauge.sensors import SENSORS
 
 
 class LandmarkMap:
@@ -70,15 +70,14 @@ class LandmarkMap:
         landmarks: int,
         tails: float = math.inf,
     ) -> None:
-        require_sensor(sensor, tuple(SENSOR_CODES))
+        require_sensor(sensor, tuple(SENSORS))
         self.rule = rule_of(correction)
         self.origin, start, cov = start_of(prior_mean, prior_cov)
         room = require_room(landmarks)
         compile_once()
         self.sensor = sensor
         self.tails = tails
-        self.code = SENSOR_CODES[sensor]
-        self.dim = 1 if self.code == BEARING else 2
+        self.code, self.dim = SENSORS[sensor].code, SENSORS[sensor].dim
         rule = self.rule
         self.unsettled: Belief = allocate_belief(room, first_estimates=rule.first_estimates, form=rule.form)
         self.unsettled.state[:3] = self.unsettled.point[:3] = start
@@ -273,7 +272,7 @@ class LandmarkMap:
         self.reserve(self.unsettled.size + 2 * count)
         self.room_for(count)
         self.load(values, covs)
-        augment(RANGE_BEARING if self.code == BEARING else self.code, self.unsettled, count, self._work)
+        augment(self.code, self.unsettled, count, self._work)
         first, last = self.unsettled.size, self.unsettled.size + 2 * count
         added = (self.unsettled.state[first:last], np.diagonal(self.unsettled.cov)[first:last])
         if not all(np.isfinite(each).all() for each in added):

@@ -19,8 +19,9 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter, dead_reckoning, ekf_slam, fej_ekf, iekf, oc_ekf, riekf, riukf, robocentric_ekf
 from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.estimate import Estimate
-from slamgauge.recording import Observations, Recording, Sensor
+from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import between, compose, rotation
+from slamgauge.sensors import Sensor
 
 FAMILY = [ekf_slam, fej_ekf, oc_ekf, iekf, riekf]
 FILTERS = pytest.mark.parametrize("estimator", FAMILY)

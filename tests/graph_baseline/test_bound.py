@@ -16,8 +16,9 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 from slamgauge.graph_baseline import batch, causal, causal_bound, hindsight_bound
 from slamgauge.graph_baseline.problem.preparation import MAX_LANDMARK_SIGMA
-from slamgauge.recording import Recording, Sensor
+from slamgauge.recording import Recording
 from slamgauge.se2 import between, rotation, wrap
+from slamgauge.sensors import Sensor
 from slamgauge.truth import Truth
 
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position", "bearing"])

@@ -13,8 +13,9 @@ from scipy.stats import chi2
 
 from slamgauge.arrays import Float
 from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording, Sensor
+from slamgauge.recording import Recording
 from slamgauge.se2 import chain, compose, rotation, wrap
+from slamgauge.sensors import Sensor
 
 Estimator = Callable[[Recording], Estimate]
 FALSE_ALARM_RATE = 1e-3

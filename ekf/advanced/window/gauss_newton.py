@@ -9,8 +9,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.ekf.advanced.window import kernels as passes
 from slamgauge.ekf.kernels.belief import ROBOT
-from slamgauge.ekf.kernels.corrections import mean_rotation
-from slamgauge.se2 import wrap
+from slamgauge.se2 import mean_rotation, wrap
 
 CLOSE = 0.01  # squared standard deviations between twice the cost and what a step was to make of it: it was the last
 MOST = 20  # steps
@@ -121,5 +120,4 @@ def _moved(problem: passes.Problem, part: float, of_first: Float, of_rest: Float
 
 def _turned(steps: Float, turn: float) -> Float:
     """V(turn) step, (k, 2), of steps (k, 2): what is moved and turned so keeps its distances."""
-    along, across = mean_rotation(turn)
-    return steps @ np.array([[along, across], [-across, along]])
+    return steps @ mean_rotation(turn).T

@@ -31,10 +31,10 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.ekf.kernels.blas import cholesky, solve_factor
-from slamgauge.ekf.kernels.corrections import mean_rotation
-from slamgauge.ekf.kernels.models import observe, wrap, wrap_innovation
 from slamgauge.ekf.kernels.rounding_limits import LEAST
 from slamgauge.jit import inner, kernel
+from slamgauge.se2_kernels import mean_rotation, wrap
+from slamgauge.sensor_kernels import observe, wrap_innovation
 
 
 class Prior(NamedTuple):
@@ -66,7 +66,7 @@ class Window(NamedTuple):
 class Problem(NamedTuple):
     """All that the window is about."""
 
-    sensor: int  # see `models.SENSOR_CODES`
+    sensor: int  # its code in `slamgauge.sensors.SENSORS`
     prior: Prior
     window: Window
     sights: Sights  # of the window's poses

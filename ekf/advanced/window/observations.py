@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.advanced.window.kernels import Sights
-from slamgauge.ekf.kernels.models import BEARING
+from slamgauge.sensor_kernels import DIM
 from slamgauge.triangulation import triangulate
 
 SURE = 0.3  # largest standard deviation over distance of a landmark that bearings place: what the optimum asks for, too
@@ -34,8 +34,7 @@ NOTHING = Scan(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)))
 def scan_of(sensor: int, numbers: Int, values: Float, covs: Float) -> Scan:
     """Observations (m, 2) with covariances (m, 2, 2), as `in_two_rows` makes them."""
     roots = np.array(np.linalg.cholesky(np.linalg.inv(covs)).transpose(0, 2, 1), np.float64)
-    if sensor == BEARING:
-        roots[:, 0] = 0.0
+    roots[:, : 2 - DIM[sensor]] = 0.0
     return Scan(numbers, values, roots)
 
 

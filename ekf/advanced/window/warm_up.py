@@ -9,8 +9,8 @@ import numpy as np
 from slamgauge.compile_progress import announced
 from slamgauge.ekf.advanced.window import kernels
 from slamgauge.ekf.kernels.joint_update import are_sound
-from slamgauge.ekf.kernels.models import locate_all
 from slamgauge.ekf.kernels.prediction import is_semidefinite
+from slamgauge.sensor_kernels import locate_all
 from slamgauge.triangulation import triangulate
 
 

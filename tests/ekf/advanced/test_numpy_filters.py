@@ -22,11 +22,11 @@ from slamgauge.ekf.advanced.robocentric import RobocentricBelief
 from slamgauge.ekf.advanced.sigma_points import (
     InvariantBelief,
 )
-from slamgauge.ekf.kernels.models import SENSOR_CODES, locate, locate_all, observe, observe_all
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
-from slamgauge.recording import Observations, Recording, Sensor
+from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import between
+from slamgauge.sensors import Sensor
 
 RELATIVES = pytest.mark.parametrize("estimator", [riukf, robocentric_ekf])
 BELIEFS = pytest.mark.parametrize("belief_of", [InvariantBelief, RobocentricBelief])
@@ -77,15 +77,6 @@ def assert_same(actual: Estimate, expected: Estimate) -> None:
     np.testing.assert_allclose(turn, np.zeros_like(turn), rtol=0, atol=1e-9)
     for name in ("pose_covs", "landmark_ids", "landmarks", "landmark_covs", "nis", "nis_dof"):
         np.testing.assert_allclose(getattr(actual, name), getattr(expected, name), rtol=1e-9, atol=1e-9, err_msg=name)
-
-
-@SENSORS
-def test_kernels_of_many_are_those_of_one(sensor: str) -> None:
-    code, points = SENSOR_CODES[sensor], np.array([[3.0, -2.0], [0.005, 0.0], [0.0, 0.0], [1.0, 3.1]])
-    for one, many in ((observe, observe_all), (locate, locate_all)):
-        singly = np.array([one(code, *point) for point in points])
-        values, jacobians = many(code, points)
-        np.testing.assert_array_equal(np.column_stack([values, jacobians.reshape(-1, 4)]), singly)
 
 
 # --- consistency ---------------------------------------------------------------------------------

@@ -12,8 +12,8 @@ from jacobians import assert_jacobian, differentiate
 from slamgauge.arrays import Float
 from slamgauge.ekf.advanced.window import kernels as passes
 from slamgauge.ekf.kernels.belief import ROBOT
-from slamgauge.ekf.kernels.models import BEARING, POSITION, RANGE_BEARING
 from slamgauge.se2 import rotation, wrap
+from slamgauge.sensor_kernels import BEARING, POSITION, RANGE_BEARING
 
 PI = math.pi
 SENSORS = pytest.mark.parametrize("sensor", [RANGE_BEARING, POSITION, BEARING])

@@ -66,7 +66,7 @@ def test_at_infinity_a_bearing_sees_the_direction_alone() -> None:
 
 @pytest.mark.parametrize("distance", [0.0, 1e-9, 0.009])
 def test_a_landmark_at_the_robot_has_no_bearing(distance: float) -> None:
-    """As in `kernels.models`: nearer than a centimetre; a step further it has."""
+    """As in `slamgauge.sensors`: nearer than a centimetre; a step further it has."""
     state = np.array([4.0 - distance, 0.0, 0.2, 0.0, 0.0, 0.0, 0.25])
     innovation, jacobian = linearise_depths(state, np.array([1.0]))
     np.testing.assert_array_equal(innovation, 0.0)

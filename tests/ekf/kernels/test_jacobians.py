@@ -1,7 +1,7 @@
 """Every Jacobian of the filters against central differences, at the places where they tend to break.
 
-The references are written here with the vocabulary alone: the sensor models, the motion and the place where a
-sight puts a landmark. Tolerances are the accuracy of the differences, not of the kernels.
+The references are written here: sensor models, motion, and the position of a landmark that is observed. Tolerances are
+the accuracy of the differences, not of the kernels. `tests/core/test_sensors.py` has the sensor models themselves.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from textbook import belief_of, unobservable
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.linearisation import linearise
-from slamgauge.ekf.kernels.models import MIN_BEARING_DISTANCE, POSITION, RANGE_BEARING, locate, observe
 from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.ekf.kernels.workspace import allocate
 from slamgauge.se2 import compose, rotation
+from slamgauge.sensor_kernels import POSITION, RANGE_BEARING
+from slamgauge.sensors import MIN_BEARING_DISTANCE
 
 PI = math.pi
-JUST_FAR_ENOUGH = 1.0001 * MIN_BEARING_DISTANCE
 # the differences step 2 * 1e-3 of the distance towards the sensor: they must not cross the guard
 CLOSE = 1.01 * MIN_BEARING_DISTANCE
 HEADINGS = [0.0, 0.7, PI / 2, PI, PI - 1e-12, -PI + 1e-12, -2.5]
@@ -44,10 +44,6 @@ def placed(sensor: int, pose: Float, z: Float) -> Float:
     """World position of a landmark that `pose` sees at `z`."""
     delta = z if sensor == POSITION else z[0] * direction(z[1])
     return pose[:2] + rotation(pose[2]) @ delta
-
-
-def angle_rows(sensor: int) -> tuple[int, ...]:
-    return (1,) if sensor == RANGE_BEARING else ()
 
 
 # --- the check itself ----------------------------------------------------------------------------
@@ -72,56 +68,6 @@ def test_differences_across_the_cut_of_an_angle() -> None:
     assert_jacobian(function, [[-1.0]], [0.0], angles=[0])
     with pytest.raises(AssertionError):
         assert_jacobian(function, [[-1.0]], [0.0])
-
-
-# --- sensor models -------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("sensor", SENSORS)
-@pytest.mark.parametrize("distance", DISTANCES)
-@pytest.mark.parametrize("bearing", BEARINGS)
-def test_observe(sensor: int, distance: float, bearing: float) -> None:
-    delta = distance * direction(bearing)
-    z0, z1, a00, a01, a10, a11 = observe(sensor, *delta)
-    np.testing.assert_allclose([z0, z1], seen(sensor, delta), rtol=1e-15, atol=1e-15)
-    assert_jacobian(
-        lambda at: np.array(observe(sensor, *at)[:2]),
-        [[a00, a01], [a10, a11]],
-        delta,
-        step=1e-3 * distance,
-        angles=angle_rows(sensor),
-    )
-
-
-@pytest.mark.parametrize("sensor", SENSORS)
-@pytest.mark.parametrize("distance", [0.0, *DISTANCES])
-@pytest.mark.parametrize("bearing", BEARINGS)
-def test_locate(sensor: int, distance: float, bearing: float) -> None:
-    z = distance * direction(bearing) if sensor == POSITION else np.array([distance, bearing])
-    dx, dy, b00, b01, b10, b11 = locate(sensor, *z)
-    np.testing.assert_allclose([dx, dy], placed(sensor, np.zeros(3), z), rtol=1e-15, atol=1e-15)
-    assert_jacobian(lambda at: np.array(locate(sensor, *at)[:2]), [[b00, b01], [b10, b11]], z)
-
-
-@pytest.mark.parametrize("sensor", SENSORS)
-@pytest.mark.parametrize("bearing", BEARINGS)
-def test_locate_inverts_observe(sensor: int, bearing: float) -> None:
-    delta = JUST_FAR_ENOUGH * direction(bearing)
-    forward, back = observe(sensor, *delta), locate(sensor, *observe(sensor, *delta)[:2])
-    np.testing.assert_allclose(back[:2], delta, rtol=0, atol=1e-17)
-    product = np.reshape(forward[2:], (2, 2)) @ np.reshape(back[2:], (2, 2))
-    np.testing.assert_allclose(product, np.eye(2), atol=1e-13)
-
-
-@pytest.mark.parametrize("bearing", BEARINGS)
-def test_a_bearing_from_too_close_is_skipped_and_its_range_kept(bearing: float) -> None:
-    delta = 0.5 * MIN_BEARING_DISTANCE * direction(bearing)
-    distance, _, *A = observe(RANGE_BEARING, *delta)
-    assert distance == pytest.approx(0.5 * MIN_BEARING_DISTANCE, rel=1e-14)
-    np.testing.assert_allclose(
-        np.reshape(A, (2, 2)), np.vstack([direction(bearing), np.zeros(2)]), rtol=1e-14, atol=1e-14
-    )
-    assert observe(RANGE_BEARING, 0.0, 0.0) == (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 # --- the innovation's Jacobian -------------------------------------------------------------------

@@ -24,7 +24,6 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.associating_filter import AssociatingFilter
 from slamgauge.ekf.kernels.individual_compatibility import NONE, Pairs, allocate_pairs, find_compatible, find_located
 from slamgauge.ekf.kernels.joint_compatibility import mark_ambiguous, search_jointly
-from slamgauge.ekf.kernels.models import SENSOR_CODES
 from slamgauge.ekf.kernels.sequential_association import Gates
 from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.ekf.maps.landmark_ids import Ids
@@ -33,6 +32,7 @@ from slamgauge.ekf.settings.association import Association
 from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation
+from slamgauge.sensors import SENSORS as MODELS
 from slamgauge.sensors import predict
 
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
@@ -78,7 +78,7 @@ def upper(P: Float) -> Float:
 
 def found(sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, gate: float) -> tuple[Pairs, int]:
     pairs = allocate_pairs(len(z) * len(x))
-    return pairs, find_compatible(SENSOR_CODES[sensor], belief_of(x, upper(P), point), z, R, gate, pairs)
+    return pairs, find_compatible(MODELS[sensor].code, belief_of(x, upper(P), point), z, R, gate, pairs)
 
 
 @SENSORS

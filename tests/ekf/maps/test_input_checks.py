@@ -14,11 +14,11 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf import AssociatingFilter, Association, BearingFilter, CompressedFilter, OnlineFilter, SlamFilter
 from slamgauge.ekf.kernels.corrections import update_standard
 from slamgauge.ekf.kernels.joint_update import are_sound
-from slamgauge.ekf.kernels.models import RANGE_BEARING
 from slamgauge.ekf.kernels.prediction import is_semidefinite
 from slamgauge.ekf.maps.correction_table import Rule
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations, Recording
+from slamgauge.sensor_kernels import RANGE_BEARING
 from slamgauge.validation import as_covariances
 
 START = (np.array([0.1, 0.2, 0.3]), 1e-4 * np.eye(3))
