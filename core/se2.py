@@ -58,12 +58,12 @@ def log_xy(x: Any, y: Any, turn: Any) -> tuple[Any, Any]:
 
 def right_jacobian_entries(x: Any, y: Any, turn: Any) -> tuple[Any, Any, Any, Any]:
     """Return j00, j01, j02, j12 of the right Jacobian [[j00, j01, j02], [-j01, j00, j12], [0, 0, 1]] at a tangent."""
-    is_small = np.abs(turn) < 1e-2
-    safe = select(turn == 0.0, 1.0, turn)
+    is_tiny = np.abs(turn) < 1e-9  # squares of far smaller turns are 0
+    safe = select(is_tiny, 1.0, turn)
     c, s = mean_cos_sin(turn)
-    b = select(turn == 0.0, 0.5, s / safe)
+    b = select(is_tiny, 0.5, s / safe)
     series = turn / 6.0 - turn**3 / 120.0 + turn**5 / 5040.0
-    a = select(is_small, series, (turn - np.sin(turn)) / (safe * safe))
+    a = select(np.abs(turn) < 1e-2, series, (turn - np.sin(turn)) / (safe * safe))
     return c, s, a * x - b * y, b * x + a * y
 
 

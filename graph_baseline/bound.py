@@ -26,6 +26,7 @@ from slamgauge.graph_baseline.solver.smoother import solve
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation
+from slamgauge.sensors import SENSORS
 from slamgauge.truth import Truth
 
 factorise, solve_triangular = get_lapack_funcs(("potrf", "trtrs"), dtype=np.float64)  # a third of their wrappers' time
@@ -61,7 +62,7 @@ def model_at_truth(truth: Truth, recording: Recording) -> tuple[LinearModel, int
     named = np.where(truth.misleading, -1, truth.association)
     is_named = recording.landmark is not None and np.array_equal(named, recording.landmark)
     seen = recording if is_named else recording.associated(named)
-    if seen.sensor == "bearing":
+    if not SENSORS[seen.sensor].places_landmarks:
         seen = seen.only(are_seen_again(seen))  # a single bearing says nothing but of its landmark
     assert seen.landmark is not None
     ids, first, slot = np.unique(seen.landmark, return_index=True, return_inverse=True)

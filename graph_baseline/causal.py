@@ -23,6 +23,7 @@ from slamgauge.graph_baseline.solver.incremental import SHORT, GrowingOptimum
 from slamgauge.graph_baseline.solver.multistart import chi_square_of
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
+from slamgauge.sensors import SENSORS
 
 
 @relative_to_start
@@ -58,7 +59,7 @@ def causal(recording: Recording, association: Int | None = None) -> Estimate:
         growing.add_step()
         poses[k], pose_covs[k] = growing.newest_pose(), growing.newest_cov()
         seconds[k] = perf_counter() - start
-        if recording.sensor == "bearing" and steps <= SHORT:
+        if not SENSORS[recording.sensor].places_landmarks and steps <= SHORT:
             watched.append(_known(growing))
     growing.finish()
     estimate = Estimate(
@@ -115,7 +116,7 @@ def _farthest_off(recording: Recording, estimate: Estimate, growing: GrowingOpti
     landmark is about to be placed there need not be any.
     """
     path, landmarks = growing.path_and_map()
-    if recording.sensor == "bearing":
+    if not SENSORS[recording.sensor].places_landmarks:
         farthest = _off_unless_lost(estimate, lambda: optimum_from(recording, path))
     else:
         farthest = _off_unless_lost(estimate, lambda: optimum_near(recording, path, landmarks))

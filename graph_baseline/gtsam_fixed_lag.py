@@ -17,6 +17,7 @@ from slamgauge.graph_baseline.problem.placement import triangulate_one
 from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, rotation
+from slamgauge.sensors import SENSORS
 
 RELINEARISED = 1e-3  # m or rad: what has moved farther is linearised anew, at every step
 PASSES = 2  # Gauss-Newton steps for each that the robot takes; after one, matrices are those from before its scan
@@ -55,7 +56,7 @@ class LaggingOptimum:
         self._poses[k] = guess
         values.insert(X(k), gtsam.Pose2(*guess))
         for name, row in self._builder.sights(k):
-            if name not in self._mapped and recording.sensor != "bearing":
+            if name not in self._mapped and SENSORS[recording.sensor].places_landmarks:
                 self._map(name, positions_seen(recording, np.array([row]), self._poses)[0], values)
             if name in self._mapped:
                 self._see(k, row, graph)

@@ -23,6 +23,7 @@ from slamgauge.graph_baseline.problem.preparation import (
 )
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
+from slamgauge.sensors import SENSORS
 
 # Lent to a motion direction of zero variance, as a share of the largest standard deviation of its step
 # (0.1 mm beside the practical's 30 mm), where GTSAM's solvers would stumble over a hard constraint.
@@ -73,7 +74,7 @@ class GraphBuilder:
     def __init__(self, recording: Recording, lent: float = 0.0) -> None:
         self._landmark = require_known_landmarks(recording).tolist()
         require_placeable(recording)
-        if recording.sensor == "bearing":
+        if not SENSORS[recording.sensor].places_landmarks:
             polar, polar_cov = recording.observation, recording.observation_cov
         else:
             polar, polar_cov = as_range_bearing(recording)

@@ -46,6 +46,7 @@ from slamgauge.graph_baseline.solver.multistart import (
 )
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
+from slamgauge.sensors import SENSORS
 
 
 @relative_to_start
@@ -63,8 +64,9 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
     """
     if association is not None:
         return among_mapped(batch(recording.associated(association)), association)
-    require_room(recording, "batch", dense=recording.sensor == "bearing")  # which may need the causal optimum
-    if recording.sensor != "bearing":
+    places_landmarks = SENSORS[recording.sensor].places_landmarks
+    require_room(recording, "batch", dense=not places_landmarks)  # bearings alone may need the causal optimum
+    if places_landmarks:
         return optimum_from(recording, chain(recording.prior_mean, recording.odometry))
     return optimum_of_bearings(recording, lambda: grown_step_by_step(recording)[0])
 

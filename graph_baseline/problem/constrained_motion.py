@@ -10,10 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.linearisation import log_se2
 from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, chain, compose
+from slamgauge.se2 import between, chain, compose, exp, log
 
 SINGULAR = 1e-12  # of a correlation matrix: an eigenvalue that is taken for zero
 
@@ -41,7 +40,7 @@ class FreeNoise:
     def path(self, residuals: Float) -> Float:
         """The poses (N+1, 3) that have these residuals (N+1, 3) without what the constraints exclude."""
         recording = self._recording
-        increments = exp_se2(np.einsum("nij,nj->ni", self._axes, self._coordinates(residuals)) * self._scale)
+        increments = exp(np.einsum("nij,nj->ni", self._axes, self._coordinates(residuals)) * self._scale)
         return chain(compose(recording.prior_mean, increments[0]), compose(recording.odometry, increments[1:]))
 
     def residuals(self, poses: Float) -> Float:
@@ -49,22 +48,8 @@ class FreeNoise:
         recording = self._recording
         start = between(recording.prior_mean, poses[0])[None]
         motion = between(recording.odometry, between(poses[:-1], poses[1:]))
-        return log_se2(np.concatenate([start, motion]))
+        return log(np.concatenate([start, motion]))
 
     def _coordinates(self, residuals: Float) -> Float:
         """(N+1, 3) of the scaled residuals along the axes of their noise, zero in constrained directions."""
         return np.einsum("nij,ni->nj", self._axes, residuals / self._scale) * self._free
-
-
-def exp_se2(tangent: Float) -> Float:
-    """Increments (n, 3) of SE(2) that the constant velocities (n, 3) make in unit time."""
-    return np.column_stack([turned(tangent[:, 2], tangent[:, :2]), tangent[:, 2]])
-
-
-def turned(turn: Float, step: Float) -> Float:
-    """V(turn) step for turns (n,) and steps (n, 2), V(t) = (R(t) - I) / (t J)."""
-    safe = np.where(turn == 0.0, 1.0, turn)
-    sine = np.where(turn == 0.0, 1.0, np.sin(turn) / safe)
-    versine = 2.0 * np.sin(turn / 2.0) ** 2 / safe
-    x, y = step.T
-    return np.column_stack([sine * x - versine * y, versine * x + sine * y])

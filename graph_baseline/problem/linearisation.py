@@ -14,7 +14,8 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body, require_known_landmarks
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, rotation, wrap
+from slamgauge.se2 import between, log, right_jacobian, rotation
+from slamgauge.sensors import innovation, jacobian, predict
 
 
 class LinearModel(NamedTuple):
@@ -34,8 +35,8 @@ class LinearModel(NamedTuple):
 
 def linearise(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> LinearModel:
     """Linearise at `poses` (N+1, 3) and `landmarks` (L, 2); `slot` (M,) says which landmark was observed."""
-    prior_residual = log_se2(between(recording.prior_mean, poses[0])[None])
-    residual = log_se2(between(recording.odometry, between(poses[:-1], poses[1:])))
+    prior_residual = log(between(recording.prior_mean, poses[0])[None])
+    residual = log(between(recording.odometry, between(poses[:-1], poses[1:])))
     turn = np.zeros((len(poses), 3, 3))
     turn[:, :2, :2], turn[:, 2, 2] = rotation(poses[:, 2]), 1.0
     F = np.tile(np.eye(3), (recording.steps, 1, 1))
@@ -62,15 +63,8 @@ def linearise(recording: Recording, slot: Int, poses: Float, landmarks: Float) -
 def _observations(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Float]:
     """Whitened Jacobians by pose (M, d, 3) and landmark (M, d, 2), and whitened residuals h - z (M, d)."""
     offset, to_body, delta = _in_body(recording, slot, poses, landmarks)
-    if recording.sensor == "position":
-        H = to_body
-    else:
-        distance = np.hypot(*delta.T)
-        rows = slice(2 - recording.observation.shape[1], 2)  # the bearing alone, or range and bearing
-        across = np.column_stack([-delta[:, 1], delta[:, 0]]) / distance[:, None] ** 2
-        H = np.stack([delta / distance[:, None], across], axis=1)[:, rows] @ to_body
     whitener = inverse_cholesky(recording.observation_cov)
-    Hm = whitener @ H
+    Hm = whitener @ (jacobian(recording.sensor, delta, nearest=0.0) @ to_body)
     lever = np.column_stack([-offset[:, 1], offset[:, 0]])
     Hx = np.concatenate([-Hm, -np.einsum("mij,mj->mi", Hm, lever)[:, :, None]], axis=2)
     return Hx, Hm, np.einsum("mij,mj->mi", whitener, _residuals(recording, delta))
@@ -92,13 +86,7 @@ def _in_body(recording: Recording, slot: Int, poses: Float, landmarks: Float) ->
 
 def _residuals(recording: Recording, delta: Float) -> Float:
     """Predicted less measured (M, d), for landmarks at `delta` (M, 2) in the body frame."""
-    if recording.sensor == "position":
-        return delta - recording.observation
-    rows = slice(2 - recording.observation.shape[1], 2)  # the bearing alone, or range and bearing
-    polar = np.column_stack([np.hypot(*delta.T), np.arctan2(delta[:, 1], delta[:, 0])])
-    residual = polar[:, rows] - recording.observation
-    residual[:, -1] = wrap(residual[:, -1])
-    return residual
+    return innovation(recording.sensor, predict(recording.sensor, delta), recording.observation)
 
 
 def inverse_cholesky(covariance: Float) -> Float:
@@ -123,8 +111,8 @@ def cost(recording: Recording, poses: Float, landmark_ids: Int, landmarks: Float
     order = np.argsort(landmark_ids)
     slot = order[np.searchsorted(landmark_ids, require_known_landmarks(recording), sorter=order)]
     observed = whitened_residuals(recording, slot, poses, landmarks)
-    prior = log_se2(between(recording.prior_mean, poses[0])[None])
-    motion = log_se2(between(recording.odometry, between(poses[:-1], poses[1:])))
+    prior = log(between(recording.prior_mean, poses[0])[None])
+    motion = log(between(recording.odometry, between(poses[:-1], poses[1:])))
     squares = _mahalanobis(prior, prior_cov_in_body(recording)[None]) + _mahalanobis(motion, recording.odometry_cov)
     return 0.5 * (squares + float((observed**2).sum()))
 
@@ -137,27 +125,3 @@ def _mahalanobis(residual: Float, covariance: Float) -> float:
     if (np.abs(along[~free]) > 1e-6).any():
         return np.inf
     return float((along[free] ** 2 / variance[free]).sum())
-
-
-def log_se2(increment: Float) -> Float:
-    """Logarithm (n, 3) of the increments (n, 3) of SE(2): the constant velocity that makes them in unit time."""
-    half = increment[:, 2] / 2.0
-    cotangent = np.where(np.abs(half) < 1e-4, 1.0 - half**2 / 3.0, half / np.tan(np.where(half == 0, 1.0, half)))
-    x, y = increment[:, 0], increment[:, 1]
-    return np.column_stack([cotangent * x + half * y, cotangent * y - half * x, increment[:, 2]])
-
-
-def right_jacobian(tangent: Float) -> Float:
-    """Right Jacobian (n, 3, 3) of SE(2) at `tangent` (n, 3) (Sola et al., arXiv 1812.01537, equation 163)."""
-    x, y, t = tangent.T
-    tiny = np.abs(t) < 1e-9  # squares of what is far smaller are zero
-    safe = np.where(tiny, 1.0, t)
-    sine = np.where(tiny, 1.0, np.sin(t) / safe)
-    versine = np.where(tiny, 0.5 * t, 2.0 * np.sin(t / 2.0) ** 2 / safe)
-    b = np.where(tiny, 0.5, versine / safe)
-    a = np.where(np.abs(t) < 1e-2, t / 6.0 - t**3 / 120.0 + t**5 / 5040.0, (t - np.sin(t)) / safe**2)
-    jacobian = np.zeros((len(tangent), 3, 3))
-    jacobian[:, 0] = np.column_stack([sine, versine, a * x - b * y])
-    jacobian[:, 1] = np.column_stack([-versine, sine, b * x + a * y])
-    jacobian[:, 2, 2] = 1.0
-    return jacobian

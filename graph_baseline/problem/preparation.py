@@ -16,10 +16,12 @@ from slamgauge.graph_baseline.problem.placement import do_not_meet, triangulate_
 from slamgauge.graph_baseline.problem.undetermined import undetermined_variable
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, compose, rotation
+from slamgauge.sensors import SENSORS, inverse, jacobian, predict
 from slamgauge.validation import require_type
 
 Rest = ParamSpec("Rest")
 
+POLAR = "range-bearing"
 NEAREST = 1e-6  # m: a landmark at the sensor itself has no bearing
 MAX_LANDMARK_SIGMA = 3e5  # m; what is known less well drowns in the rounding of what is known to a millimetre
 
@@ -37,14 +39,12 @@ def require_known_landmarks(recording: Recording) -> Int:
 
 def as_range_bearing(recording: Recording) -> tuple[Float, Float]:
     """Observations (M, 2) as range [m] and bearing [rad], and their covariances (M, 2, 2)."""
-    if recording.sensor == "range-bearing":
+    if SENSORS[recording.sensor].has_range:
         return recording.observation, recording.observation_cov
-    x, y = recording.observation.T
-    x = np.where(np.hypot(x, y) < NEAREST, NEAREST, x)
-    distance = np.hypot(x, y)
-    jacobian = np.stack([np.stack([x, y], -1) / distance[:, None], np.stack([-y, x], -1) / distance[:, None] ** 2], 1)
-    polar = np.column_stack([distance, np.arctan2(y, x)])
-    return polar, jacobian @ recording.observation_cov @ jacobian.swapaxes(1, 2)
+    delta = inverse(recording.sensor, recording.observation)
+    delta[np.hypot(*delta.T) < NEAREST, 0] = NEAREST
+    A = jacobian(POLAR, delta, nearest=0.0)
+    return predict(POLAR, delta), A @ recording.observation_cov @ A.swapaxes(1, 2)
 
 
 def prior_cov_in_body(recording: Recording) -> Float:
@@ -59,7 +59,7 @@ def least_known_landmark(recording: Recording) -> tuple[int, float]:
 
     (-1, 0.0) for a recording without observations.
     """
-    if recording.sensor == "bearing":
+    if not SENSORS[recording.sensor].places_landmarks:
         ids, _, sigmas = triangulate_all(recording, chain(recording.prior_mean, recording.odometry))
         worst = int(np.argmax(sigmas)) if len(ids) else -1
         return (int(ids[worst]), float(sigmas[worst])) if len(ids) else (-1, 0.0)
@@ -83,7 +83,7 @@ def require_placeable(recording: Recording) -> None:
     Raises:
         UserError: says which landmark.
     """
-    if recording.sensor != "bearing":
+    if SENSORS[recording.sensor].places_landmarks:
         landmark, sigma = least_known_landmark(recording)
         if sigma > MAX_LANDMARK_SIGMA:
             raise undetermined_variable("l", landmark)
@@ -95,7 +95,7 @@ def are_placed(recording: Recording, path: Float) -> Marks:
     Bearings alone, taken from a path (N+1, 3), may not place a landmark: one seen once, or without parallax, tells
     next to nothing about the path.
     """
-    if recording.sensor != "bearing":
+    if SENSORS[recording.sensor].places_landmarks:
         return np.ones(len(recording.observation), dtype=bool)
     ids, _, sigmas = triangulate_all(recording, path)
     return np.isin(require_known_landmarks(recording), ids[np.isfinite(sigmas)])
@@ -173,7 +173,7 @@ def first_sights(recording: Recording) -> tuple[Int, Int]:
 
 def landmarks_at_first_sight(recording: Recording, poses: Float) -> Float:
     """Landmarks (L, 2), in the order of `first_sights`, where their first sights from `poses` put them."""
-    if recording.sensor == "bearing":
+    if not SENSORS[recording.sensor].places_landmarks:
         return triangulate_all(recording, poses)[1]
     rows = first_sights(recording)[1]
     seen_from = poses[recording.observation_step[rows]]

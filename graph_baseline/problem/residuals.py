@@ -12,9 +12,9 @@ from slamgauge.graph_baseline.problem.linearisation import inverse_cholesky
 from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body
 from slamgauge.jit import inner
 from slamgauge.recording import Recording
-
-RANGE_BEARING, POSITION, BEARING = range(3)
-SENSORS = {"range-bearing": RANGE_BEARING, "position": POSITION, "bearing": BEARING}
+from slamgauge.se2_kernels import log, wrap
+from slamgauge.sensor_kernels import HAS_BEARING, HAS_RANGE, observe, wrap_innovation
+from slamgauge.sensors import SENSORS
 
 
 class Measured(NamedTuple):
@@ -33,7 +33,7 @@ class Measured(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """One observation, in numbers: an array handed on to a kernel costs more than `observe` does."""
+    """One observation, in numbers: an array as an argument costs more time than the residual."""
 
     z0: float
     z1: float
@@ -50,9 +50,10 @@ def measured_of(recording: Recording) -> Measured:
     Every array is laid out row by row, whatever the recording's are: the kernels are compiled for that alone.
     """
     motion = np.concatenate([np.zeros((1, 3)), recording.odometry])
-    bearing = np.zeros(len(recording.observation)) if recording.sensor == "position" else recording.observation[:, -1]
+    model = SENSORS[recording.sensor]
+    bearing = recording.observation[:, -1] if model.has_bearing else np.zeros(len(recording.observation))
     return Measured(
-        sensor=SENSORS[recording.sensor],
+        sensor=model.code,
         start=np.array(recording.prior_mean, dtype=np.float64),
         motion=motion,
         motion_turn=np.column_stack([np.cos(motion[:, 2]), np.sin(motion[:, 2])]),
@@ -69,24 +70,6 @@ def measured_of(recording: Recording) -> Measured:
 def facing(pose: Float) -> tuple[float, float]:
     """Cosine and sine of the heading."""
     return math.cos(pose[2]), math.sin(pose[2])
-
-
-@inner
-def log_se2(x: float, y: float, t: float) -> tuple[float, float]:
-    """Translation of the logarithm of the increment (x, y, t) of SE(2)."""
-    half = 0.5 * t
-    if abs(half) < 0.05:
-        q = half * half
-        cotangent = 1.0 - q / 3.0 * (1.0 + q / 15.0 * (1.0 + q * 2.0 / 21.0 * (1.0 + q / 10.0)))
-    else:
-        cotangent = half / math.tan(half)
-    return cotangent * x + half * y, cotangent * y - half * x
-
-
-@inner
-def wrap(angle: float) -> float:
-    """The angle [rad] in [-pi, pi]."""
-    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
 @inner
@@ -112,22 +95,8 @@ def step_residual(
     x, y = c * dx + s * dy - motion[0], c * dy - s * dx - motion[1]
     turn = wrap(end[2] - start[2] - motion[2])
     c, s = motion_turn[0], motion_turn[1]
-    x, y = log_se2(c * x + s * y, c * y - s * x, turn)
+    x, y = log(c * x + s * y, c * y - s * x, turn)
     return x, y, turn
-
-
-@inner
-def right_jacobian(x: float, y: float, turn: float) -> tuple[float, float, float, float]:
-    """SE(2)'s right Jacobian at a logarithm, [[j00, j01, j02], [-j01, j00, j12], [0, 0, 1]]: j00, j01, j02 and j12."""
-    if abs(turn) < 1e-2:
-        j00 = 1.0 - turn * turn / 6.0 + turn**4 / 120.0
-        j01 = 0.5 * turn - turn**3 / 24.0 + turn**5 / 720.0
-        b = 0.5 - turn * turn / 24.0 + turn**4 / 720.0
-        a = turn / 6.0 - turn**3 / 120.0 + turn**5 / 5040.0
-    else:
-        j00, j01 = math.sin(turn) / turn, 2.0 * math.sin(0.5 * turn) ** 2 / turn
-        b, a = j01 / turn, (turn - math.sin(turn)) / (turn * turn)
-    return j00, j01, a * x - b * y, b * x + a * y
 
 
 @inner
@@ -138,25 +107,41 @@ def sight_of(measured: Measured, row: int) -> Sight:
 
 
 @inner
-def observe(
+def observation_residual(
     sensor: int, sight: Sight, heading: tuple[float, float], ex: float, ey: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Whitened residual h - z (2,) and its gradients (2, 2) by the landmark, which is at (ex, ey) from the pose.
+    """Return the whitened residual h - z (2,) and its gradients (2, 2) by a landmark at (ex, ey) from the pose.
 
-    `heading` is that of the pose as `facing` has it. Of bearings alone, the second row is zero.
+    `heading` is cosine and sine of the pose's heading, as `facing` returns them. With bearings only, the second row is
+    zero.
+
+    With a bearing the model of `slamgauge.sensor_models.range_bearing` is evaluated in the frame that points along the
+    measured bearing. There the predicted bearing is the residual itself: small as a rule, so that a series replaces the
+    arc tangent. That takes half the time of `slamgauge.sensor_kernels.observe`.
     """
-    c, s = heading
     w00, w10, w11 = sight.w00, sight.w10, sight.w11
-    if sensor == POSITION:
-        r0, r1, a00, a01, a10, a11 = c * ex + s * ey - sight.z0, c * ey - s * ex - sight.z1, c, s, -s, c
+    if not HAS_BEARING[sensor]:
+        r0, r1, a00, a01, a10, a11 = _in_world(sensor, sight, heading, ex, ey)
     else:
-        x, y = c * sight.cosine - s * sight.sine, s * sight.cosine + c * sight.sine  # where the bearing points
+        c, s = heading
+        x, y = c * sight.cosine - s * sight.sine, s * sight.cosine + c * sight.sine  # direction of the bearing
         r1 = angle_of(x * ex + y * ey, x * ey - y * ex)
         distance = math.sqrt(ex * ex + ey * ey)
         nearness = 1.0 / distance
         a00, a01 = ex * nearness, ey * nearness
         a10, a11 = -a01 * nearness, a00 * nearness
-        if sensor == BEARING:
+        if not HAS_RANGE[sensor]:
             return w00 * r1, 0.0, w00 * a10, w00 * a11, 0.0, 0.0
         r0 = distance - sight.z0
     return w00 * r0, w10 * r0 + w11 * r1, w00 * a00, w00 * a01, w10 * a00 + w11 * a10, w10 * a01 + w11 * a11
+
+
+@inner
+def _in_world(
+    sensor: int, sight: Sight, heading: tuple[float, float], ex: float, ey: float
+) -> tuple[float, float, float, float, float, float]:
+    """Return the residual h - z (2,) and its gradients (2, 2) of any sensor of two numbers."""
+    c, s = heading
+    z0, z1, a00, a01, a10, a11 = observe(sensor, c * ex + s * ey, c * ey - s * ex)
+    r0, r1 = wrap_innovation(sensor, 0, z0 - sight.z0), wrap_innovation(sensor, 1, z1 - sight.z1)
+    return r0, r1, a00 * c - a01 * s, a00 * s + a01 * c, a10 * c - a11 * s, a10 * s + a11 * c

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.constrained_motion import FreeNoise, turned
-from slamgauge.graph_baseline.problem.linearisation import LinearModel, right_jacobian
-from slamgauge.se2 import rotation, wrap
+from slamgauge.graph_baseline.problem.constrained_motion import FreeNoise
+from slamgauge.graph_baseline.problem.linearisation import LinearModel
+from slamgauge.se2 import exp, right_jacobian, rotation, wrap
 
 
 def displaced(
@@ -25,8 +25,8 @@ def displaced(
     turn = dx[:, 2]
     seen = np.maximum(np.bincount(model.slot, minlength=len(dm)), 1)
     turn_of_landmark = np.bincount(model.slot, turn[model.step], minlength=len(dm)) / seen
-    path = np.column_stack([poses[:, :2] + turned(turn, dx[:, :2]), wrap(poses[:, 2] + turn)])
-    return noise.followed(path), landmarks + turned(turn_of_landmark, dm)
+    path = np.column_stack([poses[:, :2] + exp(dx)[:, :2], wrap(poses[:, 2] + turn)])
+    return noise.followed(path), landmarks + exp(np.column_stack([dm, turn_of_landmark]))[:, :2]
 
 
 def driven(

@@ -11,6 +11,7 @@ from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
 from slamgauge.graph_baseline.problem.residuals import Measured
 from slamgauge.graph_baseline.solver.linear_problem import Place
 from slamgauge.recording import Recording
+from slamgauge.sensors import SENSORS
 
 SURELY = SURE / 2  # sigma over distance of a landmark that bearings will go on to place
 
@@ -47,7 +48,7 @@ class MappedLandmarks:
         first, last = self._measured.first[newest : newest + 2]
         for row in range(first, last):
             name = int(self._ids[row])
-            if name not in self._slot and self._recording.sensor != "bearing":
+            if name not in self._slot and SENSORS[self._recording.sensor].places_landmarks:
                 self._map(name, positions_seen(self._recording, np.array([row]), self._place.poses)[0])
             self._measured.slot[row] = self._slot.get(name, -1)
 

@@ -20,15 +20,14 @@ from slamgauge.arrays import Float
 from slamgauge.graph_baseline.problem.residuals import (
     Measured,
     facing,
-    observe,
-    right_jacobian,
+    observation_residual,
     sight_of,
     step_residual,
-    wrap,
 )
 from slamgauge.graph_baseline.solver.linear_problem import Linear, Place
 from slamgauge.graph_baseline.solver.matrices_3x3 import multiply
 from slamgauge.jit import inner, kernel
+from slamgauge.se2_kernels import exp, right_jacobian, wrap
 
 
 class Chord(NamedTuple):
@@ -79,7 +78,7 @@ def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, 
             if slot < 0:
                 continue
             ex, ey = places[slot, 0] - poses[k, 0], places[slot, 1] - poses[k, 1]
-            r0, r1, a00, a01, a10, a11 = observe(sensor, sight_of(measured, row), heading, ex, ey)
+            r0, r1, a00, a01, a10, a11 = observation_residual(sensor, sight_of(measured, row), heading, ex, ey)
             squares += r0 * r0 + r1 * r1
             g0, g1 = a00 * r0 + a10 * r1, a01 * r0 + a11 * r1
             norm += a00 * a00 + a01 * a01 + a10 * a10 + a11 * a11
@@ -212,7 +211,6 @@ def move(measured: Measured, place: Place, newest: int, landmarks: int, chord: C
 @inner
 def move_point(point: Float, step: Float, turn: float) -> None:
     """Point <- point + V(turn) step."""
-    along = math.sin(turn) / turn if turn != 0.0 else 1.0
-    across = 2.0 * math.sin(0.5 * turn) ** 2 / turn if turn != 0.0 else 0.0
-    point[0] += along * step[0] - across * step[1]
-    point[1] += across * step[0] + along * step[1]
+    x, y = exp(step[0], step[1], turn)
+    point[0] += x
+    point[1] += y

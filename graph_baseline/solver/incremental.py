@@ -36,6 +36,7 @@ from slamgauge.graph_baseline.solver.multistart import (
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, compose, wrap
+from slamgauge.sensors import SENSORS
 
 SHORT = 100  # poses of a path that is settled at every scan
 LONGEST = 64  # scans between two settlings
@@ -131,7 +132,7 @@ class GrowingOptimum:
             self._settle(anew=True)
         else:
             self._seek()
-        if self._recording.sensor == "bearing":
+        if not SENSORS[self._recording.sensor].places_landmarks:
             self._settle_placed()
         self.settled = self.settled and self._descent.linearise_anew()
 
@@ -150,7 +151,7 @@ class GrowingOptimum:
             self._travel += float(np.max(np.square(step / self._descent.sigma)))
             if k <= SHORT or self._scans >= LONGEST or self._travel * self._bend > MISSED:
                 self._settle()
-        if self._recording.sensor == "bearing":
+        if not SENSORS[self._recording.sensor].places_landmarks:
             self._settle_placed()
 
     def _settle_placed(self) -> None:

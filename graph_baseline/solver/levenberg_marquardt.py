@@ -23,6 +23,7 @@ from slamgauge.graph_baseline.solver.reduced_scans import NOT_DAMPED, Damping
 from slamgauge.graph_baseline.solver.smoother import Solution, damped_step, solve_at
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
+from slamgauge.sensors import SENSORS
 
 MAX_STEPS = 200
 NEAR = 1e-6  # decrease of the cost, relative to what true noise makes of it, after which Newton steps alone go on
@@ -205,7 +206,7 @@ def _sigmas(solution: Solution) -> tuple[Float, Float]:
 
 def _refuse_landmarks_at_poses(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> None:
     """Raise where a landmark has come to lie on a pose that sees it: there range and bearing are not smooth."""
-    if recording.sensor == "position" or not len(slot):
+    if not SENSORS[recording.sensor].has_bearing or not len(slot):
         return
     distance = np.hypot(*(landmarks[slot] - poses[recording.observation_step, :2]).T)
     row = int(np.argmin(distance))

@@ -24,6 +24,7 @@ from slamgauge.graph_baseline.solver.levenberg_marquardt import Approach, Merit,
 from slamgauge.graph_baseline.solver.motion_elimination import carried_on, keyed
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
+from slamgauge.sensors import SENSORS
 
 try:
     from slamgauge.graph_baseline.gtsam_graph import descended
@@ -97,7 +98,7 @@ def _left_by(error: UndeterminedError, recording: Recording, taken: Marks) -> Ma
     left = taken & are_placed(recording, error.path)
     if left.sum() < taken.sum():
         return left
-    if recording.sensor != "bearing" or not (left := are_placed_best(recording, error.path, taken)).any():
+    if SENSORS[recording.sensor].places_landmarks or not (left := are_placed_best(recording, error.path, taken)).any():
         raise error
     return left
 

@@ -23,7 +23,7 @@ import math
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.problem.residuals import Measured, facing, right_jacobian, step_residual
+from slamgauge.graph_baseline.problem.residuals import Measured, facing, step_residual
 from slamgauge.graph_baseline.solver.linear_problem import Linear, Place
 from slamgauge.graph_baseline.solver.matrices_3x3 import (
     add_identity,
@@ -36,6 +36,7 @@ from slamgauge.graph_baseline.solver.matrices_3x3 import (
 )
 from slamgauge.graph_baseline.solver.scan_reduction import projected_scan, reflected_scan, seen_slots
 from slamgauge.jit import inner, kernel
+from slamgauge.se2_kernels import right_jacobian
 
 CHUNK = 384  # rows whose products are taken together
 BLOCK = 128  # columns of Lambda that are added at a time, from their diagonal down

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.problem.residuals import Measured, facing, observe, sight_of
+from slamgauge.graph_baseline.problem.residuals import Measured, facing, observation_residual, sight_of
 from slamgauge.graph_baseline.solver.linear_problem import Linear, Place
 from slamgauge.graph_baseline.solver.matrices_3x3 import gram
 from slamgauge.jit import inner
@@ -50,9 +50,9 @@ def look(
     sight = sight_of(measured, row)
     at, place_at = linear.at.landmarks[slot], place.landmarks[slot]
     ex, ey = place_at[0] - place.poses[k, 0], place_at[1] - place.poses[k, 1]
-    r0, r1, _, _, _, _ = observe(measured.sensor, sight, headings[0], ex, ey)
+    r0, r1, _, _, _, _ = observation_residual(measured.sensor, sight, headings[0], ex, ey)
     ex, ey = at[0] - linear.at.poses[k, 0], at[1] - linear.at.poses[k, 1]
-    _, _, a00, a01, a10, a11 = observe(measured.sensor, sight, headings[1], ex, ey)
+    _, _, a00, a01, a10, a11 = observation_residual(measured.sensor, sight, headings[1], ex, ey)
     residual[0], Hm[0, 0], Hm[0, 1] = r0, a00, a01
     if measured.value.shape[1] == 2:
         residual[1], Hm[1, 0], Hm[1, 1] = r1, a10, a11

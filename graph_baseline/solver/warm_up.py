@@ -7,8 +7,9 @@ import functools
 import numpy as np
 
 from slamgauge.compile_progress import announced
-from slamgauge.graph_baseline.problem.residuals import POSITION, Measured
+from slamgauge.graph_baseline.problem.residuals import Measured
 from slamgauge.graph_baseline.solver import chord_kernels, linear_problem, pose_elimination, recursions
+from slamgauge.sensors import SENSORS
 from slamgauge.triangulation import triangulate
 
 
@@ -40,7 +41,7 @@ def _one_sight() -> Measured:
     value = np.array([[1.0, 0.0]])
     value.setflags(write=False)
     return Measured(
-        sensor=POSITION,
+        sensor=SENSORS["position"].code,
         start=np.zeros(3),
         motion=np.zeros((1, 3)),
         motion_turn=np.array([[1.0, 0.0]]),

@@ -1,4 +1,4 @@
-"""Laws of planar poses, by Hypothesis."""
+"""Laws of planar poses, by Hypothesis: the group, its exponential and logarithm, Jacobians by differences, kernels."""
 
 from __future__ import annotations
 
@@ -9,9 +9,24 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from jacobians import assert_jacobian
+from numba import njit
+from numpy.polynomial.legendre import leggauss
 
+from slamgauge import se2, se2_kernels
 from slamgauge.arrays import Float
-from slamgauge.se2 import between, chain, compose, rotation, wrap
+from slamgauge.se2 import (
+    between,
+    chain,
+    compose,
+    exp,
+    left_jacobian,
+    log,
+    mean_rotation,
+    right_jacobian,
+    rotation,
+    wrap,
+)
 
 PI = math.pi
 JUST_ABOVE_MINUS_PI = math.nextafter(-PI, 0.0)
@@ -116,3 +131,104 @@ def test_rotation_turns_anticlockwise() -> None:
 def test_poses_broadcast() -> None:
     start = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, PI / 2]])
     np.testing.assert_allclose(compose(start, [1.0, 0.0, 0.0]), [[1, 0, 0], [1, 2, PI / 2]], atol=1e-15)
+
+
+# --- exponential, logarithm and Jacobians --------------------------------------------------------
+
+SMALL = [0.0, 1e-300, 1e-12, -1e-7, 5e-5, -3e-4, 0.0099, 0.0101, 0.0999, 0.1001]  # beside the ends of the series
+TURNS = [*SMALL, 0.7, -2.0, 3.0, PI - 1e-6, -PI + 1e-6, PI - 1e-12]
+PLACES = [[0.0, 0.0], [0.3, -0.1], [-40.0, 25.0]]
+turns = st.one_of(headings, st.sampled_from(TURNS), st.floats(-0.2, 0.2))
+tangents = st.tuples(lengths, lengths, turns).map(np.array)
+
+
+@fixed_seed
+@given(tangents)
+def test_the_logarithm_undoes_the_exponential(tangent: Float) -> None:
+    assert_same_pose(log(exp(tangent)), tangent, 4 * float(np.abs(tangent[:2]).max()))
+
+
+@fixed_seed
+@given(tangents)
+def test_the_exponential_undoes_the_logarithm(increment: Float) -> None:
+    assert_same_pose(exp(log(increment)), increment, 4 * float(np.abs(increment[:2]).max()))
+
+
+@fixed_seed
+@given(tangents)
+def test_the_inverse_has_the_opposite_tangent(tangent: Float) -> None:
+    scale = 4 * float(np.abs(tangent[:2]).max())
+    assert_same_pose(compose(exp(tangent), exp(-tangent)), np.zeros(3), scale)
+
+
+@pytest.mark.parametrize("turn", [*TURNS, PI, 6.0])
+def test_v_is_the_mean_of_the_rotations_from_none_to_the_turn(turn: float) -> None:
+    nodes, weights = leggauss(40)
+    mean = np.einsum("n,nij->ij", weights / 2, rotation((1 + nodes) / 2 * turn))
+    np.testing.assert_allclose(mean_rotation(turn), mean, rtol=0, atol=1e-14)
+    J = rotation(PI / 2)
+    np.testing.assert_allclose(mean_rotation(turn) @ J * turn, rotation(turn) - np.eye(2), rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("place", PLACES)
+def test_both_jacobians_of_the_exponential(place: list[float], turn: float) -> None:
+    """exp(t + d) = exp(t) exp(J_r d) = exp(J_l d) exp(t) to first order in d."""
+    tangent = np.array([*place, turn])
+    at = exp(tangent)
+    inverse = between(at, np.zeros(3))
+    assert_jacobian(lambda t: log(between(at, exp(t))), right_jacobian(tangent), tangent, tolerance=1e-10, angles=[2])
+    assert_jacobian(
+        lambda t: log(compose(exp(t), inverse)), left_jacobian(tangent), tangent, tolerance=1e-10, angles=[2]
+    )
+
+
+@fixed_seed
+@given(tangents)
+def test_the_adjoint_leads_from_the_right_to_the_left_jacobian(tangent: Float) -> None:
+    x, y, heading = exp(tangent)
+    adjoint = np.eye(3)
+    adjoint[:2, :2], adjoint[:2, 2] = rotation(heading), [y, -x]
+    scale = 1e-12 * (1 + float(np.abs(tangent[:2]).max()))
+    np.testing.assert_allclose(adjoint @ right_jacobian(tangent), left_jacobian(tangent), rtol=0, atol=scale)
+
+
+def test_tangents_of_any_shape() -> None:
+    rows = np.random.default_rng(0).normal(size=(2, 5, 3))
+    for function in (exp, log, right_jacobian, left_jacobian):
+        assert function(rows).shape[:3] == (2, 5, 3)
+        np.testing.assert_array_equal(function(rows)[1, 2], function(rows[1, 2]))
+    assert mean_rotation(rows[..., 2]).shape == (2, 5, 2, 2)
+
+
+# --- kernels -------------------------------------------------------------------------------------
+
+
+@njit
+def in_kernel(x: float, y: float, turn: float) -> tuple[float, ...]:
+    return (
+        *se2_kernels.mean_rotation(turn),
+        *se2_kernels.exp(x, y, turn),
+        *se2_kernels.log(x, y, turn),
+        *se2_kernels.right_jacobian(x, y, turn),
+        se2_kernels.wrap(turn),
+    )
+
+
+@pytest.mark.parametrize("turn", [*TURNS, PI])
+@pytest.mark.parametrize("place", PLACES)
+def test_kernels_compute_what_numpy_does(place: list[float], turn: float) -> None:
+    expected = (
+        *se2.mean_cos_sin(turn),
+        *se2.exp_xy(*place, turn),
+        *se2.log_xy(*place, turn),
+        *se2.right_jacobian_entries(*place, turn),
+        se2.wrap_angle(turn),
+    )
+    np.testing.assert_allclose(in_kernel(*place, turn), expected, rtol=1e-15, atol=1e-15 * (1 + math.hypot(*place)))
+
+
+@fixed_seed
+@given(angles)
+def test_kernels_wrap_as_numpy_does(angle: float) -> None:
+    assert se2_kernels.wrap(angle) == float(wrap(angle))

@@ -16,14 +16,13 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, batch, causal, cost, robust_batch
-from slamgauge.graph_baseline.problem.linearisation import log_se2
 from slamgauge.graph_baseline.problem.placement import SURE
 from slamgauge.graph_baseline.problem.preparation import first_sights, require_known_landmarks
 from slamgauge.graph_baseline.solver import multistart
 from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, approach, settle
 from slamgauge.graph_baseline.solver.smoother import solve_at
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, chain, wrap
+from slamgauge.se2 import between, chain, log, wrap
 from slamgauge.triangulation import triangulate
 from slamgauge.truth import Truth
 
@@ -129,8 +128,8 @@ def residuals(recording: Recording, unknowns: Float) -> Float:
     assert recording.landmark is not None
     poses = unknowns[: 3 * (recording.steps + 1)].reshape(-1, 3)
     landmarks = unknowns[3 * (recording.steps + 1) :].reshape(-1, 2)
-    prior = log_se2(between(recording.prior_mean, poses[:1]))
-    motion = log_se2(between(recording.odometry, between(poses[:-1], poses[1:])))
+    prior = log(between(recording.prior_mean, poses[:1]))
+    motion = log(between(recording.odometry, between(poses[:-1], poses[1:])))
     covs = [recording.prior_cov, *recording.odometry_cov]
     drives = np.concatenate([prior, motion])
     parts = [np.linalg.solve(np.linalg.cholesky(Q), each) for Q, each in zip(covs, drives, strict=True)]
