@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
@@ -32,15 +33,23 @@ def callable_in_kernels(*functions: Callable[..., object]) -> None:
         register_jitable(function)
 
 
+def replaced_in_kernels(function: Callable[..., object], by: Callable[..., object]) -> None:
+    """Let kernels compile `by` where they call `function`; both have the same parameters and annotations."""
+    template = inspect.signature(function)
+
+    def chosen(*_: object) -> Callable[..., object]:
+        return by
+
+    chosen.__signature__ = template  # pyright: ignore[reportFunctionMemberAccess]
+    overload(function)(chosen)
+
+
 def _choose(condition: Any, one: Any, other: Any) -> Any:
     """Return `select` for numbers."""
     return one if condition else other
 
 
-@overload(select)
-def _select_in_kernels(condition: Any, one: Any, other: Any) -> Any:  # noqa: ARG001 numba compares the parameters
-    """Return what kernels compile for `select`."""
-    return _choose
+replaced_in_kernels(select, _choose)
 
 
 def _compiled(function: Callable[Arguments, Result], *, callable_from_python: bool) -> Callable[Arguments, Result]:

@@ -46,25 +46,33 @@ def exp_xy(x: Any, y: Any, turn: Any) -> tuple[Any, Any]:
 def log_xy(x: Any, y: Any, turn: Any) -> tuple[Any, Any]:
     """Return the translation V(turn)^-1 (x, y) of the logarithm of the increment (x, y, turn).
 
-    V(turn)^-1 = [[h cot h, h], [-h, h cot h]] with h = turn / 2; a series gives h cot h near 0.
+    V(turn)^-1 = [[h cot h, h], [-h, h cot h]] with h = turn / 2.
     """
     half = 0.5 * turn
-    q = half * half
-    series = 1.0 - q / 3.0 * (1.0 + q / 15.0 * (1.0 + q * 2.0 / 21.0 * (1.0 + q / 10.0)))
-    is_small = np.abs(half) < 0.05
-    cotangent = select(is_small, series, half / np.tan(select(is_small, 1.0, half)))
+    cotangent = half_cotangent(half)
     return cotangent * x + half * y, cotangent * y - half * x
+
+
+def half_cotangent(half: Any) -> Any:
+    """Return h cot h of half a turn."""
+    closed = half / np.tan(select(half == 0.0, 1.0, half))
+    return select(np.abs(half) < 1e-4, 1.0 - half * half / 3.0, closed)
 
 
 def right_jacobian_entries(x: Any, y: Any, turn: Any) -> tuple[Any, Any, Any, Any]:
     """Return j00, j01, j02, j12 of the right Jacobian [[j00, j01, j02], [-j01, j00, j12], [0, 0, 1]] at a tangent."""
+    c, s, a, b = jacobian_coefficients(turn)
+    return c, s, a * x - b * y, b * x + a * y
+
+
+def jacobian_coefficients(turn: Any) -> tuple[Any, Any, Any, Any]:
+    """Return c and s of V(turn), and a = (turn - sin(turn)) / turn^2 and b = (1 - cos(turn)) / turn^2."""
+    c, s = mean_cos_sin(turn)
     is_tiny = np.abs(turn) < 1e-9  # squares of far smaller turns are 0
     safe = select(is_tiny, 1.0, turn)
-    c, s = mean_cos_sin(turn)
-    b = select(is_tiny, 0.5, s / safe)
     series = turn / 6.0 - turn**3 / 120.0 + turn**5 / 5040.0
     a = select(np.abs(turn) < 1e-2, series, (turn - np.sin(turn)) / (safe * safe))
-    return c, s, a * x - b * y, b * x + a * y
+    return c, s, a, select(is_tiny, 0.5, s / safe)
 
 
 # --- angles and poses as arrays -------------------------------------------------------------------

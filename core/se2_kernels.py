@@ -2,10 +2,43 @@
 
 from __future__ import annotations
 
-from slamgauge.jit import callable_in_kernels, inner, kernel
-from slamgauge.se2 import exp_xy, log_xy, mean_cos_sin, right_jacobian_entries, wrap_angle
+import math
+from typing import Any
+
+from slamgauge.jit import callable_in_kernels, inner, kernel, replaced_in_kernels
+from slamgauge.se2 import (
+    exp_xy,
+    half_cotangent,
+    jacobian_coefficients,
+    log_xy,
+    mean_cos_sin,
+    right_jacobian_entries,
+    wrap_angle,
+)
+
+
+def _half_cotangent(half: Any) -> Any:
+    """Return the same as `half_cotangent`: residuals turn little, and there the series takes a quarter of the time."""
+    if abs(half) < 0.05:
+        q = half * half
+        return 1.0 - q / 3.0 * (1.0 + q / 15.0 * (1.0 + q * 2.0 / 21.0 * (1.0 + q / 10.0)))
+    return half / math.tan(half)
+
+
+def _jacobian_coefficients(turn: Any) -> tuple[Any, Any, Any, Any]:
+    """Return the same as `jacobian_coefficients`, near 0 without the sines."""
+    if abs(turn) < 1e-2:
+        c = 1.0 - turn * turn / 6.0 + turn**4 / 120.0
+        s = 0.5 * turn - turn**3 / 24.0 + turn**5 / 720.0
+        b = 0.5 - turn * turn / 24.0 + turn**4 / 720.0
+        return c, s, turn / 6.0 - turn**3 / 120.0 + turn**5 / 5040.0, b
+    c, s = mean_cos_sin(turn)
+    return c, s, (turn - math.sin(turn)) / (turn * turn), s / turn
+
 
 callable_in_kernels(mean_cos_sin)
+replaced_in_kernels(half_cotangent, _half_cotangent)
+replaced_in_kernels(jacobian_coefficients, _jacobian_coefficients)
 wrap = kernel(wrap_angle)  # (angle) -> angle
 mean_rotation = kernel(mean_cos_sin)  # (turn) -> (cosine, sine) of V(turn)
 exp = inner(exp_xy)  # (x, y, turn) -> (x, y)
