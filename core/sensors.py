@@ -31,6 +31,7 @@ class SensorModel:
         code: the sensor in kernels.
         columns: name of each number of an observation.
         units: unit of each of them; those in rad are angles.
+        sigmas: name of the standard deviation of each of them; equal names share one.
         places_landmarks: whether one observation gives the landmark's position.
         observe: (dx, dy, nearest) to z and A = dz/d(delta), row by row.
         locate: z to delta and B = d(delta)/dz, row by row.
@@ -40,6 +41,7 @@ class SensorModel:
     code: int
     columns: tuple[str, ...]
     units: tuple[str, ...]
+    sigmas: tuple[str, ...]
     places_landmarks: bool
     observe: Callable[..., tuple[Any, ...]]
     locate: Callable[..., tuple[Any, ...]]
@@ -71,6 +73,7 @@ _ENTRIES = (
         code=0,
         columns=("range", "bearing"),
         units=("m", "rad"),
+        sigmas=("range", "bearing"),
         places_landmarks=True,
         observe=range_bearing.observe,
         locate=range_bearing.locate,
@@ -80,6 +83,7 @@ _ENTRIES = (
         code=2,
         columns=("bearing",),
         units=("rad",),
+        sigmas=("bearing",),
         places_landmarks=False,
         observe=bearing.observe,
         locate=bearing.locate,
@@ -89,6 +93,7 @@ _ENTRIES = (
         code=1,
         columns=("x", "y"),
         units=("m", "m"),
+        sigmas=("position", "position"),
         places_landmarks=True,
         observe=position.observe,
         locate=position.locate,

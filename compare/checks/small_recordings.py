@@ -14,6 +14,7 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation, wrap
+from slamgauge.sensors import predict
 
 SIGMA = 1e-4  # of ranges [m] and bearings [rad]: at 5 m a filter of first order errs by some 1e-4 of that
 KNOWN = 1e-7  # of a start as good as known [m], [rad]; not zero, which some filters cannot invert
@@ -59,7 +60,7 @@ class World:
         steps, names = np.array(self.sights, dtype=np.int64).reshape(-1, 2).T
         poses, covs = self.poses[steps], np.zeros((len(self.moves), 3, 3))
         offset = np.einsum("mji,mj->mi", rotation(poses[:, 2]), self.landmarks[names] - poses[:, :2])
-        seen = np.column_stack([np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])])
+        seen = predict("range-bearing", offset)
         seen += 0.0 if disturbance is None else disturbance
         seen[:, 1] = wrap(seen[:, 1])
         covs[:, [0, 2], [0, 2]] = self.move_sigmas**2

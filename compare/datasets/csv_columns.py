@@ -12,20 +12,17 @@ from slamgauge.arrays import Float
 from slamgauge.compare.datasets.csv_mapping import UNITS, Columns
 from slamgauge.compare.datasets.text_lines import REMARKS, Line, read_lines
 from slamgauge.errors import UserError
+from slamgauge.sensors import SENSORS
 from slamgauge.suggestions import did_you_mean
 
 KINDS: dict[str, tuple[str, ...]] = {
     "increments": ("stamp", "dx", "dy", "dtheta"),
     "velocities": ("stamp", "v", "vy", "omega"),
     "poses": ("stamp", "x", "y", "theta"),
-    "range-bearing": ("stamp", "landmark", "range", "bearing"),
-    "bearing": ("stamp", "landmark", "bearing"),
-    "position": ("stamp", "landmark", "x", "y"),
+    **{name: ("stamp", "landmark", *model.columns) for name, model in SENSORS.items()},
     "landmarks": ("landmark", "x", "y"),
 }
-OPTIONAL = {"increments": "dy", "velocities": "vy"} | dict.fromkeys(
-    ("range-bearing", "bearing", "position"), "landmark"
-)
+OPTIONAL = {"increments": "dy", "velocities": "vy"} | dict.fromkeys(SENSORS, "landmark")
 WITHOUT = {"dy": 0.0, "vy": 0.0, "landmark": -1.0}  # what an optional column says where it is missing
 DIMENSIONS = {
     "time": ("stamp",),

@@ -31,11 +31,10 @@ from slamgauge.compare.storage.result_files import MAPPING
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, wrap
-from slamgauge.sensors import Sensor
+from slamgauge.sensors import SENSORS, Sensor
 from slamgauge.truth import Truth
 
 ODOMETRIES = ("increments", "velocities", "poses")
-SENSORS: tuple[Sensor, ...] = ("range-bearing", "bearing", "position")
 
 Sections = dict[str, dict[str, Any]]
 
@@ -64,8 +63,8 @@ def read_csv_log(path: Path, overrides: Sequence[str] = ()) -> tuple[Imported, S
     odometry, steps, inside, more = joined(odometry, seen.values[kept, 0])
     values, landmark = seen.values[kept][inside], None if landmark is None else landmark[inside]
     truth = _truth(mapping, odometry.stamps, landmark)
-    sensor: Sensor = next(each for each in SENSORS if each == seen.kind)
-    sigmas = [mapping.sigma(name) for name in _sigma_names(sensor)]
+    sensor = SENSORS[seen.kind].name
+    sigmas = [mapping.sigma(name) for name in SENSORS[sensor].sigmas]
     with of_file(path):
         recording = Recording(
             stamps=odometry.stamps,
@@ -133,24 +132,17 @@ def _from_the_start(mapping: LogMapping, table: Table, *, looks_back: bool) -> t
 def _observations(mapping: LogMapping) -> Table:
     """Stamp, landmark and what was measured of every observation."""
     section = mapping.observations
-    require_known(section.columns, SENSORS, f"{mapping.where}: observations.columns")
-    table = read_columns(_source(mapping, section), SENSORS, "observations", section.kind)
+    require_known(section.columns, tuple(SENSORS), f"{mapping.where}: observations.columns")
+    table = read_columns(_source(mapping, section), tuple(SENSORS), "observations", section.kind)
     require_order(table.lines, table.values[:, 0], strict=False)
-    if table.kind == "range-bearing":
+    if SENSORS[table.kind].has_range:
         require_ranges(table.lines, table.values[:, 2])
     return table
 
 
-def _sigma_names(sensor: Sensor) -> tuple[str, str] | tuple[str]:
-    """The standard deviations of [noise] that a sensor's measurements have."""
-    return {"range-bearing": ("range", "bearing"), "bearing": ("bearing",), "position": ("position", "position")}[
-        sensor
-    ]
-
-
 def _wrapped(values: Float, sensor: Sensor) -> Float:
-    """Observations (M, d), their bearings in (-pi, pi]."""
-    return values if sensor == "position" else np.column_stack([values[:, :-1], wrap(values[:, -1])])
+    """Return observations (M, d), their angles in (-pi, pi]."""
+    return np.where(SENSORS[sensor].is_angle, wrap(values), values)
 
 
 def _source(mapping: LogMapping, section: OdometryTable | ObservationsTable) -> Source:

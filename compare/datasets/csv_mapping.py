@@ -21,6 +21,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 from slamgauge.compare.storage.result_files import MAPPING
 from slamgauge.compare.storage.toml_tables import Table, override, read_toml
 from slamgauge.errors import UserError
+from slamgauge.sensors import Sensor
 from slamgauge.suggestions import did_you_mean
 from slamgauge.validation import LARGEST
 
@@ -71,7 +72,7 @@ class ObservationsTable(FileTable):
     """The file of observations."""
 
     file: str = "observations.csv"
-    kind: Literal["range-bearing", "bearing", "position"] | None = None
+    kind: Sensor | None = None
 
 
 @dataclass(frozen=True)

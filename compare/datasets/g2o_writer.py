@@ -22,6 +22,8 @@ from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation
 
+EDGES = {"position": "EDGE_SE2_XY", "bearing": "EDGE_BEARING_SE2_XY"}  # of sensors; ranges with bearings are BR
+
 
 def write_g2o(path: Path, recording: Recording, *, lend: float | None = None) -> None:
     """Write a recording as a graph.
@@ -74,9 +76,8 @@ def _motions(recording: Recording, poses: Int, lend: float | None) -> Iterator[s
 def _sights(recording: Recording, poses: Int, landmark: Int) -> Iterator[str]:
     ids = np.column_stack([poses[recording.observation_step], landmark])
     values, covs = recording.observation, recording.observation_cov
-    if recording.sensor != "range-bearing":
-        tag = "EDGE_SE2_XY" if recording.sensor == "position" else "EDGE_BEARING_SE2_XY"
-        return _written(tag, ids, np.column_stack([values, upper_triangles(inverted(covs))]))
+    if recording.sensor in EDGES:
+        return _written(EDGES[recording.sensor], ids, np.column_stack([values, upper_triangles(inverted(covs))]))
     if covs[:, 0, 1].any():
         row = int(np.argmax(covs[:, 0, 1] != 0.0))
         what = f"observation_cov[{row}]: range and bearing are correlated, for which graphs have no edge"

@@ -14,7 +14,7 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.datasets.text_lines import Line
-from slamgauge.se2 import rotation, wrap
+from slamgauge.se2 import exp, log, wrap
 
 SAME = 1e-6  # s: stamps that are nearer than this are one; stamps of today in seconds resolve some 2e-7
 
@@ -34,14 +34,8 @@ class Odometry(NamedTuple):
 
 
 def constant_twist(velocities: Float, seconds: Float) -> Float:
-    """Increments (n, 3) of a robot that keeps its velocities (n, 3) (forward, to the left, yaw rate) for seconds (n,).
-
-    It drives an arc: with turn a the chord is sin(a/2)/(a/2) of the arc's length and points a/2 off.
-    """
-    twist = velocities * seconds[:, None]
-    half = twist[:, 2] / 2.0
-    chord = np.einsum("nij,nj->ni", rotation(half), twist[:, :2]) * _sinc(half)[:, None]
-    return np.column_stack([chord, twist[:, 2]])
+    """Return increments (n, 3) at constant velocities (n, 3) (forward, to the left, yaw rate) for seconds (n,)."""
+    return exp(velocities * seconds[:, None])
 
 
 def require_turns(lines: Sequence[Line], increments: Float) -> None:
@@ -96,17 +90,9 @@ def interpolated(stamps: Float, poses: Float, times: Float, max_gap: float) -> F
 
 
 def _part(increments: Float, fraction: Float) -> Float:
-    """The first `fraction` (n,) of increments (n, 3), driven at constant twist; whole ones are unchanged."""
-    half = increments[:, 2] / 2.0
-    scale = fraction * _sinc(fraction * half) / _sinc(half)
-    chord = np.einsum("nij,nj->ni", rotation((fraction - 1.0) * half), increments[:, :2]) * scale[:, None]
-    part = np.column_stack([chord, fraction * increments[:, 2]])
-    return np.where(fraction[:, None] == 1.0, increments, part)
-
-
-def _sinc(angle: Float) -> Float:
-    """sin(a)/a of angles [rad]."""
-    return np.sinc(angle / np.pi)
+    """Return the first `fraction` (n,) of increments (n, 3), driven at constant twist; whole ones are unchanged."""
+    whole = fraction[:, None] == 1.0
+    return np.where(whole, increments, exp(fraction[:, None] * log(increments)))
 
 
 def _nearest(stamps: Float, times: Float) -> Int:

@@ -15,6 +15,7 @@ from slamgauge.errors import UserError
 from slamgauge.memory import require_memory
 from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
+from slamgauge.sensors import SENSORS
 
 LONG, DAY = 600.0, 86_400.0  # s
 FILTER, OPTIMUM = 3e-5, 1e-3  # s a step with few landmarks, all else than the update of the map included
@@ -80,7 +81,7 @@ def seconds_for(recording: Recording, asked: Asked) -> float:
     seconds = seconds_of(recording.steps, _landmarks_of(recording), [asked])
     entry = entry_of(asked.name) if asked.name else None
     is_batch = entry is not None and entry.takes_associations and entry.kind == "smoothed"
-    if seconds > LONG and is_batch and recording.sensor != "bearing" and recording.landmark is not None:
+    if seconds > LONG and is_batch and SENSORS[recording.sensor].places_landmarks and recording.landmark is not None:
         from slamgauge.graph_baseline.solver.cost_estimate import seconds_in_hindsight
 
         return min(seconds, seconds_in_hindsight(recording))

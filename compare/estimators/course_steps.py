@@ -23,6 +23,7 @@ from slamgauge.compare.estimators.user_code import OwnCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import wrap
+from slamgauge.sensors import SENSORS
 
 PREDICTION, CORRECTION = "prediction_step", "correction_step"
 UNSEEN = 1000.0  # variance [m^2] of a landmark that has not been seen
@@ -76,7 +77,7 @@ class CourseSteps:
         Raises:
             OwnCodeError: a recording that they cannot be fed with, or what they return is no state.
         """
-        if recording.landmark is None or recording.sensor != "range-bearing":
+        if recording.landmark is None or not SENSORS[recording.sensor].has_range:
             raise OwnCodeError("the course's functions need ranges, bearings and ids; give a recording that has them")
         trail = Trail(recording, ("mu", "sigma"))
         with self.code.fresh() as fresh:

@@ -19,6 +19,7 @@ from slamgauge.compare.estimators.state_log import Trail
 from slamgauge.compare.estimators.user_code import OwnCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
+from slamgauge.sensors import SENSORS
 
 PREDICT, UPDATE = "predict", "update"
 
@@ -47,7 +48,7 @@ class PredictUpdate:
         Raises:
             OwnCodeError: a recording that they cannot be fed with, or what they return is no state.
         """
-        if recording.sensor != "range-bearing":
+        if not SENSORS[recording.sensor].has_range:
             raise OwnCodeError("predict and update take ranges and bearings; give a recording that has them")
         trail = Trail(recording, ("eta", "P"))
         belief: list[Any] = [recording.prior_mean.copy(), recording.prior_cov.copy()]

@@ -26,6 +26,7 @@ from slamgauge.compare.estimators.state_log import Trail
 from slamgauge.compare.estimators.user_code import Callee, OwnCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
+from slamgauge.sensors import SENSORS
 
 Noise = Literal["recording", "file"]
 STATE_AND_INPUT = 4  # parameters that every copy has
@@ -194,7 +195,7 @@ class _Told:
 
 def _require_expressible(recording: Recording) -> None:
     """Refuse what u and y cannot say."""
-    if recording.sensor == "position":
+    if not SENSORS[recording.sensor].has_bearing:
         raise OwnCodeError("a step function of the practical takes ranges and bearings; this recording has positions")
     sideways = np.flatnonzero(recording.odometry[:, 1])
     if len(sideways):

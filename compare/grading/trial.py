@@ -25,6 +25,7 @@ from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.errors import UserError, failure_text
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
+from slamgauge.sensors import SENSORS
 from slamgauge.truth import Truth
 
 FEW_STEPS, LOUDER = 20, 4.0  # of a recording whose noise is said to be that many times as large in variance
@@ -136,7 +137,7 @@ def _score(
 
 def _why_no_laws(estimator: Isolated, name: str, scenario: Scenario, seed: int) -> str:
     """Why the laws cannot judge it; nothing if they can."""
-    if scenario.sensor.kind != "range-bearing" or scenario.association.method != "known":
+    if not SENSORS[scenario.sensor.kind].has_range or scenario.association.method != "known":
         return "they are about ranges and bearings with ids"
     begin = simulate(scenario, seed)[1].first(FEW_STEPS)
     loud = replace(begin, odometry_cov=LOUDER * begin.odometry_cov, observation_cov=LOUDER * begin.observation_cov)

@@ -24,10 +24,10 @@ from slamgauge.compare.noise.odometry_form import odometry_form
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation, wrap
-from slamgauge.sensors import Sensor
+from slamgauge.sensors import SENSORS, inverse, predict
 
 ODOMETRY = ("forward", "lateral", "turn")
-CHANNELS: dict[Sensor, tuple[str, ...]] = {"range-bearing": ("range", "bearing"), "position": ("position",)}
+POLAR = "range-bearing"
 Heading = Literal["sensor", "odometry"]
 SYSTEMATIC = ("odometry_scale", "turn_per_metre", "range_offset", "bearing_offset")
 UNITS = {
@@ -72,13 +72,14 @@ class Told:
     """
 
     def __init__(self, recording: Recording) -> None:
-        if recording.sensor not in CHANNELS:
+        model = SENSORS[recording.sensor]
+        if not model.places_landmarks:
             reason = "bearings alone place no landmark at first sight, and so have no innovations there"
             raise UserError(f"sensor: {reason}; give a recording with ranges, too")
         if not recording.steps or not len(recording.observation):
             raise UserError("recording: without steps or without observations it tells no noise; give a longer one")
         self.recording = recording
-        self.channels = CHANNELS[recording.sensor]
+        self.channels = tuple(dict.fromkeys(model.sigmas))
         self.sigmas = (*ODOMETRY, *self.channels)
         self._form = odometry_form(recording.odometry_cov)
         self._motion: Float = uniform_filter1d(recording.odometry[:, :2], AVERAGED, axis=0, mode="nearest")
@@ -121,11 +122,8 @@ class Told:
         scale = values["odometry_scale"]
         odometry[:, :2] -= scale / (1.0 + scale) * self._motion
         odometry[:, 2] -= values["turn_per_metre"] * self._distance / (1.0 + scale)
-        is_polar = self.recording.sensor == "range-bearing"
-        x, y = observation.T
-        distance, bearing = (x, y) if is_polar else (np.hypot(x, y), np.arctan2(y, x))
+        sensor = self.recording.sensor
+        distance, bearing = (observation if sensor == POLAR else predict(POLAR, inverse(sensor, observation))).T
         distance = np.maximum(distance - values["range_offset"], 0.0)
-        bearing = wrap(bearing - values["bearing_offset"])
-        if is_polar:
-            return odometry, np.column_stack([distance, bearing])
-        return odometry, np.column_stack([distance * np.cos(bearing), distance * np.sin(bearing)])
+        polar = np.column_stack([distance, wrap(bearing - values["bearing_offset"])])
+        return odometry, polar if sensor == POLAR else predict(sensor, inverse(POLAR, polar))

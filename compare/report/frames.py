@@ -8,6 +8,7 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.recording import Recording
+from slamgauge.sensors import SENSORS, inverse
 
 
 class Sights(NamedTuple):
@@ -43,9 +44,5 @@ def sights_of(recording: Recording, shown: Int, length: float) -> Sights:
 
 
 def _in_the_body(recording: Recording, observation: Int, length: float) -> Float:
-    values = recording.observation[observation]
-    if recording.sensor == "position":
-        return values
-    bearing = values[:, -1]
-    distance = np.full(len(values), length) if recording.sensor == "bearing" else values[:, 0]
-    return distance[:, None] * np.column_stack([np.cos(bearing), np.sin(bearing)])
+    delta = inverse(recording.sensor, recording.observation[observation])
+    return delta if SENSORS[recording.sensor].places_landmarks else length * delta

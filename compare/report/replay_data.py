@@ -25,6 +25,7 @@ from slamgauge.compare.storage.results_folder import Results
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose
+from slamgauge.sensors import SENSORS
 from slamgauge.truth import Truth
 
 MOST_FRAMES = 1500  # more than a screen has columns
@@ -76,7 +77,7 @@ def _data(results: Results, looks: Sequence[Look], shown: Int) -> dict[str, Any]
         "sights": {
             "start": pack(sights.start, "i4"),
             "body": pack(sights.body),
-            "bearingOnly": recording.sensor == "bearing",
+            "bearingOnly": not SENSORS[recording.sensor].places_landmarks,
         },
         "estimates": [_estimate(results.estimates[look.name], look, run) for look in looks],
         "closures": pack([] if closures is None else np.unique(_frames_of(closures, shown)), "i4"),

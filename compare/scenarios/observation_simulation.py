@@ -17,6 +17,7 @@ from slamgauge.compare.scenarios.sensor_errors import Sensor
 from slamgauge.covariances import square_roots
 from slamgauge.memory import require_memory
 from slamgauge.se2 import rotation, wrap
+from slamgauge.sensors import SENSORS, predict
 from slamgauge.truth import NOBODY
 
 POSE, SIGHT = 300, 64  # bytes of a pose and of a sight while a run is simulated
@@ -142,14 +143,15 @@ def _covs(sensor: Sensor, count: int) -> Float:
 
 def _measured(body: Float, noise: Float, sensor: Sensor) -> Float:
     """What the sensor makes (M, d) of points (M, 2) in the body frame, and noise (M, d)."""
-    if sensor.kind == "position":
-        return body + noise
-    bearings = np.arctan2(body[:, 1], body[:, 0]) + noise[:, -1]
-    if sensor.kind == "bearing":
-        return wrap(bearings)[:, None]
-    ranges = np.linalg.norm(body, axis=1) + noise[:, 0]
-    # no sensor reports a negative range: noise that reaches past zero is reflected
-    return np.column_stack([np.abs(ranges), wrap(bearings)])
+    model, value = SENSORS[sensor.kind], predict(sensor.kind, body)
+    if model.has_range:
+        value[:, 0] = np.linalg.norm(body, axis=1)  # rounds as in all versions before: recordings stay the same
+    value = value + noise
+    for column in np.flatnonzero(model.is_angle):
+        value[:, column] = wrap(value[:, column])
+    if model.has_range:
+        value[:, 0] = np.abs(value[:, 0])  # no sensor reports a negative range: noise below zero is reflected
+    return value
 
 
 def _wrong(body: Float, sights: _Sights, outlier: Marks, sensor: Sensor, streams: Streams) -> Float:
@@ -164,7 +166,7 @@ def _anywhere(draws: Float, sensor: Sensor) -> Float:
     ranges = sensor.min_range + (sensor.max_range - sensor.min_range) * draws[:, 0]
     bearings = np.deg2rad(sensor.field_of_view_deg) * (draws[:, 1] - 0.5)
     points = ranges[:, None] * np.column_stack([np.cos(bearings), np.sin(bearings)])
-    return _measured(points, np.zeros((len(draws), 2)), sensor)
+    return _measured(points, np.zeros((len(draws), SENSORS[sensor.kind].dim)), sensor)
 
 
 def _with_clutter(found: Observed, steps: int, sensor: Sensor, streams: Streams) -> Observed:

@@ -24,6 +24,7 @@ from slamgauge.ekf.settings.robustness import Robustness
 from slamgauge.ekf.settings.validation import fitted
 from slamgauge.errors import UserError
 from slamgauge.se2 import between
+from slamgauge.sensors import SENSORS
 from slamgauge.validation import as_covariances
 
 Row = tuple[Number, Number, Number]
@@ -130,14 +131,14 @@ class Scenario(Section):
     @property
     def initialisation_settings(self) -> Initialisation | None:
         """How bearing-only landmarks begin, fitted to the sensor's range where nothing is said; None with ranges."""
-        if self.sensor.kind != "bearing":
+        if SENSORS[self.sensor.kind].places_landmarks:
             return None
         section: Section = getattr(self, self.initialisation.replace("-", "_"))
         return fitted(INITIALISATIONS[self.initialisation], self.sensor.max_range, **section.model_dump())
 
     @model_validator(mode="after")
     def _rays_reach(self) -> Scenario:
-        if self.sensor.kind != "bearing":
+        if SENSORS[self.sensor.kind].places_landmarks:
             return self
         try:
             rays = fitted(Rays, self.sensor.max_range, **self.fis.model_dump())
@@ -150,7 +151,11 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _can_associate(self) -> Scenario:
-        if self.sensor.kind == "bearing" and self.association.method != "known" and self.initialisation != "fis":
+        if (
+            not SENSORS[self.sensor.kind].places_landmarks
+            and self.association.method != "known"
+            and self.initialisation != "fis"
+        ):
             text = 'association.method = "{method}" needs rays; set initialisation = "fis", or the method "known"'
             raise PydanticCustomError("foreign", text, {"method": self.association.method})
         return self

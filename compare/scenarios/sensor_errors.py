@@ -12,14 +12,17 @@ from slamgauge.arrays import Float, Int
 from slamgauge.compare.scenarios.csv_tables import Table, TableText, covariances
 from slamgauge.compare.scenarios.section import NonNegative, Positive, Probability, Section
 from slamgauge.compare.storage.csv_folder import OBSERVED
-from slamgauge.sensors import OBSERVATION_DIM
+from slamgauge.sensors import SENSORS, SensorModel
 from slamgauge.sensors import Sensor as SensorKind
 
-_SIGMAS = {
-    "range-bearing": ("sigma_range", "sigma_bearing_deg"),
-    "bearing": ("sigma_bearing_deg",),
-    "position": ("sigma_position",),
-}
+
+def _keys_of(model: SensorModel) -> tuple[str, ...]:
+    """Return the key of each number's standard deviation, angles in degrees."""
+    names = zip(model.sigmas, model.is_angle, strict=True)
+    return tuple(f"sigma_{name}{'_deg' if is_angle else ''}" for name, is_angle in names)
+
+
+_SIGMAS: dict[str, tuple[str, ...]] = {name: _keys_of(model) for name, model in SENSORS.items()}
 SIGHT = ("step", "landmark")
 
 
@@ -39,7 +42,7 @@ class Sensor(Section):
     mean number of observations of nothing in each step (Poisson), uniform likewise; with ids, each has one of its own.
     """
 
-    kind: Literal["range-bearing", "bearing", "position"]
+    kind: SensorKind
     max_range: Positive
     min_range: NonNegative = 0.0
     first_step: Annotated[int, Field(ge=0, strict=True)] = 0
@@ -74,7 +77,7 @@ class Sensor(Section):
         _covs_of(table, kind)
         return table
 
-    @field_validator(*(key for keys in _SIGMAS.values() for key in keys))
+    @field_validator(*dict.fromkeys(key for keys in _SIGMAS.values() for key in keys))
     @classmethod
     def _fits_kind(cls, value: float | None, info: ValidationInfo) -> float | None:
         kind = info.data.get("kind")
@@ -94,11 +97,8 @@ class Sensor(Section):
     @property
     def sigmas(self) -> Float:
         """Standard deviations (d,) of an observation: [m, rad], [rad] for `bearing`, [m, m] for `position`."""
-        if self.kind == "position":
-            return np.array([self.sigma_position, self.sigma_position], dtype=np.float64)
-        if self.kind == "bearing":
-            return np.deg2rad(np.array([self.sigma_bearing_deg], dtype=np.float64))
-        return np.array([self.sigma_range, self.sigma_bearing_deg], dtype=np.float64) * [1.0, np.pi / 180.0]
+        stated = np.array([getattr(self, key) for key in _SIGMAS[self.kind]], dtype=np.float64)
+        return np.where(SENSORS[self.kind].is_angle, np.deg2rad(stated), stated)
 
     @property
     def sights(self) -> tuple[Int, Int] | None:
@@ -116,7 +116,7 @@ class Sensor(Section):
 
 def sightings_header(kind: SensorKind, *, has_covs: bool) -> tuple[str, ...]:
     """The columns of a file of sightings."""
-    return (*SIGHT, *OBSERVED[kind][OBSERVATION_DIM[kind] :]) if has_covs else SIGHT
+    return (*SIGHT, *OBSERVED[kind][SENSORS[kind].dim :]) if has_covs else SIGHT
 
 
 def _headers(kind: SensorKind) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -128,4 +128,4 @@ def _covs_of(table: TableText | None, kind: SensorKind) -> Float | None:
     with_covs = _headers(kind)[1]
     if table is None or table.rows(*_headers(kind)).shape[1] < len(with_covs):
         return None
-    return covariances(table, with_covs, OBSERVATION_DIM[kind], is_definite=True)
+    return covariances(table, with_covs, SENSORS[kind].dim, is_definite=True)

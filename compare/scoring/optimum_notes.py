@@ -14,6 +14,7 @@ from slamgauge.compare.scoring.text_table import interval_cell
 from slamgauge.display import counted
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
+from slamgauge.sensors import SENSORS
 from slamgauge.truth import NOBODY, Truth
 
 MARK = "?"  # behind figures that are relative to an optimum in doubt
@@ -56,7 +57,7 @@ def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Esti
     if not observations:
         return None
     counts = [counted(landmarks, "landmark")] * (landmarks > 0) + [counted(observations, "observation")]
-    why = " that bearings alone do not place" if recording.sensor == "bearing" else ""
+    why = "" if SENSORS[recording.sensor].places_landmarks else " that bearings alone do not place"
     return f"{name} leaves out {' and '.join(counts)}{why}"
 
 

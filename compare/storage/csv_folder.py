@@ -30,7 +30,7 @@ from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Kind
 from slamgauge.recording import Recording
-from slamgauge.sensors import OBSERVATION_DIM, Sensor
+from slamgauge.sensors import SENSORS, Sensor
 from slamgauge.validation import as_ints
 
 START, ODOMETRY, OBSERVATIONS = "start.csv", "odometry.csv", "observations.csv"
@@ -42,11 +42,14 @@ POSE_COV = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")
 INCREMENT = ("dx", "dy", "dtheta")
 POINT = ("x", "y")
 POINT_COV = ("cov_xx", "cov_xy", "cov_yy")
-OBSERVED: dict[Sensor, tuple[str, ...]] = {
-    "range-bearing": ("range", "bearing", "cov_rr", "cov_rb", "cov_bb"),
-    "bearing": ("bearing", "cov_bb"),
-    "position": (*POINT, *POINT_COV),
-}
+
+
+def _observed(columns: tuple[str, ...]) -> tuple[str, ...]:
+    """Return a sensor's columns, then those of its covariance by first letters, upper triangle row by row."""
+    return (*columns, *(f"cov_{one[0]}{other[0]}" for i, one in enumerate(columns) for other in columns[i:]))
+
+
+OBSERVED: dict[Sensor, tuple[str, ...]] = {each.name: _observed(each.columns) for each in SENSORS.values()}
 
 
 def write_recording_csv(folder: Path, recording: Recording) -> None:
@@ -100,7 +103,7 @@ def read_recording_csv(folder: Path) -> Recording:
         remedy = " or ".join(f"step,landmark,{','.join(columns)}" for columns in OBSERVED.values())
         raise UserError(f"{observations}: line 1 is no header of this file; write {remedy}")
     seen = parse_rows(str(observations), lines, names)
-    dim = OBSERVATION_DIM[sensor]
+    dim = SENSORS[sensor].dim
     unknown = seen[:, 1] == -1.0
     if unknown.any() and not unknown.all():
         line = int(np.argmax(unknown)) + 2

@@ -33,6 +33,7 @@ from slamgauge.compare.studies.store_damage import (
 from slamgauge.compare.studies.store_file import connected
 from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.errors import UserError
+from slamgauge.sensors import SENSORS
 
 # of what a store holds: raise it when `TABLES` (unless `begin_store` adds what lacks), `SERIES` or `STORED` change, and
 # when the same scenario and seed give other measurements or a figure another meaning; stores of another number are
@@ -73,7 +74,9 @@ def digest(scenario: Scenario, seed: int) -> str:
 
 def _as_text(scenario: Scenario) -> str:
     """The scenario as JSON, without later keys that have their default: a new key leaves old studies as they are."""
-    if scenario.sensor.kind != "bearing" and scenario.fis == type(scenario.fis)():  # other members change nothing
+    if (
+        SENSORS[scenario.sensor.kind].places_landmarks and scenario.fis == type(scenario.fis)()
+    ):  # other members change nothing
         scenario = scenario.model_copy(update={"fis": scenario.fis.model_copy(update=FORMER_RAYS)})
     sections = {name: getattr(scenario, name) for name in LATER_KEYS}
     left_out: dict[str, set[str] | bool] = {

@@ -30,6 +30,7 @@ from slamgauge.compare.storage.result_files import TWIN, TWIN_MOTION, TWIN_PATH,
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
+from slamgauge.sensors import SENSORS
 
 ASSOCIATES = "riekf"  # who associates a log without ids
 
@@ -107,7 +108,8 @@ def _common_sigmas(log: Recording) -> Float | None:
     """Standard deviations (d,) of all observations; None where each has a covariance that these do not tell."""
     first = log.observation_cov[0]
     is_diagonal = np.array_equal(first, np.diag(np.diag(first)))
-    is_round = log.sensor != "position" or first[0, 0] == first[1, 1]
+    variances = dict(zip(SENSORS[log.sensor].sigmas, np.diag(first), strict=True))
+    is_round = np.array_equal([variances[name] for name in SENSORS[log.sensor].sigmas], np.diag(first))
     is_common = (log.observation_cov == first).all()
     return np.sqrt(np.diag(first)) if is_diagonal and is_round and is_common else None
 
@@ -134,9 +136,10 @@ def _toml(twin: Twin, name: str, sigmas: Float | None) -> Iterable[str]:
 def _sigma_lines(log: Recording, sigmas: Float | None) -> Iterable[str]:
     if sigmas is None:
         return
-    if log.sensor == "position":
-        yield f"sigma_position = {float(sigmas[0])!r}   # m"
-        return
-    if log.sensor == "range-bearing":
-        yield f"sigma_range = {float(sigmas[0])!r}   # m"
-    yield f"sigma_bearing_deg = {float(np.rad2deg(sigmas[-1]))!r}"
+    model = SENSORS[log.sensor]
+    units = dict(zip(model.sigmas, model.units, strict=True))
+    for name, sigma in dict(zip(model.sigmas, sigmas.tolist(), strict=True)).items():
+        if units[name] == "rad":
+            yield f"sigma_{name}_deg = {float(np.rad2deg(sigma))!r}"
+        else:
+            yield f"sigma_{name} = {sigma!r}   # {units[name]}"
