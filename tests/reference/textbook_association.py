@@ -29,8 +29,7 @@ from textbook import (
 )
 
 from slamgauge.arrays import Float
-from slamgauge.ekf import Association, textbook_ekf
-from slamgauge.ekf.textbook import squared_distances
+from slamgauge.ekf import Association, textbook, textbook_ekf
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
@@ -61,9 +60,7 @@ def textbook_nearest_neighbour(recording: Recording, gate: float, kind: Kind) ->
         dof.append(0)
         for z, R in zip(scan.value, scan.cov, strict=True):
             point = first if kind in KEEP_FIRST else x
-            every = [*range((len(x) - 3) // 2)]
-            copies = np.tile(z, (len(every), 1)), np.tile(R, (len(every), 1, 1))
-            distances = squared_distances(P, linearised(recording.sensor, x, point, every, *copies, kind=jacobians))
+            distances = squared_distances(recording.sensor, x, point, P, z, R, kind=jacobians)
             if len(distances) and min(distances) <= gate:
                 slot = int(np.argmin(distances))
                 sight = [slot], z[None], R[None]
@@ -100,6 +97,15 @@ def additive(x: Float, P: Float, *, invariant: bool) -> Float:
     D = additive_from_invariant(x) if invariant else np.eye(len(x))
     full = D @ P @ D.T
     return (full + full.T) / 2
+
+
+def squared_distances(
+    sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, *, kind: Jacobians = "additive"
+) -> Float:
+    """d^2 (L,) of one observation and every landmark, Jacobians at `point`."""
+    count = (len(x) - 3) // 2
+    copies = np.tile(z, (count, 1)), np.tile(R, (count, 1, 1))
+    return textbook.squared_distances(P, linearised(sensor, x, point, [*range(count)], *copies, kind=kind))
 
 
 @dataclass(frozen=True)
