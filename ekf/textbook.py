@@ -12,7 +12,6 @@ from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from slamgauge import sensors
 from slamgauge.arrays import Float, Int
@@ -121,11 +120,11 @@ def update_by_nearest_neighbour(
     """Take one observation after the other: update with its nearest landmark in the gate, else map a new landmark."""
     association, nis, dof = list[int](), 0.0, 0
     for z, noise in zip(scan.value, scan.cov, strict=True):
-        seen = linearise(sensor, x, np.arange(len(ids)), z[None], np.repeat(noise[None], len(ids), axis=0))
-        distances = squared_distances(P, seen)
+        all_noise = np.repeat(noise[None], len(ids), axis=0)
+        distances = squared_distances(P, linearise(sensor, x, np.arange(len(ids)), z[None], all_noise))
         if distances.min(initial=np.inf) <= gate:
             nearest = int(distances.argmin())
-            x, P, added, its_dof = update(x, P, Linearised(*(each[[nearest]] for each in seen)))
+            x, P, added, its_dof = update(x, P, linearise(sensor, x, np.array([nearest]), z[None], noise[None]))
             nis, dof = nis + added, dof + its_dof
         else:
             nearest = len(ids)
@@ -160,11 +159,12 @@ def squared_distances(P: Float, seen: Linearised) -> Float:
 
 def update(x: Float, P: Float, seen: Linearised) -> tuple[Float, Float, float, int]:
     """Update with all given observations at once; return x, P, NIS and its degrees of freedom."""
-    H = np.zeros((*seen.innovation.shape, len(x)))
-    for i, columns in enumerate(seen.columns):
-        H[i][:, columns] = seen.jacobian[i]
-    rows = H.any(axis=2).ravel()  # those with information
-    H, v, P_Y = H.reshape(-1, len(x))[rows], seen.innovation.ravel()[rows], block_diag(*seen.noise)[rows][:, rows]
+    m, d = seen.innovation.shape
+    H, P_Y = np.zeros((m, d, len(x))), np.zeros((m, d, m, d))
+    for i in range(m):
+        H[i][:, seen.columns[i]], P_Y[i, :, i] = seen.jacobian[i], seen.noise[i]
+    rows = H.any(axis=2).ravel()  # without those that carry no information
+    H, v, P_Y = H.reshape(m * d, -1)[rows], seen.innovation.ravel()[rows], P_Y.reshape(m * d, -1)[rows][:, rows]
     S_inverse = np.linalg.inv(H @ P @ H.T + P_Y)
     K = P @ H.T @ S_inverse  # (1.1), line 4: K = P* H' (H P* H' + P_Y)^-1
     x = x + K @ v  # (1.1), line 5: X = X* + K (Y - Y*)

@@ -1,6 +1,8 @@
-"""The standard filter in plain numpy: what a careful user writes, the yardstick of `slamgauge bench`.
+"""EKF-SLAM in numpy, written for speed: the reference time of `slamgauge bench`.
 
-One blocked update per step and structured prediction, on full symmetric matrices.
+One joint update per step, with a Cholesky factor and one product W'W, and a prediction of the robot's rows alone.
+`slamgauge.ekf.textbook` is the same filter written for reading: it takes 3 to 6 times as long for 20 to 600 landmarks,
+so it would not measure what numpy can do.
 """
 
 from __future__ import annotations

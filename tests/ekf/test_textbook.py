@@ -130,7 +130,7 @@ def test_ekf_is_the_textbook_ekf_on_questions_1_and_2(name: str) -> None:
     scenario = load_scenario(name, ["start=sampled"])
     _, recording = simulate(scenario, 0)
     recording = recording.first(SHORT.get(name, recording.steps))
-    association = None if scenario.association is None else scenario.association.settings()
+    association = scenario.association.settings()
     assert (recording.landmark is None) == name.startswith("q2")
     fast = ekf_slam(recording) if association is None else ekf_slam(recording, association)
     assert_equal(fast, textbook_ekf(recording, association))

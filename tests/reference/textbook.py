@@ -21,7 +21,6 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from slamgauge.arrays import Float
 from slamgauge.ekf import textbook
@@ -103,7 +102,7 @@ textbook_riekf = partial(_run, kind="invariant")
 
 
 def belief_of(x: Float, P: Float, point: Float | None = None, *, observable: bool = False) -> Belief:
-    """What the kernels take for that state and covariance, which they change in place."""
+    """State and covariance as the kernels take them; kernels change both in place."""
     form = PROJECTED if observable else AT_POINT
     return Belief(x, x if point is None else point, P, np.ones(len(x) // 2, dtype=np.bool_), len(x), form)
 
@@ -163,6 +162,14 @@ def dense(seen: Linearised, size: int) -> tuple[Float, Float]:
     return seen.innovation.ravel(), H.reshape(-1, size)
 
 
+def block_diagonal(R: Float) -> Float:
+    """Blocks (m, 2, 2) on the diagonal of (2m, 2m)."""
+    noise = np.zeros((2 * len(R), 2 * len(R)))
+    for a, block in enumerate(R):
+        noise[2 * a : 2 * a + 2, 2 * a : 2 * a + 2] = block
+    return noise
+
+
 def weighted(P: Float, seen: Linearised, tails: float) -> Float:
     """R / w of each observation, w = min(1, (n + 2) / (n + v' S^-1 v)) for n = `tails`."""
     weight = np.minimum(1.0, (tails + 2) / (tails + textbook.squared_distances(P, seen)))
@@ -199,14 +206,14 @@ def update_iterated(
 
     variances, axes = np.linalg.eigh(P)
     L = axes * np.sqrt(variances.clip(min=0.0))
-    root = np.linalg.inv(np.linalg.cholesky(block_diag(*R)))
+    root = np.linalg.inv(np.linalg.cholesky(block_diagonal(R)))
 
     def residuals(u: Float) -> tuple[Float, Float]:
         v, H = at(x + L @ u)
         return np.concatenate([u, root @ v]), np.vstack([np.eye(len(u)), -root @ H @ L])
 
     v, H = at(x)
-    nis = float(v @ np.linalg.solve(H @ P @ H.T + block_diag(*R), v))
+    nis = float(v @ np.linalg.solve(H @ P @ H.T + block_diagonal(R), v))
     u, damping = np.zeros(len(x)), 0.0
     for _ in range(1000):
         r, A = residuals(u)
@@ -227,7 +234,7 @@ def update_iterated(
         u, length = u + step, np.abs(step).max()
     minimum = x + L @ u
     _, H = at(minimum)
-    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + block_diag(*R))
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + block_diagonal(R))
     P = (np.eye(len(x)) - K @ H) @ P
     minimum[2] = wrap(minimum[2])
     return minimum, (P + P.T) / 2, nis

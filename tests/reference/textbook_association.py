@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.linalg import block_diag
 from textbook import (
     KEEP_FIRST,
     Jacobians,
     Kind,
     additive_from_invariant,
     augment,
+    block_diagonal,
     dense,
     linearised,
     predict_invariant,
@@ -123,7 +123,7 @@ class Scan:
             return 0.0
         v = np.concatenate([self.innovation[pair] for pair in pairs])
         H = np.concatenate([self.jacobian[pair] for pair in pairs])
-        S = H @ self.P @ H.T + block_diag(*self.R[[i for i, _ in pairs]])
+        S = H @ self.P @ H.T + block_diagonal(self.R[[i for i, _ in pairs]])
         return float(v @ np.linalg.inv(S) @ v)
 
     def distances(self) -> Float:

@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 from jacobians import differentiate
-from scipy.linalg import block_diag, sqrtm
-from textbook import additive_from_invariant, exp_action, moved
+from scipy.linalg import sqrtm
+from textbook import additive_from_invariant, block_diagonal, exp_action, moved
 
 from slamgauge.arrays import Float, Int
 from slamgauge.estimate import Estimate
@@ -69,7 +69,7 @@ class TextbookInvariant:
             values = self.seen(exp_action(xi, self.x), slots)
             row[:] = innovation(self.sensor, values, predicted).ravel()
         mean = changes.sum(axis=0) / (2.0 * SPREAD**2)
-        S = second_moment(changes) - np.outer(mean, mean) + block_diag(*R)
+        S = second_moment(changes) - np.outer(mean, mean) + block_diagonal(R)
         H = (changes.T @ points / (2.0 * SPREAD**2)) @ np.linalg.pinv(U, rcond=1e-13, hermitian=True) @ T
         v = innovation(self.sensor, z, predicted + mean.reshape(-1, 2)).ravel()
         K = self.P @ H.T @ np.linalg.inv(S)
@@ -124,7 +124,7 @@ class TextbookRobocentric:
         bearings = [] if self.sensor == "position" else [*range(1, 2 * len(slots), 2)]
         H = differentiate(seen, self.x, angles=bearings)
         v = innovation(self.sensor, z, seen(self.x).reshape(-1, 2)).ravel()
-        S = H @ self.P @ H.T + block_diag(*R)
+        S = H @ self.P @ H.T + block_diagonal(R)
         K = self.P @ H.T @ np.linalg.inv(S)
         self.P = (np.eye(len(self.x)) - K @ H) @ self.P
         self.P = (self.P + self.P.T) / 2
