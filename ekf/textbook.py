@@ -190,7 +190,7 @@ def locate(sensor: str, pose: Float, z: Float) -> tuple[Float, Float, Float]:
 
 def _require_exercise(recording: Recording, association: Association | None) -> float:
     """Refuse what the exercise's filter does not have; return the gate."""
-    if recording.sensor == "bearing":
+    if not sensors.SENSORS[recording.sensor].places_landmarks:
         raise UserError("sensor: textbook-ekf has no bearing-only landmarks; use ekf, which starts them as rays (FIS)")
     if association and (association.method != "nearest-neighbour" or association.map_management):
         raise UserError("association: textbook-ekf has the nearest neighbour without map management only; use ekf")

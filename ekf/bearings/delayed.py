@@ -171,7 +171,7 @@ def whitened_bearings(poses: Float, bearings: Float, variances: Float, landmark:
     """
     count, sigmas = len(bearings), np.sqrt(variances)
     offset = landmark - poses[:, :2]
-    gradient = np.column_stack(bearing_gradient(*offset.T, (offset**2).sum(axis=1) * sigmas))
+    gradient = np.column_stack(bearing_gradient(offset[:, 0], offset[:, 1], (offset**2).sum(axis=1) * sigmas))
     of_poses = np.zeros((count, count, 3))
     row = np.arange(count)
     of_poses[row, row, :2] = -gradient

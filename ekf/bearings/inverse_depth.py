@@ -162,7 +162,7 @@ def linearise_depths(state: Float, bearings: Float) -> tuple[Float, Float]:
     delta = omega[:, None] * offset + along
     squared = (delta**2).sum(axis=1)
     near = squared < (MIN_BEARING_DISTANCE * omega) ** 2
-    gradient = np.column_stack(bearing_gradient(*delta.T, np.where(near, 1.0, squared)))
+    gradient = np.column_stack(bearing_gradient(delta[:, 0], delta[:, 1], np.where(near, 1.0, squared)))
     jacobian = np.zeros((count, 3 + 4 * count))
     jacobian[:, :2] = -omega[:, None] * gradient
     jacobian[:, 2] = -1.0

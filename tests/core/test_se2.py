@@ -218,14 +218,15 @@ def in_kernel(x: float, y: float, turn: float) -> tuple[float, ...]:
 @pytest.mark.parametrize("turn", [*TURNS, PI])
 @pytest.mark.parametrize("place", PLACES)
 def test_kernels_compute_what_numpy_does(place: list[float], turn: float) -> None:
+    x, y = place
     expected = (
         *se2.mean_cos_sin(turn),
-        *se2.exp_xy(*place, turn),
-        *se2.log_xy(*place, turn),
-        *se2.right_jacobian_entries(*place, turn),
+        *se2.exp_xy(x, y, turn),
+        *se2.log_xy(x, y, turn),
+        *se2.right_jacobian_entries(x, y, turn),
         se2.wrap_angle(turn),
     )
-    np.testing.assert_allclose(in_kernel(*place, turn), expected, rtol=1e-15, atol=1e-15 * (1 + math.hypot(*place)))
+    np.testing.assert_allclose(in_kernel(x, y, turn), expected, rtol=1e-15, atol=1e-15 * (1 + math.hypot(x, y)))
 
 
 @fixed_seed
