@@ -24,14 +24,9 @@ from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.ekf import riekf
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch, cost
-from slamgauge.graph_baseline.gtsam_graph import (
-    LENT_SLIP,
-    build_graph,
-    levenberg_marquardt,
-    make_values,
-    read_values,
-)
+from slamgauge.graph_baseline.gtsam_graph import REGULARISING_NOISE, build_graph, make_values, read_values
 from slamgauge.graph_baseline.problem.preparation import landmarks_at_first_sight
+from slamgauge.graph_baseline.solver.gtsam_start import levenberg_marquardt
 from slamgauge.graph_baseline.solver.levenberg_marquardt import approach, settle
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
@@ -75,7 +70,7 @@ def _from(recording: Recording, poses: Float, landmarks: Float) -> float:
     """Cost of the minimum that is reached from a start."""
     assert recording.landmark is not None
     ids = np.unique(recording.landmark)
-    values = levenberg_marquardt(build_graph(recording, LENT_SLIP), make_values(poses, ids, landmarks))
+    values = levenberg_marquardt(build_graph(recording, REGULARISING_NOISE), make_values(poses, ids, landmarks))
     found = settle(recording, ids, approach(recording, ids, *read_values(values)))
     return cost(recording, found.poses, ids, found.landmarks)
 

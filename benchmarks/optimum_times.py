@@ -24,7 +24,7 @@ import gtsam
 from slamgauge import Recording, simulate
 from slamgauge.arrays import Float, Int
 from slamgauge.compare.bench.step_times import workload
-from slamgauge.graph_baseline.gtsam_graph import LENT_SLIP, build_graph, make_values
+from slamgauge.graph_baseline.gtsam_graph import REGULARISING_NOISE, build_graph, make_values
 from slamgauge.graph_baseline.problem.preparation import first_sights
 from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, approach, settle
 from slamgauge.graph_baseline.solver.multistart import searched
@@ -51,7 +51,7 @@ def main() -> None:
     for size in map(int, options.landmarks.split(",")):
         _, recording = simulate(workload(size), 0)
         ids = first_sights(recording)[0]
-        build, _ = timed(build_graph, recording, LENT_SLIP)
+        build, _ = timed(build_graph, recording, REGULARISING_NOISE)
         path = chain(recording.prior_mean, recording.odometry)
         optimise, (poses, landmarks) = timed(searched, recording, path)
         finishing, (poses, landmarks, _, _) = timed(finished, recording, ids, poses, landmarks)

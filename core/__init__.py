@@ -57,7 +57,9 @@ if TYPE_CHECKING:
         causal_bound,
         cost,
         fixed_lag,
+        gtsam_batch,
         hindsight_bound,
+        isam2,
         robust_batch,
     )
     from slamgauge.recording import Observations, Recording
@@ -120,8 +122,10 @@ if TYPE_CHECKING:
         "evaluate",
         "find_noise",
         "fixed_lag",
+        "gtsam_batch",
         "hindsight_bound",
         "informed",
+        "isam2",
         "judge_claims",
         "load_estimate",
         "load_estimators",
@@ -162,7 +166,9 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
         "AssociatingFilter Association BearingFilter CompressedFilter Delayed InverseDepth MapManagement Rays "
         "OnlineFilter Robustness SlamFilter SlidingWindowFilter textbook_ekf"
     ),
-    "graph_baseline": "UndeterminedError batch causal_bound cost fixed_lag hindsight_bound causal robust_batch",
+    "graph_baseline": (
+        "UndeterminedError batch causal causal_bound cost fixed_lag gtsam_batch hindsight_bound isam2 robust_batch"
+    ),
     "compare.checks.examination": "Verdict check_estimator",
     "compare.scoring.comparison": "Comparison compare_estimators",
     "compare.studies.budget": "ErrorBudget error_budget",

@@ -1,8 +1,15 @@
-"""The recording as a GTSAM factor graph, and GTSAM's searches on it: all that needs GTSAM, which not every system has.
+"""A recording as a GTSAM factor graph: the whole graph at once, or the factors that each step adds.
 
-Built-in factors, poses X(k) and landmarks L(id). The `position` sensor has no planar built-in factor. Its observations
-enter as range and bearing, with the covariance carried over at the measured point; `smoother` then finishes on the
-exact model.
+Variables are poses X(k), k = 0..N, and landmarks L(id). Factors are GTSAM's built-in ones: a prior on X(0), one
+`BetweenFactorPose2` per odometry increment, one `BearingRangeFactor2D` or `BearingFactor2D` per observation.
+
+Two parts of a recording have no direct counterpart in GTSAM:
+
+- The `position` sensor has no planar built-in factor. An observation enters as its range and bearing, with the
+  covariance J R J' that the conversion has at the measured point. On small recordings the optimum of this graph is
+  0.01 to 0.06 standard deviations away from the optimum of the position model.
+- A variance of zero, as for a robot that cannot slip sideways, becomes a constrained noise model. GTSAM's damped and
+  incremental solvers do not converge well with constraints, so they use regularising noise (`REGULARISING_NOISE`).
 """
 
 from __future__ import annotations
@@ -13,120 +20,157 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, X
 
-from slamgauge.arrays import Float, Int, Marks
+from slamgauge.arrays import Float, Int
+from slamgauge.back_projection import positions_seen
+from slamgauge.graph_baseline.problem.placement import triangulate_one
 from slamgauge.graph_baseline.problem.preparation import (
     as_range_bearing,
-    first_sights,
     prior_cov_in_body,
     require_known_landmarks,
     require_placeable,
 )
-from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
+from slamgauge.se2 import rotation
 from slamgauge.sensors import SENSORS
 
-# Lent to a motion direction of zero variance, as a share of the largest standard deviation of its step
-# (0.1 mm beside the practical's 30 mm), where GTSAM's solvers would stumble over a hard constraint.
-LENT_SLIP = 1.0 / 300.0
-
-
-def noise_models(covariances: Float, lent: float = 0.0) -> Callable[[int], gtsam.noiseModel.Base]:
-    """Noise model of each row of `covariances` (n, d, d); equal covariances share one model.
-
-    A variance of exactly 0 becomes a constraint, or is `lent` a share of the row's largest standard deviation.
-    """
-    models: dict[bytes, gtsam.noiseModel.Base] = {}
-
-    def model(row: int) -> gtsam.noiseModel.Base:
-        key = covariances[row].tobytes()
-        if key not in models:
-            models[key] = _noise_model(covariances[row], lent * np.sqrt(covariances[row].max()))
-        return models[key]
-
-    return model
-
-
-def _noise_model(covariance: Float, minimum_sigma: float) -> gtsam.noiseModel.Base:
-    sigmas = np.sqrt(np.diag(covariance))
-    correlated = np.abs(covariance) > 1e-12 * np.outer(sigmas, sigmas)  # more than a turned frame's rounding
-    if not (correlated & ~np.eye(len(covariance), dtype=bool)).any():
-        return gtsam.noiseModel.Diagonal.Sigmas(np.maximum(sigmas, minimum_sigma))
-    scale = np.where(sigmas > 0, sigmas, 1.0)
-    if np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0] < 1e-12:
-        variances, axes = np.linalg.eigh(covariance)
-        covariance = axes * np.maximum(variances, minimum_sigma**2) @ axes.T
-    # not smart: GTSAM would take correlations for rounding where covariances are below 1e-9
-    return gtsam.noiseModel.Gaussian.Covariance(covariance, False)
+# Standard deviation in a direction of zero variance, as a share of the largest standard deviation of the same step:
+# 0.1 mm for the exercise's robot, whose steps have 30 mm along the heading.
+REGULARISING_NOISE = 1.0 / 300.0
 
 
 class GraphBuilder:
-    """Factors of a recording, step by step.
+    """Factors of a recording with known association.
 
     Args:
-        recording: known association; of bearings alone, landmarks that they place (see `are_placed`).
-        lent: share of a step's largest standard deviation that its directions of zero variance are lent
-            (those of the start: of its own or the first step's); 0 keeps them as hard constraints.
+        recording: bearing-only landmarks must be those that their bearings can place (see `are_placed`).
+        regularising: standard deviation that replaces a zero, as a share of the largest of its step (for the prior:
+            the largest of the prior and the first step); 0 keeps zero variances as constraints.
 
     Raises:
-        UserError: the recording cannot be turned into a graph; says why and what to do.
+        UserError: the association is unknown, or the observations leave a landmark undetermined.
     """
 
-    def __init__(self, recording: Recording, lent: float = 0.0) -> None:
+    def __init__(self, recording: Recording, regularising: float = 0.0) -> None:
         self._landmark = require_known_landmarks(recording).tolist()
         require_placeable(recording)
         if not SENSORS[recording.sensor].places_landmarks:
             polar, polar_cov = recording.observation, recording.observation_cov
         else:
             polar, polar_cov = as_range_bearing(recording)
+        self._step = recording.observation_step.tolist()
         self._polar = polar.tolist()
         self._odometry = recording.odometry.tolist()
         prior_cov = prior_cov_in_body(recording)
         largest = np.sqrt(max(recording.odometry_cov[:1].max(initial=0.0), prior_cov.max()))
         self._prior = gtsam.PriorFactorPose2(
-            X(0), gtsam.Pose2(*recording.prior_mean), _noise_model(prior_cov, lent * largest)
+            X(0), gtsam.Pose2(*recording.prior_mean), _noise_model(prior_cov, regularising * largest)
         )
-        self._motion_noise = noise_models(recording.odometry_cov, lent)
+        self._odometry_noise = noise_models(recording.odometry_cov, regularising)
         # GTSAM's order is bearing, range
-        self._sensor_noise = noise_models(polar_cov[:, ::-1, ::-1].copy())
+        self._observation_noise = noise_models(polar_cov[:, ::-1, ::-1].copy())
         self._bounds = np.searchsorted(recording.observation_step, np.arange(recording.steps + 2)).tolist()
 
-    def increment(self, k: int) -> gtsam.Pose2:
-        """The measured motion that leads to pose k > 0."""
-        return gtsam.Pose2(*self._odometry[k - 1])
-
-    def sights(self, k: int) -> list[tuple[int, int]]:
-        """What is seen from pose k: landmark ids and rows of the observations."""
-        rows = range(self._bounds[k], self._bounds[k + 1])
-        return [(self._landmark[row], row) for row in rows]
-
-    def add_motion(self, graph: gtsam.NonlinearFactorGraph, k: int) -> None:
-        """Append the prior (k = 0) or the increment that leads to pose k."""
+    def motion_factor(self, k: int) -> gtsam.NonlinearFactor:
+        """Return the prior (k = 0) or the odometry factor between poses k-1 and k."""
         if k == 0:
-            graph.add(self._prior)
-        else:
-            graph.add(gtsam.BetweenFactorPose2(X(k - 1), X(k), self.increment(k), self._motion_noise(k - 1)))
+            return self._prior
+        increment = gtsam.Pose2(*self._odometry[k - 1])
+        return gtsam.BetweenFactorPose2(X(k - 1), X(k), increment, self._odometry_noise(k - 1))
 
-    def sight_factor(self, k: int, row: int) -> gtsam.NonlinearFactor:
-        """The factor of an observation from pose k."""
-        keys, sight, noise = (X(k), L(self._landmark[row])), self._polar[row], self._sensor_noise(row)
-        if len(sight) == 1:
-            return gtsam.BearingFactor2D(*keys, gtsam.Rot2(*sight), noise)
-        return gtsam.BearingRangeFactor2D(*keys, gtsam.Rot2(sight[1]), sight[0], noise)
+    def observations(self, k: int) -> list[tuple[int, int]]:
+        """Return landmark id and row of each observation made at pose k."""
+        return [(self._landmark[row], row) for row in range(self._bounds[k], self._bounds[k + 1])]
+
+    def observation_factor(self, row: int) -> gtsam.NonlinearFactor:
+        """Return the factor of one row of the observations."""
+        pose, landmark = X(self._step[row]), L(self._landmark[row])
+        polar, noise = self._polar[row], self._observation_noise(row)
+        if len(polar) == 1:
+            return gtsam.BearingFactor2D(pose, landmark, gtsam.Rot2(*polar), noise)
+        return gtsam.BearingRangeFactor2D(pose, landmark, gtsam.Rot2(polar[1]), polar[0], noise)
 
 
-def build_graph(recording: Recording, lent: float = 0.0) -> gtsam.NonlinearFactorGraph:
-    """The whole recording as a graph; see `GraphBuilder`."""
-    builder = GraphBuilder(recording, lent)
+class IncrementalGraph:
+    """Factors and initial values that each step of a recording adds, for GTSAM's incremental solvers.
+
+    A landmark enters the graph with its first observation. Bearing-only landmarks enter later, with all their bearings,
+    as soon as these place them (`triangulation`).
+
+    Args:
+        recording: known association.
+        regularising: as for `GraphBuilder`.
+
+    Attributes:
+        mapped: ids of the landmarks in the graph.
+        used: (M,) whether each observation is in the graph.
+    """
+
+    def __init__(self, recording: Recording, regularising: float = REGULARISING_NOISE) -> None:
+        self._recording = recording
+        self._builder = GraphBuilder(recording, regularising)
+        self._waiting: dict[int, list[int]] = {}  # rows of each landmark that bearings do not place yet
+        self.mapped: set[int] = set()
+        self.used = np.zeros(len(recording.observation), dtype=np.bool_)
+
+    def add_step(self, k: int, path: Float) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+        """Return the factors of step k, and initial values of X(k) and of new landmarks from `path` (k+1, 3)."""
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        graph.add(self._builder.motion_factor(k))
+        values.insert(X(k), gtsam.Pose2(*path[k]))
+        places_landmarks = SENSORS[self._recording.sensor].places_landmarks
+        for name, row in self._builder.observations(k):
+            if name not in self.mapped and places_landmarks:
+                self._add_landmark(name, positions_seen(self._recording, np.array([row]), path)[0], values)
+            if name in self.mapped:
+                self._add_observation(row, graph)
+            else:
+                self._waiting.setdefault(name, []).append(row)
+        return graph, values
+
+    def waiting(self, k: int, oldest: int = 0) -> dict[int, Int]:
+        """Return the landmarks observed at step k that wait to be placed, and rows of their bearings.
+
+        Bearings of steps before `oldest` are forgotten.
+        """
+        steps, waiting = self._recording.observation_step, dict[int, Int]()
+        for name in sorted({name for name, _ in self._builder.observations(k)} & self._waiting.keys()):
+            rows = self._waiting[name] = [row for row in self._waiting[name] if steps[row] >= oldest]
+            waiting[name] = np.array(rows)
+        return waiting
+
+    def add_waiting(self, waiting: dict[int, Int], path: Float) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+        """Return factors and initial values of the waiting landmarks that their bearings place from `path` (k+1, 3)."""
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        for name, rows in waiting.items():
+            landmark, sigma = triangulate_one(self._recording, rows, path)
+            if np.isfinite(sigma):
+                self._add_landmark(name, landmark, values)
+                for row in self._waiting.pop(name):
+                    self._add_observation(row, graph)
+        return graph, values
+
+    def _add_landmark(self, name: int, landmark: Float, values: gtsam.Values) -> None:
+        self.mapped.add(name)
+        values.insert(L(name), gtsam.Point2(*landmark))
+
+    def _add_observation(self, row: int, graph: gtsam.NonlinearFactorGraph) -> None:
+        graph.add(self._builder.observation_factor(row))
+        self.used[row] = True
+
+
+def build_graph(recording: Recording, regularising: float = 0.0) -> gtsam.NonlinearFactorGraph:
+    """Return the graph of the whole recording; arguments and errors as `GraphBuilder`."""
+    builder = GraphBuilder(recording, regularising)
     graph = gtsam.NonlinearFactorGraph()
     for k in range(recording.steps + 1):
-        builder.add_motion(graph, k)
-        for _, row in builder.sights(k):
-            graph.add(builder.sight_factor(k, row))
+        graph.add(builder.motion_factor(k))
+        for _, row in builder.observations(k):
+            graph.add(builder.observation_factor(row))
     return graph
 
 
 def make_values(poses: Float, landmark_ids: Int, landmarks: Float) -> gtsam.Values:
-    """GTSAM's form of poses (N+1, 3) and landmarks (L, 2)."""
+    """Return poses (N+1, 3) and landmarks (L, 2) as GTSAM's values."""
     values = gtsam.Values()
     for k, pose in enumerate(poses.tolist()):
         values.insert(X(k), gtsam.Pose2(*pose))
@@ -136,35 +180,50 @@ def make_values(poses: Float, landmark_ids: Int, landmarks: Float) -> gtsam.Valu
 
 
 def read_values(values: gtsam.Values) -> tuple[Float, Float]:
-    """Poses (N+1, 3) and landmarks (L, 2) in increasing id order."""
+    """Return poses (N+1, 3) and landmarks (L, 2) in increasing id order."""
     return gtsam.utilities.extractPose2(values), gtsam.utilities.extractPoint2(values).reshape(-1, 2)
 
 
-def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int = 100) -> gtsam.Values:
-    """The minimum that GTSAM's Levenberg-Marquardt reaches from `values`, to be finished by exact steps (`descent`)."""
-    parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setRelativeErrorTol(1e-5)
-    parameters.setMaxIterations(iterations)
-    return gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
+def pose_array(pose: gtsam.Pose2) -> Float:
+    """Return a pose as (x, y, heading), (3,)."""
+    return np.array([pose.x(), pose.y(), pose.theta()])
 
 
-def descended(recording: Recording, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
-    """Where Levenberg-Marquardt leads from poses (N+1, 3) and landmarks (L, 2) in increasing id order, slip lent."""
-    values = make_values(poses, first_sights(recording)[0], landmarks)
-    with explained():
-        return read_values(levenberg_marquardt(build_graph(recording, LENT_SLIP), values, iterations))
+def covariance_in_world(heading: float, covariance: Float) -> Float:
+    """Return a pose covariance (3, 3), additive in world coordinates, from GTSAM's, which is in the pose's own frame.
+
+    It is T C T' with T = blkdiag(R(heading), 1).
+    """
+    turn = np.eye(3)
+    turn[:2, :2] = rotation(heading)
+    return turn @ covariance @ turn.T
 
 
-def agreeing(recording: Recording, poses: Float, landmarks: Float, probability: float) -> Marks:
-    """Which observations (M,) graduated non-convexity trusts, from a start; true ones with this `probability`."""
-    graph = build_graph(recording, LENT_SLIP)
-    rows = recording.observation_step + 1 + np.arange(len(recording.observation))  # after each step's motion
-    parameters = gtsam.GncLMParams()
-    parameters.setLossType(gtsam.GncLossType.TLS)
-    parameters.setKnownInliers(np.setdiff1d(np.arange(graph.size()), rows).tolist())
-    with explained():
-        values = make_values(poses, first_sights(recording)[0], landmarks)
-        optimizer = gtsam.GncLMOptimizer(graph, values, parameters)
-        optimizer.setInlierCostThresholdsAtProbability(probability)
-        optimizer.optimize()
-    return np.asarray(optimizer.getWeights())[rows] >= 0.5
+def noise_models(covariances: Float, regularising: float = 0.0) -> Callable[[int], gtsam.noiseModel.Base]:
+    """Return a function from row to noise model of `covariances` (n, d, d); equal covariances share one model.
+
+    A standard deviation of zero becomes a constraint, or the share `regularising` of the row's largest one.
+    """
+    models: dict[bytes, gtsam.noiseModel.Base] = {}
+
+    def model(row: int) -> gtsam.noiseModel.Base:
+        key = covariances[row].tobytes()
+        if key not in models:
+            models[key] = _noise_model(covariances[row], regularising * np.sqrt(covariances[row].max()))
+        return models[key]
+
+    return model
+
+
+def _noise_model(covariance: Float, minimum_sigma: float) -> gtsam.noiseModel.Base:
+    """Return the noise model of a covariance (d, d) whose standard deviations are raised to `minimum_sigma`."""
+    sigmas = np.sqrt(np.diag(covariance))
+    correlated = np.abs(covariance) > 1e-12 * np.outer(sigmas, sigmas)  # smaller is rounding of a rotated frame
+    if not (correlated & ~np.eye(len(covariance), dtype=bool)).any():
+        return gtsam.noiseModel.Diagonal.Sigmas(np.maximum(sigmas, minimum_sigma))
+    scale = np.where(sigmas > 0, sigmas, 1.0)
+    if np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0] < 1e-12:
+        variances, axes = np.linalg.eigh(covariance)
+        covariance = axes * np.maximum(variances, minimum_sigma**2) @ axes.T
+    # smart=False: GTSAM's smart mode drops correlations of covariances below 1e-9
+    return gtsam.noiseModel.Gaussian.Covariance(covariance, False)

@@ -12,8 +12,8 @@ import numpy as np
 from slamgauge.arrays import Int
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.hindsight import batch
-from slamgauge.graph_baseline.problem.gtsam_missing import gtsam_needed
 from slamgauge.graph_baseline.problem.preparation import are_placed, relative_to_start, require_known_landmarks
+from slamgauge.graph_baseline.solver.gtsam_start import find_inliers
 from slamgauge.graph_baseline.solver.motion_elimination import keyed
 from slamgauge.graph_baseline.solver.multistart import first_guess
 from slamgauge.recording import Recording
@@ -33,15 +33,13 @@ def robust_batch(recording: Recording, association: Int | None = None) -> Estima
     Raises:
         UserError: as `batch`; or there is no GTSAM on this system.
     """
-    with gtsam_needed("batch"):
-        from slamgauge.graph_baseline.gtsam_graph import agreeing
     given = np.array(require_known_landmarks(recording) if association is None else association)
     path = chain(recording.prior_mean, recording.odometry)
     given[given >= 0] = np.where(are_placed(recording.associated(given), path), given[given >= 0], -1)
     seen = recording.associated(given)
     short, key = keyed(seen)
     poses, landmarks = first_guess(seen)
-    rejected = np.flatnonzero(given >= 0)[~agreeing(short, poses[key], landmarks, TRUSTED)]
+    rejected = np.flatnonzero(given >= 0)[~find_inliers(short, poses[key], landmarks, TRUSTED)]
     trusted = given.copy()
     trusted[rejected] = -1
     return batch(recording, trusted)

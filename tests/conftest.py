@@ -26,7 +26,14 @@ def gtsam_is_missing() -> bool:
 
 
 WITHOUT_GTSAM = gtsam_is_missing()
-OF_GTSAM = ("test_fixed_lag.py", "test_hard_recordings.py", "test_linearisation.py", "test_optimum.py")
+OF_GTSAM = (
+    "test_gtsam_batch.py",
+    "test_gtsam_fixed_lag.py",
+    "test_gtsam_isam2.py",
+    "test_hard_recordings.py",
+    "problem/test_linearisation.py",
+    "test_optimum.py",
+)
 OPTIMA_OF_GTSAM = re.compile("robust.(batch|optimum)|fixed.lag")  # in the names of tests that are told an estimator
 collect_ignore = [f"graph_baseline/{name}" for name in OF_GTSAM if WITHOUT_GTSAM]
 

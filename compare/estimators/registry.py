@@ -181,6 +181,21 @@ _ENTRIES = (
         kind="smoothed",
         role="graph",
     ),
+    Entry(
+        name="isam2",
+        home="slamgauge.graph_baseline:isam2",
+        note="GTSAM's iSAM2",
+        role="graph",
+        look=Look("#999933", (0, (3, 2, 1, 2))),
+    ),
+    Entry(
+        name="gtsam-batch",
+        home="slamgauge.graph_baseline:gtsam_batch",
+        kind="smoothed",
+        note="GTSAM's Levenberg-Marquardt",
+        role="graph",
+        look=Look("#332288", (0, (10, 1, 1, 1))),
+    ),
 )
 REGISTRY = {entry.name: entry for entry in _ENTRIES}
 BOUND, HINDSIGHT_BOUND = "bound", "hindsight-bound"

@@ -1,22 +1,19 @@
-"""Where GTSAM is imported by who cannot do without it."""
+"""Estimators that need GTSAM, on a system that does not have it."""
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from contextlib import contextmanager
+from collections.abc import Callable
+from typing import NoReturn
 
 from slamgauge.errors import UserError
 
 
-@contextmanager
-def gtsam_needed(otherwise: str) -> Generator[None]:
-    """Around an import of what needs GTSAM: where there is none, a line that names who does `otherwise`.
+def unavailable(name: str, alternative: str, error: ImportError) -> Callable[..., NoReturn]:
+    """Return a function called `name` that raises a UserError of one line, which names an `alternative` estimator."""
+    reason = str(error).splitlines()[0]
 
-    Raises:
-        UserError: there is no GTSAM on this system.
-    """
-    try:
-        yield
-    except ImportError as error:
-        why = str(error).splitlines()[0]
-        raise UserError(f"needs GTSAM, which cannot be had here ({why}); {otherwise} does without it") from None
+    def missing(*_: object, **__: object) -> NoReturn:
+        raise UserError(f"needs GTSAM, which cannot be had here ({reason}); {alternative} does without it")
+
+    missing.__name__ = name
+    return missing

@@ -106,7 +106,7 @@ def approach(
     return Approach(poses, landmarks, cost, merit)
 
 
-def descended(recording: Recording, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
+def descend(recording: Recording, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
     """What GTSAM's Levenberg-Marquardt does (`gtsam_graph`), by damped steps of our own, zero variances obeyed."""
     require_placeable(recording)
     found = approach(recording, first_sights(recording)[0], poses, landmarks, iterations)

@@ -27,9 +27,9 @@ from slamgauge.se2 import chain
 from slamgauge.sensors import SENSORS
 
 try:
-    from slamgauge.graph_baseline.gtsam_graph import descended
+    from slamgauge.graph_baseline.solver.gtsam_start import descend
 except ImportError:  # there is no GTSAM for this system
-    from slamgauge.graph_baseline.solver.levenberg_marquardt import descended
+    from slamgauge.graph_baseline.solver.levenberg_marquardt import descend
 
 PORTIONS = 8  # of the recording, in the grown start
 SOFTER = (100.0, 10.0)  # times the noise of observations, in the softened start
@@ -169,7 +169,7 @@ def chi_square_of(recording: Recording, poses: Float, landmarks: Float) -> tuple
 def searched(recording: Recording, path: Float) -> tuple[Float, Float]:
     """Where Levenberg-Marquardt leads from a path (N+1, 3) on the poses that see something: GTSAM's, or else ours."""
     short, key = keyed(recording)
-    poses, landmarks = descended(short, path[key], landmarks_at_first_sight(recording, path))
+    poses, landmarks = descend(short, path[key], landmarks_at_first_sight(recording, path))
     return carried_on(recording, key, poses), landmarks
 
 
@@ -206,7 +206,7 @@ def grown(recording: Recording) -> tuple[Float, Float]:
         landmarks = landmarks_at_first_sight(part, path)
         for slot, name in enumerate(ids.tolist()):
             landmarks[slot] = known.get(name, landmarks[slot])
-        poses, landmarks = descended(part, path, landmarks, iterations=3)
+        poses, landmarks = descend(part, path, landmarks, iterations=3)
         known = dict(zip(ids.tolist(), landmarks, strict=True))
     found = landmarks_at_first_sight(short, poses)
     for slot, name in enumerate(first_sights(short)[0].tolist()):

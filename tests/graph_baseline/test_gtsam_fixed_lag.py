@@ -17,7 +17,7 @@ from slamgauge.ekf import ekf_slam, sliding_window
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, causal, fixed_lag
-from slamgauge.graph_baseline.gtsam_fixed_lag import LaggingOptimum
+from slamgauge.graph_baseline.gtsam_fixed_lag import FixedLagSmoother
 from slamgauge.se2 import wrap
 
 
@@ -106,9 +106,9 @@ def test_given_associations_stand_in_for_ids() -> None:
 def test_what_becomes_indeterminate_is_named_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     """So it is after some 265 steps of bearings of 5 degrees with a window of 30."""
 
-    def indeterminate(_: LaggingOptimum, step: int) -> Float:
+    def indeterminate(_: FixedLagSmoother, step: int) -> Float:
         raise RuntimeError(f"\nIndeterminate linear system detected while working near variable (Symbol: x{step}).")
 
-    monkeypatch.setattr(LaggingOptimum, "_pose", indeterminate)
+    monkeypatch.setattr(FixedLagSmoother, "_pose", indeterminate)
     with pytest.raises(UndeterminedError, match=r"^pose 0: .*$"):
         fixed_lag(recording_of("range-bearing", 0), lag=3)

@@ -25,7 +25,7 @@ from slamgauge.arrays import Float
 from slamgauge.ekf import dead_reckoning
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, batch, causal, hindsight
-from slamgauge.graph_baseline.gtsam_graph import LENT_SLIP
+from slamgauge.graph_baseline.gtsam_graph import REGULARISING_NOISE
 from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
@@ -121,7 +121,7 @@ def test_ranges_from_several_places_determine_a_landmark() -> None:
     assert_same_covariances(answer(batch(ranges_only)).landmark_covs, expected, 1e-6)
 
 
-@pytest.mark.parametrize(("estimator", "tolerance"), [(batch, 1e-9), (causal, (LENT_SLIP * 0.1) ** 2)])
+@pytest.mark.parametrize(("estimator", "tolerance"), [(batch, 1e-9), (causal, (REGULARISING_NOISE * 0.1) ** 2)])
 def test_a_start_on_a_known_line_is_a_legal_prior(estimator: Estimator, tolerance: float) -> None:
     """Batch is exact; iSAM2 lends the fixed direction a share of the largest standard deviation, 0.1 m."""
     prior_cov = np.diag([0.01, 0.0, 1e-4])

@@ -133,7 +133,7 @@ def test_a_graph_under_a_filters_associations_is_no_optimum():
 
 def test_the_box_is_listed_with_all_its_names():
     assert all(name in HELP for name in REGISTRY)
-    assert "causal (causal optimum), batch (hindsight), robust-batch, bound (of studies: what" in HELP
+    assert "causal (causal optimum), batch (hindsight), robust-batch, isam2 (GTSAM's iSAM2), gtsam-batch (" in HELP
     assert "; causal@ekf is causal under" in HELP
 
 

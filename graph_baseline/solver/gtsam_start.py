@@ -1,0 +1,49 @@
+"""GTSAM's Levenberg-Marquardt and graduated non-convexity as starting points of the exact solver.
+
+Both run on the graph with regularising noise. Exact steps (`levenberg_marquardt`) then lead to the minimum of the
+recording's own cost.
+"""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+
+from slamgauge.arrays import Float, Marks
+from slamgauge.graph_baseline.gtsam_graph import REGULARISING_NOISE, build_graph, make_values, read_values
+from slamgauge.graph_baseline.problem.preparation import first_sights
+from slamgauge.graph_baseline.problem.undetermined import explained
+from slamgauge.recording import Recording
+
+
+def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int = 100) -> gtsam.Values:
+    """Return the minimum that GTSAM's Levenberg-Marquardt reaches from `values`, to a relative error of 1e-5."""
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setRelativeErrorTol(1e-5)
+    parameters.setMaxIterations(iterations)
+    return gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
+
+
+def descend(recording: Recording, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
+    """Return poses (N+1, 3) and landmarks (L, 2) where Levenberg-Marquardt ends; landmarks in increasing id order."""
+    values = make_values(poses, first_sights(recording)[0], landmarks)
+    with explained():
+        return read_values(levenberg_marquardt(build_graph(recording, REGULARISING_NOISE), values, iterations))
+
+
+def find_inliers(recording: Recording, poses: Float, landmarks: Float, probability: float) -> Marks:
+    """Return which observations (M,) graduated non-convexity accepts, starting at poses (N+1, 3), landmarks (L, 2).
+
+    It truncates the cost at the value that a correct observation stays below with this `probability`.
+    """
+    graph = build_graph(recording, REGULARISING_NOISE)
+    rows = recording.observation_step + 1 + np.arange(len(recording.observation))  # after each step's motion
+    parameters = gtsam.GncLMParams()
+    parameters.setLossType(gtsam.GncLossType.TLS)
+    parameters.setKnownInliers(np.setdiff1d(np.arange(graph.size()), rows).tolist())
+    with explained():
+        values = make_values(poses, first_sights(recording)[0], landmarks)
+        optimizer = gtsam.GncLMOptimizer(graph, values, parameters)
+        optimizer.setInlierCostThresholdsAtProbability(probability)
+        optimizer.optimize()
+    return np.asarray(optimizer.getWeights())[rows] >= 0.5
