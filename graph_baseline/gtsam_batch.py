@@ -38,7 +38,7 @@ def gtsam_batch(recording: Recording, association: Int | None = None) -> Estimat
       that they never place, such as one with a single bearing; its `association` is -1.
     - Levenberg-Marquardt ends at the minimum that iSAM2's estimate leads to. `batch` tries several starts.
     - `Marginals` is slow in large maps: about 50 s and 0.5 GB for 300 landmarks and 1257 poses, where Levenberg-Marquardt
-      takes 4 s and `batch` needs 3 s in all.
+      takes 4 s and `batch` needs 5 s in all.
 
     Args:
         recording: measurements.
