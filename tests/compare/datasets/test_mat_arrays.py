@@ -1,4 +1,4 @@
-"""MATLAB files: read as scipy reads them, and refused in one line whatever is done to their bytes."""
+"""MATLAB files: matrices of real numbers are read in a child process; anything else is refused in one line."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.io import loadmat, savemat
+from scipy.io import savemat
+from scipy.sparse import csc_array
 
+from slamgauge.compare.datasets import mat_arrays
 from slamgauge.compare.datasets.mat_arrays import read_mat
 from slamgauge.errors import UserError
 
@@ -19,73 +21,65 @@ FIELDS: dict[str, Any] = {
     "valid": np.array([[True], [False]]),
     "small": np.uint8(7),
     "empty": np.zeros((0, 3)),
-    "left": "not asked for",
+    "left": "not requested",
 }
 NAMES = [*FIELDS][:-1]
 
 
-@pytest.mark.parametrize("is_compressed", [True, False])
-def test_matrices_are_those_that_scipy_reads(tmp_path: Path, *, is_compressed: bool):
+def test_matrices_are_returned_as_written_in_float64(tmp_path: Path):
     path = tmp_path / "m.mat"
-    savemat(path, FIELDS, do_compression=is_compressed)
-    read, expected = read_mat(path, NAMES), loadmat(path)
+    savemat(path, FIELDS)
+    read = read_mat(path, [*NAMES, "missing"])
     assert [*read] == NAMES
     for name in NAMES:
-        np.testing.assert_array_equal(read[name], expected[name])
+        np.testing.assert_array_equal(read[name], np.atleast_2d(FIELDS[name]))
         assert read[name].dtype == np.float64
 
 
+@pytest.mark.parametrize("field", ["text", 1j, csc_array(np.eye(2)), {"a": 1.0}, np.array([["a"]], object)])
+def test_a_field_that_is_no_full_real_matrix_is_refused(tmp_path: Path, field: Any):
+    savemat(tmp_path / "m.mat", {"t": field})
+    with pytest.raises(UserError, match="field t is text, complex, sparse, a cell array or a struct; save a full"):
+        read_mat(tmp_path / "m.mat", ["t"])
+
+
+def test_a_field_of_three_dimensions_is_refused(tmp_path: Path):
+    savemat(tmp_path / "m.mat", {"t": np.zeros((2, 3, 4))})
+    with pytest.raises(UserError, match=r"field t has shape \(2, 3, 4\); save a matrix of rows and columns"):
+        read_mat(tmp_path / "m.mat", ["t"])
+
+
 @pytest.mark.parametrize("is_compressed", [True, False])
-def test_damaged_bytes_are_read_as_they_are_or_refused_in_one_line(tmp_path: Path, *, is_compressed: bool):
-    """800 files with bytes that are others: `loadmat` ended the interpreter at some such. zlib's sums find all."""
+def test_damaged_bytes_are_read_or_refused_in_one_line(tmp_path: Path, *, is_compressed: bool):
+    """The benchmark fuzz.py repeats this by the thousand."""
     path = tmp_path / "m.mat"
     savemat(path, FIELDS, do_compression=is_compressed)
     whole, rng, refused = np.frombuffer(path.read_bytes(), np.uint8), np.random.default_rng(0), 0
-    for _ in range(800):
+    for _ in range(8):
         damaged = whole.copy()
-        at = rng.integers(128, len(whole), size=rng.integers(1, 4))
+        at = rng.integers(128, len(whole), size=3)
         damaged[at] ^= rng.integers(1, 256, size=len(at), dtype=np.uint8)
-        end = rng.integers(128, len(whole)) if rng.random() < 0.2 else len(whole)
-        path.write_bytes(damaged[:end].tobytes())
+        path.write_bytes(damaged.tobytes())
         try:
-            read = read_mat(path, NAMES)
+            read_mat(path, NAMES)
         except UserError as error:
             refused += 1
             assert str(error).startswith(f"{path}: ")
             assert "\n" not in str(error)
-        else:
-            for name in read if is_compressed else ():
-                np.testing.assert_array_equal(read[name], FIELDS[name])
-    assert refused > 150
+    assert refused > 2
 
 
-def test_a_stream_that_says_to_hold_more_than_there_is_memory_for_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+@pytest.mark.skipif("sys.platform == 'win32'", reason="Windows has no memory limit")
+def test_a_compressed_field_beyond_the_memory_limit_is_refused(tmp_path: Path):
     path = tmp_path / "m.mat"
-    savemat(path, {"t": np.zeros((1000, 1000))}, do_compression=True)
-    assert path.stat().st_size < 10_000
-    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 1e7)
-    with pytest.raises(UserError, match=rf"^{path}: reading it needs 0.0 GB of memory, and 0.0 GB are free; [^\n]+$"):
+    savemat(path, {"t": np.zeros((100, 1_500_000), np.uint8)}, do_compression=True)
+    assert path.stat().st_size < 2_000_000
+    with pytest.raises(UserError, match=rf"^{path}: reading it needs more than 1 GB of memory; give a part of it$"):
         read_mat(path, ["t"])
 
 
-def test_a_matrix_that_is_there_twice_is_refused(tmp_path: Path):
-    path = tmp_path / "m.mat"
-    savemat(path, {"t": np.eye(2)})
-    whole = path.read_bytes()
-    path.write_bytes(whole + whole[128:])
-    with pytest.raises(UserError, match="field t stands in it twice; save it again"):
-        read_mat(path, ["t"])
-
-
-@pytest.mark.parametrize("at", range(124, 128))
-def test_a_header_that_ends_otherwise_is_refused(tmp_path: Path, at: int):
-    """The version, and how bytes are ordered."""
-    path = tmp_path / "m.mat"
-    savemat(path, {"t": np.eye(2)})
-    whole = bytearray(path.read_bytes())
-    whole[at] ^= 0x3D
-    path.write_bytes(whole)
-    with pytest.raises(UserError, match=rf"^{path}: damaged or cut short; copy the file again$"):
-        read_mat(path, ["t"])
+def test_a_child_that_takes_too_long_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    savemat(tmp_path / "m.mat", FIELDS)
+    monkeypatch.setattr(mat_arrays, "TIME_LIMIT", 0.01)
+    with pytest.raises(UserError, match=r"reading takes longer than 0.01 s; copy the file again$"):
+        read_mat(tmp_path / "m.mat", NAMES)
