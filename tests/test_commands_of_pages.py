@@ -88,7 +88,7 @@ def is_needed(words: list[str], page: str) -> bool:
 
 def carry_out(line: str, expected: set[int], page: str) -> None:
     """Run a line of a block."""
-    words = shlex.split(line, comments=True)
+    words = shlex.split(line.partition(" > ")[0], comments=True)
     if words[0] == "slamgauge":
         if is_needed(words, page):
             FORMS.add(form_of(words))
