@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.resources import files
 from typing import Literal
 
 import tyro
@@ -16,7 +17,7 @@ Kind = Literal[
 
 @dataclass
 class Schema:
-    """Print what the JSON of a file or of --json is made of: a JSON Schema, with units and meanings.
+    """Print the JSON Schema of a result file or of the output of --json, with meanings and units.
 
     For example:
       slamgauge schema metrics
@@ -26,7 +27,6 @@ class Schema:
     """The name of the file, or of the command that prints it."""
 
     def __call__(self) -> int:
-        """Print; the exit status."""
-        from slamgauge.compare.schemas.kinds import SCHEMAS
-
-        return 0 if print_result(SCHEMAS[self.kind]) else 1
+        """Print the schema; return the exit status."""
+        schema = files("slamgauge.compare.schemas") / f"{self.kind}.json"
+        return 0 if print_result(schema.read_text(encoding="utf-8").rstrip()) else 1

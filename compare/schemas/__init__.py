@@ -1,1 +1,1 @@
-"""What the JSON of commands and files is made of, as JSON Schemas (draft 2020-12)."""
+"""JSON Schemas (draft 2020-12) of the JSON that commands print and write; files only."""

@@ -1,4 +1,4 @@
-"""What is printed and written as JSON is as its schema says, and nothing else stands in it."""
+"""The JSON that commands print and write agrees with its schema, and the schemas with the catalogue of metrics."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from held_by_schemas import complaints, held
+from held_by_schemas import FOLDER, SCHEMAS, complaints, held
 
 from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
 from slamgauge.compare.bench.step_times import run_bench
@@ -21,7 +21,7 @@ from slamgauge.compare.grading.grades import grade
 from slamgauge.compare.grading.grading import Grades
 from slamgauge.compare.grading.trial import Trial
 from slamgauge.compare.noise.noise_json import noise_json
-from slamgauge.compare.schemas.kinds import SCHEMAS
+from slamgauge.compare.scoring.catalogue import CATALOGUE
 from slamgauge.compare.scoring.comparison import Comparison, metrics
 from slamgauge.compare.studies.budget import RUNGS, summarise_budget
 from slamgauge.compare.studies.claim_evidence import Evidence
@@ -32,7 +32,6 @@ from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.sweep import Sweep
 from slamgauge.ekf import ekf_slam
 
-FILES = Path(__file__).parents[3] / "docs/schemas"
 SHORT = ["trajectory.duration=3", "start=sampled"]
 
 
@@ -41,15 +40,27 @@ def of(content: object) -> Any:
     return json.loads(json.dumps(content, allow_nan=False))
 
 
-@pytest.mark.parametrize("kind", SCHEMAS)
-def test_the_command_prints_what_lies_in_the_docs(kind: str, capsys: pytest.CaptureFixture[str]):
+@pytest.mark.parametrize("kind", get_args(Kind))
+def test_the_command_prints_the_file(kind: str, capsys: pytest.CaptureFixture[str]):
     assert main(["schema", kind]) == 0
-    assert (FILES / f"{kind}.json").read_text() == capsys.readouterr().out
+    assert (FOLDER / f"{kind}.json").read_text(encoding="utf-8") == capsys.readouterr().out
 
 
-def test_every_kind_is_offered_and_every_file_is_one():
-    assert [*get_args(Kind)] == [*SCHEMAS]
-    assert {path.stem for path in FILES.glob("*.json")} == {*SCHEMAS}
+def test_the_command_offers_every_file():
+    assert {*get_args(Kind)} == {*SCHEMAS}
+
+
+@pytest.mark.parametrize("kind", ["metrics", "summary"])
+def test_metrics_have_the_words_of_the_catalogue(kind: str):
+    """Every metric of the catalogue is in the schema with its help and unit."""
+    entry = SCHEMAS[kind]["properties"]["estimators"]["additionalProperties"]["properties"]
+    found = {key: value.get("description") for key, value in entry.items() if key not in ("kind", "runs", "rays")}
+    chosen = [each for each in CATALOGUE if (each.scored if kind == "metrics" else each.over_runs is not None)]
+    assert found == {
+        each.key: each.help + (f" [{each.unit}]" if each.unit else "")
+        for each in chosen
+        if each.key not in ("kind", "rays")
+    }
 
 
 @pytest.fixture(scope="module")
