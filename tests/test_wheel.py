@@ -44,7 +44,7 @@ def test_the_wheel_holds_the_program_and_nothing_else(wheel: Path):
     source = {PurePosixPath("slamgauge", file.name) for file in (ROOT / "core").glob("*.py")}
     source |= {PurePosixPath("slamgauge/py.typed"), PurePosixPath("slamgauge/paper.mplstyle")}
     for package in PACKAGES:
-        kinds = ("*.py", "*.toml", "*.html", "*.css", "*.js")
+        kinds = ("*.py", "*.toml", "*.json", "*.html", "*.css", "*.js")
         files = [file for kind in kinds for file in (ROOT / package).rglob(kind)]
         source |= {PurePosixPath("slamgauge", file.relative_to(ROOT).as_posix()) for file in files}
     assert program == source
