@@ -7,7 +7,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 
 MOST_POSES = 100_000  # of a path: steps of a decimetre become steps of a metre in a run of a million
-MOST_VALUES = 20_000  # of a curve, whose panel has some hundred columns of dots
+MOST_VALUES = 1_000  # of a curve: a panel of 3 in has 600 columns of dots at 200 dpi
 
 
 def even_rows(count: int) -> Int:

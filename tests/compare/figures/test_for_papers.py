@@ -77,7 +77,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
         found[path.name] = figure
 
     pictures = ("drift_figure", "study_figures", "sweep_figure", "budget_figure", "noise_figure", "bench_figure")
-    for module in ("plots", "ray_strip", *pictures):
+    for module in ("run_figures", "ray_strip", *pictures):
         monkeypatch.setattr(f"slamgauge.compare.figures.{module}.save_printed", keep)
     return found
 

@@ -1,7 +1,6 @@
 import dataclasses
 import re
 from collections.abc import Sequence
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -13,13 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.collections import Collection, EllipseCollection, LineCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
 
 from slamgauge.arrays import Float
 from slamgauge.compare.figures import run_figures
 from slamgauge.compare.figures.plot_style import GUESTS, KNOWN, PRINT, styles
 from slamgauge.compare.figures.run_figures import plot_errors, plot_run, save_figure
-from slamgauge.compare.figures.svg_paths import thinned
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation
@@ -338,56 +335,3 @@ def test_svg_keeps_text_as_text_and_hundredths_of_a_point(tmp_path: Path):
     assert ">a title</text>" in svg
     assert ' d="' in svg
     assert not re.search(r' d="[^"]*\.\d{3}', svg)
-
-
-def test_an_ellipse_is_two_arcs_that_end_where_its_curves_do():
-    figure = Figure()
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, 6.4), ylim=(0.0, 4.8))
-    axes.add_patch(Ellipse((3.0, 2.0), 2.0, 1.0, angle=30.0, fill=False))
-    svg = BytesIO()
-    figure.savefig(svg, format="svg")
-    arcs = re.findall(
-        r' d="M (\S+) (\S+) A (\S+) (\S+) (\S+) 1 1 (\S+) (\S+) A .* z"', thinned(svg.getvalue()).decode()
-    )
-    (found,) = ([float(each) for each in row] for row in arcs)
-    x, y, longer, shorter, angle, far_x, far_y = found
-    assert ((x + far_x) / 2, (y + far_y) / 2) == pytest.approx((3.0 * 72.0, (4.8 - 2.0) * 72.0), abs=0.02)
-    assert (longer, shorter, angle % 180.0) == pytest.approx((72.0, 36.0, 150.0), abs=0.02)  # y points down
-    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    along, across = np.array([[c, s], [-s, c]]) @ [x - far_x, y - far_y]
-    assert np.hypot(along / longer, across / shorter) == pytest.approx(2.0, abs=1e-3)
-
-
-def test_curves_that_are_no_ellipse_stay():
-    curves = "".join(f"C {i}.123 1 {i} 2 {i} {i * i}.123 " for i in range(8))
-    path = f'<path d="M 0.123 0 {curves}z"/>'
-    assert thinned(path.encode()).decode() == path.replace(".123", ".12")
-
-
-def test_what_is_of_one_style_says_it_once():
-    figure = Figure()
-    axes = figure.add_subplot()
-    axes.plot(np.arange(50.0), np.arange(50.0) ** 2, "r.")
-    axes.plot([20.0, 30.0], [5.0, 6.0], "bx")
-    axes.add_collection(EllipseCollection([2.0] * 9, [1.0] * 9, [30.0] * 9, units="xy", offsets=[(4.0, 5.0)] * 9))
-    svg = BytesIO()
-    figure.savefig(svg, format="svg")
-    drawn, thin = (_drawn(ElementTree.fromstring(each)) for each in (svg.getvalue(), thinned(svg.getvalue())))
-    assert [style for style, _ in thin] == [style for style, _ in drawn]
-    np.testing.assert_allclose([place for _, place in thin], [place for _, place in drawn], atol=0.006)
-    assert (svg.getvalue().count(b"fill: #ff0000"), thinned(svg.getvalue()).count(b"fill: #ff0000")) == (50, 1)
-
-
-def _drawn(root: ElementTree.Element) -> list[tuple[dict[str, str], tuple[float, float]]]:
-    """Style (its own or inherited) and place (of a path 0) of everything that an SVG draws, in its order."""
-    drawn: list[tuple[dict[str, str], tuple[float, float]]] = []
-
-    def walk(element: ElementTree.Element, inherited: dict[str, str]) -> None:
-        styled = inherited | {key: element.attrib[key] for key in ("style", "clip-path") if key in element.attrib}
-        if element.tag.endswith(("}path", "}use")):
-            drawn.append((styled, (float(element.get("x", 0.0)), float(element.get("y", 0.0)))))
-        for each in element:
-            walk(each, styled)
-
-    walk(root, {})
-    return drawn
