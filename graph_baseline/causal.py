@@ -18,7 +18,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.hindsight import batch, optimum_from, optimum_near, optimum_of_bearings
 from slamgauge.graph_baseline.problem.preparation import among_mapped, relative_to_start, require_known_landmarks
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
-from slamgauge.graph_baseline.solver.cost_estimate import require_room, tell_if_long
+from slamgauge.graph_baseline.solver.cost_estimate import require_room
 from slamgauge.graph_baseline.solver.incremental import SHORT, GrowingOptimum
 from slamgauge.graph_baseline.solver.multistart import chi_square_of
 from slamgauge.recording import Recording
@@ -49,7 +49,6 @@ def causal(recording: Recording, association: Int | None = None) -> Estimate:
     if association is not None:
         return among_mapped(causal(recording.associated(association)), association)
     require_room(recording, "causal", dense=True)
-    tell_if_long(recording)
     growing = GrowingOptimum(recording)
     steps = recording.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)

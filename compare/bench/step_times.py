@@ -14,10 +14,9 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.bench.numpy_filter import plain_numpy_ekf
-from slamgauge.compare.estimators.cost_estimate import require_time, seconds_of
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.estimators.registry import CAUSAL
-from slamgauge.compare.estimators.requests import Asked, Chosen, ask
+from slamgauge.compare.estimators.requests import Chosen
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.simulation import simulate
@@ -39,7 +38,6 @@ WORKLOAD = (
     "above: radius 20 m, landmarks uniform within 9.8 m of the circle; none nearer to it than 0.5 m"
 )
 YARDSTICK = "plain-numpy"
-PLAIN = "ekf"  # which that takes as long as, nearly
 COPIES = 3.0  # of its covariance that it needs
 SHARE_STEPS = 500  # of the second round, over which the time outside kernels is measured
 
@@ -66,18 +64,15 @@ def _positions(landmarks: int, radius: float, rng: np.random.Generator) -> Float
     return np.array([0.0, radius]) + drawn[(distance >= 0.5) & (distance <= furthest)][:landmarks]
 
 
-def require_time_for_bench(sizes: Sequence[int], asked: Sequence[Asked], *, agreed: bool) -> None:
-    """Refuse maps that memory does not hold, or that would take days; see `require_time`.
+def require_room_for_bench(sizes: Sequence[int]) -> None:
+    """Refuse maps whose covariance does not fit into memory.
 
     Raises:
-        UserError: they do.
+        UserError: one does not fit.
     """
     for size in sizes:
         what = f"landmarks: the covariance of {size}"
         require_memory(COPIES * 8.0 * (3.0 + 2.0 * size) ** 2, what, "give a smaller map")
-    circle = 4.0 * np.pi * 20.0 / 0.1  # the larger one's steps
-    seconds = sum(seconds_of(int(circle), size, [*asked, *ask([PLAIN])]) for size in sizes)
-    require_time(seconds, f"landmarks: maps of {', '.join(map(str, sizes))}", "give smaller ones", agreed=agreed)
 
 
 def run_bench(sizes: Sequence[int], chosen: Chosen, seed: int = 0) -> dict[str, Any]:

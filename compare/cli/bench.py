@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from slamgauge.compare.cli.options import (
     Estimators,
     Folder,
-    Yes,
     print_result,
     results_folder,
     split_names,
@@ -32,8 +31,6 @@ class Bench:
 
     estimators: Estimators = BENCHED
 
-    yes: Yes = False
-
     out: Folder | None = None
     """Folder for bench.json, bench.png and bench.svg."""
 
@@ -41,8 +38,7 @@ class Bench:
 
     def __call__(self) -> int:
         """Measure, print and, if asked to, write; the exit status."""
-        from slamgauge.compare.bench.step_times import bench_table, require_time_for_bench, run_bench
-        from slamgauge.compare.estimators.requests import ask
+        from slamgauge.compare.bench.step_times import bench_table, require_room_for_bench, run_bench
         from slamgauge.compare.storage.files import write_json
         from slamgauge.compare.storage.result_files import BENCH, BENCH_FILES
 
@@ -50,7 +46,7 @@ class Bench:
         if not all(word.isdecimal() and len(word) <= LONGEST and int(word) > 0 for word in words):
             raise UserError(f"landmarks {self.landmarks!r:.60}: give map sizes > 0, for example 20,100")
         sizes = [int(word) for word in words]
-        require_time_for_bench(sizes, ask(split_names(self.estimators)), agreed=self.yes)
+        require_room_for_bench(sizes)
         with results_folder(self.out, BENCH_FILES, last=BENCH) as folder:
             result = run_bench(sizes, split_names(self.estimators))
             done = print_result(result if self.output.json else bench_table(result))

@@ -64,8 +64,6 @@ class Grade:
 
     def __call__(self) -> int:
         """Run, judge, print and write; the exit status."""
-        from slamgauge.compare.estimators.cost_estimate import require_time_for_runs
-        from slamgauge.compare.estimators.registry import CAUSAL
         from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.grading.grade_files import write_grades, write_pages
         from slamgauge.compare.grading.grade_table import grade_table
@@ -77,8 +75,6 @@ class Grade:
         out = self.out or Path("results") / f"grades-{file_name(self.folder.resolve().name)}"
         scenario, (reference,) = sampled_scenario(self.scenario, []), ask([self.reference])
         submissions, timeout = submissions_in(self.folder), require_timeout(self.timeout)
-        work = [(scenario, [*ask([CAUSAL]), *[reference] * (1 + len(submissions))])]
-        require_time_for_runs(self.runs, work, self.work.jobs, agreed=self.work.yes)
         writes = grade_files(each.name for each in submissions)
         with results_folder(out, writes, GRADES, [f"{PAGES}/*.md", f"{PAGES}/*.html"]) as staged:
             with carried_by(self.work.jobs) as executor:

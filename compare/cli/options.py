@@ -34,7 +34,6 @@ FilterName = Annotated[
     ),
 ]
 Overrides = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
-Yes = Annotated[bool, tyro.conf.arg(help="Begin even what will take days.")]
 PATIENCE = 600.0  # s
 ALL_CORES = os.cpu_count() or 1
 MOST_JOBS = 1024
@@ -66,8 +65,6 @@ class Work:
 
     jobs: int = ALL_CORES
     """Worker processes, one BLAS thread each."""
-
-    yes: Yes = False
 
 
 class EmptyPathError(Exception):

@@ -15,7 +15,6 @@ from slamgauge.compare.cli.options import (
     Folder,
     Overrides,
     OwnCode,
-    Yes,
     flattened,
     print_result,
     results_folder,
@@ -59,8 +58,6 @@ class Run:
 
     own_code: OwnCode = field(default_factory=OwnCode)
 
-    yes: Yes = False
-
     set: Overrides = field(default_factory=list)
     """Override keys of the scenario: dotted.key=value ..."""
 
@@ -82,7 +79,7 @@ class Run:
         return status if write_page(out, METRICS, self.page) else 1
 
     def _grade(self, scenario: Scenario, out: Path) -> int:
-        from slamgauge.compare.estimators.cost_estimate import require_means_for_recording
+        from slamgauge.compare.estimators.memory_check import require_room_for_estimates
         from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.scenarios.scenario_text import scenario_text
         from slamgauge.compare.scenarios.simulation import simulate_informed
@@ -92,7 +89,7 @@ class Run:
         asked = self.own_code.kept_apart(ask(split_names(self.estimators)))
         require_free(out, comparison_files(each.label for each in asked))
         truth, recording, told = simulate_informed(scenario, self.seed)
-        require_means_for_recording(told, asked, agreed=self.yes)
+        require_room_for_estimates(told, len(asked))
         title = f"{scenario.name}, seed {self.seed}"
         grading = Grading(
             asked,
@@ -134,8 +131,6 @@ class Evaluate:
 
     own_code: OwnCode = field(default_factory=OwnCode)
 
-    yes: Yes = False
-
     association: Literal["nearest-neighbour", "jcbb"] = "nearest-neighbour"
     """How filters associate a recording without ids; jcbb is joint, and manages its map."""
 
@@ -164,7 +159,7 @@ class Evaluate:
         return status if write_page(self.out, METRICS, self.page) else 1
 
     def _grade(self) -> int:
-        from slamgauge.compare.estimators.cost_estimate import require_means_for_recording
+        from slamgauge.compare.estimators.memory_check import require_room_for_estimates
         from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
         from slamgauge.compare.storage.files import load_recording, load_truth
@@ -186,7 +181,7 @@ class Evaluate:
         )
         stored = {label: _as_it_lies(path, recording) for label, path in self._stored().items()}
         named = self.own_code.kept_apart(ask(split_names(self.estimators)))
-        require_means_for_recording(recording, named, agreed=self.yes)
+        require_room_for_estimates(recording, len(named))
         asked = ask([*named, *ask(stored)])
         grading = Grading(asked, self.out, self.output.json, title, *settings)
         return grading.grade(truth, recording)

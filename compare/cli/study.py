@@ -115,7 +115,6 @@ class Study:
 
     def _study(self) -> bool:
         """Carry out a study; whether nothing has failed."""
-        from slamgauge.compare.estimators.cost_estimate import require_time_for_runs
         from slamgauge.compare.figures.publishing import write_study
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import STUDY_FILES
@@ -124,8 +123,6 @@ class Study:
         from slamgauge.compare.studies.summary import summary_table
 
         scenario, asked = sampled_scenario(self.scenario, self.set), self._asked()
-        most = self.runs if self.precision is None else max(self.runs, self.max_runs)
-        require_time_for_runs(most, [(scenario, asked)], self.work.jobs, agreed=self.work.yes)
         require_free(self.out, STUDY_FILES)
         with carried_by(self.work.jobs, self.work.scheduler) as executor:
             until = None if self.precision is None else Until(self.precision, self.max_runs)
@@ -137,15 +134,12 @@ class Study:
 
     def _sweep(self, sweep: str) -> bool:
         """Carry out a study at each value; whether nothing has failed."""
-        from slamgauge.compare.estimators.cost_estimate import require_time_for_runs
         from slamgauge.compare.figures.publishing import write_study, write_sweep
-        from slamgauge.compare.studies.sweep import run_sweep, scenarios_of, sweep_table
+        from slamgauge.compare.studies.sweep import run_sweep, sweep_table
 
         if self.against or self.precision is not None:
             raise UserError("sweep: takes no --against and no --precision; leave them out, or study a single value")
         overrides, asked = ["start=sampled", *flattened(self.set)], self._asked()
-        work = [(scenario, asked) for scenario in scenarios_of(self.scenario, overrides, sweep)]
-        require_time_for_runs(self.runs, work, self.work.jobs, agreed=self.work.yes)
         drawn: list[bool] = []
 
         def finished(folder: Path, summary: Summary, runs: dict[str, Runs], step: float) -> None:
@@ -200,14 +194,10 @@ class Budget:
 
     def __call__(self) -> int:
         """Run, print and write; the exit status."""
-        from slamgauge.compare.estimators.cost_estimate import require_time_for_runs
         from slamgauge.compare.storage.files import write_json
-        from slamgauge.compare.studies.budget import budget_table, error_budget, rungs_of
+        from slamgauge.compare.studies.budget import budget_table, error_budget
 
         scenario = sampled_scenario(self.scenario, self.set)
-        require_time_for_runs(
-            self.runs, [(scenario, rungs_of(self.filter, self.lag))], self.work.jobs, agreed=self.work.yes
-        )
         staged = results_folder(self.out, BUDGET_FILES, last=BUDGET)
         with staged as folder, carried_by(self.work.jobs) as executor:
             budget = error_budget(scenario, self.filter, self.runs, self.seed, executor, self.lag)
@@ -252,10 +242,8 @@ class Claims:
 
     def __call__(self) -> int:
         """Run what is missing, judge, print and write; the exit status."""
-        from slamgauge.compare.estimators.cost_estimate import require_time_for_runs
-        from slamgauge.compare.studies.claims import claims_table, judge_claims, studies_of_claims, write_claims
+        from slamgauge.compare.studies.claims import claims_table, judge_claims, write_claims
 
-        require_time_for_runs(max(self.runs, self.max_runs), studies_of_claims(), self.work.jobs, agreed=self.work.yes)
         try:
             with carried_by(self.work.jobs) as executor:
                 claims = judge_claims(self.runs, self.seed, self.out, executor, self.max_runs)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from slamgauge.compare.estimators.cost_estimate import require_room_for_runs
+from slamgauge.compare.estimators.memory_check import require_room_for_runs
 from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.grading.grades import Grade, grade
 from slamgauge.compare.grading.submissions import Submission

@@ -5,7 +5,7 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from pathlib import Path
 
-from slamgauge.compare.estimators.cost_estimate import require_room_for_runs
+from slamgauge.compare.estimators.memory_check import require_room_for_runs
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.simulation import informed
 from slamgauge.compare.scoring.runs import Runs

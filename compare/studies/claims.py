@@ -21,7 +21,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.requests import Asked, ask
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scoring.aggregation import share_in_doubt
@@ -38,7 +37,7 @@ from slamgauge.compare.storage.result_files import CLAIMS as CLAIMS_FILE
 from slamgauge.compare.storage.result_files import CLAIMS_FILES
 from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.studies.claim_evidence import ALPHA, Evidence, weigh
-from slamgauge.compare.studies.claim_list import CLAIMS, FILTER, OPTIMUM, SETTINGS, TESTS, Claim, Figure, ate
+from slamgauge.compare.studies.claim_list import CLAIMS, OPTIMUM, SETTINGS, TESTS, Claim, Figure, ate
 from slamgauge.compare.studies.claim_studies import ClaimStudies, sampled_settings
 from slamgauge.compare.studies.store import digest
 from slamgauge.errors import UserError
@@ -132,11 +131,6 @@ def judge_claims(runs: int, seed: int, out: str | Path, executor: Executor, most
             if each.evidence.verdict == "undecided":
                 judged[place] = replace(each, evidence=evidence_for(each.claim, studies.load, count, most))
     return Claims(judged, studies.failures)
-
-
-def studies_of_claims() -> list[tuple[Scenario, list[Asked]]]:
-    """What every run of the claims is made of."""
-    return [(scenario, ask([FILTER, OPTIMUM])) for scenario in sampled_settings(SETTINGS).values()]
 
 
 def write_claims(out: Path, claims: Claims) -> None:

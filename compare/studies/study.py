@@ -11,7 +11,7 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from slamgauge.compare.estimators.cost_estimate import require_room_for_runs
+from slamgauge.compare.estimators.memory_check import require_room_for_runs
 from slamgauge.compare.estimators.requests import Asked, Chosen, ask, labels_among
 from slamgauge.compare.scenarios.scenario import Scenario, sampled
 from slamgauge.compare.scenarios.scenario_text import scenario_text

@@ -1,4 +1,4 @@
-"""What an optimum will take, told before it begins: memory, and the hours of the causal one."""
+"""Memory that an optimum needs, estimated before it begins."""
 
 from __future__ import annotations
 
@@ -6,18 +6,14 @@ import numpy as np
 
 from slamgauge.graph_baseline.problem.linearisation import linearise
 from slamgauge.graph_baseline.problem.preparation import first_sights, landmarks_at_first_sight, require_known_landmarks
-from slamgauge.graph_baseline.solver.chain_partition import Plan, plan, work
+from slamgauge.graph_baseline.solver.chain_partition import Plan, plan
 from slamgauge.graph_baseline.solver.motion_elimination import shorten
 from slamgauge.graph_baseline.solver.multifrontal import largest, numbers_kept
 from slamgauge.memory import free_memory, require_memory
-from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 
-LONG = 600.0  # s
-RATE = 5e9  # multiply-adds of factors of the landmarks' information in a second, all else that a step takes included
 MAPS, KEPT_MAPS = 10.0, 2.0  # arrays alive at once: of the maps of a piece's poses, of those of all pieces'
-SOLUTIONS, SPEED = 15.0, 3e10  # linear problems that a descent solves; multiply-adds of theirs in a second
 KEYS, ROWS = 150.0, 20.0  # numbers for each pose with a scan, and for each row of an observation
 MATRICES = 6.0  # the same of the information of a front, or of all landmarks
 
@@ -40,11 +36,6 @@ def require_room(recording: Recording, name: str, *, dense: bool = False) -> Non
     require_memory(needed, f"{name} of {landmarks} landmarks in {scans} scans", "leave it out or give a part of them")
 
 
-def seconds_in_hindsight(recording: Recording) -> float:
-    """What `batch` takes for a recording of known association, to the order of magnitude [s]."""
-    return SOLUTIONS * work(_plan_of(recording)) / SPEED
-
-
 def bytes_of(planned: Plan) -> float:
     """What it takes to solve a linear problem so, with every covariance."""
     maps = [3.0 * len(piece.chain.key) * (len(piece.columns) + 1) for piece in planned.pieces]
@@ -59,19 +50,6 @@ def _plan_of(recording: Recording) -> Plan:
     path = chain(recording.prior_mean, recording.odometry)
     model = linearise(recording, slot, path, landmarks_at_first_sight(recording, path))
     return plan(shorten(model), len(ids))
-
-
-def tell_if_long(recording: Recording) -> None:
-    """Say it where the causal optimum takes hours."""
-    landmarks, scans = _counts(recording)
-    first = recording.observation_step[first_sights(recording)[1]]
-    mapped = np.searchsorted(np.sort(first), np.unique(recording.observation_step), side="right")
-    seconds = float(np.sum((2.0 * mapped) ** 3)) / 6.0 / RATE
-    if seconds > LONG:
-        tell_once(
-            f"causal of {landmarks} landmarks in {scans} scans takes some {seconds / 3600.0:.1f} h; "
-            "--estimators without it, or with batch, takes less"
-        )
 
 
 def _counts(recording: Recording) -> tuple[int, int]:

@@ -127,12 +127,3 @@ def test_memory_that_is_not_there_is_told_before_work_begins(monkeypatch: pytest
     for estimator, what in ((riekf, "covariance"), (batch, "batch"), (causal, "causal")):
         with pytest.raises(UserError, match=rf"{what} of 20 landmarks.* GB are free"):
             estimator(recording)
-
-
-def test_hours_of_the_causal_optimum_are_told(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recording = along_a_road(20, 3.0, 0.5)
-    monkeypatch.setattr("slamgauge.graph_baseline.solver.cost_estimate.RATE", 1.0)
-    causal(recording)
-    assert "causal of 20 landmarks in 40 scans takes some" in capsys.readouterr().err

@@ -1,0 +1,33 @@
+"""Memory that a request needs, estimated from its numbers before any work begins; what does not fit is refused."""
+
+from __future__ import annotations
+
+from slamgauge.compare.scenarios.scenario import Scenario
+from slamgauge.memory import require_memory
+from slamgauge.recording import Recording
+
+ESTIMATE_BYTES = 165  # of an estimate and its score, per step (docs/performance.md)
+SERIES_BYTES = 88  # of one run of one estimator, per step: 11 series
+
+
+def require_room_for_runs(runs: int, scenario: Scenario, estimators: int) -> None:
+    """Refuse runs whose series do not fit into memory; the summary of a study loads all of them.
+
+    Raises:
+        UserError: they do not fit.
+    """
+    poses = len(scenario.trajectory.stamps(scenario.prior.mean))
+    what = f"runs: to sum up {runs} of {poses - 1} steps and {estimators} estimators"
+    needed = float(SERIES_BYTES) * runs * poses * (estimators + 1)  # the series of one estimator are loaded twice
+    require_memory(needed, what, "give fewer runs, or a shorter trajectory.duration")
+
+
+def require_room_for_estimates(recording: Recording, estimators: int) -> None:
+    """Refuse so many estimators if their estimates do not fit into memory.
+
+    Raises:
+        UserError: they do not fit.
+    """
+    what = f"estimators: {estimators} of {recording.steps} steps: what they estimate"
+    needed = float(ESTIMATE_BYTES) * recording.steps * estimators
+    require_memory(needed, what, "give fewer, or a shorter run")
