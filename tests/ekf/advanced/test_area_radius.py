@@ -17,6 +17,7 @@ from slamgauge.ekf.settings.initialisation import Rays
 from slamgauge.ekf.settings.robustness import PLAIN
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch, causal
+from slamgauge.estimate import Estimator
 from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 
@@ -85,10 +86,11 @@ def test_a_dozen_sights_a_step_of_a_map_that_settling_copies_at_every_metre_and_
     assert area_that_pays(along_a_road(800, 3.0, 0.1), "standard") is None
 
 
-@pytest.mark.parametrize("name", ["ekf", "riekf"])
-def test_the_estimate_is_that_of_the_full_filter(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("name", "estimator"), [("ekf", estimators.ekf_slam), ("riekf", riekf)])
+def test_the_estimate_is_that_of_the_full_filter(
+    name: str, estimator: Estimator, monkeypatch: pytest.MonkeyPatch
+) -> None:
     recording = along_a_road(60, 3.0, 0.1)
-    estimator = getattr(estimators, name)
     full = estimator(recording)
 
     def always(recording: Recording, _: Correction) -> float:
