@@ -16,8 +16,8 @@ from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR
 from slamgauge.ekf.settings.initialisation import Rays
 from slamgauge.ekf.settings.robustness import PLAIN
 from slamgauge.errors import UserError
-from slamgauge.graph_baseline import batch, causal
 from slamgauge.estimate import Estimator
+from slamgauge.graph_baseline import batch, causal
 from slamgauge.notices import tell_once
 from slamgauge.recording import Recording
 
