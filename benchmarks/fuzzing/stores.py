@@ -1,4 +1,4 @@
-"""Stores of studies, damaged: what is read of them, as they are and mended, is what was stored."""
+"""Damaged stores of studies: what is read of them is what was stored, or they are refused."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from typing import Any
 
 from fuzzing.mutations import changed_pages
 from slamgauge.compare.storage.result_files import STORE
-from slamgauge.compare.studies.store_damage import mend_store
 from slamgauge.compare.studies.study import load_runs, run_study
 
 RUNS = 4
@@ -20,17 +19,12 @@ Stored = dict[tuple[str, int], tuple[Any, ...]]  # figures and series by estimat
 
 
 def damaged_stores(scenario: Any, folder: Path) -> list[dict[str, Any]]:
-    """The inputs (see `targets.Target`): a store that is read, and one that is mended before."""
+    """Return the input (see `targets.Target`): the store of a short study."""
     with ThreadPoolExecutor(1) as thread, contextlib.redirect_stderr(io.StringIO()):
         run_study(scenario, RUNS, 0, NAMES, folder / "study", thread)
     files = {STORE: (folder / "study" / STORE).read_bytes()}
-    whole = _read(scenario, folder / "study")
-    read, mend = partial(_read, scenario), partial(_mended, scenario)
-    common = {"files": files, "mutations": (changed_pages,)}
-    return [
-        {"name": "study.sqlite", "take": read, "claim": partial(_as_stored, whole, len(whole)), **common},
-        {"name": "study.sqlite mended", "take": mend, "claim": partial(_as_stored, whole, 0), **common},
-    ]
+    take, claim = partial(_read, scenario), partial(_as_stored, _read(scenario, folder / "study"))
+    return [{"name": "study.sqlite", "take": take, "claim": claim, "files": files, "mutations": (changed_pages,)}]
 
 
 def _read(scenario: Any, folder: Path) -> Stored:
@@ -42,14 +36,8 @@ def _read(scenario: Any, folder: Path) -> Stored:
     return stored
 
 
-def _mended(scenario: Any, folder: Path) -> Stored:
-    with contextlib.redirect_stderr(io.StringIO()):
-        mend_store(folder / STORE)
-    return _read(scenario, folder)
-
-
-def _as_stored(whole: Stored, fewest: int, _: Path, found: Stored) -> str:
+def _as_stored(whole: Stored, _: Path, found: Stored) -> str:
     other = [key for key, value in found.items() if whole.get(key) != value]
     if other:
         return f"{other[0]} is not what was stored"
-    return "" if len(found) >= fewest else f"{len(found)} rows of {fewest}, without a word"
+    return "" if len(found) == len(whole) else f"{len(found)} rows of {len(whole)} without a message"

@@ -359,8 +359,6 @@ CATALOGUE = (
 )
 SCORED = frozenset(each.key for each in CATALOGUE if each.scored)
 STORED = (*(each.key for each in CATALOGUE if each.stored), *(f"rays_{name}" for name in RayFigures._fields))
-# figures that stores of studies have not had from the beginning: rows that lack them have NaN there
-LATER = ("optimum_check_sigma", "chi_square_per_dof", "log_score")
 RELATIVE = frozenset(each.key for each in CATALOGUE if each.column is not None and each.column.relative)
 SUMMED_UP = {each.key: each.over_runs for each in CATALOGUE if each.over_runs is not None}
 

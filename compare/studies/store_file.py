@@ -1,4 +1,4 @@
-"""The file of a store: opened for one command at a time to add to, what SQLite says of it told in one line."""
+"""The file of a store: opened by one command at a time for writing; errors of SQLite become one line."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from slamgauge.compare.storage.result_files import LOCK
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import UserError
 
-PATIENCE = 1.0  # s, for another program that has the store at this moment
-# SQLite's errors that are not the file's fault: give the same command again
+PATIENCE = 1.0  # s to wait for another program that uses the store
+# SQLite's errors that are not the file's fault: the same command may succeed later
 _REFUSALS = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_NOMEM, sqlite3.SQLITE_READONLY)
 
 
 @contextmanager
 def sole_use(path: Path) -> Generator[None]:
-    """Be the only command that adds to the store at `path`; others may read it.
+    """Make this command the only one that adds to the store at `path`; others may read it.
 
     Raises:
-        UserError: another one is at work on it.
+        UserError: another command adds to it.
     """
     file = path.with_name(f"{path.name}{LOCK}")
     with explained(file, "written"):
@@ -46,43 +46,38 @@ def _locked(path: Path, file: Path) -> int:
         with suppress(FileNotFoundError):
             if file.stat().st_ino == os.fstat(descriptor).st_ino:
                 return descriptor
-        os.close(descriptor)  # who had it has removed it meanwhile
+        os.close(descriptor)  # the previous command has removed the lock file meanwhile
 
 
 @contextmanager
 def connected(path: Path) -> Generator[sqlite3.Connection]:
-    """The database at `path`, which must be there.
+    """Open the existing database at `path`.
 
     Raises:
-        UserError: what SQLite raises.
+        UserError: an error of SQLite, in one line.
     """
     try:
         uri = f"{path.absolute().as_uri()}?mode=rw"
         with closing(sqlite3.connect(uri, uri=True, timeout=PATIENCE)) as connection:
             yield connection
     except sqlite3.Error as error:
-        code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the low byte: the rest tells the kinds apart
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the low byte is the primary error code
         if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-            raise UserError(
-                f"{path}: another program is using it ({words_of(error)}); close that, and give the same command again"
-            ) from None
-        if code in _REFUSALS:
-            raise UserError(
-                f"{path}: cannot be written ({words_of(error)}); make room, and give the same command again"
-            ) from None
-        raise _unusable(path, words_of(error)) from None
-    except UnicodeDecodeError as error:  # SQLite's own words, of bytes of the file
-        raise _unusable(path, _in_a_line(error.object.decode(errors="backslashreplace"))) from None
+            reason, remedy = "another program is using it", "close that, and give the same command again"
+        elif code in _REFUSALS:
+            reason, remedy = "cannot be written", "make room, and give the same command again"
+        else:
+            reason, remedy = "cannot be used as a study's store", "give another --out"
+        raise UserError(f"{path}: {reason} ({sqlite_message(error)}); {remedy}") from None
+    except UnicodeDecodeError as error:  # SQLite's message quotes bytes of the file
+        message = _in_a_line(error.object.decode(errors="backslashreplace"))
+        raise UserError(f"{path}: cannot be used as a study's store ({message}); give another --out") from None
 
 
-def words_of(error: sqlite3.Error) -> str:
-    """What SQLite says, in one line: it quotes the file, whatever is in there."""
+def sqlite_message(error: sqlite3.Error) -> str:
+    """Return SQLite's message in one line; it may quote any text of the file."""
     return _in_a_line(str(error))
 
 
 def _in_a_line(words: str) -> str:
     return shown(" ".join(words.split()))
-
-
-def _unusable(path: Path, reason: str) -> UserError:
-    return UserError(f"{path}: cannot be used as a study's store ({reason}); give another --out")

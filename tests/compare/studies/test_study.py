@@ -149,7 +149,7 @@ def test_another_study_is_refused_with_the_remedy(
 def test_a_file_that_is_no_store_is_refused(scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path) -> None:
     begin_file(tmp_path, "study.sqlite")
     (tmp_path / "study.sqlite").write_text("not a database, but long enough to be read as one " * 50)
-    with pytest.raises(UserError, match=r"is damaged \(file is not a database\), and cannot be mended; move it away"):
+    with pytest.raises(UserError, match=r"is damaged \(file is not a database\); move it away"):
         run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
 
 
