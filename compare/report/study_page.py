@@ -22,13 +22,13 @@ from slamgauge.compare.storage.result_files import REPORT, SUMMARY
 from slamgauge.compare.studies.stored_study import StoredStudy, load_study
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.compare.studies.summary import (
+    empty_column_lines,
     failure_lines,
     figure_cells,
     is_bounded,
     is_doubtful,
     optimum_lines,
     too_good_lines,
-    why_empty,
 )
 
 MOST_MOMENTS = 1500  # of a curve
@@ -64,7 +64,7 @@ def study_page(folder: Path) -> dict[str, str]:
         lead=[(name, each.verdict) for name, each in summary.estimators.items() if each.verdict],
         notes=[
             *optimum_lines(summary),
-            *why_empty([summary], "study"),
+            *empty_column_lines([summary], "study"),
             *too_good_lines(summary),
             *failure_lines(summary),
         ],

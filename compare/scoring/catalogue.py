@@ -34,8 +34,6 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
-TRUTH = ("truth", "true poses")  # what columns of errors need
-
 CATALOGUE = (
     Quantity(
         key="ate_m",
@@ -44,7 +42,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("ate_m"),
-        column=Column(title="ATE [m]", run=1, study=1, sweep=1, needs=TRUTH),
+        column=Column(title="ATE [m]", run=1, study=1, sweep=1),
     ),
     Quantity(key="ate_aligned_m", unit="m", help="the same after the best rigid motion in SE(2)", scored=True),
     Quantity(
@@ -52,7 +50,7 @@ CATALOGUE = (
         unit="m",
         help="mean over steps of the RMS position error over runs (the literature's)",
         over_runs=mean_root_of("error_x", "error_y"),
-        column=Column(title="RMSE [m]", study=2, sweep=2, of_bounds=True, needs=TRUTH),
+        column=Column(title="RMSE [m]", study=2, sweep=2, of_bounds=True),
     ),
     Quantity(
         key="heading_rmse_rad",
@@ -60,7 +58,7 @@ CATALOGUE = (
         help="RMS heading error; of a study, mean over steps of the RMS over runs",
         scored=True,
         over_runs=mean_root_of("error_heading"),
-        column=Column(title="heading [rad]", form="{:.4f}", run=6, study=9, needs=TRUTH),
+        column=Column(title="heading [rad]", form="{:.4f}", run=6, study=9),
     ),
     Quantity(
         key="final_position_error_m",
@@ -69,7 +67,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("final_position_error_m"),
-        column=Column(title="end [m]", run=7, study=10, needs=TRUTH),
+        column=Column(title="end [m]", run=7, study=10),
     ),
     Quantity(key="final_heading_error_rad", unit="rad", help="absolute heading error of the last pose", scored=True),
     Quantity(key="rpe_m", unit="m", help="RMS translation error of single steps, in the body frame", scored=True),
@@ -83,13 +81,13 @@ CATALOGUE = (
         key="nees_pose",
         help="mean over time of the pose NEES; a consistent estimate reads about 3",
         scored=True,
-        column=Column(title="NEES", form="{:.2f}", run=3, needs=(*TRUTH, "covariances")),
+        column=Column(title="NEES", form="{:.2f}", run=3),
     ),
     Quantity(
         key="nees_pose_per_dof",
         help="mean over runs and steps from the 11th on of the pose NEES over 3",
         over_runs=late_mean_of("nees_pose", 3),
-        column=Column(title="NEES/3", form="{:.2f}", study=5, sweep=5, needs=(*TRUTH, "covariances", "late steps")),
+        column=Column(title="NEES/3", form="{:.2f}", study=5, sweep=5),
     ),
     Quantity(
         key="nees_position_per_dof", help="likewise of the position, over 2", over_runs=late_mean_of("nees_position", 2)
@@ -113,9 +111,7 @@ CATALOGUE = (
         scored=True,
         measure=coverage.coverage_95,
         over_runs=late_coverage(0.95),
-        column=Column(
-            title="in 95% ellipse", form="{:.1%}", run=4, study=6, needs=(*TRUTH, "covariances", "late steps")
-        ),
+        column=Column(title="in 95% ellipse", form="{:.1%}", run=4, study=6),
     ),
     Quantity(
         key="coverage_99",
@@ -137,7 +133,7 @@ CATALOGUE = (
         help="NIS over its degrees of freedom; a filter that knows its noise reads about 1",
         scored=True,
         over_runs=total_nis,
-        column=Column(title="NIS/dof", run=5, study=8, needs=("nis",)),
+        column=Column(title="NIS/dof", run=5, study=8),
     ),
     Quantity(key="nis_total", help="sum of the NIS of all steps", stored=True),
     Quantity(key="nis_dof_total", help="its degrees of freedom", stored=True),
@@ -148,7 +144,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("landmark_rmse_m"),
-        column=Column(title="map [m]", run=9, needs=("truth", "true landmarks", "map")),
+        column=Column(title="map [m]", run=9),
     ),
     Quantity(
         key="landmark_nees_per_dof",
@@ -156,7 +152,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("landmark_nees_per_dof"),
-        column=Column(title="map NEES/2", form="{:.2f}", study=12, needs=("truth", "true landmarks", "map")),
+        column=Column(title="map NEES/2", form="{:.2f}", study=12),
     ),
     Quantity(
         key="landmark_sigma_near_m",
@@ -181,7 +177,7 @@ CATALOGUE = (
         help="number of distinct landmarks that were observed",
         scored=True,
         stored=True,
-        column=Column(title="of", form="{:d}", run=11, needs=("truth", "true associations")),
+        column=Column(title="of", form="{:d}", run=11),
     ),
     Quantity(
         key="landmarks_missed",
@@ -203,15 +199,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=mean_of("wrong_associations"),
-        column=Column(
-            title="wrong",
-            form="{:d}",
-            mean_form="{:.1f}",
-            run=8,
-            study=13,
-            sweep=8,
-            needs=("truth", "true associations", "associations"),
-        ),
+        column=Column(title="wrong", form="{:d}", mean_form="{:.1f}", run=8, study=13, sweep=8),
     ),
     Quantity(key="observations_rejected", help="number of observations given to none", scored=True, stored=True),
     Quantity(
@@ -232,25 +220,25 @@ CATALOGUE = (
         help="ATE over that of the optimum of the same kind, paired run by run",
         scored=True,
         over_runs=over_optimum(),
-        column=Column(title="x optimum", form="{:.2f}", run=2, relative=True, needs=(*TRUTH, "optimum")),
+        column=Column(title="x optimum", form="{:.2f}", run=2, relative=True),
     ),
     Quantity(
         key="ratio_to_causal",
         help="ATE over that of the causal optimum",
         over_runs=over_optimum(CAUSAL),
-        column=Column(title="x causal", study=3, sweep=3, relative=True, needs=(*TRUTH, "causal optimum")),
+        column=Column(title="x causal", study=3, sweep=3, relative=True),
     ),
     Quantity(
         key="ratio_to_bound",
         help="`position_rmse_m` over that of the Cramer-Rao bound of the same kind, over the same runs",
         over_runs=over_bound,
-        column=Column(title="x bound", study=4, sweep=4, of_bounds=True, needs=(*TRUTH, "bound")),
+        column=Column(title="x bound", study=4, sweep=4, of_bounds=True),
     ),
     Quantity(
         key="ratio_to_hindsight",
         help="ATE over that of the hindsight optimum",
         over_runs=over_optimum(HINDSIGHT),
-        column=Column(title="x hindsight", study=7, needs=(*TRUTH, "hindsight optimum")),
+        column=Column(title="x hindsight", study=7),
     ),
     Quantity(
         key="position_sigma_m",
@@ -273,34 +261,26 @@ CATALOGUE = (
         key="mahalanobis_to_optimum",
         help="mean over time of the squared Mahalanobis distance to the optimum, under its covariance",
         scored=True,
-        column=Column(title="d to optimum", form="{:.3g}", run=12, relative=True, needs=("optimum",)),
+        column=Column(title="d to optimum", form="{:.3g}", run=12, relative=True),
     ),
     Quantity(
         key="log_score_to_optimum",
         help="log score less that of the optimum of the same kind at the same steps; 0 is as good, more is worse",
         scored=True,
-        column=Column(
-            title="nats to optimum", form="{:.2f}", run=13, relative=True, needs=(*TRUTH, "covariances", "optimum")
-        ),
+        column=Column(title="nats to optimum", form="{:.2f}", run=13, relative=True),
     ),
     Quantity(
         key="log_score_to_causal",
         help="log score less that of the causal optimum, paired run by run",
         over_runs=excess_over("log_score", CAUSAL),
-        column=Column(
-            title="nats to causal",
-            form="{:.2f}",
-            study=11,
-            relative=True,
-            needs=(*TRUTH, "covariances", "causal optimum"),
-        ),
+        column=Column(title="nats to causal", form="{:.2f}", study=11, relative=True),
     ),
     Quantity(
         key="final_distance_to_batch_m",
         unit="m",
         help="distance of the last position from batch's",
         scored=True,
-        column=Column(title="end to batch [m]", run=14, needs=("hindsight optimum",)),
+        column=Column(title="end to batch [m]", run=14),
     ),
     Quantity(
         key="landmark_distance_to_batch_m", unit="m", help="RMS distance of the landmarks from batch's", scored=True
@@ -353,7 +333,7 @@ CATALOGUE = (
         scored=True,
         stored=True,
         over_runs=plain_mean_of("seconds_total"),
-        column=Column(title="time [s]", form="{:.2f}", run=15, needs=("time",)),
+        column=Column(title="time [s]", form="{:.2f}", run=15),
     ),
     Quantity(key="seconds_per_step_median", unit="s", help="its median over the steps", scored=True),
 )
@@ -375,12 +355,16 @@ def columns(table: Table, *, bounded: bool = False) -> list[tuple[str, str, str]
     return [head for _, head in sorted(found)]
 
 
-def empty_columns(
-    table: Table, is_empty: Callable[[str], bool], *, bounded: bool = False
-) -> list[tuple[str, tuple[str, ...]]]:
-    """Title and needs of the columns of a table whose figures, by their key, are not there."""
-    needs = {each.key: each.column.needs for each in CATALOGUE if each.column is not None}
-    return [(title, needs[key]) for title, key, _ in columns(table, bounded=bounded) if is_empty(key)]
+def empty_columns(table: Table, is_empty: Callable[[str], bool], *, bounded: bool = False) -> list[str]:
+    """Return a line that names the columns of a table without any figure; no line if every column has one.
+
+    Args:
+        table: which one.
+        is_empty: whether a key has no figure.
+        bounded: whether the table has the columns of bounds.
+    """
+    titles = [title for title, key, _ in columns(table, bounded=bounded) if is_empty(key)]
+    return [f"empty: {', '.join(titles)} (docs/your_filter.md has what each column needs)"] if titles else []
 
 
 def measured(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, Any]:

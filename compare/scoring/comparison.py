@@ -13,7 +13,6 @@ from slamgauge.arrays import chunks
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.estimators.side_by_side import run_side_by_side
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns, empty_columns
-from slamgauge.compare.scoring.empty_columns import empty_lines
 from slamgauge.compare.scoring.implausible import WHY, is_too_near_the_truth
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
 from slamgauge.compare.scoring.optimum_notes import (
@@ -167,36 +166,15 @@ def table(comparison: Comparison) -> Page:
 
 
 def remarks(comparison: Comparison) -> list[str]:
-    """What there is to say of the run: whom estimates are held against, why columns are empty, that it is one run."""
+    """Return notes on the run: what estimates are compared with, empty columns, and that it is a single run."""
     scores = comparison.scores.values()
     optima = sorted(comparison.optima.values())
     known = misfits([name for name in optima if is_misfit(comparison.estimates[name])])
     told = None if comparison.stand_ins else told_apart(optima, comparison.truth)
     found = [line for line in (known, told) if line]
     found += [] if not comparison.stand_ins else [under_associations(comparison.stand_ins)]
-    empty = empty_columns("run", lambda key: all(score.figure(key) is None for score in scores))
-    found += empty_lines(empty, what_is_there(comparison))
+    found += empty_columns("run", lambda key: all(score.figure(key) is None for score in scores))
     return found if all(score.ate_m is None for score in scores) else [*found, single_run()]
-
-
-def what_is_there(comparison: Comparison) -> set[str]:
-    """What columns may need (`empty_columns.REASONS`), as far as it is there."""
-    truth, estimates = comparison.truth or Truth(), comparison.estimates.values()
-    known = {
-        "truth": comparison.truth is not None,
-        "true poses": truth.poses is not None and bool(np.isfinite(truth.poses).all(axis=1).any()),
-        "true landmarks": truth.landmarks is not None,
-        "true associations": truth.association is not None,
-        "covariances": any(each.pose_covs is not None for each in estimates),
-        "late steps": True,
-        "map": any(len(each.landmark_ids) for each in estimates),
-        "associations": any(each.association is not None for each in estimates),
-        "nis": any(score.nis_dof_total for score in comparison.scores.values()),
-        "optimum": any(each.kind in comparison.optima for each in estimates),
-        "hindsight optimum": "smoothed" in comparison.optima,
-        "time": any(score.seconds_total is not None for score in comparison.scores.values()),
-    }
-    return {what for what, is_there in known.items() if is_there}
 
 
 def too_near(name: str, comparison: Comparison) -> str | None:

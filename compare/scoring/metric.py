@@ -26,7 +26,6 @@ class Column:
         run: place in the table of a run, from the left; None leaves it out.
         study: place in the table of a study.
         sweep: place in the table of a sweep.
-        needs: what must be there for a figure in it, the farthest-fetched last (`empty_columns.REASONS`).
         relative: whether the figure is one against the causal optimum, of filtered estimates at least, and is marked
             where that optimum is in doubt.
         of_bounds: whether it stands only in tables with a bound.
@@ -38,7 +37,6 @@ class Column:
     run: int | None = None
     study: int | None = None
     sweep: int | None = None
-    needs: tuple[str, ...] = ()
     relative: bool = False
     of_bounds: bool = False
 

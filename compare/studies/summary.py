@@ -9,7 +9,6 @@ from typing import Any
 from slamgauge.compare.estimators.registry import BOUND_OF, BOUNDS, CAUSAL, HINDSIGHT, REGISTRY, is_ours
 from slamgauge.compare.scoring.aggregation import BAND_LEVEL
 from slamgauge.compare.scoring.catalogue import RELATIVE, SUMMED_UP, columns, empty_columns
-from slamgauge.compare.scoring.empty_columns import empty_lines
 from slamgauge.compare.scoring.implausible import beats_the_optimum
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.metric import Table
@@ -219,7 +218,7 @@ def summary_table(summary: Summary) -> Page:
     rays = [
         f"{name}: a run's {describe(each.rays)}" for name, each in summary.estimators.items() if each.rays is not None
     ]
-    notes = [*optimum_lines(summary), *why_empty([summary], "study")]
+    notes = [*optimum_lines(summary), *empty_column_lines([summary], "study")]
     said = verdict_lines({name: each.verdict for name, each in summary.estimators.items()})
     known = [] if summary.precision is None else summary.precision.lines()
     below = [*notes, *known, *rays, *said, *too_good_lines(summary), *failure_lines(summary)]
@@ -289,30 +288,11 @@ def too_good_lines(summary: Summary) -> list[str]:
     return [f"{name}: {text}" for name, text in found.items() if text]
 
 
-def why_empty(summaries: Sequence[Summary], table: Table) -> list[str]:
-    """Which columns of a table of these summaries are empty, and why."""
+def empty_column_lines(summaries: Sequence[Summary], table: Table) -> list[str]:
+    """Return a line that names the columns of a table without any figure in these summaries, if there are any."""
     entries = [entry for summary in summaries for entry in summary.estimators.values()]
     bounded = any(is_bounded(summary.estimators) for summary in summaries)
-    known = {
-        "truth": True,
-        "true poses": True,
-        "true landmarks": True,
-        "true associations": True,
-        "covariances": any(each.nees_share_inside_band is not None for each in entries),
-        "late steps": any(each.nees_pose_per_dof is not None for each in entries),
-        "map": any(each.landmark_rmse_m is not None for each in entries),
-        "associations": any(each.wrong_associations is not None for each in entries),
-        "nis": any(each.nis_per_dof is not None for each in entries),
-        "causal optimum": any(_has_run(each, CAUSAL) for each in summaries),
-        "hindsight optimum": any(_has_run(each, HINDSIGHT) for each in summaries),
-        "bound": any(_has_run(each, name) for each in summaries for name in BOUNDS),
-    }
-    empty = empty_columns(table, lambda key: all(each.figure(key) is None for each in entries), bounded=bounded)
-    return empty_lines(empty, [what for what, is_there in known.items() if is_there])
-
-
-def _has_run(summary: Summary, name: str) -> bool:
-    return name in summary.estimators and summary.estimators[name].runs > 0
+    return empty_columns(table, lambda key: all(each.figure(key) is None for each in entries), bounded=bounded)
 
 
 def failure_lines(summary: Summary) -> list[str]:

@@ -27,6 +27,7 @@ from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.summary import (
     Failure,
     Summary,
+    empty_column_lines,
     failure_lines,
     figure_cells,
     is_bounded,
@@ -36,7 +37,6 @@ from slamgauge.compare.studies.summary import (
     read_entry,
     share_in_doubt,
     summarise,
-    why_empty,
 )
 from slamgauge.errors import UserError
 
@@ -229,8 +229,8 @@ def sweep_table(sweep: Sweep) -> Page:
 
 
 def notes(sweep: Sweep) -> list[str]:
-    """What there is to say of the optima, and why columns are empty."""
-    return [*doubts(sweep), *why_empty(sweep.summaries, "sweep")]
+    """Return notes on the optima and the empty columns."""
+    return [*doubts(sweep), *empty_column_lines(sweep.summaries, "sweep")]
 
 
 def faults(sweep: Sweep) -> dict[str, str]:

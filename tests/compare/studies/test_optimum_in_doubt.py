@@ -22,7 +22,7 @@ from slamgauge.compare.studies.sweep import Sweep, sweep_table
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
-EMPTY = "empty: x hindsight: batch is not among the estimators that ran"
+EMPTY = "empty: x hindsight (docs/your_filter.md has what each column needs)"
 NOTE = (
     "causal is more than 0.05 sigma from the optimum at a checked step in 50.0% of the runs: "
     "figures relative to it are marked ?"

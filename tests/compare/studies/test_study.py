@@ -28,7 +28,7 @@ from slamgauge.compare.studies.cluster import dask_cluster
 from slamgauge.compare.studies.executors import local_processes
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.study_run import run_seed
-from slamgauge.compare.studies.summary import Summary, summary_table
+from slamgauge.compare.studies.summary import Summary
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -299,12 +299,3 @@ def test_there_is_nothing_to_load_where_no_study_was(scenario: Scenario, tmp_pat
     with pytest.raises(UserError, match="there is no study"):
         load_runs(scenario, 1, 0, ("ekf",), tmp_path / "nowhere")
     assert not (tmp_path / "nowhere").exists()
-
-
-def test_what_begins_with_the_11th_step_says_so_where_no_run_has_one(
-    thread: ThreadPoolExecutor, tmp_path: Path
-) -> None:
-    short = load_scenario("q1-short-dense", ["start=sampled", "trajectory.duration=0.5"])
-    lines = " ".join(str(summary_table(run_study(short, 2, 0, ("ekf",), tmp_path, thread))).split())
-    assert "empty: NEES/3, in 95% ellipse: of a study these begin with the 11th step" in lines
-    assert "pose_covs" not in lines

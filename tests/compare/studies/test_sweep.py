@@ -139,7 +139,7 @@ def test_below_the_table_stands_what_is_wrong_and_at_which_values(tmp_path: Path
         for place, each in enumerate(sweep.summaries)
     )
     assert str(sweep_table(replace(sweep, runs=7, summaries=summaries))).splitlines()[-4:] == [
-        "empty: x causal: causal is not among the estimators that ran",
+        "empty: x causal (docs/your_filter.md has what each column needs)",
         "ekf: claims too small a sigma at every value; loses to the causal optimum at association.gate=1",
         "mine: claims too large a sigma at association.gate=9",
         "right: nothing wrong is shown by 7 runs",
