@@ -42,33 +42,17 @@ def step_errors(reference: Float, poses: Float) -> Float:
     return errors
 
 
-def align(positions: Float, reference: Float) -> Float:
-    """A copy of `positions` (n, 2), moved rigidly onto `reference` (n, 2) in the least-squares sense.
-
-    The motion is in SE(2): no scale, no reflection. It is fitted where the reference is defined; a path
-    without extent is translated only (Horn 1987, the planar case in closed form).
-    """
-    known = _known(reference)
-    if not known.any():
-        return positions.copy()
-    return reference[known][0] + _aligned(positions, reference, known)
-
-
 def aligned_errors(positions: Float, reference: Float) -> Float:
-    """What is left (n, 2) [m] between `positions` and `reference` when they are aligned; NaN in gaps.
+    """Return the differences (n, 2) [m] of `positions` from `reference` after alignment; NaN in gaps of the reference.
 
-    It is worked out relative to the first reference: far from the world's origin the aligned positions themselves
-    have fewer digits.
+    The alignment is a rigid motion in SE(2), without scale and reflection, with the least sum of squares where the
+    reference is defined; a path without extent is translated only (Horn 1987, the planar case in closed form). All
+    positions are relative to the first reference, since far from the world's origin doubles have fewer digits.
     """
-    known = _known(reference)
+    known = np.asarray(np.isfinite(reference).all(axis=1))
     if not known.any():
         return np.full(positions.shape, np.nan)
     return _aligned(positions, reference, known) - (reference - reference[known][0])
-
-
-def _known(reference: Float) -> NDArray[np.bool_]:
-    """Which rows (n,) are no gaps."""
-    return np.asarray(np.isfinite(reference).all(axis=1))
 
 
 def _aligned(positions: Float, reference: Float, known: NDArray[np.bool_]) -> Float:

@@ -22,7 +22,6 @@ from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.storage.manifest import MANIFEST, begin_file, write_manifest
-from slamgauge.compare.studies import cluster
 from slamgauge.compare.studies import study_run as study_run
 from slamgauge.compare.studies.cluster import dask_cluster
 from slamgauge.compare.studies.executors import local_processes
@@ -231,16 +230,6 @@ def test_processes_and_a_dask_cluster_give_the_same_figures_bit_for_bit(
         for place in ("here", "there", "far")
     ]
     assert blobs[0] == blobs[1] == blobs[2]
-
-
-def test_no_scheduler_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(cluster, "CONNECT", 1.0)
-    words = ["study", "q1-long-dense", "--runs", "1", "--scheduler", "tcp://127.0.0.1:1", "--out", str(tmp_path / "a")]
-    assert main(words) == 2
-    error = capsys.readouterr().err.splitlines()[-1]
-    assert error.startswith("slamgauge: scheduler tcp://127.0.0.1:1: ")
 
 
 @pytest.mark.usefixtures("studies_in_a_thread")
