@@ -1,4 +1,4 @@
-"""EKF-SLAM of the exercise (TP4 of ENSTA's ROB312), equation by equation: (1.1) with its six lines numbered.
+"""EKF-SLAM of the exercise (TP4 of ENSTA's ROB312): equation (1.1), whose six lines are numbered here.
 
 State x = [robot x, y, heading; x, y of landmark 1; x, y of landmark 2; ...] and covariance P, world frame, m and rad.
 R is the rotation by the heading, J the quarter turn (dR/d(heading) = J R). A landmark l is at delta = R' (l - p) in the
