@@ -6,8 +6,8 @@ from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.memory import require_memory
 from slamgauge.recording import Recording
 
-ESTIMATE_BYTES = 165  # of an estimate and its score, per step (docs/performance.md)
-SERIES_BYTES = 88  # of one run of one estimator, per step: 11 series
+ESTIMATE_BYTES = 165  # for an estimate and its score, per step (docs/performance.md)
+SERIES_BYTES = 88  # for one run and one estimator, per step: 11 series
 
 
 def require_room_for_runs(runs: int, scenario: Scenario, estimators: int) -> None:
@@ -23,7 +23,7 @@ def require_room_for_runs(runs: int, scenario: Scenario, estimators: int) -> Non
 
 
 def require_room_for_estimates(recording: Recording, estimators: int) -> None:
-    """Refuse so many estimators if their estimates do not fit into memory.
+    """Refuse a number of estimators whose estimates do not fit into memory.
 
     Raises:
         UserError: they do not fit.

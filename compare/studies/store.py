@@ -184,7 +184,7 @@ def read_store(path: Path, digest: str, labels: Sequence[str], runs: int) -> tup
         found = dict(connection.execute("SELECT key, value FROM study"))
         _require_present_names(connection, path)
         if found.get("digest") != digest or found.get("schema") != str(SCHEMA):
-            raise UserError(f"{path}: is of another study than the summary beside it; give the command again")
+            raise UserError(f"{path}: is of another study than the summary in this folder; give the command again")
         latest = "SELECT estimator FROM outcome GROUP BY estimator ORDER BY max(rowid)"
         keys = {key.partition(" ")[0]: key for (key,) in connection.execute(latest)}
         store, scenario = StudyStore(connection), Scenario.model_validate_json(found["scenario"])

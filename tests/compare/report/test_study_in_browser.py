@@ -65,7 +65,7 @@ def test_a_store_of_another_study_is_refused(folder: Path, tmp_path: Path):
     (tmp_path / "study.sqlite").write_bytes((folder / "study.sqlite").read_bytes())
     summary = json.loads((folder / "summary.json").read_text())
     (tmp_path / "summary.json").write_text(json.dumps({**summary, "digest": "0" * 64}))
-    with pytest.raises(UserError, match="is of another study than the summary beside it"):
+    with pytest.raises(UserError, match="is of another study than the summary in this folder"):
         publish_report(tmp_path)
 
 
