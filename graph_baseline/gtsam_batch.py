@@ -37,8 +37,8 @@ def gtsam_batch(recording: Recording, association: Int | None = None) -> Estimat
     - A bearing-only landmark enters when its bearings place it from iSAM2's path. The graph does not contain a landmark
       that they never place, such as one with a single bearing; its `association` is -1.
     - Levenberg-Marquardt ends at the minimum that iSAM2's estimate leads to. `batch` tries several starts.
-    - `Marginals` is slow in large maps: about 50 s and 0.5 GB for 300 landmarks and 1257 poses, where Levenberg-Marquardt
-      takes 4 s and `batch` needs 5 s in all.
+    - `Marginals` is slow in large maps: about 50 s and 0.5 GB for 300 landmarks and 1257 poses, where
+      Levenberg-Marquardt takes 4 s and `batch` needs 5 s in all.
 
     Args:
         recording: measurements.
