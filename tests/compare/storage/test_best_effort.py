@@ -48,7 +48,7 @@ def test_all_are_there(out: Path, capsys: pytest.CaptureFixture[str]):
         (OSError(28, "No space left on device"), "OSError: [Errno 28] No space left on device"),
         (MemoryError(), "MemoryError: "),
         (UserError("too many"), "too many"),
-        (ValueError("\n\\frac\n ^"), "ValueError: \\frac ^ (test_decorations.py, line "),
+        (ValueError("\n\\frac\n ^"), "ValueError: \\frac ^ (test_best_effort.py, line "),
     ],
 )
 def test_one_that_fails_is_a_line_and_the_others_are_drawn(

