@@ -12,6 +12,7 @@ NEES/3 of the pose in ten bands of steps. A filter stops where its state holds `
 from __future__ import annotations
 
 from slamgauge.compare.studies.executors import pin_blas_threads
+from slamgauge.ekf import FilterSettings
 
 pin_blas_threads()
 
@@ -38,7 +39,6 @@ from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.online_filter import OnlineFilter
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association, MapManagement
 from slamgauge.ekf.settings.initialisation import Delayed, Initialisation, InverseDepth, Rays
-from slamgauge.ekf.settings.robustness import PLAIN
 from slamgauge.se2 import wrap
 
 STRETCH = 5000  # steps
@@ -114,7 +114,7 @@ class Tally:
 
     def note_covariance(self, slam: OnlineFilter) -> None:
         """Look at all of the covariance."""
-        self.eigenvalue = min(self.eigenvalue, float(np.linalg.eigvalsh(map_of(slam).cov)[0]))
+        self.eigenvalue = min(self.eigenvalue, float(np.linalg.eigvalsh(map_of(slam).state.cov)[0]))
 
     def bands(self) -> str:
         """Mean NEES/3 in each band; - where there was none."""
@@ -148,7 +148,8 @@ def soak(row: Row, scenario: str, steps: int, seed: int, most: int) -> str:
         for k, scan in enumerate(recording.scans()):
             if slam is None:
                 association = row.association or NEAREST_NEIGHBOUR
-                slam = online_filter(recording, row.correction, association, row.initialisation, PLAIN)
+                settings = FilterSettings(association, row.initialisation)
+                slam = online_filter(recording, row.correction, settings)
             elif k == 0:  # the stretch before has seen it
                 continue
             step, begin = first + k, time.perf_counter()
@@ -161,7 +162,7 @@ def soak(row: Row, scenario: str, steps: int, seed: int, most: int) -> str:
                 tally.note_pose(step, slam, truth.poses[k])
             if step % max(steps // LOOKS, 1) == 0:
                 tally.note_covariance(slam)
-            if len(map_of(slam).ids) >= most:
+            if len(map_of(slam).state.ids) >= most:
                 grown = f"  {most} points at step {step}: stopped"
                 break
         if grown:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from slamgauge.ekf.estimators import *
     from slamgauge.ekf.online_filter import OnlineFilter
     from slamgauge.ekf.settings.association import Association, MapManagement
+    from slamgauge.ekf.settings.filter_settings import FilterSettings
     from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
     from slamgauge.ekf.settings.robustness import Robustness
     from slamgauge.ekf.slam_filter import SlamFilter
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
         "BearingFilter",
         "CompressedFilter",
         "Delayed",
+        "FilterSettings",
         "InverseDepth",
         "MapManagement",
         "OnlineFilter",
@@ -52,6 +54,7 @@ _NAMES = {  # of each module, as above
     "slam_filter": "SlamFilter",
     "online_filter": "OnlineFilter",
     "settings.association": "Association MapManagement",
+    "settings.filter_settings": "FilterSettings",
     "settings.initialisation": "Delayed InverseDepth Rays",
     "settings.robustness": "Robustness",
     "advanced.sliding_window": "SlidingWindowFilter",

@@ -19,15 +19,17 @@ from scipy.special import chdtri
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.individual_compatibility import NONE
+from slamgauge.ekf.kernels.joint_compatibility import Limits
 from slamgauge.ekf.kernels.sequential_association import Gates
 from slamgauge.ekf.maps.correction_table import Correction, Rule, sequential_of
-from slamgauge.ekf.maps.divergence_monitor import Watch
+from slamgauge.ekf.maps.divergence_monitor import DivergenceMonitor
 from slamgauge.ekf.maps.duplicate_landmarks import robot_of
 from slamgauge.ekf.maps.input_checks import require_robustness, require_sensor, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.map_edits import add_landmarks
 from slamgauge.ekf.maps.matching import Matcher, update_nearest
 from slamgauge.ekf.maps.tracks import Tracks
-from slamgauge.ekf.maps.transaction import is_addition_certain, undone_if_refused
+from slamgauge.ekf.maps.transaction import is_addition_certain, transaction
 from slamgauge.ekf.online_filter import PointFilter
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
@@ -67,13 +69,13 @@ class AssociatingFilter(PointFilter):
         if not isinstance(cast("object", association), Association):
             raise UserError(f"association: {association!r} is not one; give Association(method, gate)")
         if association.method == "nearest-neighbour":
-            sequential_of(self._map.rule)
+            sequential_of(self._map.correction.rule)
         self._association = association
         self._matcher = Matcher(self._map)
         self._tracks = Tracks(self._map, association.map_management)
         self._associated: Int = np.zeros(0, dtype=np.int64)
         self._quantiles = np.zeros(1)
-        self._watch = Watch(self._map.rule)
+        self._monitor = DivergenceMonitor(self._map.correction.rule)
         self._mean_robot: tuple[Float, Float] | None = None
 
     @property
@@ -91,7 +93,7 @@ class AssociatingFilter(PointFilter):
         """Pose and covariance; the mean over what landmarks may be where that is undecided."""
         if self._mean_robot is None:
             matchings = self._tracks.matchings
-            self._mean_robot = self._map.pose, self._map.pose_cov
+            self._mean_robot = self._map.state.pose, self._map.state.pose_cov
             if matchings is not None:
                 self._mean_robot = robot_of(self._map, matchings)
         return self._mean_robot
@@ -99,17 +101,17 @@ class AssociatingFilter(PointFilter):
     @property
     def landmark_ids(self) -> Int:
         """(L,) ids of the mapped landmarks that are confirmed."""
-        return self._map.ids[self._tracks.confirmed]
+        return self._map.state.ids[self._tracks.confirmed]
 
     @property
     def landmarks(self) -> Float:
         """(L, 2) their positions [m] in the world frame."""
-        return self._map.positions[self._tracks.confirmed]
+        return self._map.state.positions[self._tracks.confirmed]
 
     @property
     def landmark_covs(self) -> Float:
         """(L, 2, 2) their covariances [m^2]."""
-        return self._map.position_covs[self._tracks.confirmed]
+        return self._map.state.position_covs[self._tracks.confirmed]
 
     @property
     def associated(self) -> Int:
@@ -122,7 +124,7 @@ class AssociatingFilter(PointFilter):
 
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
         """Move by a body-frame increment; see `SlamFilter.predict`."""
-        self._map.predict(increment, cov)
+        self._map.correction.predict(increment, cov)
         self._tracks.clock.open_step()
         self._mean_robot = None
         self._associated = self._associated[:0]
@@ -136,42 +138,42 @@ class AssociatingFilter(PointFilter):
         Raises:
             UserError: an update that has no solution; see `SlamFilter.update`.
         """
-        given, given_covs = rows_of(observations, self._map.dim)
+        given, given_covs = rows_of(observations, self._map.correction.dim)
         if not len(given):
             self._associated = self._associated[:0]
             return 0.0, 0
         values, covs = np.array(given, dtype=np.float64), np.array(given_covs, dtype=np.float64)
-        self._map.require_sound(values, covs)
+        self._map.correction.require_sound(values, covs)
         associate = self._jointly if self._association.method == "jcbb" else self._one_by_one
         self._associated, nis, dof = associate(values, covs)
         self._tracks.close_scan(self._associated)
         self._mean_robot = None
-        return self._watch.noted((nis, dof))
+        return self._monitor.checked((nis, dof))
 
     def _one_by_one(self, values: Float, covs: Float) -> tuple[Int, float, int]:
-        gates = Gates(float(self._association.gate), float(self._widest_gate), self._map.tails)
+        gates = Gates(float(self._association.gate), float(self._widest_gate), self._map.correction.tails)
         slots, nis, dof = update_nearest(self._map, self._tracks.new_ids, values, covs, gates)
-        return np.where(slots == NONE, NONE, self._map.ids[slots]), nis, dof
+        return np.where(slots == NONE, NONE, self._map.state.ids[slots]), nis, dof
 
     def _jointly(self, values: Float, covs: Float) -> tuple[Int, float, int]:
-        pairs, count = self._matcher.compatible(values, covs, self._widest_gate)
+        pairs, noise_covs = self._matcher.compatible(values, covs, self._widest_gate)
         management, doubtful = self._association.map_management, np.zeros(len(values), dtype=bool)
         if management is not None:
-            count = self._matcher.located(count, management.vagueness, self._tracks.recent)
+            pairs = self._matcher.located(pairs, noise_covs, management.vagueness, self._tracks.recent)
         gate, limit = self._association.gate, self._association.node_limit
-        slots = self._matcher.jointly_compatible(count, gate, self._joint_gates(len(values)), limit)
+        slots = self._matcher.jointly_compatible(pairs, noise_covs, gate, self._joint_gates(len(values)), limit)
         if management is not None:
-            slots[self._matcher.ambiguous(count, gate, management.margin, limit, slots)] = NONE
-            doubtful[pairs.observation[:count][np.isin(pairs.slot[:count], slots, invert=True)]] = True
+            slots[self._matcher.ambiguous(pairs, noise_covs, slots, Limits(gate, management.margin, limit))] = NONE
+            doubtful[pairs.observation[np.isin(pairs.slot, slots, invert=True)]] = True
         matched = slots != NONE
         new = ~matched & ~doubtful
         associated = np.full(len(values), NONE)
-        associated[matched] = self._map.ids[slots[matched]]
-        self._map.reserve(self._map.unsettled.size + 2 * int(new.sum()))  # may be refused, and before anything changes
-        with nullcontext() if is_addition_certain(self._map) else undone_if_refused(self._map):
-            nis, dof = self._map.correct(slots[matched], values[matched], covs[matched])
+        associated[matched] = self._map.state.ids[slots[matched]]
+        self._map.state.reserve(self._map.state.size + 2 * int(new.sum()))  # is refused before anything changes
+        with nullcontext() if is_addition_certain(self._map) else transaction(self._map):
+            nis, dof = self._map.correction.update(slots[matched], values[matched], covs[matched])
             associated[new] = self._tracks.new_ids.given + np.arange(new.sum())
-            self._map.add(associated[new], values[new], covs[new])
+            add_landmarks(self._map, associated[new], values[new], covs[new])
         self._tracks.new_ids.take(int(new.sum()))
         return associated, nis, dof
 

@@ -23,9 +23,7 @@ from slamgauge.ekf.history import History
 from slamgauge.ekf.maps.correction_table import CORRECTIONS, TABLE, Correction
 from slamgauge.ekf.maps.input_checks import without_rounding
 from slamgauge.ekf.online_filter import OnlineFilter
-from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
-from slamgauge.ekf.settings.initialisation import Initialisation, Rays
-from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.ekf.settings.filter_settings import DEFAULTS, FilterSettings
 from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory
@@ -46,83 +44,49 @@ __all__ = [
     "sliding_window",
 ]
 
-FIS = Rays()
 ROOM = 1.5  # memory of a filter over that of its covariance
 ROOM_IN_NUMPY = 5.0  # the same of those in numpy: their steps make new arrays
 
 
-def ekf_slam(
-    recording: Recording,
-    association: Association = NEAREST_NEIGHBOUR,
-    initialisation: Initialisation = FIS,
-    frames: int = 0,
-    robust: Robustness = PLAIN,
-) -> Estimate:
+def ekf_slam(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estimate:
     """Textbook EKF-SLAM (the practical, equations 1.1).
 
     Args:
         recording: known or unknown association.
-        association: how observations find their landmarks where the recording has no ids.
-        initialisation: how landmarks are initialised where the recording has bearings alone.
-        frames: at how many steps, evenly spread from the first to the last, `Estimate.history` keeps the map.
-        robust: how updates are guarded against outliers.
+        settings: association, initialisation of bearing-only landmarks, robustness, and frames of the map's history.
 
     Raises:
         UserError: bearings without ids, and an initialisation that needs them.
     """
-    return _run(recording, "ekf", association, initialisation, frames, robust)
+    return _run(recording, "ekf", settings)
 
 
-def fej_ekf(
-    recording: Recording,
-    association: Association = NEAREST_NEIGHBOUR,
-    initialisation: Initialisation = FIS,
-    frames: int = 0,
-    robust: Robustness = PLAIN,
-) -> Estimate:
+def fej_ekf(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estimate:
     """EKF-SLAM with first-estimates Jacobians (Huang, Mourikis and Roumeliotis, IJRR 2010); called as `ekf_slam`.
 
     It leans on good first estimates: where landmarks are close to the robot, or first seen from a poorly known
     pose, it can diverge.
     """
-    return _run(recording, "fej-ekf", association, initialisation, frames, robust)
+    return _run(recording, "fej-ekf", settings)
 
 
-def oc_ekf(
-    recording: Recording,
-    association: Association = NEAREST_NEIGHBOUR,
-    initialisation: Initialisation = FIS,
-    frames: int = 0,
-    robust: Robustness = PLAIN,
-) -> Estimate:
+def oc_ekf(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estimate:
     """Observability-constrained EKF-SLAM (Huang, Mourikis and Roumeliotis, IJRR 2010); called as `ekf_slam`.
 
     As `fej_ekf` it learns nothing about shift and turn of the whole map, but its Jacobians are taken at the newest
     estimates, and changed no more than that needs: it leans less on good first estimates.
     """
-    return _run(recording, "oc-ekf", association, initialisation, frames, robust)
+    return _run(recording, "oc-ekf", settings)
 
 
-def iekf(
-    recording: Recording,
-    association: Association = NEAREST_NEIGHBOUR,
-    initialisation: Initialisation = FIS,
-    frames: int = 0,
-    robust: Robustness = PLAIN,
-) -> Estimate:
+def iekf(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estimate:
     """Iterated EKF-SLAM (Bell and Cathey 1993), known to be less consistent than the EKF; called as `ekf_slam`."""
-    return _run(recording, "iekf", association, initialisation, frames, robust)
+    return _run(recording, "iekf", settings)
 
 
-def riekf(
-    recording: Recording,
-    association: Association = NEAREST_NEIGHBOUR,
-    initialisation: Initialisation = FIS,
-    frames: int = 0,
-    robust: Robustness = PLAIN,
-) -> Estimate:
+def riekf(recording: Recording, settings: FilterSettings = DEFAULTS) -> Estimate:
     """Right-invariant EKF-SLAM (Barrau and Bonnabel, arXiv 1510.06263); called as `ekf_slam`."""
-    return _run(recording, "riekf", association, initialisation, frames, robust)
+    return _run(recording, "riekf", settings)
 
 
 def riukf(recording: Recording) -> Estimate:
@@ -201,18 +165,10 @@ def drive(slam: OnlineFilter, recording: Recording) -> Iterator[StepResult]:
         yield StepResult(nis, dof, perf_counter() - start)
 
 
-def _run(
-    recording: Recording,
-    estimator: str,
-    association: Association,
-    initialisation: Initialisation,
-    frames: int,
-    robust: Robustness,
-) -> Estimate:
+def _run(recording: Recording, estimator: str, settings: FilterSettings) -> Estimate:
     require_type("recording", recording, Recording)
-    return _driven(
-        online_filter(recording, CORRECTIONS[estimator], association, initialisation, robust), recording, frames
-    )
+    require_type("settings", settings, FilterSettings)
+    return _driven(online_filter(recording, CORRECTIONS[estimator], settings), recording, settings.frames)
 
 
 def _in_numpy(recording: Recording, belief: Callable[[str, Float, Float], MovingBelief]) -> Estimate:
@@ -251,19 +207,15 @@ def _driven(slam: OnlineFilter, recording: Recording, frames: int) -> Estimate:
     )
 
 
-def online_filter(
-    recording: Recording,
-    correction: Correction,
-    association: Association,
-    initialisation: Initialisation,
-    robust: Robustness,
-) -> OnlineFilter:
-    """The online filter that the recording calls for."""
+def online_filter(recording: Recording, correction: Correction, settings: FilterSettings) -> OnlineFilter:
+    """Return the online filter that fits the recording."""
     start = (recording.prior_mean, recording.prior_cov, correction)
+    robust = settings.robust
     if not SENSORS[recording.sensor].places_landmarks:
-        return BearingFilter(*start, initialisation, association if recording.landmark is None else None, robust)
+        association = settings.association if recording.landmark is None else None
+        return BearingFilter(*start, settings.initialisation, association, robust)
     if recording.landmark is None:
-        return AssociatingFilter(recording.sensor, *start, association, robust)
+        return AssociatingFilter(recording.sensor, *start, settings.association, robust)
     landmarks = _landmarks_of(recording)
     _require_room(landmarks, ROOM)
     radius = area_that_pays(recording, correction)
@@ -274,7 +226,9 @@ def online_filter(
         f"{landmarks} landmarks: {name} works area by area (CompressedFilter), which gives the same for less work"
     )
     prior = recording.prior_mean, recording.prior_cov
-    return CompressedFilter(recording.sensor, *prior, radius, robust, landmarks, correction)
+    compressed = CompressedFilter(recording.sensor, *prior, radius, correction, robust)
+    compressed.reserve(landmarks)
+    return compressed
 
 
 def _landmarks_of(recording: Recording) -> int:

@@ -82,8 +82,8 @@ class Log:
         count = len(self._kept)
         rows = Rows(*np.zeros((4, 2 * count)))
         kept = (odometry, odometry_cov, observation[self._kept], observation_cov[self._kept])
-        measured = Measured(*(np.array(each, order="C") for each in kept))  # as they are compiled for
-        if run_log(self._code, belief, self._order, measured, tails, self._work, rows) != WHOLE:
+        measured = Measured(self._code, *(np.array(each, order="C") for each in kept))  # kernels need C order
+        if run_log(belief, self._order, measured, tails, self._work, rows) != WHOLE:
             return None
         found = np.full((4, len(observation), 2), np.nan)
         found[3] = 0.0
@@ -115,7 +115,7 @@ def _compile_once() -> None:
     """Compile (or load from the cache) the kernels, once per process."""
     order = Order(np.array([0, 1, 2]), np.array([0, 2]), np.zeros(2, dtype=np.int64))
     seen = np.tile(np.array([1.0, 0.0]), (2, 1))
-    measured = Measured(np.zeros((1, 3)), np.zeros((1, 3, 3)), seen, np.tile(np.eye(2), (2, 1, 1)))
+    measured = Measured(0, np.zeros((1, 3)), np.zeros((1, 3, 3)), seen, np.tile(np.eye(2), (2, 1, 1)))
     with announced("kernels of a log's likelihood"):
         belief, work = allocate_belief(1), allocate(1, 5, 1)
-        run_log(0, belief, order, measured, gaussian_tails(), work, Rows(*np.zeros((4, 4))))
+        run_log(belief, order, measured, gaussian_tails(), work, Rows(*np.zeros((4, 4))))

@@ -9,12 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.maps.correction_table import Correction, Rule
-from slamgauge.ekf.maps.divergence_monitor import Watch
+from slamgauge.ekf.maps.divergence_monitor import DivergenceMonitor
 from slamgauge.ekf.maps.input_checks import ids_of, require_gate, require_ids, require_robustness, rows_of
 from slamgauge.ekf.maps.landmark_ids import of_scan
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.map_edits import add_landmarks
 from slamgauge.ekf.maps.matching import are_within
-from slamgauge.ekf.maps.transaction import is_addition_certain, undone_if_refused
+from slamgauge.ekf.maps.transaction import is_addition_certain, transaction
 from slamgauge.ekf.online_filter import PointFilter
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.errors import UserError
@@ -37,7 +38,7 @@ class SlamFilter(PointFilter):
         robust: how updates are guarded against outliers.
 
     Attributes:
-        map: the belief and what else can be done with it (see `maps.landmark_map`); a robot needs none of it.
+        map: state and correction of the map (see `maps.landmark_map`), for other filters and for tests.
 
     Raises:
         UserError: a sensor or correction that does not exist, an invalid prior, or an invalid number of landmarks.
@@ -54,38 +55,39 @@ class SlamFilter(PointFilter):
     ) -> None:
         self._gate = require_robustness(robust).known_gate
         self.map = LandmarkMap(sensor, prior_mean, prior_cov, correction, landmarks, robust.tails)
-        self._watch = Watch(self.map.rule)
+        self._correction = self.map.correction
+        self._monitor = DivergenceMonitor(self._correction.rule)
         self._associated = NOTHING_SEEN
 
     @property
     def pose(self) -> Float:
         """(3,) x, y [m], heading [rad] in the world frame."""
-        return self.map.pose
+        return self.map.state.pose
 
     @property
     def pose_cov(self) -> Float:
         """(3, 3) covariance of the additive pose error in the world frame."""
-        return self.map.pose_cov
+        return self.map.state.pose_cov
 
     @property
     def landmark_ids(self) -> Int:
         """(L,) ids of the mapped landmarks: in the order of their first observation, unless some were removed."""
-        return self.map.ids.copy()
+        return self.map.state.ids.copy()
 
     @property
     def landmarks(self) -> Float:
         """(L, 2) their positions [m] in the world frame."""
-        return self.map.positions
+        return self.map.state.positions
 
     @property
     def landmark_covs(self) -> Float:
         """(L, 2, 2) their covariances [m^2]."""
-        return self.map.position_covs
+        return self.map.state.position_covs
 
     @property
     def cov(self) -> Float:
         """(3 + 2L, 3 + 2L) covariance of robot and landmarks in the order of `landmark_ids`."""
-        return self.map.cov
+        return self.map.state.cov
 
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
         """Move by a body-frame increment (3,) [m, m, rad] with covariance (3, 3).
@@ -95,7 +97,7 @@ class SlamFilter(PointFilter):
         Raises:
             UserError: shapes that do not fit, a number that is not finite, or no covariance; the filter is unchanged.
         """
-        self.map.predict(increment, cov)
+        self._correction.predict(increment, cov)
         self._associated = NOTHING_SEEN
 
     def update(self, observations: Observations, gate: float | None = None) -> tuple[float, int]:
@@ -114,14 +116,14 @@ class SlamFilter(PointFilter):
             UserError: no ids, shapes that do not fit, a negative range, a number that is not finite, or a covariance
                 that is not positive definite, or no update in double precision; the filter is then unchanged.
         """
-        values, covs = rows_of(observations, self.map.dim)
+        values, covs = rows_of(observations, self._correction.dim)
         ids = ids_of(observations, len(values))
         gate = self._gate if gate is None else gate
         if gate is not None:
-            return self._watch.noted(self._update_gated(ids, values, covs, gate))
+            return self._monitor.checked(self._update_gated(ids, values, covs, gate))
         result = self._update(ids, values, covs)
         self._associated = ids.copy()
-        return self._watch.noted(result)
+        return self._monitor.checked(result)
 
     @property
     def associated(self) -> Int:
@@ -131,8 +133,9 @@ class SlamFilter(PointFilter):
     def _update(self, ids: Int, values: NDArray[np.generic], covs: NDArray[np.generic]) -> tuple[float, int]:
         if not len(ids):
             return 0.0, 0
-        if self.map.find(ids, len(ids)):
-            return self.map.correct_found(values, covs)
+        result = self._correction.update_by_ids(ids, values, covs)
+        if result is not None:
+            return result
         return self._update_and_map(ids, np.asarray(values, np.float64), np.asarray(covs, np.float64))
 
     def _update_and_map(self, ids: Int, values: Float, covs: Float) -> tuple[float, int]:
@@ -142,17 +145,17 @@ class SlamFilter(PointFilter):
         others correct it in an update of their own.
         """
         require_ids(ids)
-        if self.map.dim == 1:
+        if self._correction.dim == 1:
             raise UserError("landmark: a bearing alone places no landmark; use slamgauge.ekf.BearingFilter")
-        self.map.require_sound(values, covs)
-        mapped, new, again = of_scan(ids, self.map.ids)
-        self.map.reserve(self.map.unsettled.size + 2 * int(new.sum()))  # may be refused, and before anything changes
+        self._correction.require_sound(values, covs)
+        mapped, new, again = of_scan(ids, self.map.state.ids)
+        self.map.state.reserve(self.map.state.size + 2 * int(new.sum()))  # is refused before anything changes
         certain = not again.any() and is_addition_certain(self.map)
-        with nullcontext() if certain else undone_if_refused(self.map):
+        with nullcontext() if certain else transaction(self.map):
             total, dof = 0.0, 0
             if mapped.any():
                 total, dof = self._update(ids[mapped], values[mapped], covs[mapped])
-            self.map.add(ids[new], values[new], covs[new])
+            add_landmarks(self.map, ids[new], values[new], covs[new])
             if again.any():
                 nis, informative = self._update(ids[again], values[again], covs[again])
                 total, dof = total + nis, dof + informative
@@ -163,10 +166,10 @@ class SlamFilter(PointFilter):
     ) -> tuple[float, int]:
         require_gate(gate)
         values, covs = np.asarray(values, np.float64), np.asarray(covs, np.float64)
-        self.map.require_sound(values, covs)
+        self._correction.require_sound(values, covs)
         kept = np.ones(len(ids), dtype=bool)
-        rows = np.flatnonzero(np.isin(ids, self.map.ids))
-        kept[rows] = are_within(self.map, self.map.slots_of(ids[rows]), values[rows], covs[rows], gate)
+        rows = np.flatnonzero(np.isin(ids, self.map.state.ids))
+        kept[rows] = are_within(self.map, self.map.state.slots_of(ids[rows]), values[rows], covs[rows], gate)
         result = self._update(ids[kept], values[kept], covs[kept])
         self._associated = np.where(kept, ids, LEFT_OUT)
         return result

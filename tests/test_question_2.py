@@ -14,6 +14,7 @@ from questions import Expected, graded_scores, scores
 
 from slamgauge import Association, MapManagement, Score, assert_error_bounds, load_scenario, riekf, simulate
 from slamgauge.compare.studies.study_run import run_seed
+from slamgauge.ekf import FilterSettings
 
 FILTERS = ("ekf", "riekf")
 RUNS = 24  # without the optimum; seeds 0 ..
@@ -130,6 +131,6 @@ def test_yet_the_textbook_filter_stays_too_sure_of_itself():
 def test_a_loop_closes_with_the_right_landmarks_though_the_position_is_known_badly(root: int, run: int) -> None:
     """Merged with their neighbours pair by pair, or (0, 7) seen lately by the count of scans, if not by the clock."""
     truth, recording = simulate(load_scenario("q2-long-sparse", ["start=sampled"]), run_seed(root, run))
-    estimate = riekf(recording, Association("jcbb", map_management=MapManagement()))
+    estimate = riekf(recording, FilterSettings(Association("jcbb", map_management=MapManagement())))
     assert truth.landmarks is not None
     assert len(estimate.landmark_ids) == len(truth.landmarks)

@@ -39,6 +39,7 @@ from slamgauge.compare.datasets.victoria_park import read_victoria_park
 from slamgauge.compare.storage.csv_folder import read_recording_csv, write_estimate_csv, write_recording_csv
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, save, write_tum
 from slamgauge.compare.storage.stored_estimates import load_stored
+from slamgauge.ekf import FilterSettings
 from slamgauge.ekf.estimators import ekf_slam
 from slamgauge.se2 import wrap
 
@@ -141,7 +142,7 @@ def _npz_files(folder: Path, truth: Truth, recording: Recording, estimate: Estim
         "recording npz": (recording, load_recording),
         "truth npz": (truth, load_truth),
         "estimate npz": (estimate, load_estimate),
-        "rays npz": (ekf_slam(simulate(bearings, 0)[1], frames=3), load_estimate),
+        "rays npz": (ekf_slam(simulate(bearings, 0)[1], FilterSettings(frames=3)), load_estimate),
     }
     for name, (record, load) in records.items():
         save(folder / "record.npz", record)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -17,6 +17,8 @@ from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_
 from slamgauge.compare.estimators.requests import Asked, Chosen, Isolation, ask
 from slamgauge.compare.estimators.user_code import Address
 from slamgauge.compare.scenarios.schema import Association
+from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR
+from slamgauge.ekf.settings.filter_settings import FilterSettings
 from slamgauge.ekf.settings.initialisation import Initialisation
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.errors import UserError
@@ -99,7 +101,7 @@ def load(
             f"{asked.name}: is no estimate of a recording; `slamgauge study` holds errors of many runs to it"
         )
     if asked.name:
-        return _ours(entry_of(asked.name), _settings(association, initialisation, robust), frames)
+        return _ours(entry_of(asked.name), _settings(association, initialisation, frames, robust))
     own = Entry(name=asked.label, kind=None, role="user")
     if asked.where is not None and asked.isolation is not None:
         return LoadedEstimator(own, _apart(asked.where, asked.isolation, announced=announced))
@@ -140,31 +142,32 @@ def _apart(where: Address, isolation: Isolation, *, announced: bool) -> Isolated
     return Strict(estimator) if isolation.strict else estimator
 
 
-def _ours(entry: Entry, settings: dict[str, object], frames: int) -> LoadedEstimator:
+def _ours(entry: Entry, settings: FilterSettings) -> LoadedEstimator:
     estimate: Callable[..., Estimate] = entry.load()
     if entry.lag is not None:
         estimate = partial(estimate, lag=entry.lag)
     _, under, filter_name = entry.name.partition(UNDER)
     if under:
-        slam = partial(REGISTRY[filter_name].load(), **settings)
-        return LoadedEstimator(entry, _under_associations(estimate, slam))
+        slam: Callable[..., Estimate] = REGISTRY[filter_name].load()
+        named = partial(slam, settings=replace(settings, frames=0))
+        return LoadedEstimator(entry, _under_associations(estimate, named))
     if entry.role == "filter":
-        estimate = partial(estimate, **settings, **({"frames": frames} if frames else {}))
-    if entry.role == "textbook" and "association" in settings:
-        estimate = partial(estimate, association=settings["association"])
+        estimate = partial(estimate, settings=settings)
+    if entry.role == "textbook" and settings.association != NEAREST_NEIGHBOUR:
+        estimate = partial(estimate, association=settings.association)
     return LoadedEstimator(entry, estimate)
 
 
 def _settings(
-    association: Association | None, initialisation: Initialisation | None, robust: Robustness
-) -> dict[str, object]:
-    """A scenario's settings as a filter takes them."""
-    chosen: dict[str, object] = {
-        "association": None if association is None else association.settings(),
-        "initialisation": initialisation,
-    }
-    chosen["robust"] = None if robust == PLAIN else robust
-    return {key: value for key, value in chosen.items() if value is not None}
+    association: Association | None, initialisation: Initialisation | None, frames: int, robust: Robustness
+) -> FilterSettings:
+    """Return a scenario's settings as a filter takes them."""
+    settings = FilterSettings(frames=frames, robust=robust)
+    if association is not None and (chosen := association.settings()) is not None:
+        settings = replace(settings, association=chosen)
+    if initialisation is not None:
+        settings = replace(settings, initialisation=initialisation)
+    return settings
 
 
 def _under_associations(graph: Callable[..., Estimate], slam: Callable[..., Estimate]) -> Estimator:

@@ -10,11 +10,12 @@ from slamgauge.compare.noise.outliers import fit
 from slamgauge.compare.noise.parameters import Told
 from slamgauge.ekf.estimators import riekf
 from slamgauge.ekf.settings.association import Association, MapManagement
+from slamgauge.ekf.settings.filter_settings import FilterSettings
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 
 # a wide gate: what is left out beyond it, 3 in 10 000, would make noise look smaller than it is
-JOINT = Association(method="jcbb", gate=16.0, map_management=MapManagement())
+JOINT = FilterSettings(Association(method="jcbb", gate=16.0, map_management=MapManagement()))
 ROUNDS = 4  # of association and fit at most
 SETTLED = 0.002  # share of the observations that a round may associate otherwise
 

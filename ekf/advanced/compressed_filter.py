@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.advanced.compressed_update import account_for_turn, account_for_update
+from slamgauge.ekf.advanced.compressed_update import Account, update_area
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.ekf.maps.correction_table import RULES, WHOLE_SCAN, Correction, Rule, rule_of
@@ -47,6 +47,7 @@ from slamgauge.ekf.maps.input_checks import (
     rows_of,
     start_of,
 )
+from slamgauge.ekf.maps.map_edits import replace_map
 from slamgauge.ekf.online_filter import PointFilter
 from slamgauge.ekf.settings.robustness import PLAIN, Robustness
 from slamgauge.ekf.slam_filter import SlamFilter
@@ -55,7 +56,7 @@ from slamgauge.memory import require_memory
 from slamgauge.recording import Observations
 from slamgauge.sensors import PLACING, SENSORS
 
-ROWS = 128  # of the map's covariance that are settled together
+ROWS = 128  # of the map's covariance that are updated together
 
 
 class CompressedFilter(PointFilter):
@@ -67,12 +68,11 @@ class CompressedFilter(PointFilter):
         prior_cov: (3, 3) its covariance.
         area_radius: landmarks within this distance [m] of the robot form its area, which it leaves a
             third of that distance away; one and a half times the sensor's range serves well.
-        robust: how updates are guarded against outliers.
-        landmarks: how many to make room for at first; the filter grows beyond that by itself.
         correction: `standard` or `right-invariant` (see `kernels.corrections`).
+        robust: how updates are guarded against outliers.
 
     Raises:
-        UserError: a sensor or correction that does not exist or fit, an invalid prior, radius, or number of landmarks.
+        UserError: a sensor or correction that does not exist or fit, or an invalid prior or radius.
     """
 
     def __init__(
@@ -81,14 +81,13 @@ class CompressedFilter(PointFilter):
         prior_mean: ArrayLike,
         prior_cov: ArrayLike,
         area_radius: float,
-        robust: Robustness = PLAIN,
-        landmarks: int = 32,
         correction: Correction = "standard",
+        robust: Robustness = PLAIN,
     ) -> None:
         require_sensor(sensor, PLACING)
-        self._rule = rule_of(correction)
-        self._is_turning = self._rule == RULES["right-invariant"]
-        if not (self._is_turning or self._rule == RULES["standard"]):
+        rule = rule_of(correction)
+        self._is_invariant = rule == RULES["right-invariant"]
+        if not (self._is_invariant or rule == RULES["standard"]):
             raise UserError(
                 f"correction: {correction!r} has no account of an area; use standard or right-invariant, or SlamFilter"
             )
@@ -98,9 +97,7 @@ class CompressedFilter(PointFilter):
         self._robust = require_robustness(robust)
         self._ids: Int = np.zeros(0, dtype=np.int64)
         self._origin, self._mean, start_cov = start_of(prior_mean, prior_cov)
-        room = 3 + 2 * require_room(landmarks)
-        self._room = np.zeros((room, room))
-        self._room[:3, :3] = start_cov
+        self._room = start_cov.copy()
         self._enter_area(self._ids)
 
     @property
@@ -120,21 +117,21 @@ class CompressedFilter(PointFilter):
 
     @property
     def landmarks(self) -> Float:
-        """(L, 2) their positions [m]; settles the account of the area."""
-        self._settle(self._local.landmark_ids)
+        """(L, 2) their positions [m]; applies the account of the area."""
+        self._update_map(self._local.landmark_ids)
         return self._mean[3:].reshape(-1, 2) + self._origin
 
     @property
     def landmark_covs(self) -> Float:
-        """(L, 2, 2) their covariances [m^2]; settles the account of the area."""
-        self._settle(self._local.landmark_ids)
+        """(L, 2, 2) their covariances [m^2]; applies the account of the area."""
+        self._update_map(self._local.landmark_ids)
         first = np.arange(3, len(self._mean), 2)[:, None, None]
         return self._cov[first + np.arange(2)[:, None], first + np.arange(2)]
 
     @property
     def cov(self) -> Float:
-        """(3 + 2L, 3 + 2L) covariance of robot and landmarks; settles the account of the area."""
-        self._settle(self._local.landmark_ids)
+        """(3 + 2L, 3 + 2L) covariance of robot and landmarks; applies the account of the area."""
+        self._update_map(self._local.landmark_ids)
         return self._cov.copy()
 
     @property
@@ -147,8 +144,9 @@ class CompressedFilter(PointFilter):
         before = self._local.pose
         self._local.predict(increment, cov)
         moved = self._local.pose - before
-        self._T[0] -= moved[1] * self._T[2]
-        self._T[1] += moved[0] * self._T[2]
+        T = self._account.T
+        T[0] -= moved[1] * T[2]
+        T[1] += moved[0] * T[2]
 
     def update(self, observations: Observations, gate: float | None = None) -> tuple[float, int]:
         """Correct with all observations of one step, then map new landmarks; see `SlamFilter.update`."""
@@ -159,16 +157,16 @@ class CompressedFilter(PointFilter):
         travelled = np.hypot(*(self._local.pose - self._entry)[:2])
         if outside.any() or travelled > self._area_radius / 3.0:
             require_ids(ids)
-            self._local.map.require_sound(values, covs)
-            self._settle(ids)
-        account = (self._T, self._C, self._vector)
+            self._local.map.correction.require_sound(values, covs)
+            self._update_map(ids)
+        account = self._account
         known = np.isin(ids, self._local.landmark_ids).all() and len(np.unique(ids)) == len(ids)
         if not known:  # a later part of the update may be refused
-            self._T, self._C, self._vector = (each.copy() for each in account)
+            self._account = Account(account.T.copy(), account.C.copy(), account.g.copy(), account.is_invariant)
         try:
             result = self._local.update(observations, gate)
         except BaseException:
-            self._T, self._C, self._vector = account
+            self._account = account
             raise
         self._account_for_new_landmarks(self._local.pose, self._local.landmarks.ravel())
         return result
@@ -180,26 +178,18 @@ class CompressedFilter(PointFilter):
 
     def _account_for_new_landmarks(self, pose: Float, landmarks: Float) -> None:
         """Rows of T for landmarks (2L,) that have been mapped since: J_r times the robot's rows."""
-        offsets = landmarks[len(self._T) - 3 :].reshape(-1, 2) - pose[:2]
+        T = self._account.T
+        offsets = landmarks[len(T) - 3 :].reshape(-1, 2) - pose[:2]
         if len(offsets):
-            rows = np.repeat(self._T[None, :2], len(offsets), axis=0)
-            rows[:, 0] -= offsets[:, 1:] * self._T[2]
-            rows[:, 1] += offsets[:, :1] * self._T[2]
-            self._T = np.concatenate([self._T, rows.reshape(-1, self._T.shape[1])])
+            rows = np.repeat(T[None, :2], len(offsets), axis=0)
+            rows[:, 0] -= offsets[:, 1:] * T[2]
+            rows[:, 1] += offsets[:, :1] * T[2]
+            self._account = self._account._replace(T=np.concatenate([T, rows.reshape(-1, T.shape[1])]))
 
     def _update_local(self, sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
         state, size = belief.state, belief.size
         self._account_for_new_landmarks(state[:3], state[3:size])  # a step may see a new landmark twice
-        nis, informative = self._rule.update(sensor, belief, count, work)
-        if np.isfinite(nis):
-            if len(self._N) < 2 * count:
-                self._N = np.zeros((2 * count, len(self._C)))
-            move = np.zeros(len(self._C))
-            account_for_update(count, size, work, self._T, self._N, self._C, move)
-            if self._is_turning:
-                account_for_turn(belief, work, self._T, self._C, move)
-            self._vector += move
-        return nis, informative
+        return update_area(sensor, belief, count, work, self._account)
 
     def _enter_area(self, seen: Int) -> None:
         """Start an account for the landmarks around the robot and those that it has just `seen`."""
@@ -218,44 +208,47 @@ class CompressedFilter(PointFilter):
             landmarks=len(near) + 32,
             robust=self._robust,
         )
-        self._local.map.replace(self._ids[near], positions[near], area_cov)
+        replace_map(self._local.map, self._ids[near], positions[near], area_cov)
         size = len(self._area)
-        rows = 2 * size if self._is_turning else size
-        self._T, self._C, self._N = np.eye(size, rows), np.zeros((rows, rows)), np.zeros((0, rows))
-        self._vector = np.zeros(rows)
+        rows = 2 * size if self._is_invariant else size
+        self._account = Account(np.eye(size, rows), np.zeros((rows, rows)), np.zeros(rows), self._is_invariant)
 
-    def _settle(self, seen: Int) -> None:
-        """Bring the whole map up to date, and enter the area around the robot."""
+    def _update_map(self, seen: Int) -> None:
+        """Apply the account to the whole map, and enter the area around the robot."""
         area, old = self._area, len(self._mean)
         added = self._local.landmark_ids[self._entered :]
         size = old + 2 * len(added)
-        self._make_room(size)  # may be refused, and before anything changes
+        self._grow(size, size + size // 4)  # is refused before anything changes
         now = np.concatenate([area, np.arange(old, size)])
         known = self._cov[area]
-        if self._is_turning:
+        if self._is_invariant:
             known = np.vstack([known, turned(known)])
-        C = np.triu(self._C) + np.triu(self._C, 1).T
+        C = np.triu(self._account.C) + np.triu(self._account.C, 1).T
         for first in range(0, old, ROWS):  # those of the area, too: they are overwritten
             rows = slice(first, min(first + ROWS, old))
             self._cov[rows] += (C @ known[:, rows]).T @ known
-        mean = np.append(self._mean + known.T @ self._vector, np.zeros(size - old))
+        mean = np.append(self._mean + known.T @ self._account.g, np.zeros(size - old))
         mean[now] = np.concatenate([self._local.pose, self._local.landmarks.ravel()])
         self._mean = mean
         cov = self._cov
-        cov[now, :old] = self._T @ known
+        cov[now, :old] = self._account.T @ known
         cov[:old, now] = cov[now, :old].T
         cov[np.ix_(now, now)] = self._local.cov
         self._ids = np.concatenate([self._ids, added])
         self._enter_area(seen)
 
-    def _make_room(self, size: int) -> None:
-        """Room for a covariance of `size` entries, and for a fourth more: what is not used costs no memory."""
-        used = len(self._room)
-        if size > used:
+    def reserve(self, landmarks: int) -> None:
+        """Make room for a map of that many landmarks; the filter grows by itself, with a copy of the covariance."""
+        size = 3 + 2 * require_room(landmarks)
+        self._grow(size, size)
+
+    def _grow(self, size: int, room: int) -> None:
+        """Make room for a covariance of `room` entries if there is none for `size`; unused room costs no memory."""
+        if size > len(self._room):
             require_memory(8.0 * size * size, f"the covariance of {(size - 3) // 2} landmarks", "give fewer landmarks")
-            room = np.zeros((size + size // 4, size + size // 4))
-            room[:used, :used] = self._room
-            self._room = room
+            before, used = self._cov, len(self._mean)
+            self._room = np.zeros((room, room))
+            self._room[:used, :used] = before
 
 
 def turned(rows: Float) -> Float:

@@ -17,7 +17,7 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.joint_update import are_sound
 from slamgauge.ekf.kernels.prediction import is_semidefinite
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST
-from slamgauge.ekf.kernels.warm_up import compile_sights_once
+from slamgauge.ekf.kernels.warm_up import compile_numpy_filters_once
 from slamgauge.ekf.maps.input_checks import (
     explain_increment,
     explain_scan,
@@ -94,7 +94,7 @@ class NumpyFilter(PointFilter):
 
     def __init__(self, sensor: str, belief: MovingBelief) -> None:
         require_sensor(sensor, PLACING)
-        compile_sights_once()
+        compile_numpy_filters_once()
         self._sensor = sensor
         self.belief = belief
         self._slot_of: dict[int, int] = {}

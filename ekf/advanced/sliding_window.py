@@ -24,7 +24,15 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.advanced.window import kernels as passes
 from slamgauge.ekf.advanced.window import marginal_prior
 from slamgauge.ekf.advanced.window.gauss_newton import NoMinimumError, descended, inverse, swept, symmetric
-from slamgauge.ekf.advanced.window.observations import NOTHING, Bearings, Scan, in_two_rows, joined, scan_of, sights_of
+from slamgauge.ekf.advanced.window.observations import (
+    NOTHING,
+    Bearings,
+    Scan,
+    in_two_rows,
+    joined,
+    observed_by_pose,
+    scan_of,
+)
 from slamgauge.ekf.advanced.window.warm_up import compile_window_once
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.ekf.kernels.joint_update import are_sound
@@ -194,7 +202,7 @@ class SlidingWindowFilter(PointFilter):
             raise explain_scan(self._sensor, given, given_covs, np.nan, np.diagonal(self._pose_cov))
         if len(ids):
             with self._all_or_nothing("observation: no update exists for this scan"):
-                self._take_in(ids, values, covs)
+                self._update(ids, values, covs)
         self._associated = ids.copy()
         return 0.0, 0
 
@@ -212,7 +220,7 @@ class SlidingWindowFilter(PointFilter):
                 raise UserError(f"{what}; {why}") from None
             raise
 
-    def _take_in(self, ids: Int, values: Float, covs: Float) -> None:
+    def _update(self, ids: Int, values: Float, covs: Float) -> None:
         for name in ids.tolist():
             self._number_of.setdefault(name, len(self._number_of))
         unplaced = np.full(len(self._number_of) - len(self._slot_of), WAITING)
@@ -276,8 +284,8 @@ class SlidingWindowFilter(PointFilter):
     def _problem(self, scans: list[Scan] | None = None) -> passes.Problem:
         """Where the window stands; with some of its scans, if only these are asked for."""
         scans = self._scans if scans is None else scans
-        sights, kept = (sights_of(each, self._slot_of) for each in (scans, self._kept))
-        return passes.Problem(self._code, self._prior, self._window, sights, kept, self._rest, len(self._ids))
+        observed, kept = (observed_by_pose(self._code, each, self._slot_of) for each in (scans, self._kept))
+        return passes.Problem(self._prior, self._window, observed, kept, self._rest, len(self._ids))
 
     def _solve(self) -> None:
         solved, self._pose_cov = descended(self._problem())

@@ -19,13 +19,14 @@ from slamgauge.ekf.bearings.initialiser import Initialiser
 from slamgauge.ekf.bearings.inverse_depth import InverseDepthInitialiser
 from slamgauge.ekf.bearings.ray_association import RayAssociation
 from slamgauge.ekf.bearings.rays import RayInitialiser
-from slamgauge.ekf.bearings.transaction import all_undone_if_refused
+from slamgauge.ekf.bearings.transaction import transaction_with
 from slamgauge.ekf.kernels.individual_compatibility import NONE
 from slamgauge.ekf.kernels.warm_up import compile_bearings_once
 from slamgauge.ekf.maps.correction_table import Correction, Rule
-from slamgauge.ekf.maps.divergence_monitor import Watch
+from slamgauge.ekf.maps.divergence_monitor import DivergenceMonitor
 from slamgauge.ekf.maps.input_checks import ids_of, require_gate, require_ids, require_robustness, rows_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.map_edits import merge_landmarks, remove_landmark
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.members import Members, joined, points
 from slamgauge.ekf.settings.association import Association
@@ -78,22 +79,22 @@ class BearingFilter:
         self._step = 0
         self._association = None if association is None else RayAssociation(self._map, association)
         self._associated: Int = np.zeros(0, dtype=np.int64)
-        self._watch = Watch(self._map.rule)
+        self._monitor = DivergenceMonitor(self._map.correction.rule)
 
     @property
     def pose(self) -> Float:
         """(3,) x, y [m], heading [rad] in the world frame."""
-        return self._map.pose
+        return self._map.state.pose
 
     @property
     def pose_cov(self) -> Float:
         """(3, 3) covariance of the additive pose error in the world frame."""
-        return self._map.pose_cov
+        return self._map.state.pose_cov
 
     @property
     def cov(self) -> Float:
         """(3 + 2n, 3 + 2n) covariance of the robot and everything else in the state."""
-        return self._map.cov
+        return self._map.state.cov
 
     @property
     def landmark_ids(self) -> Int:
@@ -136,7 +137,7 @@ class BearingFilter:
 
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
         """Move by a body-frame increment; see `SlamFilter.predict`."""
-        self._map.predict(increment, cov)
+        self._map.correction.predict(increment, cov)
         self._step += 1
         if self._association is not None:
             self._association.clock.open_step()
@@ -165,21 +166,21 @@ class BearingFilter:
             self._associated = self._associated[:0]
             return 0.0, 0
         values, covs = np.asarray(given, np.float64), np.asarray(given_covs, np.float64)
-        self._map.require_sound(values, covs)
-        books = [self._provisional, self, *([] if self._association is None else [self._association])]
+        self._map.correction.require_sound(values, covs)
+        parts = [self._provisional, self, *([] if self._association is None else [self._association])]
         is_one_part = known is not None and all(each in self._points for each in known.tolist())
-        with nullcontext() if is_one_part else all_undone_if_refused(self._map, *books):
+        with nullcontext() if is_one_part else transaction_with(self._map, *parts):
             if self._association is not None:
                 ids = self._association.associate(self._owners(), values, covs)
             else:
                 ids = self._without_outliers(np.asarray(known), values, covs, gate)
-            result = self._take_in(ids.tolist(), values, covs)
+            result = self._update_all(ids.tolist(), values, covs)
             self._associated = ids.copy()
             if self._association is not None:
-                self._tidy(self._association)
-        return self._watch.noted(result)
+                self._manage(self._association)
+        return self._monitor.checked(result)
 
-    def _tidy(self, association: RayAssociation) -> None:
+    def _manage(self, association: RayAssociation) -> None:
         """Forget the landmarks that association gives up, and join those that it takes for one."""
         rays = np.array([*self._provisional.counts], dtype=np.int64)
         for landmark in association.given_up(rays, self._point_landmarks()).tolist():
@@ -188,7 +189,7 @@ class BearingFilter:
             for kept, gone in pairs.tolist():
                 association.join(kept, gone)
                 slot, other = self._slots_of_points([kept, gone]).tolist()
-                self._map.merge(slot, other)
+                merge_landmarks(self._map, slot, other)
                 del self._points[gone]
                 self._associated = np.where(self._associated == gone, kept, self._associated)
 
@@ -203,22 +204,22 @@ class BearingFilter:
         kept[rows[~are_within(self._map, slots, values[rows], covs[rows], gate)]] = NONE
         return kept
 
-    def _take_in(self, ids: list[int], values: Float, covs: Float) -> tuple[float, int]:
+    def _update_all(self, ids: list[int], values: Float, covs: Float) -> tuple[float, int]:
         """Correct with the bearings of points, then hand on those of the others; returns as `update`.
 
         Of a provisional landmark that is seen more than once the first bearing is taken in, and the others after it.
         """
         total, dof, left = 0.0, 0, np.arange(len(ids))
         while len(left):
-            nis, informative, again = self._take_in_first([ids[row] for row in left], values[left], covs[left])
+            nis, informative, again = self._update_first([ids[row] for row in left], values[left], covs[left])
             total, dof, left = total + nis, dof + informative, left[again]
         return total, dof
 
-    def _take_in_first(self, ids: list[int], values: Float, covs: Float) -> tuple[float, int, list[int]]:
-        """`_take_in` without the later bearings of provisional landmarks, whose rows are returned too."""
+    def _update_first(self, ids: list[int], values: Float, covs: Float) -> tuple[float, int, list[int]]:
+        """`_update_all` without the later bearings of provisional landmarks, whose rows are returned too."""
         of_points = [row for row, landmark in enumerate(ids) if landmark in self._points]
         slots = self._slots_of_points([ids[row] for row in of_points])
-        nis, dof = self._map.correct(slots, values[of_points], covs[of_points])
+        nis, dof = self._map.correction.update(slots, values[of_points], covs[of_points])
         others = [row for row, landmark in enumerate(ids) if landmark not in self._points and landmark != NONE]
         first: dict[int, int] = {}
         for row in others:
@@ -228,7 +229,7 @@ class BearingFilter:
         return nis, dof, [row for row in others if first[ids[row]] != row]
 
     def _slots_of_points(self, landmarks: list[int]) -> Int:
-        return self._map.slots_of(np.array([self._points[each] for each in landmarks], dtype=np.int64))
+        return self._map.state.slots_of(np.array([self._points[each] for each in landmarks], dtype=np.int64))
 
     def _point_landmarks(self) -> Int:
         """(P,) landmarks that are points."""
@@ -237,17 +238,17 @@ class BearingFilter:
     def _forget(self, landmark: int) -> None:
         """Take a landmark out of the state."""
         if landmark in self._points:
-            self._map.remove(int(self._map.slots_of(np.array(self._points.pop(landmark)))))
+            remove_landmark(self._map, int(self._map.state.slots_of(np.array(self._points.pop(landmark)))))
         else:
             self._provisional.forget(self._step, landmark)
 
     def _owners(self) -> Int:
         """Landmark (n,) of each slot of the state."""
-        owners = np.full(len(self._map.ids), NOBODY)
+        owners = np.full(len(self._map.state.ids), NOBODY)
         for landmark, member in self._points.items():
-            owners[self._map.slots_of(np.array(member))] = landmark
+            owners[self._map.state.slots_of(np.array(member))] = landmark
         for landmark, members in self._provisional.member_ids().items():
-            owners[self._map.slots_of(members)] = landmark
+            owners[self._map.state.slots_of(members)] = landmark
         return owners
 
     def _landmarks(self) -> Members:
@@ -264,7 +265,7 @@ class BearingFilter:
     def whole_map(self) -> Members:
         """Every point and every member of provisional landmarks."""
         slots = self._slots_of_points([*self._points])
-        known = points(self._point_landmarks(), self._map.positions[slots], self._map.position_covs[slots])
+        known = points(self._point_landmarks(), self._map.state.positions[slots], self._map.state.position_covs[slots])
         return joined([known, self._provisional.members()])
 
 

@@ -27,6 +27,7 @@ from scipy.special import chdtri
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.map_edits import NewEntries, add_entries, remove_landmark
 from slamgauge.ekf.maps.members import NO_MEMBERS, Members
 from slamgauge.ekf.settings.initialisation import FEWEST, Delayed
 from slamgauge.se2 import wrap
@@ -95,17 +96,16 @@ class DelayedInitialiser:
     def _has_moved_on(self) -> bool:
         if not self._clones:
             return True
-        last = self._map.entries(self._columns(self._clones[-1])[:2])
-        return bool(np.hypot(*(self._map.robot[:2] - last)) >= self._settings.spacing)
+        last = self._map.state.entries(self._columns(self._clones[-1])[:2])
+        return bool(np.hypot(*(self._map.state.robot[:2] - last)) >= self._settings.spacing)
 
     def _clone_pose(self) -> int:
         """Append the pose as two slots: the position, and the heading with an entry that is always zero."""
         jacobian = np.zeros((4, 3))
         jacobian[:3] = np.eye(3)
         ids = self._ids.take(2)
-        self._map.add_linear(
-            ids, np.append(self._map.robot, 0.0), np.arange(3), jacobian, np.zeros((4, 4)), [True, False]
-        )
+        values = np.append(self._map.state.robot, 0.0)
+        add_entries(self._map, ids, NewEntries(values, np.arange(3), jacobian, np.zeros((4, 4)), [True, False]))
         self._clones.append(int(ids[0]))
         return int(ids[0])
 
@@ -115,7 +115,7 @@ class DelayedInitialiser:
         past = [clone for clone in self._clones if clone not in useful]
         if len(past) > self._settings.poses // 2:
             return past[0]
-        positions = self._map.entries(np.concatenate([self._columns(clone)[:2] for clone in self._clones]))
+        positions = self._map.state.entries(np.concatenate([self._columns(clone)[:2] for clone in self._clones]))
         positions = positions.reshape(-1, 2)
         gaps = np.hypot(*(positions[2:] - positions[:-2]).T)
         return self._clones[1 + int(np.argmin(gaps))]
@@ -126,7 +126,7 @@ class DelayedInitialiser:
         if len(sights) < FEWEST:
             return None
         columns = np.concatenate([self._columns(sight.clone) for sight in sights])
-        poses = self._map.entries(columns).reshape(-1, 3)
+        poses = self._map.state.entries(columns).reshape(-1, 3)
         bearings, variances = np.array([(sight.bearing, sight.variance) for sight in sights]).T
         found = triangulate(poses, bearings, variances, self._settings.sure)
         if not found.placed:
@@ -134,19 +134,20 @@ class DelayedInitialiser:
         residual, of_poses, of_landmark = whitened_bearings(poses, bearings, variances, found.landmark)
         Q, T = np.linalg.qr(of_landmark, mode="complete")
         residual, of_poses, inverse = Q.T @ residual, Q.T @ of_poses, np.linalg.inv(T[:2])
-        S = of_poses[2:] @ self._map.block(columns) @ of_poses[2:].T + np.eye(len(sights) - 2)
+        S = of_poses[2:] @ self._map.state.block(columns) @ of_poses[2:].T + np.eye(len(sights) - 2)
         if residual[2:] @ np.linalg.solve(S, residual[2:]) > chdtri(len(sights) - 2, IMPROBABLE):
             return None
         position = found.landmark + inverse @ residual[:2]
         new = self._ids.take(1)
-        self._map.add_linear(new, position, columns, -inverse @ of_poses[:2], inverse @ inverse.T, [True])
-        self._map.correct_linear(columns, of_poses[2:], residual[2:], np.eye(len(sights) - 2))
+        jacobian, noise_cov = -inverse @ of_poses[:2], inverse @ inverse.T
+        add_entries(self._map, new, NewEntries(position, columns, jacobian, noise_cov, [True]))
+        self._map.correction.update_linear(columns, of_poses[2:], residual[2:], np.eye(len(sights) - 2))
         del self._sights[landmark]
         return int(new[0])
 
     def _columns(self, clone: int) -> Int:
         """Entries of the state that hold a clone's x, y and heading."""
-        return self._map.columns_of(np.array([clone, clone + 1]))[:3]
+        return self._map.state.columns_of(np.array([clone, clone + 1]))[:3]
 
     def _drop_unused(self) -> None:
         """Remove the clones from which no waiting landmark was seen."""
@@ -161,7 +162,7 @@ class DelayedInitialiser:
             if not self._sights[landmark]:
                 del self._sights[landmark]
         for each in (clone, clone + 1):
-            self._map.remove(int(self._map.slots_of(np.array(each))))
+            remove_landmark(self._map, int(self._map.state.slots_of(np.array(each))))
 
 
 def whitened_bearings(poses: Float, bearings: Float, variances: Float, landmark: Float) -> tuple[Float, Float, Float]:

@@ -25,6 +25,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.bearings.ray_recorder import RayRecorder
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.map_edits import NewEntries, add_entries, remove_landmark
 from slamgauge.ekf.maps.members import NO_MEMBERS, Members
 from slamgauge.ekf.settings.initialisation import InverseDepth
 from slamgauge.se2 import wrap
@@ -66,7 +67,7 @@ class InverseDepthInitialiser:
             self._correct(step, [ids[row] for row in seen], values[seen, 0], covs[seen, 0, 0])
         points: dict[int, int] = {}
         for row in seen:
-            self._settle(step, ids[row], points)
+            self._place_or_drop(step, ids[row], points)
         for row, landmark in enumerate(ids):
             if landmark not in self._depths and landmark not in points:
                 self._begin(step, landmark, values[row, 0], covs[row, 0, 0])
@@ -93,59 +94,59 @@ class InverseDepthInitialiser:
     def _correct(self, step: int, ids: list[int], bearings: Float, variances: Float) -> None:
         """Correct with the bearings (m,) that pass the gate; landmarks that fail too often are lost."""
         columns = np.concatenate(
-            [[0, 1, 2], self._map.columns_of(np.concatenate([self._depths[landmark].ids for landmark in ids]))]
+            [[0, 1, 2], self._map.state.columns_of(np.concatenate([self._depths[landmark].ids for landmark in ids]))]
         )
-        innovation, jacobian = linearise_depths(self._map.entries(columns), bearings)
-        predicted = ((jacobian @ self._map.block(columns)) * jacobian).sum(axis=1)
+        innovation, jacobian = linearise_depths(self._map.state.entries(columns), bearings)
+        predicted = ((jacobian @ self._map.state.block(columns)) * jacobian).sum(axis=1)
         passed = innovation**2 <= self._settings.gate * (predicted + variances)
         used = passed & (predicted < VAGUE**2)
         if used.any():
-            self._map.correct_linear(columns, jacobian[used], innovation[used], np.diag(variances[used]))
+            self._map.correction.update_linear(columns, jacobian[used], innovation[used], np.diag(variances[used]))
         for landmark, good in zip(ids, passed.tolist(), strict=True):
             depth = self._depths[landmark]
             depth.failures = 0 if good else depth.failures + 1
             if depth.failures >= self._settings.lost_after:
                 self.forget(step, landmark)
 
-    def _settle(self, step: int, landmark: int, points: dict[int, int]) -> None:
+    def _place_or_drop(self, step: int, landmark: int, points: dict[int, int]) -> None:
         """Make a point of a landmark whose depth is known well enough, drop one that lies beyond infinity."""
         if landmark not in self._depths:
             return
         depth = self._depths[landmark]
-        columns = self._map.columns_of(depth.ids)
-        state, sigma = self._map.entries(columns), math.sqrt(max(self._map.block(columns)[3, 3], 0.0))
+        columns = self._map.state.columns_of(depth.ids)
+        state, sigma = self._map.state.entries(columns), math.sqrt(max(self._map.state.block(columns)[3, 3], 0.0))
         if state[3] < -BEYOND_INFINITY * sigma:
             self.forget(step, landmark)
-        elif state[3] > 0.0 and linearity_index(state, sigma, self._map.robot) < self._settings.linearity:
+        elif state[3] > 0.0 and linearity_index(state, sigma, self._map.state.robot) < self._settings.linearity:
             position, jacobian = locate_depth(state)
             new = self._ids.take(1)
-            self._map.add_linear(new, position, columns, jacobian, np.zeros((2, 2)), [True])
+            add_entries(self._map, new, NewEntries(position, columns, jacobian, np.zeros((2, 2)), [True]))
             points[landmark] = int(new[0])
             self._remove(self._depths.pop(landmark))
             self.log.end(step, landmark, 0)
 
     def _begin(self, step: int, landmark: int, bearing: float, variance: float) -> None:
         """Anchor a new landmark at the robot."""
-        x, y, heading = self._map.robot
+        x, y, heading = self._map.state.robot
         jacobian = np.zeros((4, 3))
         jacobian[:3] = np.eye(3)
         own = np.diag([0.0, 0.0, variance, self._settings.sigma**2])
         ids = self._ids.take(2)
         values = np.array([x, y, wrap(heading + bearing), self._settings.mean])
-        self._map.add_linear(ids, values, np.arange(3), jacobian, own, [True, False])
+        add_entries(self._map, ids, NewEntries(values, np.arange(3), jacobian, own, [True, False]))
         self._depths[landmark] = Depth(ids)
         self.log.begin(step, landmark, np.array([1.0 / self._settings.mean]))
 
     def _as_point(self, depth: Depth) -> tuple[Float, Float]:
-        columns = self._map.columns_of(depth.ids)
-        state = self._map.entries(columns)
+        columns = self._map.state.columns_of(depth.ids)
+        state = self._map.state.entries(columns)
         state[3] = max(state[3], self._settings.mean / FARTHEST)
         position, jacobian = locate_depth(state)
-        return position + self._map.origin, jacobian @ self._map.block(columns) @ jacobian.T
+        return position + self._map.state.origin, jacobian @ self._map.state.block(columns) @ jacobian.T
 
     def _remove(self, depth: Depth) -> None:
         for each in depth.ids:
-            self._map.remove(int(self._map.slots_of(each)))
+            remove_landmark(self._map, int(self._map.state.slots_of(each)))
 
 
 def linearise_depths(state: Float, bearings: Float) -> tuple[Float, Float]:

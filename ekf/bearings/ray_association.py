@@ -19,9 +19,11 @@ from scipy.special import chdtrc, chdtri
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.individual_compatibility import NONE, Pairs, keep_pairs
+from slamgauge.ekf.kernels.joint_compatibility import Limits
 from slamgauge.ekf.maps.duplicate_landmarks import find_matchings
 from slamgauge.ekf.maps.landmark_ids import GONE, Ids, followed
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.map_edits import find_duplicates
 from slamgauge.ekf.maps.matching import Matcher
 from slamgauge.ekf.maps.scan_clock import ScanClock
 from slamgauge.ekf.settings.association import Association
@@ -65,13 +67,13 @@ class RayAssociation:
             values: (m, 1) [rad].
             covs: (m, 1, 1) [rad^2].
         """
-        pairs, count = self._matcher.compatible(values, covs, self._settings.gate)
-        count = _keep_nearest_members(pairs, count, owners)
+        pairs, noise_covs = self._matcher.compatible(values, covs, self._settings.gate)
+        pairs = _keep_nearest_members(pairs, owners)
         doubtful = np.zeros(len(values), dtype=bool)
         if self._settings.method == "jcbb":
-            found, doubtful = self._jointly(count, len(values), owners)
+            found, doubtful = self._jointly(pairs, noise_covs, owners)
         else:
-            found = self._nearest(pairs, count, len(values))
+            found = self._nearest(pairs, len(values))
         new = (found == NONE) & ~doubtful
         found[new] = self._ids.take(int(new.sum()))
         self._note(found[new], found[found != NONE])
@@ -118,7 +120,7 @@ class RayAssociation:
         slots = np.flatnonzero(np.isin(owners, points[is_seen]))
         is_other = np.isin(owners, points[~is_seen & self.confirmed[points]])
         apart = np.stack([~is_other | np.isin(owners, [*self._apart[each]]) for each in owners[slots].tolist()])
-        pairs = self._map.find_duplicates(slots, apart, management.merge_gate)
+        pairs = find_duplicates(self._map, slots, apart, management.merge_gate)
         if not len(pairs):
             return pairs
         matchings = find_matchings(self._map, pairs, self._sights[owners], management.new_density)
@@ -150,39 +152,39 @@ class RayAssociation:
             self._apart[each].discard(gone)
         return others
 
-    def _nearest(self, pairs: Pairs, count: int, observations: int) -> Int:
+    def _nearest(self, pairs: Pairs, observations: int) -> Int:
         found = np.full(observations, NONE)
-        for c in np.argsort(pairs.distance[:count], kind="stable"):
+        for c in np.argsort(pairs.distance, kind="stable"):
             if pairs.distance[c] > self._settings.gate:
                 break
             if found[pairs.observation[c]] == NONE and pairs.owner[c] not in found:
                 found[pairs.observation[c]] = pairs.owner[c]
         return found
 
-    def _jointly(self, count: int, observations: int, owners: Int) -> tuple[Int, Marks]:
-        """Landmarks, and which bearings have none because they are ambiguous."""
-        gate = self._settings.gate
+    def _jointly(self, pairs: Pairs, covs: Float, owners: Int) -> tuple[Int, Marks]:
+        """Return the landmarks (m,) of bearings with covariances (m, 2, 2), and which have none: they are ambiguous."""
+        gate, observations = self._settings.gate, len(covs)
         rarer = chdtrc(1.0, gate)  # probability beyond the gate, 1 degree of freedom
         quantiles = np.concatenate([[0.0], chdtri(np.arange(1.0, observations + 1), rarer)])
         management = self._settings.map_management
         if management is not None:
             recent = self.clock.are_recent(self._last[owners], management.probation)
-            count = self._matcher.located(count, management.vagueness, recent)
-        slots = self._matcher.jointly_compatible(count, gate, quantiles, self._settings.node_limit)
+            pairs = self._matcher.located(pairs, covs, management.vagueness, recent)
+        slots = self._matcher.jointly_compatible(pairs, covs, gate, quantiles, self._settings.node_limit)
         doubtful = np.zeros(observations, dtype=bool)
         if management is not None:
-            margin, limit = management.margin, self._settings.node_limit
-            doubtful = self._matcher.ambiguous(count, gate, margin, limit, slots)
+            limits = Limits(gate, management.margin, self._settings.node_limit)
+            doubtful = self._matcher.ambiguous(pairs, covs, slots, limits)
             slots[doubtful] = NONE
         return np.append(owners, NONE)[slots], doubtful  # NONE is the last
 
 
-def _keep_nearest_members(pairs: Pairs, count: int, owners: Int) -> int:
-    """Note the owners of the first `count` pairs, and keep the nearest pair of each bearing and owner."""
-    observation, owner, distance = pairs.observation[:count], owners[pairs.slot[:count]], pairs.distance[:count]
+def _keep_nearest_members(pairs: Pairs, owners: Int) -> Pairs:
+    """Set the owners of the pairs, and return the nearest pair of each bearing and owner."""
+    observation, owner, distance = pairs.observation, owners[pairs.slot], pairs.distance
     order = np.lexsort((distance, owner, observation))
     leads = np.diff(observation[order], prepend=NONE) != 0
     leads |= np.diff(owner[order], prepend=NONE) != 0
     kept = order[leads]
-    pairs.owner[:count] = owners[pairs.slot[:count]]
+    pairs.owner[:] = owner
     return keep_pairs(pairs, kept)

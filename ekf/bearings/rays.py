@@ -26,6 +26,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.bearings.ray_recorder import RayRecorder
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.map_edits import add_landmarks, remove_landmark
 from slamgauge.ekf.maps.matching import innovations
 from slamgauge.ekf.maps.members import NO_MEMBERS, Members
 from slamgauge.ekf.settings.initialisation import Rays
@@ -101,8 +102,8 @@ class RayInitialiser:
             rows.append(np.full(len(updated), row))
         if rows:
             row, rho = np.concatenate(rows), np.concatenate(shares)[:, None, None]
-            slots = self._map.slots_of(np.concatenate(members))
-            self._map.correct(slots, values[row], covs[row] / rho)  # all members at once: R_i = R / rho_i
+            slots = self._map.state.slots_of(np.concatenate(members))
+            self._map.correction.update(slots, values[row], covs[row] / rho)  # all members at once: R_i = R / rho_i
         for row, landmark in enumerate(ids):
             if landmark not in self._rays and landmark not in points:
                 self._start(step, landmark, values[row], covs[row])
@@ -120,7 +121,7 @@ class RayInitialiser:
         polar_covs[:, 0, 0] = sigma**2
         polar_covs[:, 1, 1] = cov[0, 0]
         members = self._ids.take(count)
-        self._map.add(members, polar, polar_covs)
+        add_landmarks(self._map, members, polar, polar_covs)
         self._rays[landmark] = Ray(members, np.full(count, -math.log(count)), np.arange(count), count)
         self.log.begin(step, landmark, s)
 
@@ -130,7 +131,7 @@ class RayInitialiser:
         A ray that fails the gate too often in a row is deleted.
         """
         ray, R = self._rays[landmark], cov[0, 0]
-        slots, count = self._map.slots_of(ray.members), len(ray.members)
+        slots, count = self._map.state.slots_of(ray.members), len(ray.members)
         innovation, Z = innovations(self._map, slots, np.tile(value, (count, 1)), np.tile(cov, (count, 1, 1)))
         nu, Z = innovation[:, 0], Z[:, 0, 0]  # Z_i = H_i P H_i' + R
         squared = nu**2 / Z  # squared Mahalanobis distance
@@ -149,8 +150,8 @@ class RayInitialiser:
         """Remove members with Lambda_i < tau / N_g, and of two that are nearly at the same distance the lighter one."""
         kept = ray.log_weights >= math.log(self._settings.threshold / ray.first_count)
         if kept.sum() == 2:
-            positions = self._map.entries(self._map.columns_of(ray.members[kept])).reshape(-1, 2)
-            near, far = sorted(np.hypot(*(positions - self._map.robot[:2]).T))
+            positions = self._map.state.entries(self._map.state.columns_of(ray.members[kept])).reshape(-1, 2)
+            near, far = sorted(np.hypot(*(positions - self._map.state.robot[:2]).T))
             if far < SAME * near:
                 kept[:] = False
         kept[np.argmax(ray.log_weights)] = True  # never the last one
@@ -186,7 +187,7 @@ class RayInitialiser:
 
     def _remove(self, members: Int) -> None:
         for member in members.tolist():
-            self._map.remove(int(self._map.slots_of(np.array([member]))[0]))
+            remove_landmark(self._map, int(self._map.state.slots_of(np.array([member]))[0]))
 
     @property
     def counts(self) -> dict[int, int]:
@@ -202,13 +203,13 @@ class RayInitialiser:
         if not self._rays:
             return NO_MEMBERS
         rays = self._rays.values()
-        slots = self._map.slots_of(np.concatenate([ray.members for ray in rays]))
+        slots = self._map.state.slots_of(np.concatenate([ray.members for ray in rays]))
         return Members(
             landmark=np.repeat([*self._rays], [len(ray.members) for ray in rays]),
             number=np.concatenate([ray.numbers for ray in rays]),
             weight=np.exp(np.concatenate([ray.log_weights for ray in rays])),
-            position=self._map.positions[slots],
-            cov=self._map.position_covs[slots],
+            position=self._map.state.positions[slots],
+            cov=self._map.state.position_covs[slots],
         )
 
 

@@ -1,4 +1,4 @@
-"""Nothing or all, for what bearings have begun: the books of provisional landmarks are put back with the map."""
+"""A transaction of bearing-only filters: provisional landmarks are restored with the map."""
 
 from __future__ import annotations
 
@@ -13,41 +13,41 @@ from slamgauge.ekf.bearings.rays import Ray
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.scan_clock import ScanClock
-from slamgauge.ekf.maps.transaction import undone_if_refused
+from slamgauge.ekf.maps.transaction import transaction
 
-BOOKS = (Depth, Ids, Ray, RayRecorder, ScanClock)  # objects within books that change
+MUTABLE = (Depth, Ids, Ray, RayRecorder, ScanClock)  # objects within parts that change
 
 
 @contextmanager
-def all_undone_if_refused(landmarks: LandmarkMap, *books: object) -> Generator[None]:
-    """Leave the map, and the attributes of the books, as they were if what is done within raises.
+def transaction_with(landmarks: LandmarkMap, *parts: object) -> Generator[None]:
+    """Restore the map and the attributes of `parts` if the body of the `with` statement raises.
 
-    Arrays in books are never changed but replaced, and so are kept as they are.
+    Arrays in `parts` are replaced but never changed in place, and so they are not copied.
     """
-    before = [_all_kept(vars(book)) for book in books]
+    before = [_copies(vars(part)) for part in parts]
     try:
-        with undone_if_refused(landmarks):
+        with transaction(landmarks):
             yield
     except BaseException:
-        for book, attributes in zip(books, before, strict=True):
-            vars(book).update(attributes)
+        for part, attributes in zip(parts, before, strict=True):
+            vars(part).update(attributes)
         raise
 
 
-def _all_kept(values: Mapping[Any, object]) -> dict[Any, object]:
-    return {key: _kept(each) for key, each in values.items()}
+def _copies(values: Mapping[Any, object]) -> dict[Any, object]:
+    return {key: _copy(each) for key, each in values.items()}
 
 
-def _kept(value: object) -> object:
-    """The value as it is now, whatever becomes of it."""
+def _copy(value: object) -> object:
+    """Return a copy of the value that later changes do not reach."""
     if isinstance(value, dict):
-        return _all_kept(value)
+        return _copies(value)
     if isinstance(value, list):
-        return [_kept(each) for each in value] if value and isinstance(value[0], list) else [*value]
+        return [_copy(each) for each in value] if value and isinstance(value[0], list) else [*value]
     if isinstance(value, set):
         return {*value}
-    if isinstance(value, BOOKS):
+    if isinstance(value, MUTABLE):
         kept = copy.copy(value)
-        vars(kept).update(_all_kept(vars(value)))
+        vars(kept).update(_copies(vars(value)))
         return kept
     return value

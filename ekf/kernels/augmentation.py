@@ -6,24 +6,23 @@ import math
 
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief, resized
-from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.jit import kernel
 from slamgauge.sensor_kernels import locate
 
 
 @kernel
-def augment(sensor: int, belief: Belief, count: int, work: Workspace) -> None:
-    """Append the landmarks of the first `count` observations in `work`, in their order."""
-    for i in range(count):
+def augment(sensor: int, belief: Belief, values: Float, covs: Float) -> None:
+    """Append the landmarks of observations (m, 2) with covariances (m, 2, 2), in their order; the size stays."""
+    for i in range(len(values)):
         longer = resized(belief, belief.size + 2 * i)
-        append_landmark(sensor, longer, belief.point, work.observation[i], work.observation_cov[i])
+        append_landmark(sensor, longer, belief.point, values[i], covs[i])
 
 
 @kernel
 def append_landmark(sensor: int, belief: Belief, point: Float, z: Float, R: Float) -> None:
-    """Append a landmark seen at z: P_l. = J_r P_r., P_ll = J_r P_rr J_r' + J_z R J_z'.
+    """Append a landmark observed at z: P_l. = J_r P_r., P_ll = J_r P_rr J_r' + J_z R J_z'.
 
-    J_r = [I, J lever], where the lever reaches from the robot of `point` to the landmark. The belief keeps its size.
+    J_r = [I, J lever], where the lever reaches from the robot of `point` to the landmark. The size of the belief stays.
     """
     state, cov, size = belief.state, belief.cov, belief.size
     c, s = math.cos(state[2]), math.sin(state[2])

@@ -1,29 +1,27 @@
-"""What tells the filters apart: how the innovations of a step correct the state and its covariance.
+"""The corrections of the filters: how the innovations of a step correct the state and its covariance.
 
-All start from the same additive correction, which `kernels.joint_update` makes of a scan: dx = W'y and
-P <- P - W'W, with the factor W of the gain and the whitened innovation y.
+All corrections start from the same additive one, which `kernels.joint_update` computes: dx = W'y and P <- P - W'W.
 
-The first-estimates filter is the standard one with Jacobians at another `point`: where a landmark was
-first put, and where the robot was last predicted. Turn and shift of the whole map then stay unobservable,
-as H F...F N = 0 for N = [I, J p; 0, 1; I, J l]. It leans on good first estimates.
+The first-estimates filter is the standard one with Jacobians at another `point`: the first estimate of each landmark,
+and the predicted pose. Turn and shift of the whole map then stay unobservable, because H F...F N = 0 for
+N = [I, J p; 0, 1; I, J l]. It depends on good first estimates.
 
-The observability-constrained filter predicts with the same F, and so keeps the same N. Its H is taken at the newest
-estimate and then projected: the nearest matrix in Frobenius norm with H N = 0 (`linearisation.project_on_observable`).
+The observability-constrained filter predicts with the same F, and so has the same N. It evaluates H at the newest
+estimate and projects it: the nearest matrix in Frobenius norm with H N = 0 (`linearisation.project_on_observable`).
 
-The iterated filter takes its Jacobians where its own correction leads, until that place stands still: see
-`kernels.iterated_update`.
+The iterated filter evaluates its Jacobians at the minimum of the cost of the step: see `kernels.iterated_update`.
 
-The right-invariant filter needs no other coordinates than these. Its error xi, with
-theta = theta^ + xi_theta and p = R(xi_theta) p^ + V(xi_theta) xi_p (landmarks likewise), is
-xi = D^-1 (additive error), D = [I, J p; 0, 1] with landmark rows [I, J l]. Written out:
+The right-invariant filter uses the same coordinates as the others. Its error xi, with
+theta = theta^ + xi_theta and p = R(xi_theta) p^ + V(xi_theta) xi_p (the same for landmarks), is
+xi = D^-1 (additive error), D = [I, J p; 0, 1] with landmark rows [I, J l]. It follows that
 
 * prediction, Jacobians and new landmarks are those of the standard filter, D F D^-1 and so on;
-* because V(t) t J = R(t) - I, the retraction exp(xi) moves every point by V(dtheta) dx alone;
-* D changes with the estimate, so after the correction the covariance is carried along:
+* because V(t) t J = R(t) - I, the retraction exp(xi) moves every point by V(dtheta) dx;
+* D changes with the estimate, so the covariance is transformed after the correction:
   P <- T P T' with T = D(after) D(before)^-1 = I + u e_theta', u = J (after - before) for positions.
 
-That last step is a symmetric rank-2 change. It is what keeps the unobservable directions (shift and
-turn of the whole map) unobservable: the standard filter leaves P at the old estimate.
+The last step is a symmetric rank-2 change. It keeps shift and turn of the whole map unobservable; the standard filter
+does not transform P.
 
 Sources: Huang, Mourikis and Roumeliotis, IJRR 29(5), 2010 (first estimates, observability constraints), with the
 projection of Hesch, Kottas, Bowman and Roumeliotis, IJRR 33(1), 2014; Bell and Cathey, IEEE
@@ -41,59 +39,59 @@ from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.blas import add_outer_pair
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
-from slamgauge.ekf.kernels.deferred_downdate import postpone
-from slamgauge.ekf.kernels.joint_update import take_in
-from slamgauge.ekf.kernels.workspace import CORRECTION, HEADING_ROW, MOVE, Workspace
+from slamgauge.ekf.kernels.deferred_downdate import Deferred, defer
+from slamgauge.ekf.kernels.joint_update import joint_update
+from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.jit import kernel
 from slamgauge.se2_kernels import mean_rotation, wrap
 
 
 @kernel
 def update_standard(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
-    """Correct: x <- x + dx, P <- P - W'W, with Jacobians as the belief wants them.
+    """Correct with the first `count` observations of `work`: x <- x + dx, P <- P - W'W.
 
     Returns the NIS and its degrees of freedom; when the NIS is not finite, nothing has changed.
     """
-    nis, informative = take_in(sensor, belief, count, work)
-    if math.isfinite(nis):
-        retract_standard(belief, work)
-    return nis, informative
+    update = joint_update(sensor, belief, count, work)
+    if math.isfinite(update.nis):
+        retract_standard(belief, update.dx, work.deferred)
+    return update.nis, update.dof
 
 
 @kernel
-def retract_standard(belief: Belief, work: Workspace) -> None:
-    """Move by the correction dx in the workspace: x <- x + dx."""
-    move_additively(belief.state, belief.size, work.scratch[CORRECTION])
+def update_right_invariant(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
+    """Correct: x <- exp(D^-1 dx) x, P <- T (P - W'W) T'; returns the same as `update_standard`."""
+    update = joint_update(sensor, belief, count, work)
+    if math.isfinite(update.nis):
+        retract_right_invariant(belief, update.dx, work.deferred)
+    return update.nis, update.dof
+
+
+@kernel
+def retract_standard(belief: Belief, dx: Float, deferred: Deferred) -> None:  # noqa: ARG001 a retraction of `Rule`
+    """Move the state: x <- x + dx."""
+    move_additively(belief.state, belief.size, dx)
+
+
+@kernel
+def retract_right_invariant(belief: Belief, dx: Float, deferred: Deferred) -> None:
+    """Move the state and transform the covariance: x <- exp(D^-1 dx) x, P <- T P T'."""
+    u = move_invariantly(belief, dx)
+    transform_covariance(belief, u, deferred)
 
 
 @kernel
 def move_additively(state: Float, size: int, dx: Float) -> None:
-    """Move everything by dx."""
+    """Move all entries by dx."""
     for i in range(size):
         state[i] += dx[i]
     state[2] = wrap(state[2])
 
 
 @kernel
-def update_right_invariant(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
-    """Correct: x <- exp(D^-1 dx) x, P <- T (P - W'W) T'; returns as `update_standard`."""
-    nis, informative = take_in(sensor, belief, count, work)
-    if math.isfinite(nis):
-        retract_right_invariant(belief, work)
-    return nis, informative
-
-
-@kernel
-def retract_right_invariant(belief: Belief, work: Workspace) -> None:
-    """Move by the correction dx in the workspace: x <- exp(D^-1 dx) x, P <- T P T'."""
-    move_invariantly(belief, work.scratch[CORRECTION], work.scratch[MOVE])
-    carry_covariance(belief, work.scratch[MOVE], work)
-
-
-@kernel
-def move_invariantly(belief: Belief, dx: Float, u: Float) -> None:
-    """Move every point by V(dtheta) dx, all else by dx, and leave u of T = I + u e_theta'."""
-    state, turn = belief.state, dx[2]
+def move_invariantly(belief: Belief, dx: Float) -> Float:
+    """Move every point by V(dtheta) dx and all other entries by dx; returns u (size,) of T = I + u e_theta'."""
+    state, turn, u = belief.state, dx[2], np.empty(belief.size)
     v_cos, v_sin = mean_rotation(turn)
     _move(state, dx, u, 0, v_cos, v_sin)
     state[2] = wrap(state[2] + turn)
@@ -105,32 +103,33 @@ def move_invariantly(belief: Belief, dx: Float, u: Float) -> None:
             for k in (i, i + 1):
                 state[k] += dx[k]
                 u[k] = 0.0
+    return u
 
 
 @kernel
-def carry_covariance(belief: Belief, u: Float, work: Workspace) -> None:
+def transform_covariance(belief: Belief, u: Float, deferred: Deferred) -> None:
     """P <- T P T' = P + u a' + a u' with a = P e_theta + u P_theta,theta / 2, for T = I + u e_theta'.
 
-    Where something waits, this waits behind it.
+    Where rows are deferred, this change is deferred behind them.
     """
-    cov, size, heading_row = belief.cov, belief.size, work.scratch[HEADING_ROW]
-    heading_row[0], heading_row[1] = cov[0, 2], cov[1, 2]
+    cov, size, a = belief.cov, belief.size, np.empty(belief.size)
+    a[0], a[1] = cov[0, 2], cov[1, 2]
     for j in range(2, size):
-        heading_row[j] = cov[2, j]
+        a[j] = cov[2, j]
     half = 0.5 * cov[2, 2]
     for j in range(size):
-        heading_row[j] += half * u[j]
-    if work.waiting.used[0] > 0:
-        pair = np.stack((u, heading_row))
-        postpone(cov, size, work.waiting, pair, -pair[::-1])
+        a[j] += half * u[j]
+    if deferred.used[0] > 0:
+        pair = np.stack((u, a))
+        defer(cov, size, deferred, pair, -pair[::-1])
     else:
-        add_outer_pair(cov, u, heading_row, size)
+        add_outer_pair(cov, u, a, size)
         mirror_robot_block(cov)
 
 
 @kernel
 def _move(state: Float, dx: Float, u: Float, i: int, v_cos: float, v_sin: float) -> None:
-    """Move the point at entry i by V dx, and note J times that move in u."""
+    """Move the point at entry i by V dx, and set its entries of u to J times that move."""
     move_x = v_cos * dx[i] - v_sin * dx[i + 1]
     move_y = v_sin * dx[i] + v_cos * dx[i + 1]
     state[i] += move_x

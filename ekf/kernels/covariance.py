@@ -1,4 +1,4 @@
-"""Blocks and projections of the covariance, of which only the upper triangle is kept, compiled."""
+"""Blocks and projections of the covariance, of which only the upper triangle is stored, compiled."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.jit import kernel
 
-TILE = 64  # rows of `cov` that a strided pass keeps in cache
-ROUNDING = 1e-8  # of a correlation: ten times what `slamgauge.validation` allows, so that nothing it takes is refused
+TILE = 64  # rows of `cov` that stay in the cache during a strided pass
+ROUNDING = 1e-8  # share of a correlation: ten times the limit of `slamgauge.validation`, whose results kernels accept
 
 
 @kernel
 def is_symmetric(one: float, other: float, product: float, largest: float) -> bool:
-    """Whether two opposite entries of a covariance are equal, but for rounding.
+    """Return whether two opposite entries of a covariance are equal up to rounding.
 
-    `product` is that of their variances, and `largest` the largest entry of the matrix.
+    `product` is the product of their variances, and `largest` the largest entry of the matrix.
     """
     return abs(one - other) <= ROUNDING * math.sqrt(abs(product)) + 1e-14 * largest
 
@@ -39,14 +39,15 @@ def project_covariance(cov: Float, size: int, slots: Int, jacobian: Float, W: Fl
             for j in range(size):
                 W[k, j] = h0 * cov[0, j] + h1 * cov[1, j] + h2 * cov[2, j]
     for first in range(0, size, TILE):
-        last = min(first + TILE, size)
+        tile = (first, min(first + TILE, size))
         for i in range(len(slots)):
-            _project_landmark(cov, first, last, 3 + 2 * slots[i], 2 * i, jacobian, W)
+            _project_landmark(cov, tile, 3 + 2 * slots[i], 2 * i, jacobian, W)
 
 
 @kernel
-def _project_landmark(cov: Float, first: int, last: int, landmark: int, k: int, jacobian: Float, W: Float) -> None:
-    """Add the landmark's share of H P to columns first..last of W's rows k and k + 1."""
+def _project_landmark(cov: Float, tile: tuple[int, int], landmark: int, k: int, jacobian: Float, W: Float) -> None:
+    """Add the landmark's part of H P to rows k and k + 1 of W, in the columns from `tile[0]` to `tile[1]`."""
+    first, last = tile
     a3, a4, b3, b4 = jacobian[k, 3], jacobian[k, 4], jacobian[k + 1, 3], jacobian[k + 1, 4]
     above = min(last, landmark)
     for j in range(first, above):
@@ -84,9 +85,9 @@ def innovation_covariance(W: Float, slots: Int, jacobian: Float, observation_cov
 
 @kernel
 def noise(R: Float, second_row: Float) -> tuple[float, float, float]:
-    """What an observation's covariance R (2, 2) adds to S: (0, 0), (0, 1) and (1, 1).
+    """Return the entries (0, 0), (0, 1) and (1, 1) that an observation's covariance R (2, 2) adds to S.
 
-    A bearing without information, whose Jacobian `second_row` (5,) is zero, keeps its own variance alone.
+    The covariance (0, 1) is 0 where the bearing has no information: its Jacobian `second_row` (5,) is zero.
     """
     informative = second_row[3] != 0.0 or second_row[4] != 0.0
     return R[0, 0], R[0, 1] if informative else 0.0, R[1, 1]
@@ -94,7 +95,7 @@ def noise(R: Float, second_row: Float) -> tuple[float, float, float]:
 
 @kernel
 def projected(cov: Float, h: Float, landmark: int) -> tuple[float, float, float]:
-    """H P H' of one observation, from the upper triangle of P."""
+    """Return H P H' of one observation, from the upper triangle of P: entries (0, 0), (0, 1) and (1, 1)."""
     block = np.empty((5, 5))
     for a in range(3):
         for b in range(3):

@@ -1,8 +1,8 @@
-"""Which landmarks each observation of a scan may have come from.
+"""Individual compatibility: the landmarks that each observation of a scan may be of, compiled.
 
 An observation is individually compatible with a landmark when its squared Mahalanobis distance
-d^2 = v' S^-1 v is below a gate. Before S is formed, a bound on d^2 that needs four numbers of a landmark
-sets the far ones aside; it never sets aside one that the gate would let in.
+d^2 = v' S^-1 v is below a gate. Before S is computed, a lower bound of d^2 from four numbers of a landmark excludes
+the far ones; it never excludes one that passes the gate.
 
 Source: Neira and Tardos, "Data association in stochastic mapping using the joint compatibility test",
 IEEE Transactions on Robotics and Automation 17(6), 2001.
@@ -30,8 +30,8 @@ class Pairs(NamedTuple):
 
     observation: Int  # (c,) index in the scan
     slot: Int  # (c,) where the landmark is in the state
-    owner: Int  # (c,) the landmark: its slot, or whatever several slots of one landmark have in common
-    value: Float  # (c, 2) the observation itself, while pairs are being found
+    owner: Int  # (c,) the landmark: its slot, or a common number of several slots of one landmark
+    value: Float  # (c, 2) the observation itself, while `find_compatible` runs
     innovation: Float  # (2c,)
     jacobian: Float  # (2c, 5) columns as in `kernels.linearise`
     distance: Float  # (c,) d^2
@@ -39,7 +39,7 @@ class Pairs(NamedTuple):
 
 
 def allocate_pairs(capacity: int) -> Pairs:
-    """Room for that many pairs."""
+    """Allocate room for that many pairs."""
     return Pairs(
         observation=np.zeros(capacity, dtype=np.int64),
         slot=np.zeros(capacity, dtype=np.int64),
@@ -54,9 +54,9 @@ def allocate_pairs(capacity: int) -> Pairs:
 
 @kernel
 def find_compatible(sensor: int, belief: Belief, values: Float, covs: Float, gate: float, pairs: Pairs) -> int:
-    """Every pair of the observations (m, 2), with covariances (m, 2, 2), and a landmark with d^2 <= gate.
+    """Fill `pairs` with all pairs of an observation (m, 2), covariance (m, 2, 2), and a landmark with d^2 <= gate.
 
-    Returns how many there are, or -n when `pairs` must have room for n to find out.
+    Returns their number, or -n when `pairs` needs room for n pairs.
     """
     candidates = _find_near(sensor, belief, values, covs, gate, pairs)
     if candidates > len(pairs.slot):
@@ -82,7 +82,7 @@ def find_compatible(sensor: int, belief: Belief, values: Float, covs: Float, gat
 
 @kernel
 def _find_near(sensor: int, belief: Belief, values: Float, covs: Float, gate: float, pairs: Pairs) -> int:
-    """Pairs whose distances do not rule out d^2 <= gate; returns how many there are."""
+    """Fill `pairs` with pairs whose distances do not exclude d^2 <= gate; returns their number."""
     point = belief.point
     candidates = 0
     for i in range(len(values)):
@@ -101,17 +101,17 @@ def _find_near(sensor: int, belief: Belief, values: Float, covs: Float, gate: fl
 
 
 class Reach(NamedTuple):
-    """What bounds the distance of a landmark from below; see `is_within_reach`."""
+    """Terms of the lower bound of a landmark's distance; see `is_within_reach`."""
 
-    measured: float  # distance [m]; negative for a bearing alone, which rules nothing out
-    noise: float  # its variance at most [m^2]
-    robot: float  # standard deviation of the position [m]
-    heading: float  # standard deviation of the heading as far as it changes what is measured [rad]
+    measured: float  # distance [m]; negative for a bearing-only sensor, which excludes nothing
+    noise: float  # upper bound of its variance [m^2]
+    robot: float  # standard deviation of the robot's position [m]
+    heading: float  # standard deviation of the heading [rad], 0 if it does not change the measurement
 
 
 @kernel
 def reach_of(sensor: int, z: Float, R: Float, cov: Float) -> Reach:
-    """Of an observation z (2,) with covariance R (2, 2), the covariance of the belief being `cov`."""
+    """Return the terms for an observation z (2,) with covariance R (2, 2), and the covariance `cov` of the belief."""
     robot = math.sqrt(max(cov[0, 0] + cov[1, 1], 0.0))
     if not PLACES_LANDMARKS[sensor]:
         return Reach(-1.0, 0.0, robot, 0.0)
@@ -123,10 +123,10 @@ def reach_of(sensor: int, z: Float, R: Float, cov: Float) -> Reach:
 
 @kernel
 def is_within_reach(reach: Reach, belief: Belief, landmark: int, lever: float, gate: float) -> bool:
-    """Whether the distance of the landmark at that entry leaves room for d^2 <= gate.
+    """Return whether the distance of the landmark at that entry permits d^2 <= gate.
 
-    With s the standard deviations of robot and landmark added up, and that of the heading times `lever` [m], no
-    component of H P H' exceeds s^2, and so d^2 >= (measured - expected distance)^2 / (s^2 + tr R).
+    Let s be the sum of the standard deviations of robot, landmark, and heading times `lever` [m]. No component of
+    H P H' exceeds s^2, and so d^2 >= (measured - expected distance)^2 / (s^2 + tr R).
     """
     if reach.measured < 0.0:
         return True
@@ -138,17 +138,17 @@ def is_within_reach(reach: Reach, belief: Belief, landmark: int, lever: float, g
 
 
 @kernel
-def find_located(cov: Float, covs: Float, pairs: Pairs, count: int, vagueness: float, recent: Marks) -> Int:
-    """Which of the first `count` pairs have a landmark whose place relative to the robot is known.
+def find_located(cov: Float, covs: Float, pairs: Pairs, vagueness: float, recent: Marks) -> Int:
+    """Return the pairs (k,) whose landmark has a known place relative to the robot.
 
-    It is if the landmark has a mark in `recent` (L,), or if the variance H P H' of the expected observation, in terms
-    of the noise R, does not exceed `vagueness`: tr(R^-1 H P H') <= vagueness. That of a landmark seen once, from here,
-    is 2.
+    The place is known if the landmark has a mark in `recent` (L,), or if the variance H P H' of the expected
+    observation, relative to the noise R, does not exceed `vagueness`: tr(R^-1 H P H') <= vagueness. For a landmark that
+    was observed once, from the present pose, it is 2.
     """
     expected = np.empty((2, 2))
-    located = np.empty(count, np.int64)
+    located = np.empty(len(pairs.slot), np.int64)
     found = 0
-    for c in range(count):
+    for c in range(len(pairs.slot)):
         pair_covariance(cov, pairs, c, c, expected)
         R = covs[pairs.observation[c]]
         trace = R[1, 1] * expected[0, 0] - 2.0 * R[0, 1] * expected[0, 1] + R[0, 0] * expected[1, 1]
@@ -158,15 +158,21 @@ def find_located(cov: Float, covs: Float, pairs: Pairs, count: int, vagueness: f
     return located[:found]
 
 
-def keep_pairs(pairs: Pairs, kept: Int) -> int:
-    """Keep the pairs `kept` (k,) alone, in that order, and return how many these are."""
+def first_pairs(pairs: Pairs, count: int) -> Pairs:
+    """Return the first `count` pairs, as views."""
+    double = {"innovation", "jacobian"}  # two rows for each pair
+    return Pairs(*(each[: 2 * count if name in double else count] for name, each in pairs._asdict().items()))
+
+
+def keep_pairs(pairs: Pairs, kept: Int) -> Pairs:
+    """Move the pairs `kept` (k,) to the front, in that order, and return them as views."""
     count = len(kept)
     pairs.innovation[: 2 * count] = pairs.innovation.reshape(-1, 2)[kept].ravel()
     pairs.jacobian[: 2 * count] = pairs.jacobian.reshape(-1, 2, 5)[kept].reshape(-1, 5)
     for each in (pairs.observation, pairs.slot, pairs.owner, pairs.distance):
         each[:count] = each[kept]
     pairs.by_distance[:count] = np.lexsort((pairs.distance[:count], pairs.observation[:count]))
-    return count
+    return first_pairs(pairs, count)
 
 
 @kernel

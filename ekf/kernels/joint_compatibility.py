@@ -1,8 +1,8 @@
 """The joint compatibility test by branch and bound, and which of its associations are ambiguous.
 
-Sets of pairs, no landmark twice, grow observation by observation, those with the fewest candidates first, as long as
-they are jointly compatible: joint d^2 below a chi-square quantile of its dimension. Of all sets that can grow like
-this, the search finds one with the most pairs, and among these the smallest joint d^2.
+A set of pairs has no landmark twice. It grows observation by observation, those with the fewest candidates first, while
+it is jointly compatible: its joint d^2 is below a chi-square quantile of its dimension. Of all sets that can grow like
+this, the search finds one with the most pairs, and among these one with the smallest joint d^2.
 
 Source: Neira and Tardos, "Data association in stochastic mapping using the joint compatibility test",
 IEEE Transactions on Robotics and Automation 17(6), 2001.
@@ -20,44 +20,56 @@ from slamgauge.ekf.kernels.individual_compatibility import NONE, Pairs, add_nois
 from slamgauge.jit import kernel
 
 
-class Branch(NamedTuple):
-    """The set of pairs that the search is at: one observation at each depth, with a landmark or without."""
+class Joint(NamedTuple):
+    """The first n pairs of a set, and their joint innovation; n is up to the caller."""
 
-    rows: Int  # (depths,) observation of each depth
-    first: Int  # (depths,) its stretch in `Pairs.by_distance`; `last` stands for no landmark
-    last: Int  # (depths,)
-    cursor: Int  # (depths,) what is to be tried next
-    chosen: Int  # (depths,) pair, or NONE
-    placed: Int  # (depths + 1,) pairs before each depth
-    total: Float  # (depths + 1,) joint d^2 before each depth
     taken: Int  # (depths,) the pairs, in the order of the columns of U
     U: Float  # (2 depths, 2 depths) factor of the joint innovation covariance
     y: Float  # (2 depths,) whitened joint innovation
 
 
+class Branch(NamedTuple):
+    """The set of pairs that the search is at: one observation at each depth, with a landmark or without."""
+
+    rows: Int  # (depths,) observation of each depth
+    first: Int  # (depths,) its range in `Pairs.by_distance`; `last` stands for no landmark
+    last: Int  # (depths,)
+    cursor: Int  # (depths,) candidate that is tried next
+    chosen: Int  # (depths,) pair, or NONE
+    placed: Int  # (depths + 1,) number of pairs before each depth
+    total: Float  # (depths + 1,) joint d^2 before each depth
+    joint: Joint
+
+
+class Limits(NamedTuple):
+    """Limits of the search for ambiguous observations."""
+
+    gate: float  # pairs with a larger d^2 are left out
+    margin: float  # joint d^2 by which an alternative may exceed that of the association
+    nodes: int  # pairs to try at most
+
+
 @kernel
 def search_jointly(
-    cov: Float, covs: Float, pairs: Pairs, count: int, gate: float, quantiles: Float, node_limit: int, best: Int
-) -> int:
-    """Joint compatibility by depth-first branch and bound; fills `best` (m,) with slots, or NONE.
+    cov: Float, covs: Float, pairs: Pairs, gate: float, quantiles: Float, node_limit: int
+) -> tuple[Int, int]:
+    """Find the joint association of m observations by depth-first branch and bound.
 
     Args:
         cov: the covariance P.
         covs: (m, 2, 2) of the observations.
-        pairs: what `find_compatible` has left there.
-        count: how many of them.
-        gate: pairs with a larger d^2 of their own are left out.
+        pairs: result of `find_compatible`.
+        gate: pairs with a larger d^2 are left out.
         quantiles: (m + 1,) largest joint d^2 for 0, 1, ... pairs.
-        node_limit: pairs to try at most; the best set so far is then the result. The first one found is
-            that of the nearest neighbours that are jointly compatible, so there always is one.
-        best: the result.
+        node_limit: pairs to try at most; the best set so far is then the result. The first set is that of the
+            nearest neighbours that are jointly compatible, so a result always exists.
 
     Returns:
-        How many pairs were tried.
+        Slots (m,), NONE without a landmark, and the number of pairs that were tried.
     """
-    best[:] = NONE
-    branch = _root(pairs, count, gate, len(best))
-    depths = len(branch.rows)
+    best = np.full(len(covs), NONE)
+    branch = _root(pairs, gate, len(best))
+    depths, joint = len(branch.rows), branch.joint
     most, least, nodes, depth = 0, 0.0, 0, 0
     while depth >= 0 and depths:
         n, total = branch.placed[depth], branch.total[depth]
@@ -67,45 +79,48 @@ def search_jointly(
             continue
         place = branch.cursor[depth]
         branch.cursor[depth] += 1
-        if place == branch.last[depth]:  # every landmark has been tried: none
+        if place == branch.last[depth]:  # all landmarks have been tried: none
             _descend(branch, depth, NONE, total)
         else:
             c = int(pairs.by_distance[place])
-            if _is_taken(pairs, branch.taken, n, c):
+            if _is_taken(pairs, joint.taken, n, c):
                 continue
             if nodes >= node_limit:
                 break
             nodes += 1
-            distance = _extend(cov, covs, pairs, branch.taken, n, c, branch.U, branch.y) + total
+            distance = _extend(cov, covs, pairs, joint, n, c) + total
             if not distance <= quantiles[n + 1]:
                 continue
             _descend(branch, depth, c, distance)
             if n + 1 > most or (n + 1 == most and distance < least):
                 most, least = n + 1, distance
-                _note(branch, depth, pairs, best)
+                _copy_slots(branch, depth, pairs, best)
         depth += 1
-    return nodes
+    return best, nodes
 
 
 @kernel
-def _root(pairs: Pairs, count: int, gate: float, observations: int) -> Branch:
-    """The empty set."""
-    rows, first, last = _rows_to_place(pairs, count, gate, observations)
+def _root(pairs: Pairs, gate: float, observations: int) -> Branch:
+    """Return the empty set."""
+    rows, first, last = _rows_to_place(pairs, gate, observations)
     depths = len(rows)
-    chosen, taken = np.full(depths, NONE), np.full(depths, NONE)
     placed, total = np.zeros(depths + 1, dtype=np.int64), np.zeros(depths + 1)
-    U, y = np.zeros((2 * depths, 2 * depths)), np.zeros(2 * depths)
-    cursor = first.copy()
-    return Branch(rows, first, last, cursor, chosen, placed, total, taken, U, y)
+    return Branch(rows, first, last, first.copy(), np.full(depths, NONE), placed, total, _empty(depths))
+
+
+@kernel
+def _empty(most: int) -> Joint:
+    """Return room for `most` pairs."""
+    return Joint(np.full(most, NONE), np.zeros((2 * most, 2 * most)), np.zeros(2 * most))
 
 
 @kernel
 def _descend(branch: Branch, depth: int, c: int, total: float) -> None:
-    """Choose pair c, or NONE, at this depth; the next one starts with its nearest landmark."""
+    """Choose pair c, or NONE, at this depth; the next depth starts with its nearest landmark."""
     n = branch.placed[depth]
     branch.chosen[depth] = c
     if c != NONE:
-        branch.taken[n] = c
+        branch.joint.taken[n] = c
         n += 1
     branch.placed[depth + 1], branch.total[depth + 1] = n, total
     if depth + 1 < len(branch.rows):
@@ -113,8 +128,8 @@ def _descend(branch: Branch, depth: int, c: int, total: float) -> None:
 
 
 @kernel
-def _note(branch: Branch, depth: int, pairs: Pairs, best: Int) -> None:
-    """Note the slots of the set down to this depth."""
+def _copy_slots(branch: Branch, depth: int, pairs: Pairs, best: Int) -> None:
+    """Copy the slots of the set down to this depth to `best`."""
     best[:] = NONE
     for d in range(depth + 1):
         if branch.chosen[d] != NONE:
@@ -122,15 +137,15 @@ def _note(branch: Branch, depth: int, pairs: Pairs, best: Int) -> None:
 
 
 @kernel
-def _rows_to_place(pairs: Pairs, count: int, gate: float, observations: int) -> tuple[Int, Int, Int]:
-    """Observations with pairs inside the gate, fewest first, and the stretch of `by_distance` of each."""
+def _rows_to_place(pairs: Pairs, gate: float, observations: int) -> tuple[Int, Int, Int]:
+    """Return observations with pairs inside the gate, fewest first, and the range of `by_distance` of each."""
     first, last = np.zeros(observations, dtype=np.int64), np.zeros(observations, dtype=np.int64)
-    for place in range(count):
+    for place in range(len(pairs.slot)):
         i = pairs.observation[place]
         if place == 0 or pairs.observation[place - 1] != i:
             first[i] = last[i] = place
         if pairs.distance[pairs.by_distance[place]] <= gate:
-            last[i] += 1  # the nearest come first
+            last[i] += 1  # the nearest pairs come first
     rows = np.flatnonzero(last - first > 0)
     rows = rows[np.argsort((last - first)[rows], kind="mergesort")]
     return rows, first[rows], last[rows]
@@ -138,7 +153,7 @@ def _rows_to_place(pairs: Pairs, count: int, gate: float, observations: int) -> 
 
 @kernel
 def _is_taken(pairs: Pairs, taken: Int, n: int, c: int) -> bool:
-    """Whether one of the first n pairs has the landmark of pair c."""
+    """Return whether one of the first n pairs has the landmark of pair c."""
     for k in range(n):  # noqa: SIM110 numba compiles no generator expressions
         if pairs.owner[taken[k]] == pairs.owner[c]:
             return True
@@ -146,10 +161,10 @@ def _is_taken(pairs: Pairs, taken: Int, n: int, c: int) -> bool:
 
 
 @kernel
-def _extend(cov: Float, covs: Float, pairs: Pairs, taken: Int, n: int, c: int, U: Float, y: Float) -> float:
-    """What pair c adds to the joint d^2 of the first n pairs: two more columns of S = U'U, two more rows of y."""
-    S = np.empty((2, 2))
-    k = 2 * n
+def _extend(cov: Float, covs: Float, pairs: Pairs, joint: Joint, n: int, c: int) -> float:
+    """Add pair c to the first n pairs: two more columns of S = U'U and two more rows of y; returns its part of d^2."""
+    taken, U, y = joint
+    S, k = np.empty((2, 2)), 2 * n
     for b in range(n):
         pair_covariance(cov, pairs, taken[b], c, S)
         U[2 * b : 2 * b + 2, k : k + 2] = S
@@ -175,31 +190,22 @@ def _extend(cov: Float, covs: Float, pairs: Pairs, taken: Int, n: int, c: int, U
 
 
 @kernel
-def mark_ambiguous(
-    cov: Float,
-    covs: Float,
-    pairs: Pairs,
-    count: int,
-    gate: float,
-    margin: float,
-    node_limit: int,
-    best: Int,
-    ambiguous: Marks,
-) -> int:
-    """Mark the observations whose landmarks in `best` another association explains nearly as well.
+def mark_ambiguous(cov: Float, covs: Float, pairs: Pairs, slots: Int, limits: Limits) -> tuple[Marks, int]:
+    """Mark the observations (m,) whose landmarks in `slots` (m,) another association explains nearly as well.
 
-    Tried are those that give one observation a landmark that is free, or let two of them change places; nearly
-    is a joint d^2 within `margin`: such an alternative is at least exp(-margin / 2) times as likely. Each tries as many
-    pairs as `best` has; what would come after `node_limit` of them is not looked at.
+    Alternatives give one observation a landmark that is free, or exchange the landmarks of two observations. An
+    alternative counts if its joint d^2 exceeds that of `slots` by at most the margin: it is at least exp(-margin / 2)
+    times as likely. Each alternative tries as many pairs as `slots` has; the search ends at the limit of pairs.
 
     Returns:
-        How many pairs were tried.
+        Marks (m,), and the number of pairs that were tried.
     """
-    observations = len(best)
+    observations, count = len(slots), len(pairs.slot)
+    ambiguous = np.zeros(observations, dtype=np.bool_)
     chosen = np.full(observations, NONE)  # pair of each observation
-    holder = np.full(count, NONE)  # of each pair's landmark: the pair that has it in `best`
+    holder = np.full(count, NONE)  # of each pair's landmark: the pair in `slots` that has it
     for c in range(count):
-        if best[pairs.observation[c]] == pairs.slot[c]:
+        if slots[pairs.observation[c]] == pairs.slot[c]:
             chosen[pairs.observation[c]] = c
     for c in range(count):
         for i in range(observations):
@@ -209,29 +215,29 @@ def mark_ambiguous(
     least, nodes = -1.0, 0
     for c in range(count):
         i = pairs.observation[c]
-        if nodes + len(taken) > node_limit:
+        if nodes + len(taken) > limits.nodes:
             break
-        if ambiguous[i] or chosen[i] == NONE or chosen[i] == c or pairs.distance[c] > gate:
+        if ambiguous[i] or chosen[i] == NONE or chosen[i] == c or pairs.distance[c] > limits.gate:
             continue
         alternative = np.where(taken == chosen[i], c, taken)
         other = holder[c]
         if other != NONE:
-            swapped = _crossed(pairs, count, int(other), int(chosen[i]))
-            if swapped == NONE or pairs.distance[swapped] > gate:
+            swapped = _crossed(pairs, int(other), int(chosen[i]))
+            if swapped == NONE or pairs.distance[swapped] > limits.gate:
                 continue
             alternative = np.where(taken == other, swapped, alternative)
         if least < 0.0:
             least = _joint_distance(cov, covs, pairs, taken)
         nodes += len(taken)
-        if _joint_distance(cov, covs, pairs, alternative) <= least + margin:
+        if _joint_distance(cov, covs, pairs, alternative) <= least + limits.margin:
             ambiguous[i] = True
-    return nodes
+    return ambiguous, nodes
 
 
 @kernel
-def _crossed(pairs: Pairs, count: int, a: int, b: int) -> int:
-    """The pair of a's observation and b's landmark, NONE if they are not compatible."""
-    for c in range(count):
+def _crossed(pairs: Pairs, a: int, b: int) -> int:
+    """Return the pair of a's observation and b's landmark, NONE if they are not compatible."""
+    for c in range(len(pairs.slot)):
         if pairs.observation[c] == pairs.observation[a] and pairs.owner[c] == pairs.owner[b]:
             return c
     return NONE
@@ -239,10 +245,9 @@ def _crossed(pairs: Pairs, count: int, a: int, b: int) -> int:
 
 @kernel
 def _joint_distance(cov: Float, covs: Float, pairs: Pairs, taken: Int) -> float:
-    """Joint d^2 of the pairs `taken`."""
-    rows = 2 * len(taken)
-    U, y = np.zeros((rows, rows)), np.zeros(rows)
-    total = 0.0
+    """Return the joint d^2 of the pairs `taken`."""
+    room, total = _empty(len(taken)), 0.0
+    joint = Joint(taken, room.U, room.y)
     for n in range(len(taken)):
-        total += _extend(cov, covs, pairs, taken, n, taken[n], U, y)
+        total += _extend(cov, covs, pairs, joint, n, taken[n])
     return total

@@ -1,49 +1,114 @@
-"""What all corrections have in common: the gain of a scan and the covariance after it, compiled."""
+"""The update that all corrections share: the gain of a scan and the covariance after it, compiled.
+
+The gain K = P H' S^-1 is never formed. With S = U'U, W = U'^-1 H P and y = U'^-1 v, the correction is K v = W'y and the
+covariance decreases by K S K' = W'W.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.belief import ROBOT, Belief
 from slamgauge.ekf.kernels.blas import cholesky, combine_rows, solve_factor, subtract_gram
 from slamgauge.ekf.kernels.covariance import innovation_covariance, is_symmetric, mirror_robot_block, project_covariance
-from slamgauge.ekf.kernels.deferred_downdate import may_wait, postpone, settle, subtract_waiting
-from slamgauge.ekf.kernels.linearisation import linearise, subtract_projection
+from slamgauge.ekf.kernels.deferred_downdate import apply_deferred, defer, may_defer, subtract_deferred
+from slamgauge.ekf.kernels.linearisation import Linearised, linearise_scan, subtract_projection
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST, LEAST, are_pivots_lost, are_variances_lost
-from slamgauge.ekf.kernels.workspace import BLOCK_CORRECTION, CORRECTION, Workspace
+from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.jit import kernel
 from slamgauge.sensor_kernels import HAS_RANGE
 
-SAFE = 1e-3  # of what exhausts precision
+SAFE = 1e-3  # share of the information that exhausts double precision
+
+
+class Gain(NamedTuple):
+    """The gain of m observations in factored form."""
+
+    U: Float  # upper triangular factor of S = U'U in its first 2m rows and columns
+    W: Float  # (2m, capacity) U'^-1 H P in its first `size` columns
+    y: Float  # (2m,) whitened innovation U'^-1 v
+    nis: float  # y'y; not finite where no update exists
+
+
+class JointUpdate(NamedTuple):
+    """Result of `joint_update`."""
+
+    dx: Float  # (size,) correction of the state
+    nis: float  # not finite where no update exists
+    dof: int  # degrees of freedom of the NIS
 
 
 @kernel
-def whiten(belief: Belief, first: int, last: int, work: Workspace) -> float:
-    """Prepare to take in observations first..last, which `linearise` has described in `work`.
+def joint_update(sensor: int, belief: Belief, count: int, work: Workspace) -> JointUpdate:
+    """P <- P - W'W for the first `count` observations of `work`, and the correction dx of the state.
 
-    Leaves W = U'^-1 H P and the whitened innovation y = U'^-1 v in `work` (y in its own rows), where S = U'U,
-    so that the correction is W'y and the covariance decreases by W'W. Returns the NIS, which is not finite
-    when S is not positive definite, is rounding (`EXHAUSTED`), or an observation is not finite.
+    The state itself is not changed. The observations are processed in blocks of the workspace, all with the same
+    Jacobians: for independent observations that equals one block, and it saves the triangular solve whose cost grows
+    with the square of a block. The downdate may be deferred (see `deferred_downdate`). When the NIS is not finite,
+    nothing has changed.
+    """
+    scan, informative = linearise_scan(sensor, belief, count, work)
+    size, block, deferred = belief.size, len(work.W) // 2, work.deferred
+    dx, block_dx = np.zeros(size), np.empty(size)
+    nis = 0.0
+    if not are_sound(sensor, work.observation[:count], scan.noise_cov):
+        return JointUpdate(dx, math.nan, informative)
+    is_deferred = count <= block and may_defer(deferred, 2 * count, size)
+    used_before, cov_before = deferred.used[0], _backup(belief, scan, block)
+    for first in range(0, count, block):
+        last = min(first + block, count)
+        subtract_projection(dx, scan, first, last)
+        gain = whiten(belief, scan, first, last, work)
+        rows = 2 * (last - first)
+        nis += gain.nis
+        if math.isfinite(nis) and are_variances_lost(belief.cov, scan.slots[first:last], gain.W, rows):
+            nis = EXHAUSTED
+        if not math.isfinite(nis):
+            if first > 0:
+                belief.cov[:size, :size] = cov_before
+                deferred.used[0] = used_before
+            return JointUpdate(dx, nis, informative)
+        combine_rows(gain.W, gain.y, block_dx, rows, size)
+        for j in range(size):
+            dx[j] += block_dx[j]
+        if is_deferred:
+            defer(belief.cov, size, deferred, gain.W, gain.W)
+        else:
+            apply_deferred(belief.cov, size, deferred)
+            subtract_gram(belief.cov, gain.W, rows, size)
+            mirror_robot_block(belief.cov)
+    return JointUpdate(dx, nis, informative)
+
+
+@kernel
+def whiten(belief: Belief, scan: Linearised, first: int, last: int, work: Workspace) -> Gain:
+    """Return the gain of observations first..last of a scan, computed in the arrays W and S of `work`.
+
+    Their innovations become y. The NIS is not finite when S is not positive definite, when S is rounding
+    (`EXHAUSTED`), or when an observation is not finite.
     """
     rows = 2 * (last - first)
-    slots, jacobian = work.slots[first:last], work.jacobian[2 * first : 2 * last]
-    W, S, y = work.W, work.S, work.innovation[2 * first : 2 * last]
+    slots, jacobian = scan.slots[first:last], scan.jacobian[2 * first : 2 * last]
+    W, S, y = work.W[:rows], work.S, scan.innovation[2 * first : 2 * last]
     project_covariance(belief.cov, belief.size, slots, jacobian, W)
-    if work.waiting.used[0] > 0:
-        subtract_waiting(work.waiting, belief.size, slots, jacobian, W)
-    innovation_covariance(W, slots, jacobian, work.observation_cov[first:last], S)
+    if work.deferred.used[0] > 0:
+        subtract_deferred(work.deferred, belief.size, slots, jacobian, W)
+    innovation_covariance(W, slots, jacobian, scan.noise_cov[first:last], S)
     nis = divide_by_factor(S, W, y, rows, belief.size)
     if math.isfinite(nis) and are_pivots_lost(S, belief.cov, slots, jacobian):
-        return EXHAUSTED
-    return nis
+        nis = EXHAUSTED
+    return Gain(S, W, y, nis)
 
 
 @kernel
 def divide_by_factor(S: Float, W: Float, y: Float, rows: int, size: int) -> float:
-    """W <- U'^-1 W and y <- U'^-1 y, where S = U'U; returns y'y.
+    """S <- U of S = U'U, W <- U'^-1 W and y <- U'^-1 y; returns y'y.
 
-    That is NaN when S is not positive definite, and `EXHAUSTED` when a pivot is the rounding of its variance.
+    The result is NaN when S is not positive definite, and `EXHAUSTED` when a pivot is the rounding of its variance.
     """
     if not cholesky(S, rows):
         return math.nan
@@ -63,61 +128,20 @@ def divide_by_factor(S: Float, W: Float, y: Float, rows: int, size: int) -> floa
 
 
 @kernel
-def take_in(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
-    """P <- P - W'W for the first `count` observations, and their correction dx in the workspace's row CORRECTION.
+def _backup(belief: Belief, scan: Linearised, block: int) -> Float:
+    """Return a copy of P if a block after the first might be refused, else an empty array.
 
-    Block by block of the workspace, all with the same Jacobians: for independent observations that is the same as all
-    at once, and saves the triangular solve that grows with the square of a block. Part of it may wait (see `waiting`).
-    Returns the NIS and its degrees of freedom; when the NIS is not finite, nothing has changed.
+    A scan reduces no variance to less than 1 / (1 + tr(R^-1 H P H')) of itself, no pivot of S is smaller than R's, and
+    (H P H')_aa is at most five times the sum of h^2 P. If that is far from exhausting precision, no block is refused.
     """
-    informative = linearise(sensor, belief, work.slots[:count], work.observation, work.innovation, work.jacobian)
-    if not are_sound(sensor, work.observation[:count], work.observation_cov[:count]):
-        return math.nan, informative
-    size, dx, block_dx = belief.size, work.scratch[CORRECTION], work.scratch[BLOCK_CORRECTION]
-    dx[:size] = 0.0
-    nis, block = 0.0, len(work.W) // 2
-    waiting, waited = work.waiting, work.waiting.used[0]
-    is_late = count <= block and may_wait(waiting, 2 * count, size)
-    before = _kept(belief, count, block, work)
-    for first in range(0, count, block):
-        last = min(first + block, count)
-        subtract_projection(dx, first, last, work)
-        nis += whiten(belief, first, last, work)
-        rows = 2 * (last - first)
-        if math.isfinite(nis) and are_variances_lost(belief.cov, work.slots[first:last], work.W, rows):
-            nis = EXHAUSTED
-        if not math.isfinite(nis):
-            if first > 0:
-                belief.cov[:size, :size] = before
-                waiting.used[0] = waited
-            return nis, informative
-        combine_rows(work.W, work.innovation[2 * first :], block_dx, rows, size)
-        for j in range(size):
-            dx[j] += block_dx[j]
-        if is_late:
-            postpone(belief.cov, size, waiting, work.W[:rows], work.W[:rows])
-        else:
-            settle(belief.cov, size, waiting)
-            subtract_gram(belief.cov, work.W, rows, size)
-            mirror_robot_block(belief.cov)
-    return nis, informative
-
-
-@kernel
-def _kept(belief: Belief, count: int, block: int, work: Workspace) -> Float:
-    """A copy of P if a block after the first might be refused, else nothing.
-
-    No variance shrinks to less than 1 / (1 + tr(R^-1 H P H')) of itself by a scan, no pivot of S is smaller than R's,
-    and (H P H')_aa is at most five times the sum of h^2 P: if that is far from exhausting precision, all goes well.
-    """
-    information = 0.0
+    information, count = 0.0, len(scan.slots)
     for i in range(count if count > block else 0):
-        R, landmark = work.observation_cov[i], ROBOT + 2 * work.slots[i]
+        R, landmark = scan.noise_cov[i], ROBOT + 2 * scan.slots[i]
         determinant = R[0, 0] * R[1, 1] - R[0, 1] * R[1, 0]
         least = determinant / (R[0, 0] + R[1, 1])  # at most the smallest eigenvalue
-        information += R[0, 0] * R[1, 1] / determinant  # a pivot of R is of that share of its variance at least
+        information += R[0, 0] * R[1, 1] / determinant  # a pivot of R is at least this share of its variance
         for k in (2 * i, 2 * i + 1):
-            h = work.jacobian[k]
+            h = scan.jacobian[k]
             entered = h[0] * h[0] * belief.cov[0, 0] + h[1] * h[1] * belief.cov[1, 1] + h[2] * h[2] * belief.cov[2, 2]
             entered += h[3] * h[3] * belief.cov[landmark, landmark]
             entered += h[4] * h[4] * belief.cov[landmark + 1, landmark + 1]
@@ -128,7 +152,10 @@ def _kept(belief: Belief, count: int, block: int, work: Workspace) -> Float:
 
 @kernel
 def are_sound(sensor: int, values: Float, covs: Float) -> bool:
-    """Whether observations (m, 2) are of a size to go on with, ranges not negative, covariances positive definite."""
+    """Return whether observations (m, 2) are acceptable.
+
+    Their size is limited, ranges are not negative, and covariances (m, 2, 2) are positive definite.
+    """
     for i in range(len(values)):
         R = covs[i]
         if not (abs(values[i, 0]) < LARGEST and abs(values[i, 1]) < LARGEST):

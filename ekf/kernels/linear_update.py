@@ -1,12 +1,14 @@
-"""Measurements and state entries whose Jacobian the caller gives, on any entries of the state.
+"""Measurements of any entries of the state, and new entries that depend on any entries, compiled.
 
-The Jacobian is given on the `columns` that are not zero.
+The caller passes their Jacobians: `jacobian` (r, c) contains the derivatives by the state entries `columns` (c,).
 """
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
+
+import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import Belief
@@ -24,7 +26,7 @@ def project_columns(cov: Float, size: int, columns: Int, jacobian: Float, W: Flo
         column = columns[c]
         for r in range(len(jacobian)):
             h = jacobian[r, c]
-            if h == 0.0:  # most are, where each row is of another landmark
+            if h == 0.0:  # most entries, where each row is an observation of another landmark
                 continue
             for j in range(column):
                 W[r, j] += h * cov[j, column]
@@ -32,25 +34,21 @@ def project_columns(cov: Float, size: int, columns: Int, jacobian: Float, W: Flo
                 W[r, j] += h * cov[column, j]
 
 
-class Room(NamedTuple):
-    """Arrays to work in: W (r, size), S (r, r), and the correction dx (size,) that comes out; all may be larger."""
+class LinearUpdate(NamedTuple):
+    """Result of `linear_update`."""
 
-    W: Float
-    S: Float
-    dx: Float
+    dx: Float  # (size,) correction of the state; undefined where no update exists
+    nis: float  # not finite where no update exists
 
 
 @kernel
-def take_in_linear(
-    belief: Belief, columns: Int, jacobian: Float, innovation: Float, noise_cov: Float, room: Room
-) -> float:
+def linear_update(belief: Belief, columns: Int, jacobian: Float, innovation: Float, noise_cov: Float) -> LinearUpdate:
     """P <- P - W'W and dx = K v for innovations v (r,) with covariance H P H' + noise_cov (r, r).
 
-    Leaves dx in `room`. Returns the NIS; when it is not finite, nothing has changed.
+    The state itself is not changed. When the NIS is not finite, nothing has changed.
     """
-    cov, size = belief.cov, belief.size
-    W, S, dx = room.W, room.S, room.dx
-    rows = len(innovation)
+    cov, size, rows = belief.cov, belief.size, len(innovation)
+    W, S, dx = np.empty((rows, size)), np.empty((rows, rows)), np.empty(size)
     project_columns(cov, size, columns, jacobian, W)
     for a in range(rows):
         for b in range(a, rows):
@@ -63,12 +61,12 @@ def take_in_linear(
         combine_rows(W, y, dx, rows, size)
         subtract_gram(cov, W, rows, size)
         mirror_robot_block(cov)
-    return nis
+    return LinearUpdate(dx, nis)
 
 
 @kernel
 def append_linear(belief: Belief, columns: Int, jacobian: Float, own: Float) -> None:
-    """Append to P the rows of k new entries J x + noise, where `own` (k, k) is the covariance of that noise."""
+    """Append to P the rows of k new entries J x + noise, where `own` (k, k) is the covariance of the noise."""
     cov, size, count = belief.cov, belief.size, len(own)
     for r in range(count):
         for j in range(size):

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import Belief
@@ -14,12 +17,33 @@ from slamgauge.sensor_kernels import observe, wrap_innovation
 PROJECTED = 1  # form of Jacobians (`Belief.form`): at the belief's state, then projected
 
 
+class Linearised(NamedTuple):
+    """Observations (m,) of mapped landmarks, linearised."""
+
+    slots: Int  # (m,)
+    jacobian: Float  # (2m, 5) columns as in `linearise`
+    innovation: Float  # (2m,)
+    noise_cov: Float  # (m, 2, 2)
+
+
+@kernel
+def linearise_scan(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[Linearised, int]:
+    """Linearise the first `count` observations of `work`; returns them and the number of rows with information.
+
+    The arrays are views of the workspace.
+    """
+    slots, jacobian, innovation = work.slots[:count], work.jacobian[: 2 * count], work.innovation[: 2 * count]
+    informative = linearise(sensor, belief, slots, work.observation, innovation, jacobian)
+    return Linearised(slots, jacobian, innovation, work.observation_cov[:count]), informative
+
+
 @kernel
 def linearise(sensor: int, belief: Belief, slots: Int, observation: Float, innovation: Float, jacobian: Float) -> int:
-    """Innovations (2m,) at the belief's state, and compact Jacobians (2m, 5).
+    """Fill `innovation` (2m,) at the belief's state and the compact `jacobian` (2m, 5) of observations (m, 2).
 
-    Columns: robot x, y, heading, landmark x, y; H = A R(heading)' [-I, -J (l - p), I], taken at the belief's `point`,
-    or at its state and then projected (see `project_on_observable`). Returns the number of rows that carry information.
+    Columns: robot x, y, heading, landmark x, y; H = A R(heading)' [-I, -J (l - p), I], evaluated at the belief's
+    `point`, or at its state and then projected (see `project_on_observable`). Returns the number of rows with
+    information.
     """
     state = belief.state
     at = state if belief.form == PROJECTED else belief.point
@@ -52,16 +76,16 @@ def linearise(sensor: int, belief: Belief, slots: Int, observation: Float, innov
 
 @kernel
 def project_on_observable(point: Float, landmark: int, h: Float) -> None:
-    """The row h (5,) nearest to the one given (Frobenius norm) with h N = 0: shift and turn of the map are not seen.
+    """Replace h (5,) by the nearest row (Euclidean norm) with h N = 0: shift and turn of the map are unobservable.
 
-    N = [I, J p; 0, 1; I, J l] at `point`, which the first-estimates prediction carries from step to step. Turned about
-    the middle of p and l, its third column n = [-J d / 2; 1; J d / 2], d = l - p, is orthogonal to the other two, to
-    which every h is orthogonal already: h <- h - (h n) n' / (n' n).
+    N = [I, J p; 0, 1; I, J l] at `point`, which the first-estimates prediction propagates from step to step. With the
+    turn about the middle of p and l, its third column n = [-J d / 2; 1; J d / 2], d = l - p, is orthogonal to the other
+    two columns, and every h is orthogonal to these: h <- h - (h n) n' / (n' n).
     """
     dx, dy = point[landmark] - point[0], point[landmark + 1] - point[1]
     nx, ny = -0.5 * dy, 0.5 * dx
-    seen = h[2] + nx * (h[3] - h[0]) + ny * (h[4] - h[1])
-    excess = seen / (1.0 + 2.0 * (nx * nx + ny * ny))
+    along = h[2] + nx * (h[3] - h[0]) + ny * (h[4] - h[1])
+    excess = along / (1.0 + 2.0 * (nx * nx + ny * ny))
     h[0] += excess * nx
     h[1] += excess * ny
     h[2] -= excess
@@ -70,28 +94,31 @@ def project_on_observable(point: Float, landmark: int, h: Float) -> None:
 
 
 @kernel
-def describe(sensor: int, belief: Belief, count: int, work: Workspace, S: Float) -> None:
-    """Innovations and Jacobians of the first `count` observations in `work`, and each one's covariance S (m, 2, 2)."""
-    linearise(sensor, belief, work.slots[:count], work.observation, work.innovation, work.jacobian)
+def innovations_of(
+    sensor: int, belief: Belief, slots: Int, observation: Float, noise_cov: Float
+) -> tuple[Float, Float]:
+    """Return the innovations (2m,) of observations (m, 2) and the innovation covariance S (m, 2, 2) of each by itself.
+
+    The landmark of each observation is in `slots` (m,); `noise_cov` is (m, 2, 2).
+    """
+    count = len(slots)
+    innovation, jacobian, S = np.empty(2 * count), np.empty((2 * count, 5)), np.empty((count, 2, 2))
+    linearise(sensor, belief, slots, observation, innovation, jacobian)
     for i in range(count):
-        h = work.jacobian[2 * i : 2 * i + 2]
-        s00, s01, s11 = projected(belief.cov, h, 3 + 2 * work.slots[i])
-        r00, r01, r11 = noise(work.observation_cov[i], h[1])
+        h = jacobian[2 * i : 2 * i + 2]
+        s00, s01, s11 = projected(belief.cov, h, 3 + 2 * slots[i])
+        r00, r01, r11 = noise(noise_cov[i], h[1])
         S[i, 0, 0], S[i, 1, 1] = s00 + r00, s11 + r11
         S[i, 0, 1] = S[i, 1, 0] = s01 + r01
+    return innovation, S
 
 
 @kernel
-def subtract_projection(dx: Float, first: int, last: int, work: Workspace) -> None:
+def subtract_projection(dx: Float, scan: Linearised, first: int, last: int) -> None:
     """Subtract H dx from the innovations of observations first..last."""
     for i in range(first, last):
-        h, v = work.jacobian[2 * i : 2 * i + 2], work.innovation[2 * i : 2 * i + 2]
-        subtract_from_innovation(dx, 3 + 2 * work.slots[i], h, v)
-
-
-@kernel
-def subtract_from_innovation(dx: Float, landmark: int, h: Float, v: Float) -> None:
-    """Subtract H dx from the innovation v (2,) of one observation, H (2, 5), of the landmark at that entry."""
-    for k in range(2):
-        v[k] -= h[k, 0] * dx[0] + h[k, 1] * dx[1] + h[k, 2] * dx[2]
-        v[k] -= h[k, 3] * dx[landmark] + h[k, 4] * dx[landmark + 1]
+        landmark = 3 + 2 * scan.slots[i]
+        for k in (2 * i, 2 * i + 1):
+            h = scan.jacobian[k]
+            scan.innovation[k] -= h[0] * dx[0] + h[1] * dx[1] + h[2] * dx[2]
+            scan.innovation[k] -= h[3] * dx[landmark] + h[4] * dx[landmark + 1]

@@ -1,8 +1,8 @@
-"""Changes of the map that no observation makes: removing a landmark, and taking two for one.
+"""Changes of the map without observations: removing a landmark, merging two, and finding duplicates, compiled.
 
-Removing is marginalisation: the landmark's rows and columns go, all else stays. Two landmarks are taken
-for one by the exact observation l_a - l_b = 0, whose innovation covariance is P_aa + P_bb - P_ab - P_ba;
-then one of the two goes.
+Removing is marginalisation: the landmark's rows and columns are removed, all others stay. Two landmarks are merged by
+the exact observation l_a - l_b = 0, whose innovation covariance is P_aa + P_bb - P_ab - P_ba; then one of the two is
+removed.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ import numpy as np
 
 from slamgauge.arrays import Int, Marks
 from slamgauge.ekf.kernels.belief import Belief
-from slamgauge.ekf.kernels.linear_update import Room, take_in_linear
-from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace
+from slamgauge.ekf.kernels.linear_update import LinearUpdate, linear_update
 from slamgauge.jit import kernel
 
 
 @kernel
 def remove_landmark(belief: Belief, slot: int) -> None:
-    """Take the landmark in `slot` out of the state; the last landmark moves into its place. The size stays."""
+    """Remove the landmark in `slot`; the last landmark moves into its slot. The caller then reduces the size."""
     state, point, cov = belief.state, belief.point, belief.cov
     to, last = 3 + 2 * slot, belief.size - 2
     belief.points[slot] = belief.points[(last - 3) // 2]
@@ -40,26 +39,26 @@ def remove_landmark(belief: Belief, slot: int) -> None:
 
 
 @kernel
-def equate_landmarks(belief: Belief, a: int, b: int, work: Workspace) -> bool:
-    """Take in l_a - l_b = 0 for the landmarks in slots a and b: P <- P - W'W, dx in the workspace.
+def equate_landmarks(belief: Belief, a: int, b: int) -> LinearUpdate:
+    """Update P with the exact observation l_a - l_b = 0 of the landmarks in slots a and b; returns dx and the NIS.
 
-    Returns False, with nothing changed, when the covariance of their difference is singular: they are one already.
+    The NIS is not finite, and nothing has changed, when the covariance of their difference is singular: the two are
+    equal already.
     """
     la, lb = 3 + 2 * a, 3 + 2 * b
     columns = np.array([la, la + 1, lb, lb + 1])
     jacobian = np.array([[1.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]])
-    apart = np.array([belief.state[lb] - belief.state[la], belief.state[lb + 1] - belief.state[la + 1]])
-    room = Room(work.W, work.S, work.scratch[CORRECTION])
-    return math.isfinite(take_in_linear(belief, columns, jacobian, apart, np.zeros((2, 2)), room))
+    difference = np.array([belief.state[lb] - belief.state[la], belief.state[lb + 1] - belief.state[la + 1]])
+    return linear_update(belief, columns, jacobian, difference, np.zeros((2, 2)))
 
 
 @kernel
 def find_duplicates(belief: Belief, slots: Int, apart: Marks, gate: float) -> Int:
-    """Pairs (p, 2) of a landmark in `slots` and another one that are statistically one.
+    """Return pairs (p, 2) of a landmark in `slots` (s,) and another one that may be the same landmark.
 
-    Their difference d, with covariance C, passes d' C^-1 d <= gate. Pairs with a mark in `apart` (s, L), s the number
-    of `slots`, are known to be two. That no eigenvalue of C exceeds the square of both standard deviations added up
-    spares most pairs.
+    Their difference d, with covariance C, passes d' C^-1 d <= gate. Pairs with a mark in `apart` (s, L) are known to be
+    different landmarks. No eigenvalue of C exceeds the squared sum of both standard deviations; this bound excludes
+    most pairs before C is computed.
     """
     state, cov = belief.state, belief.cov
     landmarks = (belief.size - 3) // 2

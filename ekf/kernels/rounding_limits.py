@@ -1,8 +1,8 @@
-"""Where double precision is exhausted, compiled: what is left of a difference is its rounding.
+"""Tests for exhausted double precision, compiled: a difference that is only rounding.
 
 A double has 16 digits. An update subtracts: rows of H P H' cancel where robot and landmark share most of their
-variance, a pivot of S is what is left of a variance once the rows above are known, and P - W'W is what is left of P. Of
-each three digits must remain. A covariance that is singular is no such case: what it does not have is not subtracted.
+variance, a pivot of S is a conditional variance given the rows above, and P - W'W is the covariance after the update.
+Each must keep three digits. A singular covariance passes these tests: its zeros are not results of a subtraction.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.jit import kernel
 
-LARGEST = 1e50  # of what is measured; a filter that starts with it is still finite after every sum of squares
-LEAST = 1e-13  # share of what a difference was made of
-EXHAUSTED = math.inf  # a NIS that says that double precision is exhausted,
-NO_MINIMUM = -math.inf  # and one that says that the iterated filter has not come to a minimum
+LARGEST = 1e50  # limit of measurements; a filter that starts with it is still finite after every sum of squares
+LEAST = 1e-13  # smallest difference, relative to its minuend
+EXHAUSTED = math.inf  # NIS of an update that exhausts double precision
+NO_MINIMUM = -math.inf  # NIS of an iterated update that finds no minimum
 
 
 @kernel
 def are_pivots_lost(U: Float, cov: Float, slots: Int, jacobian: Float) -> bool:
-    """Whether a pivot of S = U'U = H P H' + R is no more than the rounding of H P H'."""
+    """Return whether a pivot of S = U'U = H P H' + R is no more than the rounding of H P H'."""
     for i in range(len(slots)):
         landmark = ROBOT + 2 * slots[i]
         for k in (2 * i, 2 * i + 1):
@@ -35,9 +35,9 @@ def are_pivots_lost(U: Float, cov: Float, slots: Int, jacobian: Float) -> bool:
 
 @kernel
 def are_variances_lost(cov: Float, slots: Int, W: Float, rows: int) -> bool:
-    """Whether P - W'W leaves but rounding of the robot's place, its heading or a landmark in `slots` (-1 is none).
+    """Return whether P - W'W is only rounding for the robot's position, its heading or a landmark in `slots`.
 
-    Both variances of a place are taken together: one alone may be rounding from the beginning, where it is exact.
+    Slots of -1 are ignored. The two variances of a position are added: one of them may be exact from the beginning.
     """
     if _is_lost(cov, W, rows, 0, 2) or _is_lost(cov, W, rows, 2, 1):
         return True
@@ -49,7 +49,7 @@ def are_variances_lost(cov: Float, slots: Int, W: Float, rows: int) -> bool:
 
 @kernel
 def _is_lost(cov: Float, W: Float, rows: int, first: int, count: int) -> bool:
-    """Whether that is so of the sum of `count` variances from entry `first` on."""
+    """Return whether the sum of `count` variances from entry `first` on is only rounding."""
     before, taken = 0.0, 0.0
     for j in range(first, first + count):
         before += cov[j, j]

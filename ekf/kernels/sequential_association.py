@@ -1,12 +1,12 @@
-"""The practical's nearest neighbour: observation by observation, associate, correct or map, then the next.
+"""The exercise's nearest neighbour: for each observation in turn, associate, then correct or map; compiled.
 
 Every observation changes the state at once, but the covariance of the whole map only at the end of a block.
-Until then P = P0 - W'W is kept as P0 and the rows of W, two for each observation taken in, and only those
-entries of P are formed that the next observation needs. That is exact.
+Until then P = P0 - W'W is stored as P0 and the rows of W, two for each observation of the block, and only those
+entries of P are computed that the next observation needs. That is exact.
 
 For the right-invariant filter P = T (P0 - W'W) T' with T = I + u e_theta', u = J (state - anchor), where the
-anchor is the state at P0. All rows of W are kept in the coordinates of the anchor, where H becomes H T: only its
-column of the heading differs. A new landmark is anchored where it is put.
+anchor is the state at P0. All rows of W are in the coordinates of the anchor, where H becomes H T: only its
+column of the heading differs. The anchor of a new landmark is its first estimate.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.augmentation import append_landmark
 from slamgauge.ekf.kernels.belief import Belief, at_place, resized
 from slamgauge.ekf.kernels.blas import subtract_gram
-from slamgauge.ekf.kernels.corrections import carry_covariance, move_additively, move_invariantly
+from slamgauge.ekf.kernels.corrections import move_additively, move_invariantly, transform_covariance
 from slamgauge.ekf.kernels.covariance import (
     mirror_robot_block,
     noise,
@@ -35,19 +35,12 @@ from slamgauge.ekf.kernels.joint_update import are_sound
 from slamgauge.ekf.kernels.linearisation import linearise
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LEAST, NO_MINIMUM, are_variances_lost
 from slamgauge.ekf.kernels.student_t_weights import inflation
-from slamgauge.ekf.kernels.workspace import (
-    ANCHOR,
-    CORRECTION,
-    MOVE_FROM_ANCHOR,
-    MOVE_OF_ONE,
-    PLACE_OF_ONE,
-    Workspace,
-)
+from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.jit import kernel
 from slamgauge.sensor_kernels import HAS_RANGE
 
 ROBOT_ALONE = np.zeros(0, dtype=np.int64)
-NEW = -2  # the landmark of an observation that is to be mapped
+NEW = -2  # landmark of an observation that maps a new one
 
 
 class Sequential(NamedTuple):
@@ -58,84 +51,95 @@ class Sequential(NamedTuple):
 
 
 class Gates(NamedTuple):
-    """Squared Mahalanobis distances of an observation and a landmark, and how far an observation is trusted."""
+    """Squared Mahalanobis distances of an observation and a landmark, and the tails of the observations' noise."""
 
-    same: float  # largest of an association
-    new: float  # no less; an observation within this of a landmark that the scan has not seen maps no other
-    tails: float = math.inf  # degrees of freedom of the observations' noise (see `weighing`)
+    same: float  # largest distance of an association
+    new: float  # at least `same`; an observation within this of a landmark that the scan has not observed maps no other
+    tails: float = math.inf  # degrees of freedom of the noise (see `student_t_weights`)
 
 
-class Scan(NamedTuple):
-    """A scan that is being taken in, observation by observation."""
+class SequentialUpdate(NamedTuple):
+    """Result of `update_sequentially`."""
+
+    slots: Int  # (m,) landmark of each observation, NONE where it has none
+    nis: float  # not finite where no update exists
+    dof: int  # degrees of freedom of the NIS
+    size: int  # state entries with the new landmarks
+
+
+class Step(NamedTuple):
+    """An observation that is being processed, and the block that it belongs to."""
 
     sensor: int
     form: Sequential
-    work: Workspace  # its row ANCHOR is the state at P0
-    rows: int  # of W, filled by the observations before this one
+    work: Workspace
+    anchor: Float  # (capacity,) the state at P0, for the right-invariant filter
+    rows: int  # rows of W that the observations before this one fill
     row: int  # this observation
     one: Int  # (1,) slot of the landmark that this observation is compared with
-    g: Float  # (2, rows) H W' of this observation
+    g: Float  # (2, rows) room for H W'
     blind: Marks  # (1,) whether its bearing has lost its information on the way to a minimum
 
 
+class Compared(NamedTuple):
+    """An observation compared with a landmark, as views of `Step.g` and of its rows in the workspace."""
+
+    v: Float  # (2,) innovation
+    h: Float  # (2, 5) Jacobian
+    g: Float  # (2, rows) H W'
+    informative: int  # rows with information
+    s00: float  # innovation covariance
+    s01: float
+    s11: float
+
+
 @kernel
-def update_one_by_one(
+def update_sequentially(
     sensor: int, belief: Belief, count: int, gates: Gates, form: Sequential, work: Workspace
-) -> tuple[float, int, int]:
+) -> SequentialUpdate:
     """Associate, correct and map with the first `count` observations of `work`, one after the other.
 
-    The landmark of each goes to `work.slots`, NONE where it has none: an observation farther than `gates.same` from
-    every landmark, but within `gates.new` of one that this scan has not seen, may be an outlier of that landmark.
-
-    Args:
-        sensor: see `models`.
-        belief: with room for `count` more landmarks.
-        count: how many observations.
-        gates: see `Gates`.
-        form: see `Sequential`.
-        work: its `slots` are the result.
-
-    Returns:
-        NIS, its degrees of freedom and the new size; a NIS that is not finite says that there is no update.
+    An observation farther than `gates.same` from every landmark, but within `gates.new` of one that this scan has not
+    observed, may be an outlier of that landmark: it neither corrects nor maps. The belief needs room for `count` more
+    landmarks.
     """
+    slots = np.full(count, NONE)
     if not are_sound(sensor, work.observation[:count], work.observation_cov[:count]):
-        return math.nan, 0, belief.size
-    if form.invariant:
-        work.scratch[ANCHOR, : belief.size] = belief.state[: belief.size]
+        return SequentialUpdate(slots, math.nan, 0, belief.size)
+    anchor = belief.state.copy() if form.invariant else np.empty(0)
     one, g, blind = np.zeros(1, dtype=np.int64), np.zeros((2, len(work.W))), np.zeros(1, dtype=np.bool_)
     nis, informative, rows = 0.0, 0, 0
     for i in range(count):
         if rows + 2 > len(work.W):
-            if not _settle(belief, rows, form, work):
-                return EXHAUSTED, informative, belief.size
-            work.scratch[ANCHOR, : belief.size] = belief.state[: belief.size]
+            if not _apply_block(belief, rows, form, anchor, work):
+                return SequentialUpdate(slots, EXHAUSTED, informative, belief.size)
+            if form.invariant:
+                anchor[: belief.size] = belief.state[: belief.size]
             rows = 0
         blind[0] = False
-        scan = Scan(sensor, form, work, rows, i, one, g, blind)
-        slot = _nearest(scan, belief, gates)
+        step = Step(sensor, form, work, anchor, rows, i, one, g, blind)
+        slot = _nearest(step, belief, gates, slots)
         if slot == NEW:
-            _append(scan, belief)
+            _append(step, belief)
             slot = (belief.size - 3) // 2
             belief = resized(belief, belief.size + 2)
         elif slot != NONE:
             one[0] = slot
             if gates.tails < math.inf:
-                _, s00, s01, s11 = _describe(scan, belief)
-                distance = squared_distance(work.innovation[2 * i], work.innovation[2 * i + 1], s00, s01, s11)
-                work.observation_cov[i] *= inflation(sensor, distance, gates.tails)
-            added, dof = _take_in(scan, belief)
+                work.observation_cov[i] *= inflation(sensor, _distance(_compare(step, belief)), gates.tails)
+            added, dof = _update(step, belief)
             if not math.isfinite(added):
-                return added, informative, belief.size
+                return SequentialUpdate(slots, added, informative, belief.size)
             nis, informative, rows = nis + added, informative + dof, rows + 2
-        work.slots[i] = slot
-    if not _settle(belief, rows, form, work):
-        return EXHAUSTED, informative, belief.size
-    return nis, informative, belief.size
+        slots[i] = slot
+    if not _apply_block(belief, rows, form, anchor, work):
+        return SequentialUpdate(slots, EXHAUSTED, informative, belief.size)
+    return SequentialUpdate(slots, nis, informative, belief.size)
 
 
 @kernel
-def _settle(belief: Belief, rows: int, form: Sequential, work: Workspace) -> bool:
-    """P <- T (P0 - W'W) T'; False, with nothing changed, when nothing but rounding is left of a variance."""
+def _apply_block(belief: Belief, rows: int, form: Sequential, anchor: Float, work: Workspace) -> bool:
+    """P <- T (P0 - W'W) T' for the first `rows` rows of W; False, with P unchanged, if a variance is only rounding."""
     if rows == 0:
         return True
     if are_variances_lost(belief.cov, ROBOT_ALONE, work.W, rows):
@@ -143,34 +147,33 @@ def _settle(belief: Belief, rows: int, form: Sequential, work: Workspace) -> boo
     subtract_gram(belief.cov, work.W, rows, belief.size)
     mirror_robot_block(belief.cov)
     if form.invariant:
-        u = work.scratch[MOVE_FROM_ANCHOR]
-        _fill_move(belief, work.scratch[ANCHOR], u)
-        carry_covariance(belief, u, work)
+        transform_covariance(belief, _moved_from(anchor, belief), work.deferred)
     return True
 
 
 @kernel
-def _fill_move(belief: Belief, anchor: Float, u: Float) -> None:
-    """Fill u = J (state - anchor) of every point."""
-    state = belief.state
+def _moved_from(anchor: Float, belief: Belief) -> Float:
+    """Return u (size,) = J (state - anchor) of every point."""
+    state, u = belief.state, np.empty(belief.size)
     u[0], u[1], u[2] = anchor[1] - state[1], state[0] - anchor[0], 0.0
     for j in range(3, belief.size, 2):
         u[j], u[j + 1] = anchor[j + 1] - state[j + 1], state[j] - anchor[j]
+    return u
 
 
 @kernel
-def _describe(scan: Scan, belief: Belief) -> tuple[int, float, float, float]:
-    """Innovation, Jacobian and g = H W' of the observation for its landmark; informative rows, and its S."""
-    work, i = scan.work, scan.row
+def _compare(step: Step, belief: Belief) -> Compared:
+    """Linearise the observation for the landmark in slot `step.one`, and compute its innovation covariance."""
+    work, i = step.work, step.row
     v, h = work.innovation[2 * i : 2 * i + 2], work.jacobian[2 * i : 2 * i + 2]
-    informative = linearise(scan.sensor, belief, scan.one, work.observation[i : i + 1], v, h)
-    silence(scan.blind, v, h)
-    landmark = 3 + 2 * scan.one[0]
-    if scan.form.invariant:
-        _turn_to_anchor(belief.state, work.scratch[ANCHOR], landmark, h)
+    informative = linearise(step.sensor, belief, step.one, work.observation[i : i + 1], v, h)
+    silence(step.blind, v, h)
+    landmark = 3 + 2 * step.one[0]
+    if step.form.invariant:
+        _turn_to_anchor(belief.state, step.anchor, landmark, h)
     s00, s01, s11 = projected(belief.cov, h, landmark)
-    g = scan.g
-    for k in range(scan.rows):
+    g = step.g
+    for k in range(step.rows):
         w = work.W[k]
         for a in range(2):
             g[a, k] = h[a, 0] * w[0] + h[a, 1] * w[1] + h[a, 2] * w[2]
@@ -179,7 +182,13 @@ def _describe(scan: Scan, belief: Belief) -> tuple[int, float, float, float]:
         s01 -= g[0, k] * g[1, k]
         s11 -= g[1, k] * g[1, k]
     r00, r01, r11 = noise(work.observation_cov[i], h[1])
-    return informative, s00 + r00, s01 + r01, s11 + r11
+    return Compared(v, h, g, informative, s00 + r00, s01 + r01, s11 + r11)
+
+
+@kernel
+def _distance(pair: Compared) -> float:
+    """Return the squared Mahalanobis distance of the observation and the landmark."""
+    return squared_distance(pair.v[0], pair.v[1], pair.s00, pair.s01, pair.s11)
 
 
 @kernel
@@ -192,47 +201,49 @@ def _turn_to_anchor(state: Float, anchor: Float, landmark: int, h: Float) -> Non
 
 
 @kernel
-def _nearest(scan: Scan, belief: Belief, gates: Gates) -> int:
-    """Slot of the landmark nearest to the observation if it is within the gate, else NEW, or NONE for an outlier."""
-    work, i, one = scan.work, scan.row, scan.one
-    reach = reach_of(scan.sensor, work.observation[i], work.observation_cov[i], belief.cov)
-    if scan.form.invariant:  # P is seen from the anchor, and turns with the heading there
+def _nearest(step: Step, belief: Belief, gates: Gates, slots: Int) -> int:
+    """Return the slot of the nearest landmark within the gate, NEW if no landmark is near, or NONE for an outlier.
+
+    `slots` (m,) contains the landmarks of the observations before this one.
+    """
+    work, i, one = step.work, step.row, step.one
+    reach = reach_of(step.sensor, work.observation[i], work.observation_cov[i], belief.cov)
+    if step.form.invariant:  # P0 is about the anchor, and turns with the heading there
         heading = math.sqrt(max(belief.cov[2, 2], 0.0))
         reach = Reach(reach.measured, reach.noise, reach.robot, heading)
     slot, least, doubtful = NONE, math.inf, False
     for landmark in range(3, belief.size, 2):
-        if not is_within_reach(reach, belief, landmark, _lever(scan, belief, landmark), gates.new):
+        if not is_within_reach(reach, belief, landmark, _lever(step, belief, landmark), gates.new):
             continue
         one[0] = (landmark - 3) // 2
-        _, s00, s01, s11 = _describe(scan, belief)
-        distance = squared_distance(work.innovation[2 * i], work.innovation[2 * i + 1], s00, s01, s11)
+        distance = _distance(_compare(step, belief))
         if not distance <= gates.new:
             continue
         if distance < least:
             slot, least = one[0], distance
-        doubtful = doubtful or not _is_seen(work.slots, i, one[0])
+        doubtful = doubtful or not _is_among(slots, i, one[0])
     if least <= gates.same:
         return slot
     return NONE if doubtful else NEW
 
 
 @kernel
-def _lever(scan: Scan, belief: Belief, landmark: int) -> float:
-    """How far the heading of P0 moves what is measured, at most [m/rad]."""
+def _lever(step: Step, belief: Belief, landmark: int) -> float:
+    """Return the largest change of the measurement by the heading of P0 [m/rad]."""
     lever = 0.0
-    if scan.form.invariant:
-        state, anchor = belief.state, scan.work.scratch[ANCHOR]
+    if step.form.invariant:
+        state, anchor = belief.state, step.anchor
         lever += math.hypot(state[0] - anchor[0], state[1] - anchor[1])
         lever += math.hypot(state[landmark] - anchor[landmark], state[landmark + 1] - anchor[landmark + 1])
-    if not HAS_RANGE[scan.sensor]:
+    if not HAS_RANGE[step.sensor]:
         point = belief.point
         lever += math.hypot(point[landmark] - point[0], point[landmark + 1] - point[1])
     return lever
 
 
 @kernel
-def _is_seen(slots: Int, i: int, slot: int) -> bool:
-    """Whether one of the first i observations was of the landmark in `slot`."""
+def _is_among(slots: Int, i: int, slot: int) -> bool:
+    """Return whether one of the first i observations is of the landmark in `slot`."""
     for k in range(i):  # noqa: SIM110 numba compiles no generator expressions
         if slots[k] == slot:
             return True
@@ -240,88 +251,85 @@ def _is_seen(slots: Int, i: int, slot: int) -> bool:
 
 
 @kernel
-def _append(scan: Scan, belief: Belief) -> None:
+def _append(step: Step, belief: Belief) -> None:
     """Map a landmark at the observation: its rows of P0 and its columns of W."""
-    work, state, x, y = scan.work, belief.state, belief.size, belief.size + 1
-    reference = work.scratch[ANCHOR] if scan.form.invariant else belief.point
-    append_landmark(scan.sensor, belief, reference, work.observation[scan.row], work.observation_cov[scan.row])
+    work, state, x, y = step.work, belief.state, belief.size, belief.size + 1
+    reference = step.anchor if step.form.invariant else belief.point
+    append_landmark(step.sensor, belief, reference, work.observation[step.row], work.observation_cov[step.row])
     lever_x, lever_y = state[x] - reference[0], state[y] - reference[1]
-    for k in range(scan.rows):
+    for k in range(step.rows):
         w = work.W[k]
         w[x] = w[0] - lever_y * w[2]
         w[y] = w[1] + lever_x * w[2]
 
 
 @kernel
-def _take_in(scan: Scan, belief: Belief) -> tuple[float, int]:
+def _update(step: Step, belief: Belief) -> tuple[float, int]:
     """Correct the state with the observation of its landmark; two more rows of W. Returns NIS and its dof."""
-    work, size, state = scan.work, belief.size, belief.state
-    dx = work.scratch[CORRECTION]
-    if scan.form.passes > 1:
-        return _iterate(scan, belief)
-    nis, informative = _gain(scan, belief, belief)
+    if step.form.passes > 1:
+        return _iterate(step, belief)
+    dx = np.empty(belief.size)
+    nis, informative = _gain(step, belief, belief, dx)
     if not math.isfinite(nis):
         return nis, informative
-    if scan.form.invariant:
-        u = work.scratch[MOVE_OF_ONE]
-        _fill_move(belief, work.scratch[ANCHOR], u)
-        for j in range(size):
+    if step.form.invariant:
+        u = _moved_from(step.anchor, belief)
+        for j in range(belief.size):
             dx[j] += u[j] * dx[2]
-        move_invariantly(belief, dx, u)
+        move_invariantly(belief, dx)
     else:
-        move_additively(state, size, dx)
+        move_additively(belief.state, belief.size, dx)
     return nis, informative
 
 
 @kernel
-def _iterate(scan: Scan, belief: Belief) -> tuple[float, int]:
-    """Correct the state to a minimum of the cost of prior and observation (see `iterated`); returns as `_take_in`."""
-    work, i, state = scan.work, scan.row, belief.state
-    nis, informative = _gain(scan, belief, at_place(belief, state))
+def _iterate(step: Step, belief: Belief) -> tuple[float, int]:
+    """Correct the state to a minimum of the cost of prior and observation; returns the same as `_update`."""
+    work, i, state, dx = step.work, step.row, belief.state, np.empty(belief.size)
+    nis, informative = _gain(step, belief, at_place(belief, state), dx)
     if not math.isfinite(nis):
         return nis, informative
-    entries, local = involved_entries(scan.one)
-    P, there = block(belief.cov, entries), state[entries]
-    for k in range(scan.rows):
+    entries, local = involved_entries(step.one)
+    P, minimum = block(belief.cov, entries), state[entries]
+    for k in range(step.rows):
         w = work.W[k]
         for a in range(len(entries)):
             for b in range(len(entries)):
                 P[a, b] -= w[entries[a]] * w[entries[b]]
-    seen = Seen(scan.sensor, local, work.observation[i : i + 1], work.observation_cov[i : i + 1], scan.blind)
-    if not find_minimum(there, P, seen, scan.form.passes):
+    seen = Seen(step.sensor, local, work.observation[i : i + 1], work.observation_cov[i : i + 1], step.blind)
+    if not find_minimum(minimum, P, seen, step.form.passes):
         return NO_MINIMUM, informative
-    place = work.scratch[PLACE_OF_ONE]
+    place = np.zeros(belief.size)  # entries that the observation does not involve are not read
     for a in range(len(entries)):
-        place[entries[a]] = there[a]
-    last, _ = _gain(scan, belief, at_place(belief, place))
+        place[entries[a]] = minimum[a]
+    last, _ = _gain(step, belief, at_place(belief, place), dx)
     if not math.isfinite(last):
         return last, informative
-    move_additively(state, belief.size, work.scratch[CORRECTION])
+    move_additively(belief.state, belief.size, dx)
     return nis, informative
 
 
 @kernel
-def _gain(scan: Scan, belief: Belief, there: Belief) -> tuple[float, int]:
-    """Two more rows of W, and the correction dx, by Jacobians of the belief `there`; returns NIS and its dof."""
-    work, i, size, landmark = scan.work, scan.row, belief.size, 3 + 2 * scan.one[0]
-    W, dx = work.W[scan.rows : scan.rows + 2], work.scratch[CORRECTION]
-    v, h = work.innovation[2 * i : 2 * i + 2], work.jacobian[2 * i : 2 * i + 2]
-    dof, s00, s01, s11 = _describe(scan, there)
-    if scan.form.passes > 1:
+def _gain(step: Step, belief: Belief, there: Belief, dx: Float) -> tuple[float, int]:
+    """Fill two more rows of W, and the correction dx, by Jacobians of the belief `there`; returns NIS and its dof."""
+    work, size, landmark = step.work, belief.size, 3 + 2 * step.one[0]
+    W, pair = work.W[step.rows : step.rows + 2], _compare(step, there)
+    v, h, s00, s01, s11 = pair.v, pair.h, pair.s00, pair.s01, pair.s11
+    if step.form.passes > 1:
         _refer_to_prior(belief.state, there.state, landmark, h, v)
     if not (s00 > 0.0 and s00 * s11 - s01 * s01 > 0.0):
-        return math.nan, dof
-    project_covariance(belief.cov, size, scan.one, h, W)
+        return math.nan, pair.informative
+    project_covariance(belief.cov, size, step.one, h, W)
     u00 = math.sqrt(s00)
     u01 = s01 / u00
     left = s11 - u01 * u01
     if left <= LEAST * s11:
-        return EXHAUSTED, dof
+        return EXHAUSTED, pair.informative
     u11 = math.sqrt(left)
     y0 = v[0] / u00
     y1 = (v[1] - u01 * y0) / u11
-    for r in range(scan.rows):
-        g0, g1, w = scan.g[0, r], scan.g[1, r], work.W[r]
+    for r in range(step.rows):
+        g0, g1, w = pair.g[0, r], pair.g[1, r], work.W[r]
         for j in range(size):
             W[0, j] -= g0 * w[j]
             W[1, j] -= g1 * w[j]
@@ -329,7 +337,7 @@ def _gain(scan: Scan, belief: Belief, there: Belief) -> tuple[float, int]:
         W[0, j] /= u00
         W[1, j] = (W[1, j] - u01 * W[0, j]) / u11
         dx[j] = W[0, j] * y0 + W[1, j] * y1
-    return y0 * y0 + y1 * y1, dof
+    return y0 * y0 + y1 * y1, pair.informative
 
 
 @kernel

@@ -1,10 +1,10 @@
-"""Weights of observations whose noise may have heavy tails, compiled.
+"""Weights of observations with heavy-tailed noise, compiled.
 
-Noise of Student's distribution is Gauss's with a precision that is drawn for each observation: R / w, where w has the
-Gamma distribution of n/2, n/2. Given a squared distance d2 of an observation of d rows, the expectation of w is
-(n + d) / (n + d2): with it the update is a Kalman update. The distance is taken by the innovation's own covariance
-S = H P H' + R, so that what the map does not know well is not taken for an outlier, and w is never above 1: no
-observation is trusted more than its covariance says, and an update that meets no outlier stays on the safe side.
+Student's t distribution is a normal distribution whose covariance R / w is drawn for each observation: w has the Gamma
+distribution with parameters n/2, n/2. Given the squared distance d2 of an observation with d rows, the expectation of w
+is (n + d) / (n + d2); with this w the update is a Kalman update. The distance uses the innovation covariance
+S = H P H' + R, so that an observation of an uncertain landmark is not taken for an outlier. The weight w is at most 1:
+no observation gets a smaller covariance than R, so an update without outliers is conservative.
 
 Sources: Lange, Little and Taylor, Journal of the American Statistical Association 84(408), 1989 (the weights);
 Agamennoni, Nieto and Nebot, IEEE Transactions on Signal Processing 60(10), 2012 (in a Kalman filter); Chang, Journal of
@@ -13,26 +13,25 @@ Geodesy 88(4), 2014 (by the innovation's Mahalanobis distance).
 
 from __future__ import annotations
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import Belief
 from slamgauge.ekf.kernels.covariance import squared_distance
-from slamgauge.ekf.kernels.linearisation import describe
-from slamgauge.ekf.kernels.workspace import Workspace
+from slamgauge.ekf.kernels.linearisation import innovations_of
 from slamgauge.jit import kernel
 from slamgauge.sensor_kernels import DIM
 
 
 @kernel
 def inflation(sensor: int, distance: float, freedom: float) -> float:
-    """1 / w of an observation at a squared Mahalanobis distance, for noise of `freedom` degrees of freedom."""
+    """Return 1 / w of an observation at a squared Mahalanobis distance, for `freedom` degrees of freedom."""
     return max(1.0, (freedom + distance) / (freedom + DIM[sensor]))
 
 
 @kernel
-def weigh(sensor: int, belief: Belief, count: int, work: Workspace, S: Float, freedom: float) -> None:
-    """R <- R / w for the first `count` observations in `work`; S (m, 2, 2) is room to work in."""
-    describe(sensor, belief, count, work, S)
-    for i in range(count):
-        v = work.innovation[2 * i : 2 * i + 2]
+def inflate_noise(sensor: int, belief: Belief, slots: Int, values: Float, covs: Float, freedom: float) -> None:
+    """R <- R / w in `covs` (m, 2, 2) for observations (m, 2) of the landmarks in `slots` (m,)."""
+    innovation, S = innovations_of(sensor, belief, slots, values, covs)
+    for i in range(len(slots)):
+        v = innovation[2 * i : 2 * i + 2]
         distance = squared_distance(v[0], v[1], S[i, 0, 0], S[i, 0, 1], S[i, 1, 1])
-        work.observation_cov[i] *= inflation(sensor, distance, freedom)
+        covs[i] *= inflation(sensor, distance, freedom)

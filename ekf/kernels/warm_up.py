@@ -9,22 +9,22 @@ import numpy as np
 from slamgauge.compile_progress import announced
 from slamgauge.ekf.kernels import (
     corrections,
-    individual_compatibility,
     iterated_update,
-    linear_update,
     map_edits,
-    sequential_association,
 )
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.belief import Belief, allocate_belief
-from slamgauge.ekf.kernels.deferred_downdate import settle
-from slamgauge.ekf.kernels.joint_compatibility import mark_ambiguous, search_jointly
+from slamgauge.ekf.kernels.deferred_downdate import apply_deferred
+from slamgauge.ekf.kernels.individual_compatibility import allocate_pairs, find_compatible, find_located
+from slamgauge.ekf.kernels.joint_compatibility import Limits, mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.joint_update import are_sound
-from slamgauge.ekf.kernels.linearisation import describe
+from slamgauge.ekf.kernels.linear_update import append_linear, linear_update
+from slamgauge.ekf.kernels.linearisation import innovations_of
 from slamgauge.ekf.kernels.prediction import is_semidefinite, predict
+from slamgauge.ekf.kernels.sequential_association import Gates, Sequential, update_sequentially
 from slamgauge.ekf.kernels.slots import find_slots
-from slamgauge.ekf.kernels.student_t_weights import weigh
-from slamgauge.ekf.kernels.workspace import CORRECTION, Workspace, allocate
+from slamgauge.ekf.kernels.student_t_weights import inflate_noise
+from slamgauge.ekf.kernels.workspace import Workspace, allocate
 from slamgauge.se2_kernels import wrap
 from slamgauge.sensor_kernels import locate_all, observe_all
 from slamgauge.triangulation import triangulate
@@ -36,59 +36,60 @@ def compile_once() -> None:
     belief, work = _robot_and_landmark()
     with announced("filter kernels"):
         predict(belief, np.zeros(3), np.zeros((3, 3)))
-        augment(0, belief._replace(size=3), 1, work)
+        augment(0, belief._replace(size=3), work.observation, work.observation_cov)
         find_slots(work.ids, work.slots, work.ids, work.slots)
-        weigh(0, belief, 1, work, np.empty((1, 2, 2)), 4.0)
+        inflate_noise(0, belief, work.slots, work.observation, work.observation_cov, 4.0)
         for update in (
             corrections.update_standard,
             iterated_update.update_iterated,
             corrections.update_right_invariant,
         ):
             update(0, belief, 1, work)
-        settle(belief.cov, belief.size, work.waiting)
+        apply_deferred(belief.cov, belief.size, work.deferred)
 
 
 @functools.cache
 def compile_association_once() -> None:
-    """The same for the kernels of unknown association."""
+    """Compile the kernels of unknown association."""
     belief, work = _robot_and_landmark()
     values, covs, marks = np.array([[1.0, 0.0]]), np.eye(2)[None], np.zeros((2, 2), dtype=np.bool_)
-    pairs, quantiles = individual_compatibility.allocate_pairs(1), np.array([0.0, 9.0])
+    pairs, quantiles = allocate_pairs(1), np.array([0.0, 9.0])
     with announced("association kernels"):
-        gates, form = sequential_association.Gates(9.0, 9.0), sequential_association.Sequential()
-        sequential_association.update_one_by_one(0, belief, 1, gates, form, work)
-        count = individual_compatibility.find_compatible(0, belief, values, covs, 9.0, pairs)
-        individual_compatibility.find_located(belief.cov, covs, pairs, count, 9.0, marks[0])
-        search_jointly(belief.cov, covs, pairs, count, 9.0, quantiles, 1, work.slots)
-        mark_ambiguous(belief.cov, covs, pairs, count, 9.0, 0.0, 1, work.slots, marks[0, :1])
+        update_sequentially(0, belief, 1, Gates(9.0, 9.0), Sequential(), work)
+        find_compatible(0, belief, values, covs, 9.0, pairs)
+        find_located(belief.cov, covs, pairs, 9.0, marks[0])
+        slots, _ = search_jointly(belief.cov, covs, pairs, 9.0, quantiles, 1)
+        mark_ambiguous(belief.cov, covs, pairs, slots, Limits(9.0, 0.0, 1))
         both = belief._replace(size=7)
         map_edits.find_duplicates(both, work.slots[:1], marks[:1], 9.0)
-        map_edits.equate_landmarks(both, 0, 1, work)
+        map_edits.equate_landmarks(both, 0, 1)
         map_edits.remove_landmark(both, 0)
-        corrections.retract_standard(belief, work)
-        corrections.retract_right_invariant(belief, work)
+        _compile_retractions(belief, work)
 
 
 @functools.cache
 def compile_bearings_once() -> None:
-    """The same for the kernels of landmarks that are no points yet."""
+    """Compile the kernels of bearing-only landmarks."""
     belief, work = _robot_and_landmark()
     columns, jacobian, one = np.arange(3), np.zeros((1, 3)), np.ones((1, 1))
-    with announced("kernels of bearings alone"):
-        describe(2, belief, 1, work, np.empty((1, 2, 2)))
-        linear_update.append_linear(belief._replace(size=3), columns, np.zeros((2, 3)), np.eye(2))
-        room = linear_update.Room(np.zeros((1, 7)), one.copy(), work.scratch[CORRECTION])
-        linear_update.take_in_linear(belief, columns, jacobian, np.zeros(1), one, room)
+    with announced("kernels of bearing-only landmarks"):
+        innovations_of(2, belief, work.slots, work.observation, work.observation_cov)
+        append_linear(belief._replace(size=3), columns, np.zeros((2, 3)), np.eye(2))
+        linear_update(belief, columns, jacobian, np.zeros(1), one)
         map_edits.remove_landmark(belief, 0)
-        corrections.retract_standard(belief, work)
-        corrections.retract_right_invariant(belief, work)
+        _compile_retractions(belief, work)
         triangulate(np.zeros((1, 3)), np.zeros(1), np.ones(1), 1.0)
 
 
+def _compile_retractions(belief: Belief, work: Workspace) -> None:
+    corrections.retract_standard(belief, np.zeros(belief.size), work.deferred)
+    corrections.retract_right_invariant(belief, np.zeros(belief.size), work.deferred)
+
+
 @functools.cache
-def compile_sights_once() -> None:
-    """The same for the kernels of filters that are written in numpy."""
-    with announced("kernels of sights"):
+def compile_numpy_filters_once() -> None:
+    """Compile the kernels of filters that are written in numpy."""
+    with announced("kernels of numpy filters"):
         is_semidefinite(np.zeros((3, 3)))
         are_sound(0, np.ones((1, 2)), np.eye(2)[None])
         wrap(0.0)
@@ -97,7 +98,7 @@ def compile_sights_once() -> None:
 
 
 def _robot_and_landmark() -> tuple[Belief, Workspace]:
-    """A belief with one landmark and room for another, and a workspace with one observation."""
+    """Return a belief with one landmark and room for another, and a workspace with one observation."""
     belief, work = allocate_belief(2), allocate(1, 7, 1)
     belief.cov[:] = np.eye(7)
     work.observation[:] = 1.0, 0.0

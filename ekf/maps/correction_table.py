@@ -1,6 +1,6 @@
-"""The table of corrections, from which their names, estimators and checks are derived.
+"""Table of the corrections: their names, estimators and kernels.
 
-A new correction is a row here, with its kernel in `kernels.corrections` or `kernels.linearisation`, a callable in
+A new correction needs a row here, its kernel in `kernels.corrections` or `kernels.linearisation`, a callable in
 `slamgauge.ekf.estimators`, and its entry in the registry of `slamgauge.compare.estimators`.
 """
 
@@ -19,6 +19,7 @@ from slamgauge.ekf.kernels.corrections import (
     update_right_invariant,
     update_standard,
 )
+from slamgauge.ekf.kernels.deferred_downdate import Deferred
 from slamgauge.ekf.kernels.iterated_update import MAX_PASSES, update_iterated
 from slamgauge.ekf.kernels.linearisation import PROJECTED
 from slamgauge.ekf.kernels.prediction import predict
@@ -31,28 +32,28 @@ Correction = Literal["standard", "first-estimates", "observability-constrained",
 Predict = Callable[[Belief, Float, Float], bool]
 FindSlots = Callable[[Int, Int, Int, Int], int]
 Update = Callable[[int, Belief, int, Workspace], tuple[float, int]]
-Retract = Callable[[Belief, Workspace], None]
+Retract = Callable[[Belief, Float, Deferred], None]
 
 WHOLE_SCAN = sys.maxsize
-BLOCK = 16  # observations that an update takes in at a time; see docs/performance.md
-ROWS = 64  # that may wait: more save nothing, and the scan that settles them takes the longer
+BLOCK = 16  # observations that an update processes at a time; see docs/performance.md
+ROWS = 64  # that may be deferred: more save nothing, and applying them takes longer
 
 
 class Rule(NamedTuple):
     """How a filter computes a step.
 
     Attributes:
-        update: takes in a scan.
-        retract: moves the state by a correction that is not an observation's (see `kernels.map_edits`).
-        first_estimates: whether the belief keeps first estimates, for the prediction and for Jacobians.
+        update: corrects with a scan.
+        retract: moves the state by a given correction (see `kernels.linear_update`).
+        first_estimates: whether the belief stores first estimates, for the prediction and for Jacobians.
         form: of the Jacobians of observations (`Belief.form`).
-        block: observations to take in at a time.
-        waiting: sides and rows of what may wait (see `kernels.deferred_downdate`). Nothing waits with an update
-            that reads the covariances of landmarks with each other.
+        block: observations that the update processes at a time.
+        deferred_rows: sides and rows of deferred downdates (see `kernels.deferred_downdate`). There must be no rows
+            with an update that reads the covariances between landmarks.
         sequential: how it corrects with one observation after the other; None if it cannot.
         predict: moves the robot.
-        find_slots: looks up the landmarks of a scan. With `update` and `predict` it is all compiled code of a step
-            with known association, so that a clock may stand in the place of each.
+        find_slots: finds the landmarks of a scan. `update`, `predict` and `find_slots` are all compiled code of a step
+            with known association; `slamgauge bench` replaces them by timed ones.
     """
 
     update: Update
@@ -60,7 +61,7 @@ class Rule(NamedTuple):
     first_estimates: bool = False
     form: int = AT_POINT
     block: int = BLOCK
-    waiting: tuple[int, int] = (1, 0)
+    deferred_rows: tuple[int, int] = (1, 0)
     sequential: Sequential | None = None
     predict: Predict = predict
     find_slots: FindSlots = slots.find_slots
@@ -73,7 +74,7 @@ class Row(NamedTuple):
     rule: Rule
 
 
-_STANDARD = Rule(update_standard, waiting=(1, ROWS), sequential=Sequential())
+_STANDARD = Rule(update_standard, deferred_rows=(1, ROWS), sequential=Sequential())
 
 TABLE: dict[Correction, Row] = {
     "standard": Row("ekf", _STANDARD),
@@ -82,7 +83,12 @@ TABLE: dict[Correction, Row] = {
     "iterated": Row("iekf", Rule(update_iterated, block=WHOLE_SCAN, sequential=Sequential(passes=MAX_PASSES))),
     "right-invariant": Row(
         "riekf",
-        Rule(update_right_invariant, retract_right_invariant, waiting=(2, ROWS), sequential=Sequential(invariant=True)),
+        Rule(
+            update_right_invariant,
+            retract_right_invariant,
+            deferred_rows=(2, ROWS),
+            sequential=Sequential(invariant=True),
+        ),
     ),
 }
 assert {*TABLE} == {*get_args(Correction)}
@@ -91,10 +97,10 @@ CORRECTIONS: dict[str, Correction] = {row.estimator: name for name, row in TABLE
 
 
 def rule_of(correction: Correction | Rule) -> Rule:
-    """The rule of that name, or the rule itself.
+    """Return the rule of that name, or the rule itself.
 
     Raises:
-        UserError: there is no correction of that name.
+        UserError: an unknown correction, or a rule with an invalid block.
     """
     if isinstance(correction, Rule):
         if correction.block < 1:
@@ -116,12 +122,12 @@ def rule_of(correction: Correction | Rule) -> Rule:
 
 
 def estimator_of(rule: Rule) -> str:
-    """The name of the estimator with this rule; that of a filter whose rule is none of the table's."""
+    """Return the name of the estimator with this rule; "the filter" for a rule that is not in the table."""
     return next((row.estimator for row in TABLE.values() if row.rule == rule), "the filter")
 
 
 def sequential_of(rule: Rule) -> Sequential:
-    """How the rule corrects with one observation after the other.
+    """Return how the rule corrects with one observation after the other.
 
     Raises:
         UserError: it cannot.

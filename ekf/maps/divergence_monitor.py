@@ -1,4 +1,4 @@
-"""Whether a filter is lost, as far as its own innovations tell: said once, at the step where it shows."""
+"""Detects a diverged filter by its innovations, and prints that once, at the step where it shows."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from slamgauge.notices import tell_once
 LOST = 1e4  # NIS over its degrees of freedom: linearisation does not hold where noise is that small
 
 
-class Watch:
-    """What the innovations of a filter have come to so far.
+class DivergenceMonitor:
+    """Sum of the NIS of a filter's steps.
 
     Args:
         rule: of the filter.
@@ -19,8 +19,8 @@ class Watch:
         self._name = estimator_of(rule)
         self._nis, self._dof = 0.0, 0
 
-    def noted(self, result: tuple[float, int]) -> tuple[float, int]:
-        """Take note of the NIS of a step and its degrees of freedom, which are returned."""
+    def checked(self, result: tuple[float, int]) -> tuple[float, int]:
+        """Add the NIS of a step and its degrees of freedom, and return them."""
         nis, dof = result
         self._nis, self._dof = self._nis + nis, self._dof + dof
         if self._nis > LOST * max(1, self._dof):

@@ -26,6 +26,7 @@ from numpy.linalg import LinAlgError
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.ekf.kernels.individual_compatibility import NONE
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.map_edits import robot_if_merged
 from slamgauge.se2 import wrap
 
 MOST_TRACKS = 12  # of a scan that are matched at a time, those first that were seen most
@@ -80,7 +81,7 @@ def robot_of(landmarks: LandmarkMap, matchings: Matchings) -> tuple[Float, Float
     """Pose (3,) and covariance (3, 3) of the robot: mean and covariance over the matchings."""
     heavy = matchings.weight >= min(NEGLIGIBLE, float(matchings.weight[0]))
     share = matchings.weight[heavy] / matchings.weight[heavy].sum()
-    robots = [landmarks.robot_if_one(matchings.pairs[each[each != NONE]]) for each in matchings.chosen[heavy]]
+    robots = [robot_if_merged(landmarks, matchings.pairs[each[each != NONE]]) for each in matchings.chosen[heavy]]
     poses, covs = (np.stack(each) for each in zip(*robots, strict=True))
     off = poses - poses[0]
     off[:, 2] = wrap(off[:, 2])
@@ -96,7 +97,7 @@ def _differences(landmarks: LandmarkMap, pairs: Int) -> tuple[Float, Float]:
     slots, places = np.unique(pairs, return_inverse=True)
     track, landmark = places.reshape(-1, 2).T
     columns = (3 + 2 * slots[:, None] + [0, 1]).ravel()
-    positions, block = landmarks.entries(columns).reshape(-1, 2), landmarks.block(columns)
+    positions, block = landmarks.state.entries(columns).reshape(-1, 2), landmarks.state.block(columns)
     block = block.reshape(len(slots), 2, len(slots), 2)
     rows = block[track] - block[landmark]
     cov = (rows[:, :, track] - rows[:, :, landmark]).reshape(2 * len(pairs), 2 * len(pairs))

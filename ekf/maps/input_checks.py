@@ -1,7 +1,7 @@
 """What online filters refuse at their boundary, in one line: what, where, remedy.
 
-At every step only types and shapes are looked at here; the numbers are looked at by the kernels (`take_in.are_sound`,
-`prediction.predict`), which leave everything as it was when they refuse. Why they refused is found out afterwards.
+At every step this module checks types and shapes only. Kernels check the numbers (`joint_update.are_sound`,
+`prediction.predict`), and change nothing when they refuse them. The reason is determined afterwards.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Which landmarks of a map the observations of a scan may be of."""
+"""Landmarks of a map that the observations of a scan may be of."""
 
 from __future__ import annotations
 
@@ -10,17 +10,19 @@ from slamgauge.ekf.kernels.individual_compatibility import (
     allocate_pairs,
     find_compatible,
     find_located,
+    first_pairs,
     keep_pairs,
 )
-from slamgauge.ekf.kernels.joint_compatibility import mark_ambiguous, search_jointly
-from slamgauge.ekf.kernels.linearisation import describe
-from slamgauge.ekf.kernels.sequential_association import Gates, update_one_by_one
+from slamgauge.ekf.kernels.joint_compatibility import Limits, mark_ambiguous, search_jointly
+from slamgauge.ekf.kernels.linearisation import innovations_of
+from slamgauge.ekf.kernels.sequential_association import Gates, update_sequentially
 from slamgauge.ekf.kernels.warm_up import compile_association_once
 from slamgauge.ekf.maps.correction_table import sequential_of
 from slamgauge.ekf.maps.input_checks import explain_scan
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.maps.transaction import is_addition_certain, undone_if_refused
+from slamgauge.ekf.maps.map_correction import two_rows
+from slamgauge.ekf.maps.transaction import is_addition_certain, transaction
 
 
 class Matcher:
@@ -29,53 +31,46 @@ class Matcher:
     def __init__(self, landmarks: LandmarkMap) -> None:
         compile_association_once()
         self._map = landmarks
-        self._pairs = allocate_pairs(0)
-        self._covs: Float = np.zeros((0, 2, 2))  # of the scan that `compatible` was given
+        self._room = allocate_pairs(0)
 
-    def compatible(self, values: Float, covs: Float, gate: float) -> tuple[Pairs, int]:
-        """Pairs of an observation and a landmark within `gate` (squared Mahalanobis), and their number.
+    def compatible(self, values: Float, covs: Float, gate: float) -> tuple[Pairs, Float]:
+        """Return the pairs of an observation and a landmark within `gate` (squared Mahalanobis).
 
-        They are valid until the next call.
+        The pairs are valid until the next call. The second result is the covariances (m, 2, 2) as kernels read them,
+        which the other methods take.
         """
-        given, work = len(values), self._map.room_for(len(values))
-        self._map.load(values, covs)
-        scan = (work.observation[:given], work.observation_cov[:given])
-        self._covs = scan[1]
-        count = find_compatible(self._map.code, self._map.belief, *scan, gate, self._pairs)
+        code, belief = self._map.correction.code, self._map.state.belief
+        observation, noise_cov = two_rows(values, covs)
+        count = find_compatible(code, belief, observation, noise_cov, gate, self._room)
         if count < 0:
-            self._pairs = allocate_pairs(-2 * count)
-            count = find_compatible(self._map.code, self._map.belief, *scan, gate, self._pairs)
-        return self._pairs, count
+            self._room = allocate_pairs(-2 * count)
+            count = find_compatible(code, belief, observation, noise_cov, gate, self._room)
+        return first_pairs(self._room, count), noise_cov
 
-    def located(self, count: int, vagueness: float, recent: Marks) -> int:
-        """Keep those of the first `count` pairs of `compatible` whose landmarks the robot knows the place of.
+    def located(self, pairs: Pairs, covs: Float, vagueness: float, recent: Marks) -> Pairs:
+        """Return the pairs whose landmarks have a known place relative to the robot.
 
-        See `kernels.individual_compatibility.find_located`. Returns how many these are.
+        See `kernels.individual_compatibility.find_located`.
         """
-        cov = self._map.belief.cov
-        return keep_pairs(self._pairs, find_located(cov, self._covs, self._pairs, count, vagueness, recent))
+        return keep_pairs(pairs, find_located(self._cov, covs, pairs, vagueness, recent))
 
-    def jointly_compatible(self, count: int, gate: float, quantiles: Float, node_limit: int) -> Int:
-        """Slots (m,) of the best joint association of the first `count` pairs of `compatible`, -1 for none.
+    def jointly_compatible(self, pairs: Pairs, covs: Float, gate: float, quantiles: Float, node_limit: int) -> Int:
+        """Return the slots (m,) of the best joint association, -1 for none.
 
-        Args:
-            count: how many pairs.
-            gate: see `kernels.joint_compatibility.search_jointly`, also for the others.
-            quantiles: (m + 1,).
-            node_limit: pairs to try.
+        See `kernels.joint_compatibility.search_jointly`.
         """
-        best = np.empty(len(self._covs), dtype=np.int64)
-        search_jointly(self._map.belief.cov, self._covs, self._pairs, count, gate, quantiles, node_limit, best)
-        return best
+        return search_jointly(self._cov, covs, pairs, gate, quantiles, node_limit)[0]
 
-    def ambiguous(self, count: int, gate: float, margin: float, node_limit: int, slots: Int) -> Marks:
-        """Which observations (m,) of `compatible` another association than `slots` (m,) explains nearly as well.
+    def ambiguous(self, pairs: Pairs, covs: Float, slots: Int, limits: Limits) -> Marks:
+        """Mark the observations (m,) that another association than `slots` (m,) explains nearly as well.
 
         See `kernels.joint_compatibility.mark_ambiguous`.
         """
-        marks = np.zeros(len(slots), dtype=np.bool_)
-        mark_ambiguous(self._map.belief.cov, self._covs, self._pairs, count, gate, margin, node_limit, slots, marks)
-        return marks
+        return mark_ambiguous(self._cov, covs, pairs, slots, limits)[0]
+
+    @property
+    def _cov(self) -> Float:
+        return self._map.state.belief.cov
 
 
 def update_nearest(
@@ -89,38 +84,35 @@ def update_nearest(
         Slots (m,), -1 for none; the NIS and its degrees of freedom.
 
     Raises:
-        UserError: the rule has no such form, or there is no update.
+        UserError: the rule has no such form, or no update exists.
     """
-    form, count = sequential_of(landmarks.rule), len(values)
-    landmarks.reserve(landmarks.unsettled.size + 2 * count)
-    work = landmarks.room_for(count)
-    landmarks.load(values, covs)
-    is_one_block = count <= landmarks.rule.block  # of which P is settled at the end
+    state, correction = landmarks.state, landmarks.correction
+    form, count, before = sequential_of(correction.rule), len(values), state.size
+    state.reserve(before + 2 * count)
+    work = correction.loaded(values, covs)
+    is_one_block = count <= correction.rule.block  # P then changes at the end only
     certain = is_one_block and is_addition_certain(landmarks)
-    with undone_if_refused(landmarks, covariance=not certain):
-        nis, informative, size = update_one_by_one(landmarks.code, landmarks.belief, count, gates, form, work)
-        variances = np.diagonal(landmarks.belief.cov)[:size]
-        if not (np.isfinite(nis) and np.isfinite(variances).all()):
-            raise explain_scan(landmarks.sensor, values, covs, nis, variances)
-    added = (size - landmarks.unsettled.size) // 2
-    landmarks.resize(size)
+    with transaction(landmarks, covariance=not certain):
+        update = update_sequentially(correction.code, state.belief, count, gates, form, work)
+        variances = np.diagonal(state.belief.cov)[: update.size]
+        if not (np.isfinite(update.nis) and np.isfinite(variances).all()):
+            raise explain_scan(correction.sensor, values, covs, update.nis, variances)
+    added = (update.size - before) // 2
+    state.resize(update.size)
     if added:
-        landmarks.name(np.concatenate([landmarks.ids, ids.take(added)]))
-    return work.slots[:count].copy(), nis, informative
+        state.set_ids(np.concatenate([state.ids, ids.take(added)]))
+    return update.slots, update.nis, update.dof
 
 
 def innovations(landmarks: LandmarkMap, slots: Int, values: Float, covs: Float) -> tuple[Float, Float]:
-    """Innovations (m, d) of observations of the landmarks in `slots` (m,), and each one's covariance (m, d, d)."""
+    """Return innovations (m, d) of observations of the landmarks in `slots` (m,), and their covariances (m, d, d)."""
     count, first = len(slots), 2 - values.shape[1]
-    work = landmarks.room_for(count)
-    work.slots[:count] = slots
-    landmarks.load(values, covs)
-    S = np.empty((count, 2, 2))
-    describe(landmarks.code, landmarks.unsettled, count, work, S)
-    return work.innovation[: 2 * count].reshape(count, 2)[:, first:].copy(), S[:, first:, first:]
+    belief = landmarks.state.belief_with_deferred
+    innovation, S = innovations_of(landmarks.correction.code, belief, slots, *two_rows(values, covs))
+    return innovation.reshape(count, 2)[:, first:], S[:, first:, first:]
 
 
 def are_within(landmarks: LandmarkMap, slots: Int, values: Float, covs: Float, gate: float) -> Marks:
-    """Which observations (m, d) of the landmarks in `slots` (m,) have a squared Mahalanobis distance up to `gate`."""
+    """Return which observations (m, d) of landmarks in `slots` (m,) have a squared distance up to `gate`."""
     v, S = innovations(landmarks, slots, values, covs)
     return np.einsum("mi,mi->m", v, np.linalg.solve(S, v[:, :, None])[:, :, 0]) <= gate

@@ -11,6 +11,7 @@ from slamgauge.arrays import Int, Marks
 from slamgauge.ekf.maps.duplicate_landmarks import Matchings, find_matchings
 from slamgauge.ekf.maps.landmark_ids import GONE, Ids, followed
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.map_edits import find_duplicates, merge_landmarks, remove_landmark
 from slamgauge.ekf.maps.scan_clock import ScanClock
 from slamgauge.ekf.settings.association import MapManagement
 
@@ -42,7 +43,7 @@ class Tracks:
     @property
     def ids(self) -> Int:
         """(L,) of the track in each slot."""
-        return self._map.ids
+        return self._map.state.ids
 
     @property
     def confirmed(self) -> Marks:
@@ -68,7 +69,7 @@ class Tracks:
         overdue = (self.clock.scan - self._birth >= self._management.probation) & ~self.confirmed
         for slot in np.flatnonzero(overdue)[::-1].tolist():  # from the end: removal moves the last
             self._end(slot, GONE)
-            self._map.remove(slot)
+            remove_landmark(self._map, slot)
         self._join(associated, self._management)
 
     def _begin(self) -> None:
@@ -93,7 +94,7 @@ class Tracks:
             seen = np.isin(self.ids, followed(np.append(self._fate, GONE))[associated])
             # tracks on probation are no landmarks to join with, nor are two of the scan one
             apart = self._apart[seen] | ~self.confirmed | seen
-            pairs = self._map.find_duplicates(np.flatnonzero(seen), apart, management.merge_gate)
+            pairs = find_duplicates(self._map, np.flatnonzero(seen), apart, management.merge_gate)
             if not len(pairs):
                 self.matchings = None
                 return
@@ -111,10 +112,10 @@ class Tracks:
         self._apart[kept] |= self._apart[gone]
         self._apart[:, kept] |= self._apart[:, gone]
         self._end(gone, int(self.ids[kept]))
-        self._map.merge(kept, gone)
+        merge_landmarks(self._map, kept, gone)
 
     def _end(self, slot: int, fate: int) -> None:
-        """The track in `slot` ends; the last one takes its slot, as in `LandmarkMap.remove`."""
+        """The track in `slot` ends; the last one takes its slot, as in `map_edits.remove_landmark`."""
         self._fate[self.ids[slot]] = fate
         for array in (self._sights, self._birth, self._last):
             array[slot] = array[-1]

@@ -1,4 +1,4 @@
-"""Nothing or all: what a refused update has begun is undone."""
+"""A transaction: the map is restored if an update in several parts is refused."""
 
 from __future__ import annotations
 
@@ -10,27 +10,29 @@ from slamgauge.ekf.maps.landmark_map import LandmarkMap
 
 
 def is_addition_certain(landmarks: LandmarkMap) -> bool:
-    """Whether landmarks that sound observations add have finite covariances, so that adding them is never refused."""
-    return landmarks.variances.max() < LARGEST**2
+    """Return whether landmarks of sound observations have finite covariances, so that adding them is never refused."""
+    return landmarks.state.variances.max() < LARGEST**2
 
 
 @contextmanager
-def undone_if_refused(landmarks: LandmarkMap, *, covariance: bool = True) -> Generator[None]:
-    """Leave the belief and the map as they were if what is done to them within raises.
+def transaction(landmarks: LandmarkMap, *, covariance: bool = True) -> Generator[None]:
+    """Restore the map if the body of the `with` statement raises.
 
     Args:
         landmarks: the map.
-        covariance: whether P may have changed by then; to keep a copy costs time on large maps.
+        covariance: whether P may change before an error; a copy of P costs time on large maps.
     """
-    belief, ids, size = landmarks.belief, landmarks.ids, landmarks.belief.size
+    state = landmarks.state
+    belief, ids = state.belief, state.ids
+    size = belief.size
     kept = size if covariance else 0
-    state, point, cov = belief.state[:size].copy(), belief.point[:size].copy(), belief.cov[:kept, :kept].copy()
+    entries, point, cov = belief.state[:size].copy(), belief.point[:size].copy(), belief.cov[:kept, :kept].copy()
     points = belief.points.copy()
     try:
         yield
     except BaseException:
-        belief.state[:size], belief.point[:size], belief.cov[:kept, :kept] = state, point, cov
+        belief.state[:size], belief.point[:size], belief.cov[:kept, :kept] = entries, point, cov
         belief.points[:] = points
-        landmarks.belief = belief
-        landmarks.name(ids)
+        state.belief = belief
+        state.set_ids(ids)
         raise

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once, compile_sights_once
+from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_numpy_filters_once, compile_once
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -93,7 +93,7 @@ def compiled_kernels() -> None:
     """The benchmarks may run at the same time, and would each compile them."""
     compile_once()
     compile_association_once()
-    compile_sights_once()
+    compile_numpy_filters_once()
     compile_graphs_once()
 
 

@@ -17,7 +17,7 @@ from textbook_association import (
 from slamgauge.arrays import Int
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
-from slamgauge.ekf import ekf_slam, fej_ekf, iekf, oc_ekf, riekf
+from slamgauge.ekf import FilterSettings, ekf_slam, fej_ekf, iekf, oc_ekf, riekf
 from slamgauge.ekf.associating_filter import AssociatingFilter
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.kernels.individual_compatibility import NONE
@@ -175,7 +175,9 @@ def test_ids_are_never_looked_at_and_runs_repeat(estimator: Estimator, associati
     _, recording = random_recording(4, steps=40)
     assert recording.landmark is not None
     mixed = replace(recording, landmark=np.random.default_rng(4).permutation(recording.landmark))
-    first, *others = (estimator(replace(r, landmark=None), association) for r in (recording, mixed, recording))
+    first, *others = (
+        estimator(replace(r, landmark=None), FilterSettings(association)) for r in (recording, mixed, recording)
+    )
     for other in others:
         for name in ("association", "poses", "pose_covs", "landmark_ids", "landmarks", "landmark_covs", "nis"):
             np.testing.assert_array_equal(getattr(other, name), getattr(first, name))
@@ -183,7 +185,9 @@ def test_ids_are_never_looked_at_and_runs_repeat(estimator: Estimator, associati
     named = AssociatingFilter(recording.sensor, recording.prior_mean, recording.prior_cov, "standard", association)
     for _ in drive(named, mixed):
         pass
-    np.testing.assert_array_equal(named.landmarks, ekf_slam(replace(recording, landmark=None), association).landmarks)
+    np.testing.assert_array_equal(
+        named.landmarks, ekf_slam(replace(recording, landmark=None), FilterSettings(association)).landmarks
+    )
 
 
 @pytest.mark.parametrize("association", [Association(), Association("jcbb"), MANAGED], ids=["nn", "jcbb", "managed"])
@@ -199,7 +203,7 @@ def test_the_online_filter_tells_what_each_observation_was_given_and_what_became
         assert np.isin(slam.standing(np.concatenate(given)), [*slam.landmark_ids.tolist(), NONE]).all()
     slam.predict(np.zeros(3), np.zeros((3, 3)))
     assert len(slam.associated) == 0
-    estimate = ekf_slam(recording, association)
+    estimate = ekf_slam(recording, FilterSettings(association))
     np.testing.assert_array_equal(slam.standing(np.concatenate(given)), ids_of(estimate))
     np.testing.assert_array_equal(slam.landmark_ids, estimate.landmark_ids)
     if association.map_management is None:  # every id stands, and all tracks are landmarks

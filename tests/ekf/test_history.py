@@ -9,7 +9,17 @@ import pytest
 from random_recordings import random_recording
 
 from slamgauge import load_scenario, simulate
-from slamgauge.ekf import Association, BearingFilter, Delayed, InverseDepth, MapManagement, Rays, ekf_slam, riekf
+from slamgauge.ekf import (
+    Association,
+    BearingFilter,
+    Delayed,
+    FilterSettings,
+    InverseDepth,
+    MapManagement,
+    Rays,
+    ekf_slam,
+    riekf,
+)
 from slamgauge.ekf.bearings.ray_recorder import RayRecorder
 from slamgauge.ekf.bearings.rays import distances_and_sigmas
 from slamgauge.ekf.estimators import drive
@@ -44,7 +54,7 @@ def rays_of(estimate: Estimate) -> RayLog:
 @pytest.mark.parametrize(("steps", "frames"), [(40, 5), (40, 2), (40, 41), (40, 1000), (41, 5), (7, 6), (40, 1)])
 def test_frames_are_spread_evenly_from_first_to_last(steps: int, frames: int) -> None:
     _, recording = random_recording(0, steps=steps)
-    kept = np.unique(history_of(ekf_slam(recording, frames=frames)).step)
+    kept = np.unique(history_of(ekf_slam(recording, FilterSettings(frames=frames))).step)
     assert len(kept) == min(frames, steps + 1)
     assert kept[0] == 0
     assert frames == 1 or kept[-1] == steps
@@ -64,12 +74,12 @@ def test_a_frame_is_never_lost_to_rounding(steps: int) -> None:
 def test_without_frames_nothing_is_kept(bearing: bool) -> None:
     recording = ring() if bearing else random_recording(0)[1]
     assert ekf_slam(recording).history is None
-    assert ekf_slam(recording, frames=0).history is None
+    assert ekf_slam(recording, FilterSettings(frames=0)).history is None
 
 
 def test_frames_change_nothing_else() -> None:
     recording = ring()
-    with_frames, without = ekf_slam(recording, frames=20), ekf_slam(recording)
+    with_frames, without = ekf_slam(recording, FilterSettings(frames=20)), ekf_slam(recording)
     np.testing.assert_array_equal(with_frames.poses, without.poses)
     np.testing.assert_array_equal(with_frames.landmarks, without.landmarks)
 
@@ -77,7 +87,7 @@ def test_frames_change_nothing_else() -> None:
 def test_a_map_without_landmarks_has_no_rows() -> None:
     _, recording = random_recording(0, steps=10)
     nothing = recording.only(np.zeros(len(recording.observation), dtype=bool))
-    assert len(history_of(ekf_slam(nothing, frames=5)).step) == 0
+    assert len(history_of(ekf_slam(nothing, FilterSettings(frames=5))).step) == 0
 
 
 # --- maps ----------------------------------------------------------------------------------------
@@ -88,7 +98,7 @@ def test_points_are_the_map_at_that_step(known: bool) -> None:
     """That of a filter which saw the recording up to there, and at the end the estimate's own."""
     _, recording = random_recording(1, steps=30)
     recording = recording if known else replace(recording, landmark=None)
-    estimate = ekf_slam(recording, frames=4)
+    estimate = ekf_slam(recording, FilterSettings(frames=4))
     history = history_of(estimate)
     assert np.unique(history.step).tolist() == [0, 10, 20, 30]
     assert (history.member == POINT).all()
@@ -104,7 +114,7 @@ def test_points_are_the_map_at_that_step(known: bool) -> None:
 def test_members_are_those_of_the_filter_at_that_step(initialisation: Initialisation) -> None:
     """A ray's weights add up to one; its heaviest member, and every point, is what the filter reports."""
     recording = ring()
-    history = history_of(riekf(recording, initialisation=initialisation, frames=recording.steps + 1))
+    history = history_of(riekf(recording, FilterSettings(initialisation=initialisation, frames=recording.steps + 1)))
     slam = BearingFilter(recording.prior_mean, recording.prior_cov, "right-invariant", initialisation)
     rays, points = 0, 0
     for step, _ in enumerate(drive(slam, recording)):
@@ -146,7 +156,7 @@ def test_the_log_tells_the_same_as_the_maps(
         association = Association()
     else:
         recording = replace(recording, landmark=None)
-    estimate = ekf_slam(recording, association, initialisation, frames=recording.steps + 1)
+    estimate = ekf_slam(recording, FilterSettings(association, initialisation, recording.steps + 1))
     log, history = rays_of(estimate), history_of(estimate)
     counted = [((history.step == step) & (history.member >= 0)).sum() for step in range(recording.steps + 1)]
     np.testing.assert_array_equal(log.members, counted)
@@ -176,7 +186,7 @@ def test_the_log_tells_the_same_as_the_maps(
 
 
 def test_without_rays_there_is_no_log() -> None:
-    assert ekf_slam(ring(), initialisation=Delayed()).rays is None
+    assert ekf_slam(ring(), FilterSettings(initialisation=Delayed())).rays is None
     assert ekf_slam(random_recording(0)[1]).rays is None
 
 

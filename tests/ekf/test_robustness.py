@@ -27,12 +27,14 @@ from slamgauge.ekf import (
     AssociatingFilter,
     Association,
     CompressedFilter,
+    FilterSettings,
     Robustness,
     SlamFilter,
     ekf_slam,
     riekf,
 )
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.map_edits import replace_map
 from slamgauge.ekf.maps.matching import innovations
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
@@ -57,7 +59,7 @@ def test_student_weights_are_the_textbooks(
 ) -> None:
     _, recording = random_recording(seed, sensor=sensor, steps=60)
     recording = with_outliers(recording)
-    actual, expected = ours(recording, robust=STUDENT), textbook(recording, 2.5)
+    actual, expected = ours(recording, FilterSettings(robust=STUDENT)), textbook(recording, 2.5)
     for name in ("poses", "pose_covs", "landmarks", "landmark_covs", "nis"):
         np.testing.assert_allclose(getattr(actual, name), getattr(expected, name), rtol=1e-8, atol=1e-9, err_msg=name)
     assert np.abs(actual.poses - ours(recording).poses).max() > 1e-3
@@ -72,16 +74,16 @@ def test_the_weight_of_a_single_observation_is_that_of_its_distance(sensor: str)
     for shift in (0.0, 0.4, 3.0):
         maps = [LandmarkMap(sensor, np.zeros(3), cov[:3, :3], "standard", 4, tails) for tails in (math.inf, 2.0)]
         for each in maps:
-            each.replace(np.array([5]), np.array([[2.9, 0.8]]), cov)
+            replace_map(each, np.array([5]), np.array([[2.9, 0.8]]), cov)
         value = np.array([full]) + shift
         v, S = innovations(maps[0], np.zeros(1, np.int64), value, noise)
         distance = float(v[0] @ np.linalg.inv(S[0]) @ v[0])
         weight = min(1.0, (2.0 + len(full)) / (2.0 + distance))
         assert (weight < 1.0) == (shift == 3.0 or (shift > 0.0 and len(full) == 2))
-        maps[0].correct(np.zeros(1, np.int64), value, noise / weight)
-        maps[1].correct(np.zeros(1, np.int64), value, noise)
-        np.testing.assert_allclose(maps[1].pose, maps[0].pose, atol=1e-12)
-        np.testing.assert_allclose(maps[1].cov, maps[0].cov, atol=1e-12)
+        maps[0].correction.update(np.zeros(1, np.int64), value, noise / weight)
+        maps[1].correction.update(np.zeros(1, np.int64), value, noise)
+        np.testing.assert_allclose(maps[1].state.pose, maps[0].state.pose, atol=1e-12)
+        np.testing.assert_allclose(maps[1].state.cov, maps[0].state.cov, atol=1e-12)
 
 
 @pytest.mark.parametrize("correction", ["standard", "iterated", "right-invariant"])
@@ -125,7 +127,7 @@ def test_the_filter_for_large_maps_does_the_same(robust: Robustness) -> None:
 def test_the_gate_is_that_of_the_update() -> None:
     _, recording = random_recording(2, steps=30)
     recording = with_outliers(recording)
-    chosen = ekf_slam(recording, robust=Robustness("gate", gate=6.0))
+    chosen = ekf_slam(recording, FilterSettings(robust=Robustness("gate", gate=6.0)))
     slam = SlamFilter("range-bearing", recording.prior_mean, recording.prior_cov)
     for step, scan in enumerate(recording.scans()):
         if step:
@@ -163,7 +165,7 @@ def judged(rate: float, robust: Robustness) -> tuple[float, float]:
     """Mean NEES/3 from the 11th step on, and mean ATE [m], of the right-invariant filter."""
     nees, ates = np.empty(RUNS), np.empty(RUNS)
     for run, (truth, recording) in enumerate(recorded(rate)):
-        estimate = riekf(recording, robust=robust)
+        estimate = riekf(recording, FilterSettings(robust=robust))
         assert truth.poses is not None
         assert estimate.pose_covs is not None
         errors: Float = pose_errors(truth.poses, estimate.poses)

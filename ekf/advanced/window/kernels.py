@@ -45,13 +45,20 @@ class Prior(NamedTuple):
     at: Float  # (n,) where the errors are zero
 
 
-class Sights(NamedTuple):
-    """Observations, by the pose that made them: those of pose i are first[i] to first[i + 1]."""
+class Observed(NamedTuple):
+    """Observations of landmarks."""
 
-    first: Int
+    sensor: int  # its code in `slamgauge.sensors.SENSORS`
     slot: Int  # (m,) landmark, -1 while it has no place
     value: Float  # (m, 2)
-    root: Float  # (m, 2, 2) upper, root'root is the inverse covariance; of a bearing alone the first row is zero
+    root: Float  # (m, 2, 2) upper, root'root is the inverse covariance; the first row is zero for bearing-only sensors
+
+
+class ObservedByPose(NamedTuple):
+    """Observations of several poses: those of pose i are rows first[i] to first[i + 1]."""
+
+    first: Int  # (poses + 1,)
+    rows: Observed
 
 
 class Window(NamedTuple):
@@ -64,13 +71,12 @@ class Window(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """All that the window is about."""
+    """Measurements and unknowns of a window."""
 
-    sensor: int  # its code in `slamgauge.sensors.SENSORS`
     prior: Prior
     window: Window
-    sights: Sights  # of the window's poses
-    kept: Sights  # of the poses that are kept
+    observed: ObservedByPose  # of the window's poses
+    kept: ObservedByPose  # of the poses that are kept
     rest: Float  # (n-3,) landmarks (L, 2), then poses that are kept (K, 3)
     landmarks: int  # L
 
@@ -130,11 +136,19 @@ def heading_lever(pose: Float, rest: Float, landmarks: int, lever: Float) -> Non
 
 
 @kernel
-def sight_error(sensor: int, pose: Float, landmark: Float, value: Float, root: Float, r: Float, H: Float) -> None:
-    """Leave the residual r (2,) of an observation, in standard deviations, and its Jacobian H (2, 5).
+def observations_of(observed: ObservedByPose, pose: int) -> Observed:
+    """Return the observations of one pose, as views."""
+    rows, part = observed.rows, slice(observed.first[pose], observed.first[pose + 1])
+    return Observed(rows.sensor, rows.slot[part], rows.value[part], rows.root[part])
 
-    By x, y and heading of the pose, and x and y of the landmark: r + H d is what a step d leaves.
+
+@kernel
+def observation_error(observed: Observed, row: int, pose: Float, landmark: Float, r: Float, H: Float) -> None:
+    """Set the residual r (2,) of an observation, in standard deviations, and its Jacobian H (2, 5).
+
+    The columns of H are x, y and heading of the pose, and x and y of the landmark: a step d changes r to r + H d.
     """
+    sensor, value, root = observed.sensor, observed.value[row], observed.root[row]
     c, s = math.cos(pose[2]), math.sin(pose[2])
     east, north = landmark[0] - pose[0], landmark[1] - pose[1]
     dx, dy = c * east + s * north, c * north - s * east
@@ -155,8 +169,8 @@ def sight_error(sensor: int, pose: Float, landmark: Float, value: Float, root: F
 
 @kernel
 def cost(problem: Problem) -> float:
-    """Twice the cost of where the window stands, but for a constant."""
-    sensor, prior, window, sights, kept, rest, landmarks = problem
+    """Return twice the cost of the window, up to a constant."""
+    prior, window, observed, kept, rest, landmarks = problem
     size = ROBOT + len(rest)
     error = np.empty(size)
     prior_error(prior, window.pose[0], rest, landmarks, error)
@@ -170,21 +184,21 @@ def cost(problem: Problem) -> float:
     for i in range(len(window.pose)):
         if i > 0:
             total += spent(window, i)
-        for row in range(sights.first[i], sights.first[i + 1]):
-            total += _squared(sensor, window.pose[i], rest, sights, row, r, H)
+        for row in range(observed.first[i], observed.first[i + 1]):
+            total += _squared(observed.rows, row, window.pose[i], rest, r, H)
     for j in range(len(kept.first) - 1):
         for row in range(kept.first[j], kept.first[j + 1]):
-            total += _squared(sensor, rest[2 * landmarks + 3 * j :], rest, kept, row, r, H)
+            total += _squared(kept.rows, row, rest[2 * landmarks + 3 * j :], rest, r, H)
     return total
 
 
 @inner
-def _squared(sensor: int, pose: Float, rest: Float, sights: Sights, row: int, r: Float, H: Float) -> float:
-    """The squared residual of an observation; none of a landmark without a place."""
-    slot = sights.slot[row]
+def _squared(observed: Observed, row: int, pose: Float, rest: Float, r: Float, H: Float) -> float:
+    """Return the squared residual of an observation; 0 if the landmark has no place."""
+    slot = observed.slot[row]
     if slot < 0:
         return 0.0
-    sight_error(sensor, pose, rest[2 * slot : 2 * slot + 2], sights.value[row], sights.root[row], r, H)
+    observation_error(observed, row, pose, rest[2 * slot : 2 * slot + 2], r, H)
     return r[0] * r[0] + r[1] * r[1]
 
 
@@ -232,16 +246,14 @@ def rebase(prior: Prior, pose: Float, rest: Float, landmarks: int) -> None:
 
 
 @kernel
-def add_sights(
-    sensor: int, pose: Float, first: int, rest: Float, sights: Sights, owner: int, A: Float, b: Float
-) -> None:
-    """Add to A and b what pose number `owner` of `sights` has seen; its entries begin at `first`."""
+def add_observations(observed: Observed, pose: Float, first: int, rest: Float, A: Float, b: Float) -> None:
+    """Add to A and b the observations of a pose whose entries begin at `first`."""
     r, H = np.empty(2), np.empty((2, 5))
-    for row in range(sights.first[owner], sights.first[owner + 1]):
-        slot = sights.slot[row]
+    for row in range(len(observed.slot)):
+        slot = observed.slot[row]
         if slot < 0:
             continue
-        sight_error(sensor, pose, rest[2 * slot : 2 * slot + 2], sights.value[row], sights.root[row], r, H)
+        observation_error(observed, row, pose, rest[2 * slot : 2 * slot + 2], r, H)
         place = ROBOT + 2 * slot
         for p in range(5):
             i = first + p if p < 3 else place + p - 3
@@ -254,11 +266,11 @@ def add_sights(
 
 @kernel
 def add_kept(problem: Problem, A: Float, b: Float) -> None:
-    """Add what kept poses have seen of landmarks that have got a place since."""
+    """Add the observations of kept poses, of landmarks that have a place by now."""
     kept, rest, landmarks = problem.kept, problem.rest, problem.landmarks
     for j in range(len(kept.first) - 1):
         place = 2 * landmarks + 3 * j
-        add_sights(problem.sensor, rest[place : place + 3], ROBOT + place, rest, kept, j, A, b)
+        add_observations(observations_of(kept, j), rest[place : place + 3], ROBOT + place, rest, A, b)
 
 
 @kernel
@@ -355,14 +367,14 @@ def sweep(problem: Problem, A: Float, b: Float, work: Pass) -> float:
     Returns by how much twice the cost falls by the noise that is eliminated on the way, and so without a step of what
     is left.
     """
-    sensor, prior, window, sights, _, rest, landmarks = problem
+    prior, window, observed, _, rest, landmarks = problem
     size = ROBOT + len(rest)
     add_prior(prior, window.pose[0], rest, landmarks, A, b)
     add_kept(problem, A, b)
     for i in range(len(window.pose)):
         if i > 0:
             move_on(window, i, size, A, b, work)
-        add_sights(sensor, window.pose[i], 0, rest, sights, i, A, b)
+        add_observations(observations_of(observed, i), window.pose[i], 0, rest, A, b)
     fallen = 0.0
     for i in range(1, len(window.pose)):
         noise, pull, Z = noise_at(window, i), work.pull[i], work.root[i]
@@ -449,7 +461,7 @@ def add_first(problem: Problem, A: Float, b: Float) -> None:
     """Set A (upper triangle) and b to what prior and its own scan say of steps of the first pose and the rest."""
     pose = problem.window.pose[0]
     add_prior(problem.prior, pose, problem.rest, problem.landmarks, A, b)
-    add_sights(problem.sensor, pose, 0, problem.rest, problem.sights, 0, A, b)
+    add_observations(observations_of(problem.observed, 0), pose, 0, problem.rest, A, b)
 
 
 @kernel

@@ -67,7 +67,8 @@ def without_kept(problem: passes.Problem, which: int) -> tuple[passes.Prior, Flo
     A, b = np.zeros((size, size)), np.zeros(size)
     passes.add_prior(problem.prior, pose, problem.rest, problem.landmarks, A, b)
     kept = problem.rest[first : first + 3]
-    passes.add_sights(problem.sensor, kept, ROBOT + first, problem.rest, problem.kept, which, A, b)
+    observed = passes.observations_of(problem.kept, which)
+    passes.add_observations(observed, kept, ROBOT + first, problem.rest, A, b)
     A, gone = symmetric(A), ROBOT + first + np.arange(3)
     stay = np.delete(np.arange(size), gone)
     answer = np.linalg.solve(A[np.ix_(gone, gone)], np.column_stack([A[np.ix_(gone, stay)], b[gone]]))

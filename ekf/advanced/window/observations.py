@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.advanced.window.kernels import Sights
+from slamgauge.ekf.advanced.window.kernels import Observed, ObservedByPose
 from slamgauge.sensor_kernels import DIM
 from slamgauge.triangulation import triangulate
 
@@ -21,7 +21,7 @@ class Scan(NamedTuple):
 
     number: Int  # (m,)
     value: Float  # (m, 2)
-    root: Float  # (m, 2, 2), see `advanced.window.kernels.Sights`
+    root: Float  # (m, 2, 2), see `advanced.window.kernels.Observed`
 
     def rows(self, which: Int) -> Scan:
         """Some of it."""
@@ -54,11 +54,11 @@ def joined(scans: list[Scan]) -> Scan:
     return Scan(np.concatenate(numbers), np.concatenate(values), np.concatenate(roots))
 
 
-def sights_of(scans: list[Scan], slot_of: Int) -> Sights:
-    """The scans of several poses as kernels take them; `slot_of` (landmarks,) by number."""
+def observed_by_pose(sensor: int, scans: list[Scan], slot_of: Int) -> ObservedByPose:
+    """Return the scans of several poses as kernels read them; `slot_of` (landmarks,) contains slots by number."""
     together = joined(scans)
     first = np.cumsum([0, *(len(each.number) for each in scans)])
-    return Sights(first, slot_of[together.number], together.value, together.root)
+    return ObservedByPose(first, Observed(sensor, slot_of[together.number], together.value, together.root))
 
 
 class Bearings(NamedTuple):

@@ -17,7 +17,7 @@ from slamgauge.compare.figures.animation_scene import Scene
 from slamgauge.compare.figures.run_figures import plot_errors, plot_run, save_figure
 from slamgauge.compare.figures.world_axes import label_plane, label_time, round_origin
 from slamgauge.compare.storage.results_folder import Results
-from slamgauge.ekf import Rays, riekf
+from slamgauge.ekf import FilterSettings, Rays, riekf
 from slamgauge.recording import Recording
 
 FAR = np.array([500_000.0, 4_600_000.0, 0.0])  # [m]: UTM coordinates of southern Europe
@@ -109,7 +109,7 @@ def test_animations_and_rays_far_away_are_labelled_alike(tmp_path: Path, monkeyp
         observation=recording.observation[:, 1:],
         observation_cov=recording.observation_cov[:, 1:, 1:],
     )
-    estimate = riekf(bearings, initialisation=Rays(), frames=20)
+    estimate = riekf(bearings, FilterSettings(initialisation=Rays(), frames=20))
     seen: list[Axes] = []
 
     def labelled(ax: Axes, **which: bool) -> None:

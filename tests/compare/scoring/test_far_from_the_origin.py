@@ -14,7 +14,7 @@ from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.compare.scoring.trajectory_error import aligned_errors
 from slamgauge.compare.studies.study_run import near_and_far, step_series
-from slamgauge.ekf import Delayed, Rays, ekf_slam, riekf
+from slamgauge.ekf import Delayed, FilterSettings, ekf_slam, riekf
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation
@@ -61,8 +61,7 @@ def test_scores_of_a_run_are_those_of_the_same_run_far_away(name: str) -> None:
     truth, recording = simulate(load_scenario(name, ["start=sampled"]), 0)
     assert truth.association is not None
     told = recording.associated(truth.association)
-    options: dict[str, Any] = {"initialisation": Rays()} if name.startswith("q4") else {}
-    estimate, optimum = ekf_slam(told, **options), riekf(told, **options)  # any will do for an optimum here
+    estimate, optimum = ekf_slam(told), riekf(told)  # any will do for an optimum here
     smoothed = replace(optimum, kind="smoothed", nis=None, nis_dof=None)
     near = evaluate(truth, recording, estimate, optimum, smoothed)
     moved = far_run(truth, recording)
@@ -74,13 +73,13 @@ def test_scores_of_a_run_are_those_of_the_same_run_far_away(name: str) -> None:
     np.testing.assert_allclose(*series, rtol=SAME, atol=1e-8)
 
 
-@pytest.mark.parametrize("options", [{}, {"initialisation": Delayed()}])
-def test_a_filters_run_far_away_has_the_scores_of_the_near_one(options: dict[str, Any]) -> None:
-    name = "q4-ring" if options else "q1-short-dense"
+@pytest.mark.parametrize("settings", [FilterSettings(), FilterSettings(initialisation=Delayed())])
+def test_a_filters_run_far_away_has_the_scores_of_the_near_one(settings: FilterSettings) -> None:
+    name = "q4-ring" if isinstance(settings.initialisation, Delayed) else "q1-short-dense"
     truth, recording = simulate(load_scenario(name, ["start=sampled", "trajectory.duration=12"]), 0)
-    near = evaluate(truth, recording, riekf(recording, **options))
+    near = evaluate(truth, recording, riekf(recording, settings))
     moved = far_run(truth, recording)
-    assert_same(evaluate(*moved, riekf(moved[1], **options)).to_json(), near.to_json())
+    assert_same(evaluate(*moved, riekf(moved[1], settings)).to_json(), near.to_json())
 
 
 def test_what_is_left_when_paths_are_aligned_keeps_its_digits() -> None:

@@ -8,13 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from slamgauge.ekf import CompressedFilter, SlamFilter, estimators, riekf
+from slamgauge.ekf import CompressedFilter, FilterSettings, SlamFilter, estimators, riekf
 from slamgauge.ekf.advanced.area_radius import area_that_pays, work
 from slamgauge.ekf.estimators import drive, online_filter
 from slamgauge.ekf.maps.correction_table import CORRECTIONS, Correction
-from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR
-from slamgauge.ekf.settings.initialisation import Rays
-from slamgauge.ekf.settings.robustness import PLAIN
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimator
 from slamgauge.graph_baseline import batch, causal
@@ -55,7 +52,7 @@ def along_a_road(landmarks: int, near: float, stride: float) -> Recording:
 
 
 def chosen(recording: Recording, correction: str = "ekf") -> type:
-    return type(online_filter(recording, CORRECTIONS[correction], NEAREST_NEIGHBOUR, Rays(), PLAIN))
+    return type(online_filter(recording, CORRECTIONS[correction], FilterSettings()))
 
 
 @pytest.mark.parametrize("name", ["ekf", "riekf"])
@@ -107,7 +104,8 @@ def beyond_the_covariance(landmarks: int) -> float:
     """Bytes that the compressed filter allocates at its most, on a road, without its covariance."""
     recording = along_a_road(landmarks, 3.0, 0.5)
     tracemalloc.start()
-    slam = CompressedFilter("range-bearing", recording.prior_mean, recording.prior_cov, 4.5, landmarks=landmarks)
+    slam = CompressedFilter("range-bearing", recording.prior_mean, recording.prior_cov, 4.5)
+    slam.reserve(landmarks)
     for _ in drive(slam, recording):
         pass
     assert slam.landmark_covs.shape == (landmarks, 2, 2)

@@ -34,13 +34,15 @@ def test_a_sights_residual(sensor: int, heading: float, distance: float, bearing
     landmark = pose[:2] + rotation(heading) @ (distance * np.array([math.cos(bearing), math.sin(bearing)]))
     value = landmark - pose[:2] if sensor == POSITION else np.array([distance + 0.1, bearing - 0.05])
 
+    observed = passes.Observed(sensor, np.zeros(1, np.int64), value[None], root_of(sensor)[None])
+
     def residual(at: Float) -> Float:
         r = np.zeros(2)
-        passes.sight_error(sensor, at[:3], at[3:], value, root_of(sensor), r, np.zeros((2, 5)))
+        passes.observation_error(observed, 0, at[:3], at[3:], r, np.zeros((2, 5)))
         return r
 
     r, H = np.zeros(2), np.zeros((2, 5))
-    passes.sight_error(sensor, pose, landmark, value, root_of(sensor), r, H)
+    passes.observation_error(observed, 0, pose, landmark, r, H)
     step = 1e-3 * np.minimum(distance, 1.0)
     scale = max(1.0, 1.0 / distance)
     at = np.concatenate([pose, landmark])
@@ -50,7 +52,8 @@ def test_a_sights_residual(sensor: int, heading: float, distance: float, bearing
 @SENSORS
 def test_what_is_too_close_says_nothing_of_its_bearing(sensor: int) -> None:
     r, H = np.zeros(2), np.zeros((2, 5))
-    passes.sight_error(sensor, np.zeros(3), np.zeros(2), np.array([0.5, 1.0]), np.eye(2), r, H)
+    observed = passes.Observed(sensor, np.zeros(1, np.int64), np.array([[0.5, 1.0]]), np.eye(2)[None])
+    passes.observation_error(observed, 0, np.zeros(3), np.zeros(2), r, H)
     if sensor == POSITION:
         np.testing.assert_array_equal(r, [-0.5, -1.0])
     else:
@@ -125,11 +128,12 @@ def some_problem(sensor: int) -> passes.Problem:
     passes.chain(window)
     at = np.concatenate([window.pose[0], rest])
     prior = passes.Prior(root @ root.T, rng.normal(size=size), at)
-    seen = passes.Sights(
-        np.array([0, 1, 3, 4]), np.array([0, 1, -1, 0]), rng.uniform(1, 3, (4, 2)), np.tile(root_of(sensor), (4, 1, 1))
-    )
-    kept = passes.Sights(np.array([0, 1]), np.array([1]), rng.uniform(1, 3, (1, 2)), root_of(sensor)[None])
-    return passes.Problem(sensor, prior, window, seen, kept, rest, 2)
+    roots = np.tile(root_of(sensor), (4, 1, 1))
+    four = passes.Observed(sensor, np.array([0, 1, -1, 0]), rng.uniform(1, 3, (4, 2)), roots)
+    one = passes.Observed(sensor, np.array([1]), rng.uniform(1, 3, (1, 2)), roots[:1])
+    seen = passes.ObservedByPose(np.array([0, 1, 3, 4]), four)
+    kept = passes.ObservedByPose(np.array([0, 1]), one)
+    return passes.Problem(prior, window, seen, kept, rest, 2)
 
 
 @SENSORS
@@ -185,9 +189,9 @@ def gauss_newton_matrix(at: Callable[[Float], passes.Problem], zero: Float) -> F
         r, H = np.zeros(2), np.zeros((2, 5))
         poses = [*problem.window.pose, problem.rest[4:]]
         for owner, slot, sights, row in ((0, 0, 0, 0), (1, 1, 0, 1), (2, 0, 0, 3), (3, 1, 1, 0)):
-            seen = (problem.sights, problem.kept)[sights]
+            seen = (problem.observed, problem.kept)[sights]
             place = problem.rest[2 * slot : 2 * slot + 2]
-            passes.sight_error(problem.sensor, poses[owner], place, seen.value[row], seen.root[row], r, H)
+            passes.observation_error(seen.rows, row, poses[owner], place, r, H)
             parts.append(r.copy())
         return np.concatenate(parts)
 

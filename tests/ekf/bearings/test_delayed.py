@@ -270,12 +270,12 @@ def test_numbers_are_given_once() -> None:
     for k in range(150):
         if k:
             pose = moved(pose, np.array([0.1, 0.0, 0.0]))
-            inner.predict([0.1, 0.0, 0.0], 1e-2 * Q)
+            inner.correction.predict([0.1, 0.0, 0.0], 1e-2 * Q)
         near = np.flatnonzero(np.hypot(*(landmarks - pose[:2]).T) < 4.0).tolist()
         names = [name for name in near if name not in points]
         scan = sights(pose, landmarks, names, rng)
         points |= waiting.observe(k, names, scan.value, scan.cov)
-        ids = inner.ids.tolist()
+        ids = inner.state.ids.tolist()
         assert len({*ids}) == len(ids)
         retired |= before - {*ids}
         assert not retired & {*ids}
@@ -283,7 +283,7 @@ def test_numbers_are_given_once() -> None:
         before = {*ids}
     assert len(points) > 20
     assert len(retired) > 50
-    places = inner.positions[inner.slots_of(np.array([*points.values()]))]
+    places = inner.state.positions[inner.state.slots_of(np.array([*points.values()]))]
     assert np.hypot(*(places - landmarks[[*points]]).T).max() < 1.0
 
 
@@ -291,14 +291,14 @@ def test_a_landmark_is_forgotten_with_its_poses() -> None:
     inner = LandmarkMap("bearing", np.zeros(3), np.zeros((3, 3)), "standard", landmarks=0)
     waiting = DelayedInitialiser(inner, Delayed())
     waiting.observe(0, [4, 5], np.zeros((2, 1)), np.ones((2, 1, 1)))
-    inner.predict([1.0, 0.0, 0.0], Q)
+    inner.correction.predict([1.0, 0.0, 0.0], Q)
     waiting.observe(1, [5], np.zeros((1, 1)), np.ones((1, 1, 1)))
-    assert len(inner.ids) == 4
+    assert len(inner.state.ids) == 4
     waiting.forget(1, 5)
     assert [*waiting.counts] == [4]
-    assert len(inner.ids) == 2
+    assert len(inner.state.ids) == 2
     waiting.forget(1, 4)
-    assert len(inner.cov) == 3
+    assert len(inner.state.cov) == 3
 
 
 # --- settings ------------------------------------------------------------------------------------

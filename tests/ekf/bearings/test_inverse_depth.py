@@ -220,7 +220,7 @@ def test_a_landmark_by_the_book(correction: Correction, heading: float) -> None:
 def omega_of(slam: BearingFilter, cov_entry: int = 6) -> tuple[float, float]:
     """Inverse depth of the only landmark, and its standard deviation; read from the filter's own state."""
     inner = slam._map  # pyright: ignore[reportPrivateUsage]
-    return float(inner.entries(np.array([cov_entry]))[0]), math.sqrt(slam.cov[cov_entry, cov_entry])
+    return float(inner.state.entries(np.array([cov_entry]))[0]), math.sqrt(slam.cov[cov_entry, cov_entry])
 
 
 def assert_sound(slam: BearingFilter) -> None:

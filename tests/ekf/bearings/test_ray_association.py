@@ -14,6 +14,7 @@ from slamgauge.ekf import Association, MapManagement
 from slamgauge.ekf.bearings.ray_association import RayAssociation
 from slamgauge.ekf.kernels.individual_compatibility import NONE
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.map_edits import replace_map
 from slamgauge.se2 import wrap
 
 METHODS = pytest.mark.parametrize("method", ["nearest-neighbour", "jcbb"])
@@ -70,7 +71,7 @@ def random_problem(seed: int) -> Problem:
     P, pose = root @ root.T, np.array([0.4, -0.3, 3.0])
     landmarks = pose[:2] + ranges[:, None] * np.column_stack([np.cos(angles + pose[2]), np.sin(angles + pose[2])])
     landmark_map = LandmarkMap("bearing", pose, P[:3, :3], "standard", landmarks=0)
-    landmark_map.replace(np.arange(len(owners)) * 3, landmarks, P)
+    replace_map(landmark_map, np.arange(len(owners)) * 3, landmarks, P)
     seen = rng.permutation(len(owners))[: int(rng.integers(1, 5))]
     values = wrap(np.concatenate([angles[seen] + 0.06 * rng.normal(size=len(seen)), rng.uniform(-1, 1, 1)]))
     covs = rng.uniform(0.03, 0.06, len(values)) ** 2
@@ -86,11 +87,11 @@ def random_problem(seed: int) -> Problem:
 def named(problem: Problem, settings: Association) -> tuple[list[int], int]:
     """Names of the bearings, and how many landmarks there were before; those are given their names by a first scan."""
     landmarks, after = int(problem.owners.max()) + 1, problem.map
-    before = LandmarkMap("bearing", after.pose, after.pose_cov, "standard", landmarks=0)
+    before = LandmarkMap("bearing", after.state.pose, after.state.pose_cov, "standard", landmarks=0)
     association = RayAssociation(before, settings)
     first = association.associate(np.zeros(0, np.int64), np.zeros((landmarks, 1)), np.full((landmarks, 1, 1), 1e-3))
     assert first.tolist() == [*range(landmarks)]
-    before.replace(after.ids, after.positions, after.cov)
+    replace_map(before, after.state.ids, after.state.positions, after.state.cov)
     names = association.associate(problem.owners, problem.values, problem.covs).tolist()
     claimed = [name for name in names if name != NONE]
     assert len({*claimed}) == len(claimed)  # one bearing, one landmark

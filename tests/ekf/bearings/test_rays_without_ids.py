@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slamgauge.arrays import Int
-from slamgauge.ekf import Association, BearingFilter, MapManagement, Rays, ekf_slam
+from slamgauge.ekf import Association, BearingFilter, FilterSettings, MapManagement, Rays, ekf_slam
 from slamgauge.ekf.bearings.ray_association import RayAssociation
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.kernels.individual_compatibility import NONE
@@ -221,7 +221,7 @@ def test_an_estimate_says_what_stands_at_the_end() -> None:
     values[clutter] = wrap(values[clutter] + 0.3)
     nameless = replace(recording, landmark=None, observation=values)
     settings = Association("jcbb", map_management=MapManagement(sights=4, probation=6, margin=0.0))
-    estimate = ekf_slam(nameless, association=settings)
+    estimate = ekf_slam(nameless, FilterSettings(settings))
     assert estimate.association is not None
     assert (estimate.association[clutter] == NONE).all()
     kept = np.delete(np.arange(len(truth)), clutter)

@@ -12,11 +12,12 @@ import pytest
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import BearingFilter, SlamFilter
 from slamgauge.ekf.maps.correction_table import RULES
+from slamgauge.ekf.maps.map_edits import merge_landmarks, remove_landmark
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation
 
-POSTPONING = pytest.mark.parametrize("correction", [name for name, rule in RULES.items() if rule.waiting[1] > 0])
+DEFERRING = pytest.mark.parametrize("correction", [name for name, rule in RULES.items() if rule.deferred_rows[1] > 0])
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 LANDMARKS = 420  # beside which scans of four landmarks are small, once 400 are mapped
 PRIOR_COV = np.diag([0.01, 0.01, 1e-4])
@@ -53,21 +54,21 @@ def bearings(offset: Float) -> Float:
 
 
 def both(sensor: str, correction: str) -> tuple[SlamFilter, SlamFilter]:
-    """A filter of the table, and the same one in which nothing waits."""
+    """A filter of the table, and the same one without deferred downdates."""
     rule = RULES[correction]  # pyright: ignore[reportArgumentType]
     start = (sensor, np.zeros(3), PRIOR_COV)
-    return SlamFilter(*start, rule), SlamFilter(*start, rule._replace(waiting=(1, 0)))
+    return SlamFilter(*start, rule), SlamFilter(*start, rule._replace(deferred_rows=(1, 0)))
 
 
-def something_waits(slam: SlamFilter | BearingFilter) -> bool:
-    """Whether covariances of landmarks with each other are behind."""
+def is_deferred(slam: SlamFilter | BearingFilter) -> bool:
+    """Whether downdates of covariances between landmarks are deferred."""
     landmarks = slam.map if isinstance(slam, SlamFilter) else slam._map  # pyright: ignore[reportPrivateUsage]
-    return bool(landmarks._work.waiting.used[0] > 0)  # pyright: ignore[reportPrivateUsage]
+    return bool(landmarks.state.deferred.used[0] > 0)
 
 
 def assert_same(late: SlamFilter, at_once: SlamFilter, *, whole: bool) -> None:
     """Poses, places and covariances to 1e-9 of a standard deviation; without `whole`, what nobody has to settle for."""
-    sigmas = np.sqrt(at_once.map.variances)
+    sigmas = np.sqrt(at_once.map.state.variances)
     assert (np.abs(late.pose - at_once.pose) <= 1e-9 * sigmas[:3]).all()
     assert (np.abs(late.landmarks - at_once.landmarks).ravel() <= 1e-9 * sigmas[3:]).all()
     assert (np.abs(late.pose_cov - at_once.pose_cov) <= 1e-9 * np.outer(sigmas[:3], sigmas[:3])).all()
@@ -79,8 +80,8 @@ def assert_same(late: SlamFilter, at_once: SlamFilter, *, whole: bool) -> None:
 
 
 @SENSORS
-@POSTPONING
-def test_postponed_updates_give_the_same_estimate(sensor: str, correction: str) -> None:
+@DEFERRING
+def test_deferred_updates_give_the_same_estimate(sensor: str, correction: str) -> None:
     """Sparse scans, and dense ones, new landmarks, removals, gates, merging and a refused scan among them."""
     world, (late, at_once) = World(sensor), both(sensor, correction)
     choice, waited = np.random.default_rng(8), 0
@@ -99,7 +100,7 @@ def test_postponed_updates_give_the_same_estimate(sensor: str, correction: str) 
             results.append(slam.update(scan, gate=gate))
         assert results[0][1] == results[1][1]
         assert abs(results[0][0] - results[1][0]) <= 1e-9 * max(results[1][0], 1.0)
-        waited += something_waits(late)
+        waited += is_deferred(late)
         if step == 51:
             broken = scan._replace(value=np.full_like(scan.value, 1e155))
             for slam in (late, at_once):
@@ -107,14 +108,14 @@ def test_postponed_updates_give_the_same_estimate(sensor: str, correction: str) 
                     slam.update(broken)
         if step in (70, 71):
             for slam in (late, at_once):
-                slam.map.remove(int(slam.map.slots_of(np.array(7 if step == 70 else 399))))
+                remove_landmark(slam.map, int(slam.map.state.slots_of(np.array(7 if step == 70 else 399))))
         if step == 120:
             for slam in (late, at_once):
-                slam.map.merge(*slam.map.slots_of(np.array([11, 12])).tolist())
+                merge_landmarks(slam.map, *slam.map.state.slots_of(np.array([11, 12])).tolist())
         assert_same(late, at_once, whole=bool(choice.random() < 0.05))
     assert waited > 80
     assert_same(late, at_once, whole=True)
-    assert not something_waits(late)
+    assert not is_deferred(late)
 
 
 def driven(sensor: str, correction: str) -> tuple[World, SlamFilter, SlamFilter]:
@@ -129,7 +130,7 @@ def driven(sensor: str, correction: str) -> tuple[World, SlamFilter, SlamFilter]
         for increment, scan in zip(increments, scans, strict=True):
             slam.predict(increment, STEP_COV)
             slam.update(scan)
-    assert something_waits(late)
+    assert is_deferred(late)
     return world, late, at_once
 
 
@@ -138,12 +139,12 @@ def unpickled(slam: SlamFilter) -> SlamFilter:
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, unpickled])
-def test_copies_have_what_waits_of_their_own(copied: Callable[[SlamFilter], SlamFilter]) -> None:
+def test_copies_have_deferred_rows_of_their_own(copied: Callable[[SlamFilter], SlamFilter]) -> None:
     world, late, at_once = driven("position", "right-invariant")
     other = copied(late)
-    assert something_waits(other)
-    assert_same(other, at_once, whole=True)  # which settles that of the copy
-    assert something_waits(late)
+    assert is_deferred(other)
+    assert_same(other, at_once, whole=True)  # which applies the rows of the copy
+    assert is_deferred(late)
     scan = world.seen(np.array([3, 4]))
     for slam in (late, other, at_once):
         slam.update(scan)
@@ -151,20 +152,20 @@ def test_copies_have_what_waits_of_their_own(copied: Callable[[SlamFilter], Slam
     assert_same(other, at_once, whole=True)
 
 
-@POSTPONING
-def test_a_refused_scan_leaves_what_waits(correction: str) -> None:
+@DEFERRING
+def test_a_refused_scan_leaves_the_deferred_rows(correction: str) -> None:
     """To the last bit, where it is refused for its innovations alone: a landmark twice, beyond all precision."""
     world, late, at_once = driven("range-bearing", correction)
-    before = pickle.dumps((late.map.unsettled, late.pose, late.pose_cov))
+    before = pickle.dumps((late.map.state.belief_with_deferred, late.pose, late.pose_cov))
     exact = world.seen(np.array([5, 5]))
     for slam in (late, at_once):
         with pytest.raises(UserError, match="no update exists"):
             slam.update(exact._replace(cov=1e-24 * exact.cov))
-    assert pickle.dumps((late.map.unsettled, late.pose, late.pose_cov)) == before
+    assert pickle.dumps((late.map.state.belief_with_deferred, late.pose, late.pose_cov)) == before
     assert_same(late, at_once, whole=True)
 
 
-@POSTPONING
+@DEFERRING
 def test_a_refused_block_after_others_leaves_what_waits(correction: str) -> None:
     """41 observations are three blocks, the first of which settles; the last two, of one landmark, are too precise."""
     world, late, at_once = driven("range-bearing", correction)
@@ -174,11 +175,11 @@ def test_a_refused_block_after_others_leaves_what_waits(correction: str) -> None
         slam.predict(np.zeros(3), np.diag([1.0, 1.0, 1e-3]))
         with pytest.raises(UserError, match="no update exists"):
             slam.update(scan)
-    assert something_waits(late)
+    assert is_deferred(late)
     assert_same(late, at_once, whole=True)
 
 
-@POSTPONING
+@DEFERRING
 def test_what_a_refused_scan_has_postponed_is_undone(correction: str) -> None:
     """A new landmark seen thrice: what the scan sees of an old one has been taken in before it is refused."""
     world, late, at_once = driven("range-bearing", correction)
@@ -190,11 +191,13 @@ def test_what_a_refused_scan_has_postponed_is_undone(correction: str) -> None:
     assert_same(late, at_once, whole=True)
 
 
-@POSTPONING
+@DEFERRING
 def test_bearings_alone_wait_too(correction: str) -> None:
     """Points of a bearing filter, seen one at a time; a ray begins and ends in between."""
     rule, rng = RULES[correction], np.random.default_rng(3)  # pyright: ignore[reportArgumentType]
-    late, at_once = (BearingFilter(np.zeros(3), PRIOR_COV, each) for each in (rule, rule._replace(waiting=(1, 0))))
+    late, at_once = (
+        BearingFilter(np.zeros(3), PRIOR_COV, each) for each in (rule, rule._replace(deferred_rows=(1, 0)))
+    )
     landmarks = rng.uniform([-9.0, 0.0], [9.0, 18.0], (111, 2))
     pose, waited = np.zeros(3), 0
     for step in range(80):
@@ -208,7 +211,7 @@ def test_bearings_alone_wait_too(correction: str) -> None:
         for slam in (late, at_once):
             slam.predict(increment, np.diag([1e-4, 1e-5, 4e-6]))
             results.append(slam.update(scan))
-        waited += something_waits(late)
+        waited += is_deferred(late)
         assert results[0] == pytest.approx(results[1], rel=1e-9, abs=1e-9)
         sigmas = np.sqrt(np.diagonal(at_once.pose_cov))
         assert (np.abs(late.pose - at_once.pose) <= 1e-9 * sigmas).all()

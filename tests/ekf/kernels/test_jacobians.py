@@ -17,7 +17,6 @@ from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.augmentation import augment
 from slamgauge.ekf.kernels.linearisation import linearise
 from slamgauge.ekf.kernels.prediction import predict
-from slamgauge.ekf.kernels.workspace import allocate
 from slamgauge.se2 import compose, rotation
 from slamgauge.sensor_kernels import POSITION, RANGE_BEARING
 from slamgauge.sensors import MIN_BEARING_DISTANCE
@@ -235,9 +234,7 @@ def augmented(sensor: int, pose: Float, cov: Float, z: Float, R: Float) -> tuple
     size = len(cov)
     state, room = np.concatenate([pose, np.zeros(size - 1)]), np.zeros((size + 2, size + 2))
     room[:size, :size] = cov
-    work = allocate(1, size + 2, 1)
-    work.observation[0], work.observation_cov[0] = z, R
-    augment(sensor, belief_of(state, room)._replace(size=size), 1, work)
+    augment(sensor, belief_of(state, room)._replace(size=size), z[None], R[None])
     np.testing.assert_array_equal(room[:size, :size], cov)
     return state[size:], room[:, size:]
 

@@ -22,11 +22,19 @@ from textbook_association import (
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.associating_filter import AssociatingFilter
-from slamgauge.ekf.kernels.individual_compatibility import NONE, Pairs, allocate_pairs, find_compatible, find_located
-from slamgauge.ekf.kernels.joint_compatibility import mark_ambiguous, search_jointly
+from slamgauge.ekf.kernels.individual_compatibility import (
+    NONE,
+    Pairs,
+    allocate_pairs,
+    find_compatible,
+    find_located,
+    first_pairs,
+)
+from slamgauge.ekf.kernels.joint_compatibility import Limits, mark_ambiguous, search_jointly
 from slamgauge.ekf.kernels.sequential_association import Gates
 from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.ekf.maps.landmark_ids import Ids
+from slamgauge.ekf.maps.map_edits import replace_map
 from slamgauge.ekf.maps.matching import update_nearest
 from slamgauge.ekf.settings.association import Association
 from slamgauge.ekf.slam_filter import SlamFilter
@@ -76,9 +84,10 @@ def upper(P: Float) -> Float:
     return kept
 
 
-def found(sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, gate: float) -> tuple[Pairs, int]:
+def found(sensor: str, x: Float, point: Float, P: Float, z: Float, R: Float, gate: float) -> Pairs:
     pairs = allocate_pairs(len(z) * len(x))
-    return pairs, find_compatible(MODELS[sensor].code, belief_of(x, upper(P), point), z, R, gate, pairs)
+    count = find_compatible(MODELS[sensor].code, belief_of(x, upper(P), point), z, R, gate, pairs)
+    return first_pairs(pairs, count)
 
 
 @SENSORS
@@ -100,14 +109,14 @@ def test_pairs_are_all_those_within_the_gate(sensor: str, shifted: bool) -> None
         z = at + at_the_gate(rng, dense_scan(sensor, x, point, P, at, R), towards, slots, gate)
         expected = dense_scan(sensor, x, point, P, z, R).distances()
 
-        pairs, count = found(sensor, x, point, P, z, R, gate)
+        pairs = found(sensor, x, point, P, z, R, gate)
         actual = np.full(expected.shape, np.inf)
-        actual[pairs.observation[:count], pairs.slot[:count]] = pairs.distance[:count]
+        actual[pairs.observation, pairs.slot] = pairs.distance
         np.testing.assert_array_equal(actual < np.inf, expected <= gate)
         np.testing.assert_allclose(actual[actual < np.inf], expected[expected <= gate], rtol=1e-9)
-        order = pairs.by_distance[:count]
-        np.testing.assert_array_equal(order, np.lexsort([pairs.distance[:count], pairs.observation[:count]]))
-        within += count
+        order = pairs.by_distance
+        np.testing.assert_array_equal(order, np.lexsort([pairs.distance, pairs.observation]))
+        within += len(pairs.slot)
     assert 1000 < within < 5000  # of 6000
 
 
@@ -123,7 +132,7 @@ def test_the_nearest_landmark_is_never_set_aside_as_far(sensor: str, correction:
         R = random_covariances(rng, 2, np.array([0.1, 0.1 if sensor == "position" else 0.03]))
         slam, lone = (SlamFilter(sensor, x[:3], P[:3, :3], correction) for _ in range(2))
         for each in (slam, lone):
-            each.map.replace(np.arange(4), x[3:].reshape(-1, 2), P)
+            replace_map(each.map, np.arange(4), x[3:].reshape(-1, 2), P)
         at = predicted(sensor, x, slots)
         sight = at / np.linalg.norm(at, axis=1)[:, None] if sensor == "position" else np.tile([1.0, 0.0], (2, 1))
         z = at + at_the_gate(rng, dense_scan(sensor, x, x, P, at, R), sight, slots, 0.5 * gate)
@@ -149,7 +158,7 @@ def test_a_landmark_that_moves_against_the_robot_is_found_as_far_off_as_the_gate
     for sensor in ("range-bearing", "position"):
         for distance, count in ((5.0 + 0.9999 * reach, 1), (5.0 - 0.9999 * reach, 1), (5.0 + 1.0001 * reach, 0)):
             z = np.array([[distance, 0.0]])
-            assert found(sensor, x, x, np.outer(spread, spread), z, R, 9.0)[1] == count
+            assert len(found(sensor, x, x, np.outer(spread, spread), z, R, 9.0).slot) == count
 
 
 def test_too_little_room_for_pairs_is_told_and_then_made() -> None:
@@ -172,7 +181,7 @@ def quantiles(gate: float, pairs: int) -> Float:
     return np.concatenate([[0.0], chi2.isf(np.exp(-gate / 2), 2 * np.arange(1, pairs + 1))])
 
 
-def crowded_scan(seed: int, sensor: str) -> tuple[Scan, Pairs, int, float]:
+def crowded_scan(seed: int, sensor: str) -> tuple[Scan, Pairs, float]:
     """Four observations before five landmarks closer together than the robot's place is known; pairs within a gate.
 
     All but a few centimetres of the doubt is about the shift and turn of the whole world before the robot.
@@ -189,13 +198,12 @@ def crowded_scan(seed: int, sensor: str) -> tuple[Scan, Pairs, int, float]:
     slots = rng.permutation(5)[:4] if rng.random() < 0.7 else rng.integers(0, 5, 4)
     z = predicted(sensor, true, slots) + 1.5 * np.einsum("mij,mj->mi", np.linalg.cholesky(R), rng.normal(size=(4, 2)))
     gate = float(rng.choice([4.0, 9.0]))
-    pairs, count = found(sensor, x, x, P, z, R, 27.6)
-    return dense_scan(sensor, x, x, P, z, R), pairs, count, gate
+    pairs = found(sensor, x, x, P, z, R, 27.6)
+    return dense_scan(sensor, x, x, P, z, R), pairs, gate
 
 
-def searched(scan: Scan, pairs: Pairs, count: int, gate: float, limit: int = 10**6) -> tuple[list[Pair], int]:
-    best = np.full(4, 7, dtype=np.int64)
-    tries = search_jointly(upper(scan.P), scan.R, pairs, count, gate, quantiles(gate, 4), limit, best)
+def searched(scan: Scan, pairs: Pairs, gate: float, limit: int = 10**6) -> tuple[list[Pair], int]:
+    best, tries = search_jointly(upper(scan.P), scan.R, pairs, gate, quantiles(gate, 4), limit)
     return [(i, int(slot)) for i, slot in enumerate(best) if slot != NONE], tries
 
 
@@ -207,8 +215,8 @@ def test_joint_search_finds_the_best_of_all_assignments(sensor: str, seeds: rang
     """The most pairs, then the smallest joint d^2, of all that branch and bound may visit."""
     nearest, strict, pairs_found = 0, 0, 0
     for seed in seeds:
-        scan, pairs, count, gate = crowded_scan(seed, sensor)
-        best, _ = searched(scan, pairs, count, gate)
+        scan, pairs, gate = crowded_scan(seed, sensor)
+        best, _ = searched(scan, pairs, gate)
         assert best == sorted(brute_force_joint(scan, gate, quantiles(gate, 4)))
         assert len({slot for _, slot in best}) == len(best)
         assert scan.distance(best) <= quantiles(gate, 4)[len(best)]
@@ -228,12 +236,12 @@ def test_joint_search_finds_the_best_of_all_assignments(sensor: str, seeds: rang
 def test_a_joint_search_cut_short_still_gives_a_compatible_set(sensor: str, seeds: range) -> None:
     cut = 0
     for seed in seeds:
-        scan, pairs, count, gate = crowded_scan(seed, sensor)
+        scan, pairs, gate = crowded_scan(seed, sensor)
         order = search_order(scan, gate)
-        whole, needed = searched(scan, pairs, count, gate)
+        whole, needed = searched(scan, pairs, gate)
         before: list[Pair] = []
         for limit in sorted({1, 2, 3, 5, 8, 13, 21, needed}):
-            best, tries = searched(scan, pairs, count, gate, limit)
+            best, tries = searched(scan, pairs, gate, limit)
             assert tries <= limit
             assert bool(best) == bool(order)
             assert len({slot for _, slot in best}) == len(best)
@@ -243,9 +251,9 @@ def test_a_joint_search_cut_short_still_gives_a_compatible_set(sensor: str, seed
             assert best == whole or limit < needed
             before = best
             cut += best != whole
-        assert searched(scan, pairs, count, gate, 0) == ([], 0)
+        assert searched(scan, pairs, gate, 0) == ([], 0)
         enough = sum(len(slots) for _, slots in order)
-        assert len(searched(scan, pairs, count, gate, enough)[0]) >= len(greedily(scan, order, gate))
+        assert len(searched(scan, pairs, gate, enough)[0]) >= len(greedily(scan, order, gate))
     assert cut > 50
 
 
@@ -266,19 +274,18 @@ def greedily(scan: Scan, order: list[tuple[int, list[int]]], gate: float) -> lis
 def test_ambiguous_is_what_one_step_away_explains_nearly_as_well(sensor: str, seeds: range, margin: float) -> None:
     marked = 0
     for seed in seeds:
-        scan, pairs, count, gate = crowded_scan(seed, sensor)
-        best, _ = searched(scan, pairs, count, gate)
+        scan, pairs, gate = crowded_scan(seed, sensor)
+        best, _ = searched(scan, pairs, gate)
         slots = np.full(4, NONE, dtype=np.int64)
         for i, slot in best:
             slots[i] = slot
-        marks = np.zeros(4, dtype=np.bool_)
-        arguments = (upper(scan.P), scan.R, pairs, count, gate, margin)
-        nodes = mark_ambiguous(*arguments, 1000, slots, marks)
+        arguments = (upper(scan.P), scan.R, pairs, slots)
+        marks, nodes = mark_ambiguous(*arguments, Limits(gate, margin, 1000))
         assert set(np.flatnonzero(marks).tolist()) == brute_force_ambiguous(scan, gate, margin, best)
         marked += int(marks.sum())
         for limit in range(nodes):
-            fewer = np.zeros(4, dtype=np.bool_)
-            assert mark_ambiguous(*arguments, limit, slots, fewer) <= limit
+            fewer, tries = mark_ambiguous(*arguments, Limits(gate, margin, limit))
+            assert tries <= limit
             assert not (fewer & ~marks).any()
     assert 3 < marked < 200
 
@@ -291,11 +298,11 @@ def test_located_are_landmarks_seen_lately_or_known_to_some_times_the_noise(sens
         x, P = random_belief(rng, 6)
         R = random_covariances(rng, 2, np.array([0.3, 0.3 if sensor == "position" else 0.1]))
         z = predicted(sensor, x, np.array([0, 1]))
-        pairs, count = found(sensor, x, x, P, z, R, 1e4)
+        pairs = found(sensor, x, x, P, z, R, 1e4)
         recent, vagueness = rng.random(6) < 0.3, 10 ** rng.uniform(-1, 2)
         scan = dense_scan(sensor, x, x, P, z, R)
-        located = set(find_located(upper(P), R, pairs, count, vagueness, recent).tolist())
-        for pair in range(count):
+        located = set(find_located(upper(P), R, pairs, vagueness, recent).tolist())
+        for pair in range(len(pairs.slot)):
             slot, row = pairs.slot[pair], pairs.observation[pair]
             H = scan.jacobian[row, slot]
             known = np.trace(np.linalg.solve(R[row], H @ P @ H.T)) <= vagueness

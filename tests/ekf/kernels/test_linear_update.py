@@ -9,8 +9,9 @@ from textbook import J, belief_of, exp_action
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter
-from slamgauge.ekf.kernels.linear_update import Room, append_linear, project_columns, take_in_linear
+from slamgauge.ekf.kernels.linear_update import append_linear, linear_update, project_columns
 from slamgauge.ekf.maps.correction_table import RULES, Correction
+from slamgauge.ekf.maps.map_edits import NewEntries, add_entries, remove_landmark, replace_map
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap
 
@@ -50,14 +51,13 @@ def test_a_projection_is_that_of_the_whole_matrix(columns: int, rows: int) -> No
 
 
 @SIZES
-def test_a_measurement_is_taken_in_as_by_the_book(columns: int, rows: int) -> None:
+def test_a_linear_update_is_that_of_the_textbook(columns: int, rows: int) -> None:
     rng = np.random.default_rng(columns + 10)
     P, chosen = random_cov(rng, 13), rng.permutation(13)[:columns]
     H, v, R = np.zeros((rows, 13)), rng.normal(size=rows), random_covariances(rng, 1, np.full(rows, 0.2))[0]
     H[:, chosen] = rng.normal(size=(rows, columns))
-    cov, dx = upper(P), np.empty(13)
-    room = Room(np.empty((rows, 13)), np.empty((rows, rows)), dx)
-    nis = take_in_linear(belief_of(np.zeros(13), cov), chosen, H[:, chosen], v, R, room)
+    cov = upper(P)
+    dx, nis = linear_update(belief_of(np.zeros(13), cov), chosen, H[:, chosen], v, R)
     S = H @ P @ H.T + R
     K = P @ H.T @ np.linalg.inv(S)
     assert nis == pytest.approx(v @ np.linalg.inv(S) @ v, rel=1e-12)
@@ -72,9 +72,8 @@ def test_a_column_given_twice_counts_twice() -> None:
     H, v, R = rng.normal(size=(2, 3)), rng.normal(size=2), np.eye(2)
     found: list[Float] = []
     for columns, jacobian in ((twice, H), (once, np.column_stack([H[:, 0] + H[:, 2], H[:, 1]]))):
-        cov, dx = upper(P), np.empty(7)
-        room = Room(np.empty((2, 7)), np.empty((2, 2)), dx)
-        take_in_linear(belief_of(np.zeros(7), cov), columns, jacobian, v, R, room)
+        cov = upper(P)
+        dx, _ = linear_update(belief_of(np.zeros(7), cov), columns, jacobian, v, R)
         found.append(np.concatenate([mirrored(cov).ravel(), dx]))
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-13)
 
@@ -86,11 +85,10 @@ def test_what_has_no_solution_changes_nothing(mistake: str) -> None:
     before = cov.copy()
     given = {"innovation": np.ones(2), "noise": np.eye(2), "jacobian": np.ones((2, 3))}
     given[mistake].flat[0] = -1e6 if mistake == "noise" else np.nan
-    room = Room(np.empty((2, 7)), np.empty((2, 2)), np.empty(7))
     columns = np.array([0, 3, 4])
     belief = belief_of(np.zeros(7), cov)
-    nis = take_in_linear(belief, columns, given["jacobian"], given["innovation"], given["noise"], room)
-    assert not np.isfinite(nis)
+    update = linear_update(belief, columns, given["jacobian"], given["innovation"], given["noise"])
+    assert not np.isfinite(update.nis)
     np.testing.assert_array_equal(cov, before)
 
 
@@ -130,7 +128,7 @@ class Twin:
         columns = self.rng.permutation(len(self.x))[:3]
         H, own = self.rng.normal(size=(2 * count, 3)), random_cov(self.rng, 2 * count)
         values = self.rng.uniform(-3, 3, 2 * count)
-        self.slam.map.add_linear(np.array(ids), values, columns, H, own, points)
+        add_entries(self.slam.map, np.array(ids), NewEntries(values, columns, H, own, points))
         T = np.vstack([np.eye(len(self.x)), np.zeros((2 * count, len(self.x)))])
         T[len(self.x) :, columns] = H
         self.P = T @ self.P @ T.T
@@ -140,15 +138,17 @@ class Twin:
     def correct(self) -> None:
         """A measurement of entries of the robot and of two slots."""
         named = self.rng.permutation(self.ids)[:2]
-        columns = np.concatenate([[0, 1, 2], self.slam.map.columns_of(named)])
+        columns = np.concatenate([[0, 1, 2], self.slam.map.state.columns_of(named)])
         mine = [3 + 2 * self.ids.index(name) + k for name in named.tolist() for k in range(2)]
         assert columns[3:].tolist() == mine
-        np.testing.assert_allclose(self.slam.map.entries(columns), self.x[columns], rtol=0, atol=1e-10)
-        np.testing.assert_allclose(self.slam.map.block(columns), self.P[np.ix_(columns, columns)], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(self.slam.map.state.entries(columns), self.x[columns], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(
+            self.slam.map.state.block(columns), self.P[np.ix_(columns, columns)], rtol=0, atol=1e-10
+        )
         H, v = np.zeros((3, len(self.x))), self.rng.normal(size=3)
         H[:, columns] = self.rng.normal(size=(3, 7))
         R = random_covariances(self.rng, 1, np.full(3, 0.5))[0]
-        nis = self.slam.map.correct_linear(columns, H[:, columns], v, R)
+        nis = self.slam.map.correction.update_linear(columns, H[:, columns], v, R)
         S = H @ self.P @ H.T + R
         assert nis == pytest.approx(v @ np.linalg.solve(S, v), rel=1e-9)
         D = self.to_additive()
@@ -181,7 +181,7 @@ class Twin:
 
     def remove(self, slot: int) -> None:
         """The last slot moves into the gap."""
-        self.slam.map.remove(slot)
+        remove_landmark(self.slam.map, slot)
         order = [*range(len(self.ids) - 1)]
         if slot < len(order):
             order[slot] = len(self.ids) - 1
@@ -235,8 +235,9 @@ def test_a_mixed_state_lives_as_by_the_book(correction: Correction, seed: int) -
 def test_slots_freed_by_others_turn_with_the_map_again() -> None:
     """A landmark that `update` maps where a slot that was no point has been is a point."""
     slam = SlamFilter("position", np.zeros(3), 0.1 * np.eye(3), "right-invariant", landmarks=1)
-    slam.map.add_linear(np.array([5]), np.zeros(2), np.arange(3), np.eye(3)[1:], np.zeros((2, 2)), [False])
-    slam.map.remove(0)
+    new = NewEntries(np.zeros(2), np.arange(3), np.eye(3)[1:], np.zeros((2, 2)), [False])
+    add_entries(slam.map, np.array([5]), new)
+    remove_landmark(slam.map, 0)
     fresh = SlamFilter("position", np.zeros(3), 0.1 * np.eye(3), "right-invariant", landmarks=1)
     for each in (slam, fresh):
         each.update(Observations(np.array([1]), np.array([[3.0, 1.0]]), 0.01 * np.eye(2)[None]))
@@ -253,11 +254,10 @@ def test_a_new_map_is_of_points() -> None:
     for others in (0, 3):
         slam = SlamFilter("position", np.zeros(3), 0.1 * np.eye(3), "right-invariant")
         ids = np.arange(others)
-        slam.map.add_linear(
-            ids, np.zeros(2 * others), ids, np.zeros((2 * others, others)), np.eye(2 * others), [False] * others
-        )
-        slam.map.replace(np.arange(3), landmarks, cov)
-        slam.map.correct_linear(np.arange(3), np.eye(3), np.ones(3), 0.1 * np.eye(3))
+        jacobian, noise_cov = np.zeros((2 * others, others)), np.eye(2 * others)
+        add_entries(slam.map, ids, NewEntries(np.zeros(2 * others), ids, jacobian, noise_cov, [False] * others))
+        replace_map(slam.map, np.arange(3), landmarks, cov)
+        slam.map.correction.update_linear(np.arange(3), np.eye(3), np.ones(3), 0.1 * np.eye(3))
         found.append(slam.landmarks)
     np.testing.assert_array_equal(found[0], found[1])
 
@@ -269,5 +269,7 @@ def test_a_linear_correction_without_solution_is_refused_and_changes_nothing(cor
     columns: Int = np.arange(3)
     for innovation, noise in ((np.nan, 1.0), (1.0, -1e3), (1.0, np.nan)):
         with pytest.raises(ValueError, match=r"^observation: no update exists; make every value finite[^\n]*$"):
-            twin.slam.map.correct_linear(columns, np.ones((1, 3)), np.array([innovation]), np.array([[noise]]))
+            twin.slam.map.correction.update_linear(
+                columns, np.ones((1, 3)), np.array([innovation]), np.array([[noise]])
+            )
         twin.check()

@@ -11,6 +11,7 @@ from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.individual_compatibility import NONE
 from slamgauge.ekf.maps.duplicate_landmarks import find_matchings, robot_of
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
+from slamgauge.ekf.maps.map_edits import replace_map
 
 DENSITY = 1e-2
 PAIRS = np.array([[3, 0], [3, 1], [4, 0], [4, 2]])  # slots of two tracks, and of landmarks that they may be
@@ -23,7 +24,7 @@ def drawn(seed: int) -> tuple[LandmarkMap, Float, Float]:
     cov = root @ root.T
     places = np.array([[4.0, 0.0], [4.5, 0.5], [4.0, 1.0], [4.2, 0.2], [4.1, 0.7]]) + 0.1 * rng.normal(size=(5, 2))
     landmarks = LandmarkMap("range-bearing", np.zeros(3), np.eye(3), "standard", landmarks=8)
-    landmarks.replace(np.arange(5), places, cov)
+    replace_map(landmarks, np.arange(5), places, cov)
     return landmarks, np.concatenate([np.zeros(3), places.ravel()]), cov
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.maps.landmark_ids import GONE
+from slamgauge.ekf.maps.map_edits import add_landmarks
 from slamgauge.ekf.maps.tracks import Tracks
 from slamgauge.ekf.settings.association import MapManagement
 
@@ -22,7 +23,7 @@ class World:
     def scan(self, *seen: int, new: tuple[tuple[float, float], ...] = ()) -> list[int]:
         """Close a scan in which the ids `seen` were seen and landmarks `new` mapped; returns the new ids."""
         born = self.tracks.new_ids.take(len(new))
-        self.slam.map.add(born, np.array(new).reshape(-1, 2), np.tile(1e-4 * np.eye(2), (len(new), 1, 1)))
+        add_landmarks(self.slam.map, born, np.array(new).reshape(-1, 2), np.tile(1e-4 * np.eye(2), (len(new), 1, 1)))
         self.places.update(zip(born.tolist(), new, strict=True))
         self.tracks.close_scan(np.array([*seen, *born.tolist()], dtype=np.int64))
         self.check()

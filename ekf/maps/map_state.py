@@ -1,0 +1,154 @@
+"""State of a map: the belief of a filter, and the place of each landmark in it.
+
+A slot is the place of a landmark in the state, counted from 0, and its row in `positions`. A landmark keeps its slot
+until `map_edits` removes or merges landmarks. The caller that adds landmarks chooses their ids.
+
+Positions in the belief are relative to `origin`, the robot's prior position, so that they lose no digits far from the
+world's origin. `pose` and `positions` are in the world frame.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from slamgauge.arrays import Float, Int
+from slamgauge.ekf.kernels.belief import ROBOT, Belief, allocate_belief, enlarged
+from slamgauge.ekf.kernels.deferred_downdate import Deferred, allocate_deferred, apply_deferred
+from slamgauge.ekf.maps.correction_table import Rule
+from slamgauge.ekf.maps.input_checks import require_room, start_of
+from slamgauge.memory import require_memory
+
+
+class MapState:
+    """Robot and landmarks.
+
+    Args:
+        prior_mean: (3,) start pose.
+        prior_cov: (3, 3) its covariance; zero is legal.
+        rule: of the filter.
+        landmarks: initial room; the state grows beyond that by itself.
+
+    Attributes:
+        origin: (2,) origin of the belief's positions [m] in the world frame.
+        belief_with_deferred: the belief, for callers that read no covariances between landmarks; downdates of these
+            may be deferred (see `kernels.deferred_downdate`).
+        deferred: the deferred downdates.
+        ids: (L,) landmarks in the order of slots.
+        sorted_ids: (L,) the same, sorted.
+        sorted_slots: (L,) slots in the order of `sorted_ids`.
+
+    Raises:
+        UserError: an invalid prior, or an invalid number of landmarks.
+    """
+
+    def __init__(self, prior_mean: ArrayLike, prior_cov: ArrayLike, rule: Rule, landmarks: int) -> None:
+        self.origin, start, cov = start_of(prior_mean, prior_cov)
+        room = require_room(landmarks)
+        self.belief_with_deferred: Belief = allocate_belief(room, first_estimates=rule.first_estimates, form=rule.form)
+        self.belief_with_deferred.state[:3] = self.belief_with_deferred.point[:3] = start
+        self.belief_with_deferred.cov[:3, :3] = cov
+        self._deferred_rows = rule.deferred_rows
+        self.deferred: Deferred = allocate_deferred(*self._deferred_rows, self.capacity)
+        self.set_ids(np.zeros(0, dtype=np.int64))
+
+    @property
+    def belief(self) -> Belief:
+        """The belief with all downdates applied: a pass over the covariance where some are deferred."""
+        belief = self.belief_with_deferred
+        apply_deferred(belief.cov, belief.size, self.deferred)
+        return belief
+
+    @belief.setter
+    def belief(self, belief: Belief) -> None:
+        self.belief_with_deferred = belief
+        self.deferred.used[0] = 0
+
+    @property
+    def size(self) -> int:
+        """Number of state entries: 3 + 2L."""
+        return self.belief_with_deferred.size
+
+    @property
+    def capacity(self) -> int:
+        """Number of state entries that there is room for."""
+        return len(self.belief_with_deferred.state)
+
+    @property
+    def pose(self) -> Float:
+        """(3,) x, y [m], heading [rad] in the world frame."""
+        pose = self.robot
+        pose[:2] += self.origin
+        return pose
+
+    @property
+    def pose_cov(self) -> Float:
+        """(3, 3) covariance of the additive pose error in the world frame."""
+        return self.belief_with_deferred.cov[:3, :3].copy()
+
+    @property
+    def robot(self) -> Float:
+        """(3,) pose relative to `origin`."""
+        return self.belief_with_deferred.state[:3].copy()
+
+    @property
+    def positions(self) -> Float:
+        """(L, 2) positions of the landmarks [m] in the world frame, in the order of slots."""
+        return self.belief_with_deferred.state[3 : self.size].reshape(-1, 2) + self.origin
+
+    @property
+    def position_covs(self) -> Float:
+        """(L, 2, 2) their covariances [m^2]."""
+        cov, first = self.belief_with_deferred.cov, np.arange(3, self.size, 2)
+        xx, xy, yy = cov[first, first], cov[first, first + 1], cov[first + 1, first + 1]
+        return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+
+    @property
+    def cov(self) -> Float:
+        """(3 + 2L, 3 + 2L) covariance of robot and landmarks in the order of slots."""
+        upper = np.triu(self.belief.cov[: self.size, : self.size])
+        return upper + np.triu(upper, 1).T
+
+    @property
+    def variances(self) -> Float:
+        """(3 + 2L,) variances of all entries."""
+        return np.diagonal(self.belief_with_deferred.cov)[: self.size]
+
+    def slots_of(self, ids: Int) -> Int:
+        """Return the slots (m,) of mapped landmarks (m,)."""
+        return self.sorted_slots[np.searchsorted(self.sorted_ids, ids)]
+
+    def columns_of(self, ids: Int) -> Int:
+        """Return the state entries (2m,) of the landmarks (m,)."""
+        first = 3 + 2 * self.slots_of(ids)
+        return np.column_stack([first, first + 1]).ravel()
+
+    def entries(self, columns: Int) -> Float:
+        """Return the state entries `columns` (c,), positions relative to `origin`; 0, 1, 2 are the robot's."""
+        return self.belief_with_deferred.state[columns]
+
+    def block(self, columns: Int) -> Float:
+        """Return the covariance (c, c) of the state entries `columns` (c,)."""
+        return self.belief.cov[np.minimum.outer(columns, columns), np.maximum.outer(columns, columns)]
+
+    def set_ids(self, ids: Int) -> None:
+        """Set the ids (L,) in the order of slots."""
+        self.ids: Int = np.ascontiguousarray(ids, dtype=np.int64)  # the type that `find_slots` is compiled for
+        self.sorted_slots: Int = np.argsort(self.ids)
+        self.sorted_ids: Int = self.ids[self.sorted_slots]
+
+    def resize(self, size: int) -> None:
+        """Set the number of state entries."""
+        self.belief_with_deferred = self.belief_with_deferred._replace(size=size)
+
+    def reserve(self, size: int) -> None:
+        """Make room for `size` entries.
+
+        Raises:
+            UserError: there is not enough memory; nothing has changed.
+        """
+        if size > self.capacity:
+            what = f"the covariance of {(size - ROBOT) // 2} landmarks or members of rays"
+            require_memory(8.0 * size * size, what, "give fewer landmarks, or choose a larger beta of rays")
+            self.belief_with_deferred = enlarged(self.belief, size)
+            self.deferred = allocate_deferred(*self._deferred_rows, self.capacity)
