@@ -33,7 +33,7 @@ from slamgauge import batch, simulate
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.graph_baseline.problem.linearisation import linearise
 from slamgauge.graph_baseline.solver.chain_partition import plan
-from slamgauge.graph_baseline.solver.motion_elimination import shorten
+from slamgauge.graph_baseline.solver.motion_elimination import eliminate_motions
 from slamgauge.graph_baseline.solver.multifrontal import largest
 from slamgauge.graph_baseline.solver.smoother import solve
 
@@ -73,7 +73,7 @@ def measured(landmarks: int, sights: int) -> Figures:
     start = perf_counter()
     solve(model, len(ids))
     once = perf_counter() - start
-    planned = plan(shorten(model), len(ids))
+    planned = plan(eliminate_motions(model), len(ids))
     return Figures(
         len(ids),
         len(np.unique(recording.observation_step)),

@@ -15,11 +15,11 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline.hindsight import batch, optimum_from, optimum_near, optimum_of_bearings
-from slamgauge.graph_baseline.problem.preparation import among_mapped, relative_to_start, require_known_landmarks
+from slamgauge.graph_baseline.hindsight import batch, bearing_only_optimum, optimum_from, optimum_near
+from slamgauge.graph_baseline.problem.preparation import relative_to_start, require_known_landmarks, with_association
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
-from slamgauge.graph_baseline.solver.cost_estimate import require_room
-from slamgauge.graph_baseline.solver.incremental import SHORT, GrowingOptimum
+from slamgauge.graph_baseline.solver.cost_estimate import require_memory_for
+from slamgauge.graph_baseline.solver.incremental import SHORT, IncrementalOptimum
 from slamgauge.graph_baseline.solver.multistart import chi_square_of
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
@@ -47,39 +47,41 @@ def causal(recording: Recording, association: Int | None = None) -> Estimate:
         UserError: the recording cannot be turned into a graph, or leaves a variable undetermined.
     """
     if association is not None:
-        return among_mapped(causal(recording.associated(association)), association)
-    require_room(recording, "causal", dense=True)
-    growing = GrowingOptimum(recording)
+        return with_association(causal(recording.associated(association)), association)
+    require_memory_for(recording, "causal", dense=True)
+    growing = IncrementalOptimum(recording)
     steps = recording.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
-    watched: list[_Known] = []
+    map_changes: list[_PathAndMap] = []
     for k in range(steps + 1):
         start = perf_counter()
         growing.add_step()
         poses[k], pose_covs[k] = growing.newest_pose(), growing.newest_cov()
         seconds[k] = perf_counter() - start
         if not SENSORS[recording.sensor].places_landmarks and steps <= SHORT:
-            watched.append(_known(growing))
+            map_changes.append(_path_and_map(growing))
     growing.finish()
     estimate = Estimate(
         kind="filtered", poses=poses, pose_covs=without_negative_eigenvalues(pose_covs), seconds=seconds
     )
-    return _with_map(recording, estimate, growing, watched)
+    return _with_map(recording, estimate, growing, map_changes)
 
 
-class _Known(NamedTuple):
+class _PathAndMap(NamedTuple):
     """What was known after a step: the path (k+1, 3), the landmarks (L,) that were mapped, and the leaps so far."""
 
     path: Float
     landmark_ids: Int
-    leaps: int
+    switches: int
 
 
-def _known(growing: GrowingOptimum) -> _Known:
-    return _Known(growing.path_and_map()[0], growing.landmark_ids, len(growing.leaps))
+def _path_and_map(growing: IncrementalOptimum) -> _PathAndMap:
+    return _PathAndMap(growing.path_and_map()[0], growing.landmark_ids, len(growing.switches))
 
 
-def _with_map(recording: Recording, estimate: Estimate, growing: GrowingOptimum, watched: list[_Known]) -> Estimate:
+def _with_map(
+    recording: Recording, estimate: Estimate, growing: IncrementalOptimum, map_changes: list[_PathAndMap]
+) -> Estimate:
     """The estimate with the map of the last step, and how it compares with `batch`; with batch's map if it has none."""
     if not growing.settled:
         last = batch(recording)
@@ -103,12 +105,16 @@ def _with_map(recording: Recording, estimate: Estimate, growing: GrowingOptimum,
         association=association,
         chi_square=chi_square,
         chi_square_dof=freedom,
-        optimum_check=np.inf if growing.unsettled_steps else _farthest_off(recording, estimate, growing, watched),
+        optimum_check=np.inf
+        if growing.unconverged_steps
+        else _largest_distance(recording, estimate, growing, map_changes),
     )
 
 
-def _farthest_off(recording: Recording, estimate: Estimate, growing: GrowingOptimum, watched: list[_Known]) -> float:
-    """How far off (see `_off`) the last pose is, and each whose step might have known better.
+def _largest_distance(
+    recording: Recording, estimate: Estimate, growing: IncrementalOptimum, map_changes: list[_PathAndMap]
+) -> float:
+    """How far off (see `_distance`) the last pose is, and each whose step might have known better.
 
     These are the steps before a leap to a path that they might have had, and in short recordings of bearings those
     before each change of the map. An optimum that is not found is infinitely far, but for those of changes: where a
@@ -116,36 +122,36 @@ def _farthest_off(recording: Recording, estimate: Estimate, growing: GrowingOpti
     """
     path, landmarks = growing.path_and_map()
     if not SENSORS[recording.sensor].places_landmarks:
-        farthest = _off_unless_lost(estimate, lambda: optimum_from(recording, path))
+        farthest = _distance_if_any(estimate, lambda: optimum_from(recording, path))
     else:
-        farthest = _off_unless_lost(estimate, lambda: optimum_near(recording, path, landmarks))
-    for path_after, landmark_ids in growing.leaps:
+        farthest = _distance_if_any(estimate, lambda: optimum_near(recording, path, landmarks))
+    for path_after, landmark_ids in growing.switches:
         if len(landmark_ids):
             part = recording.first(len(path_after) - 2)
             ids = require_known_landmarks(part)
             part = part.associated(np.where(np.isin(ids, landmark_ids), ids, -1))
             before = functools.partial(optimum_from, part, path_after[:-1])
-            farthest = max(farthest, _off_unless_lost(estimate, before))
-    for before, after in pairwise(watched):
-        if after.leaps > before.leaps or not np.array_equal(after.landmark_ids, before.landmark_ids):
+            farthest = max(farthest, _distance_if_any(estimate, before))
+    for before, after in pairwise(map_changes):
+        if after.switches > before.switches or not np.array_equal(after.landmark_ids, before.landmark_ids):
             part = recording.first(len(before.path) - 1)
             with suppress(UndeterminedError):
-                farthest = max(farthest, _off(optimum_from(part, after.path[:-1]), estimate))
+                farthest = max(farthest, _distance(optimum_from(part, after.path[:-1]), estimate))
             with suppress(UndeterminedError):
-                grown = optimum_of_bearings(part, lambda before=before: before.path)
-                farthest = max(farthest, _off(grown, estimate))
+                growing_start = bearing_only_optimum(part, lambda before=before: before.path)
+                farthest = max(farthest, _distance(growing_start, estimate))
     return farthest
 
 
-def _off_unless_lost(estimate: Estimate, optimum: Callable[[], Estimate]) -> float:
-    """`_off` from an optimum; infinite if there is none."""
+def _distance_if_any(estimate: Estimate, optimum: Callable[[], Estimate]) -> float:
+    """`_distance` from an optimum; infinite if there is none."""
     try:
-        return _off(optimum(), estimate)
+        return _distance(optimum(), estimate)
     except UndeterminedError:
         return np.inf
 
 
-def _off(optimum: Estimate, estimate: Estimate) -> float:
+def _distance(optimum: Estimate, estimate: Estimate) -> float:
     """How far an optimum's last pose and its sigmas are from those of an estimate, in sigmas of the optimum."""
     last = len(optimum.poses) - 1
     assert optimum.pose_covs is not None and estimate.pose_covs is not None

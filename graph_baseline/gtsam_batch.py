@@ -15,7 +15,7 @@ from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.gtsam_graph import REGULARISING_NOISE, build_graph, covariance_in_world, read_values
 from slamgauge.graph_baseline.gtsam_isam2 import Isam2Solver
-from slamgauge.graph_baseline.problem.preparation import among_mapped, relative_to_start
+from slamgauge.graph_baseline.problem.preparation import relative_to_start, with_association
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 
@@ -48,7 +48,7 @@ def gtsam_batch(recording: Recording, association: Int | None = None) -> Estimat
         UserError: the association is unknown, or the measurements leave a variable undetermined.
     """
     if association is not None:
-        return among_mapped(gtsam_batch(recording.associated(association)), association)
+        return with_association(gtsam_batch(recording.associated(association)), association)
     with explained():
         # Initial values: iSAM2's estimate. Dead reckoning leads to another minimum where it drifts far (ukfm-slam2d).
         # GTSAM's default settings factorise by Cholesky, which is fast but needs larger regularising noise.

@@ -16,7 +16,7 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.gtsam_graph import IncrementalGraph, covariance_in_world, pose_array
-from slamgauge.graph_baseline.problem.preparation import among_mapped, relative_to_start, require_known_landmarks
+from slamgauge.graph_baseline.problem.preparation import relative_to_start, require_known_landmarks, with_association
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose
@@ -45,7 +45,7 @@ def fixed_lag(recording: Recording, association: Int | None = None, lag: int = L
     """
     lag = min(require_lag(lag), max(recording.steps, 1))
     if association is not None:
-        return among_mapped(fixed_lag(recording.associated(association), lag=lag), association)
+        return with_association(fixed_lag(recording.associated(association), lag=lag), association)
     smoother, steps = FixedLagSmoother(recording, lag), recording.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
     with explained():

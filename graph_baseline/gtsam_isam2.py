@@ -24,7 +24,7 @@ from slamgauge.graph_baseline.gtsam_graph import (
     pose_array,
     read_values,
 )
-from slamgauge.graph_baseline.problem.preparation import among_mapped, relative_to_start, require_known_landmarks
+from slamgauge.graph_baseline.problem.preparation import relative_to_start, require_known_landmarks, with_association
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose
@@ -59,7 +59,7 @@ def isam2(
     """
     if association is not None:
         found = isam2(recording.associated(association), None, relinearize_threshold, relinearize_skip)
-        return among_mapped(found, association)
+        return with_association(found, association)
     parameters = gtsam.ISAM2Params()
     parameters.setRelinearizeThreshold(relinearize_threshold)
     parameters.relinearizeSkip = relinearize_skip

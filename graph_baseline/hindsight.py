@@ -25,24 +25,24 @@ from slamgauge.arrays import Float, Int
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.problem.preparation import (
-    among_mapped,
-    first_sights,
-    landmarks_at_first_sight,
+    first_observations,
+    landmarks_at_first_observation,
     relative_to_start,
     require_known_landmarks,
+    with_association,
 )
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
-from slamgauge.graph_baseline.solver.cost_estimate import require_room
-from slamgauge.graph_baseline.solver.incremental import GrowingOptimum
+from slamgauge.graph_baseline.solver.cost_estimate import require_memory_for
+from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum
 from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum
 from slamgauge.graph_baseline.solver.multistart import (
     Start,
     degrees_of_freedom,
-    grown,
+    descent_start,
+    growing_start,
+    inflated_noise_start,
     lowest_minimum,
     placed_minimum,
-    searched,
-    softened,
 )
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
@@ -63,15 +63,15 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
             optimum was not reached.
     """
     if association is not None:
-        return among_mapped(batch(recording.associated(association)), association)
+        return with_association(batch(recording.associated(association)), association)
     places_landmarks = SENSORS[recording.sensor].places_landmarks
-    require_room(recording, "batch", dense=not places_landmarks)  # bearings alone may need the causal optimum
+    require_memory_for(recording, "batch", dense=not places_landmarks)  # bearings alone may need the causal optimum
     if places_landmarks:
         return optimum_from(recording, chain(recording.prior_mean, recording.odometry))
-    return optimum_of_bearings(recording, lambda: grown_step_by_step(recording)[0])
+    return bearing_only_optimum(recording, lambda: incremental_start(recording)[0])
 
 
-def optimum_of_bearings(recording: Recording, grown: Callable[[], Float]) -> Estimate:
+def bearing_only_optimum(recording: Recording, growing_start: Callable[[], Float]) -> Estimate:
     """`batch` of bearings alone, with the path (N+1, 3) of the causal optimum."""
     path = chain(recording.prior_mean, recording.odometry)
     with suppress(UndeterminedError):
@@ -79,7 +79,7 @@ def optimum_of_bearings(recording: Recording, grown: Callable[[], Float]) -> Est
         if (taken >= 0).all():
             return _estimate(recording, taken, found)
     with suppress(UndeterminedError):
-        path = grown()
+        path = growing_start()
     return optimum_from(recording, path)
 
 
@@ -108,9 +108,9 @@ def _estimate(recording: Recording, taken: Int, found: Minimum) -> Estimate:
     )
 
 
-def grown_step_by_step(recording: Recording) -> tuple[Float, Float]:
+def incremental_start(recording: Recording) -> tuple[Float, Float]:
     """Poses and landmarks of the optimum that grew step by step."""
-    growing = GrowingOptimum(recording)
+    growing = IncrementalOptimum(recording)
     for _ in range(recording.steps + 1):
         growing.add_step()
         if not growing.settled:
@@ -118,22 +118,22 @@ def grown_step_by_step(recording: Recording) -> tuple[Float, Float]:
     return start_of(growing, recording)
 
 
-def start_of(growing: GrowingOptimum, recording: Recording) -> tuple[Float, Float]:
+def start_of(growing: IncrementalOptimum, recording: Recording) -> tuple[Float, Float]:
     """Poses (N+1, 3) and landmarks (L, 2) of a growing optimum; what it has not mapped is where it is seen."""
     poses, found = growing.path_and_map()
-    landmarks = landmarks_at_first_sight(recording, poses)
-    landmarks[np.isin(first_sights(recording)[0], growing.landmark_ids)] = found
+    landmarks = landmarks_at_first_observation(recording, poses)
+    landmarks[np.isin(first_observations(recording)[0], growing.landmark_ids)] = found
     return poses, landmarks
 
 
 def _starts(recording: Recording, path: Float) -> Iterator[Start]:
     """Ways to poses (N+1, 3) and landmarks (L, 2) from which to descend, the likeliest first."""
     odometry = chain(recording.prior_mean, recording.odometry)
-    yield lambda: searched(recording, path)
-    yield lambda: softened(recording, path)
+    yield lambda: descent_start(recording, path)
+    yield lambda: inflated_noise_start(recording, path)
     if np.array_equal(path, odometry):
-        yield lambda: grown_step_by_step(recording)
+        yield lambda: incremental_start(recording)
     else:
-        yield lambda: searched(recording, odometry)
-    yield lambda: grown(recording)
-    yield lambda: (odometry, landmarks_at_first_sight(recording, odometry))
+        yield lambda: descent_start(recording, odometry)
+    yield lambda: growing_start(recording)
+    yield lambda: (odometry, landmarks_at_first_observation(recording, odometry))

@@ -14,7 +14,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.hindsight import batch
 from slamgauge.graph_baseline.problem.preparation import are_placed, relative_to_start, require_known_landmarks
 from slamgauge.graph_baseline.solver.gtsam_start import find_inliers
-from slamgauge.graph_baseline.solver.motion_elimination import keyed
+from slamgauge.graph_baseline.solver.motion_elimination import reduce_to_key_poses
 from slamgauge.graph_baseline.solver.multistart import first_guess
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
@@ -37,7 +37,7 @@ def robust_batch(recording: Recording, association: Int | None = None) -> Estima
     path = chain(recording.prior_mean, recording.odometry)
     given[given >= 0] = np.where(are_placed(recording.associated(given), path), given[given >= 0], -1)
     seen = recording.associated(given)
-    short, key = keyed(seen)
+    short, key = reduce_to_key_poses(seen)
     poses, landmarks = first_guess(seen)
     rejected = np.flatnonzero(given >= 0)[~find_inliers(short, poses[key], landmarks, TRUSTED)]
     trusted = given.copy()

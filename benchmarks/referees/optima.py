@@ -25,7 +25,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal, hindsight
 from slamgauge.graph_baseline.problem.preparation import in_frame_of_start
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
-from slamgauge.graph_baseline.solver.incremental import GrowingOptimum
+from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, wrap
 
@@ -250,19 +250,19 @@ def grown_once(recording: Recording) -> Generator[None, None, None]:
     starts: list[tuple[Float, Float]] = []
     if recording.sensor == "bearing":
         here = in_frame_of_start(recording)
-        growing = GrowingOptimum(here)
+        growing = IncrementalOptimum(here)
         for k in range(recording.steps + 1):
             growing.add_step()
             if not growing.settled:
                 break
             starts.append(hindsight.start_of(growing, here.first(k)))
 
-    def grown(part: Recording) -> tuple[Float, Float]:
+    def growing_start(part: Recording) -> tuple[Float, Float]:
         if part.steps < len(starts):
             return starts[part.steps]
         raise UndeterminedError("the first steps have no minimum of their own")
 
-    with patch.object(hindsight, "grown_step_by_step", grown if starts else hindsight.grown_step_by_step):
+    with patch.object(hindsight, "grown_step_by_step", growing_start if starts else hindsight.incremental_start):
         yield
 
 

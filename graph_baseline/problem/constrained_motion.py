@@ -17,7 +17,7 @@ from slamgauge.se2 import between, chain, compose, exp, log
 SINGULAR = 1e-12  # of a correlation matrix: an eigenvalue that is taken for zero
 
 
-class FreeNoise:
+class MotionNoise:
     """Residuals of a path's motions, the start's first, as their noise leaves them free."""
 
     def __init__(self, recording: Recording) -> None:
@@ -33,7 +33,7 @@ class FreeNoise:
         """Half the sum of squares of the residuals of poses (N+1, 3), constrained directions left out."""
         return 0.5 * float(np.square(self._coordinates(self.residuals(poses)) / self._root).sum())
 
-    def followed(self, poses: Float) -> Float:
+    def satisfying_constraints(self, poses: Float) -> Float:
         """The poses (N+1, 3) whose residuals are those of `poses` without what the constraints exclude."""
         return poses if self._free.all() else self.path(self.residuals(poses))
 

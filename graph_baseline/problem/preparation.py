@@ -110,7 +110,7 @@ def are_placed_best(recording: Recording, path: Float, among: Marks) -> Marks:
     return np.isin(require_known_landmarks(recording), ids[np.argsort(sigmas, kind="stable")[: len(ids) // 2]])
 
 
-def are_at_odds(recording: Recording, path: Float, among: Marks) -> Marks:
+def are_inconsistent(recording: Recording, path: Float, among: Marks) -> Marks:
     """Which observations (M,) are of landmarks whose bearings say where they are, and do not meet from a path (N+1, 3).
 
     Bearings alone; of the landmarks `among` them (M,).
@@ -120,14 +120,14 @@ def are_at_odds(recording: Recording, path: Float, among: Marks) -> Marks:
     return np.isin(ids, found)
 
 
-def are_seen_again(recording: Recording) -> Marks:
+def are_reobserved(recording: Recording) -> Marks:
     """Which observations (M,) are of landmarks that several poses have seen."""
     _, slot = np.unique(require_known_landmarks(recording), return_inverse=True)
     sights = np.unique(np.column_stack([slot, recording.observation_step]), axis=0)
     return np.bincount(sights[:, 0])[slot] > 1
 
 
-def among_mapped(estimate: Estimate, association: Int) -> Estimate:
+def with_association(estimate: Estimate, association: Int) -> Estimate:
     """The estimate for an association (M,) of its own; -1 for what was given to landmarks that are not mapped."""
     mapped = np.isin(association, np.asarray(estimate.landmark_ids))
     return replace(estimate, association=np.where(mapped, association, -1))
@@ -166,16 +166,16 @@ def relative_to_start(
     return relative
 
 
-def first_sights(recording: Recording) -> tuple[Int, Int]:
+def first_observations(recording: Recording) -> tuple[Int, Int]:
     """Ids of the landmarks in increasing order, and the row of each one's first observation."""
     return np.unique(require_known_landmarks(recording), return_index=True)
 
 
-def landmarks_at_first_sight(recording: Recording, poses: Float) -> Float:
-    """Landmarks (L, 2), in the order of `first_sights`, where their first sights from `poses` put them."""
+def landmarks_at_first_observation(recording: Recording, poses: Float) -> Float:
+    """Landmarks (L, 2), in the order of `first_observations`, where their first sights from `poses` put them."""
     if not SENSORS[recording.sensor].places_landmarks:
         return triangulate_all(recording, poses)[1]
-    rows = first_sights(recording)[1]
+    rows = first_observations(recording)[1]
     seen_from = poses[recording.observation_step[rows]]
     polar = as_range_bearing(recording)[0][rows]
     angle = seen_from[:, 2] + polar[:, 1]

@@ -67,7 +67,7 @@ def measured_of(recording: Recording) -> Measured:
 
 
 @inner
-def facing(pose: Float) -> tuple[float, float]:
+def cosine_sine(pose: Float) -> tuple[float, float]:
     """Cosine and sine of the heading."""
     return math.cos(pose[2]), math.sin(pose[2])
 
@@ -88,7 +88,7 @@ def step_residual(
 ) -> tuple[float, float, float]:
     """Log(measured^-1 between) of a step from pose `start` to `end`, in the frame of its end.
 
-    `heading` is that of the start as `facing` has it.
+    `heading` is that of the start as `cosine_sine` has it.
     """
     c, s = heading
     dx, dy = end[0] - start[0], end[1] - start[1]
@@ -100,7 +100,7 @@ def step_residual(
 
 
 @inner
-def sight_of(measured: Measured, row: int) -> Sight:
+def observation_row(measured: Measured, row: int) -> Sight:
     """The observation in a row; of bearings alone, what is of a second number repeats the first."""
     z, direction, whitener = measured.value[row], measured.direction[row], measured.whitener[row]
     return Sight(z[0], z[-1], direction[0], direction[1], whitener[0, 0], whitener[-1, 0], whitener[-1, -1])
@@ -112,8 +112,7 @@ def observation_residual(
 ) -> tuple[float, float, float, float, float, float]:
     """Return the whitened residual h - z (2,) and its gradients (2, 2) by a landmark at (ex, ey) from the pose.
 
-    `heading` is cosine and sine of the pose's heading, as `facing` returns them. With bearings only, the second row is
-    zero.
+    `heading` is cosine and sine of the pose's heading. With bearings only, the second row is zero.
 
     With a bearing the model of `slamgauge.sensor_models.range_bearing` is evaluated in the frame that points along the
     measured bearing. There the predicted bearing is the residual itself: small as a rule, so that a series replaces the

@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.constrained_motion import FreeNoise
+from slamgauge.graph_baseline.problem.constrained_motion import MotionNoise
 from slamgauge.graph_baseline.problem.linearisation import LinearModel
 from slamgauge.se2 import exp, right_jacobian, rotation, wrap
 
 
-def displaced(
-    model: LinearModel, noise: FreeNoise, poses: Float, landmarks: Float, dx: Float, dm: Float
+def retract_pointwise(
+    model: LinearModel, noise: MotionNoise, poses: Float, landmarks: Float, dx: Float, dm: Float
 ) -> tuple[Float, Float]:
     """Path and map after a step (N+1, 3), (L, 2): each point by V(turn) step, V(t) = (R(t) - I) / (t J).
 
@@ -26,11 +26,11 @@ def displaced(
     seen = np.maximum(np.bincount(model.slot, minlength=len(dm)), 1)
     turn_of_landmark = np.bincount(model.slot, turn[model.step], minlength=len(dm)) / seen
     path = np.column_stack([poses[:, :2] + exp(dx)[:, :2], wrap(poses[:, 2] + turn)])
-    return noise.followed(path), landmarks + exp(np.column_stack([dm, turn_of_landmark]))[:, :2]
+    return noise.satisfying_constraints(path), landmarks + exp(np.column_stack([dm, turn_of_landmark]))[:, :2]
 
 
-def driven(
-    model: LinearModel, noise: FreeNoise, poses: Float, landmarks: Float, dx: Float, dm: Float
+def retract_by_motions(
+    model: LinearModel, noise: MotionNoise, poses: Float, landmarks: Float, dx: Float, dm: Float
 ) -> tuple[Float, Float]:
     """Path and map after a step (N+1, 3), (L, 2) that is taken by the residuals of the motions.
 

@@ -13,10 +13,10 @@ from slamgauge.graph_baseline.solver.linear_problem import Place
 from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 
-SURELY = SURE / 2  # sigma over distance of a landmark that bearings will go on to place
+CERTAIN = SURE / 2  # sigma over distance of a landmark that bearings will go on to place
 
 
-class MappedLandmarks:
+class ActiveLandmarks:
     """The landmarks that have a slot in `place`, and the slots of the observations in `measured`.
 
     Args:
@@ -29,7 +29,7 @@ class MappedLandmarks:
         self._recording, self._measured, self._place = recording, measured, place
         self._ids = require_known_landmarks(recording)
         self._slot: dict[int, int] = {}
-        self._unsure: set[int] = set()
+        self._uncertain: set[int] = set()
 
     def __len__(self) -> int:
         return len(self._slot)
@@ -43,7 +43,7 @@ class MappedLandmarks:
         """(L, 2) [m], in the order of `ids`."""
         return self._place.landmarks[: len(self)].copy()
 
-    def map_seen(self, newest: int) -> None:
+    def map_scan(self, newest: int) -> None:
         """Give slots to the observations of the newest pose's scan; with bearings alone, new landmarks wait."""
         first, last = self._measured.first[newest : newest + 2]
         for row in range(first, last):
@@ -69,33 +69,33 @@ class MappedLandmarks:
         rows = slice(*self._measured.first[newest : newest + 2])
         return self._ids[rows][self._measured.slot[rows] < 0].tolist()
 
-    def is_any_placed(self, newest: int, names: list[int], path: Float) -> bool:
+    def any_placed(self, newest: int, names: list[int], path: Float) -> bool:
         """Whether bearings from a path (newest+1, 3) place any of these landmarks."""
         ids = self._ids[: self._measured.first[newest + 1]]
         rows = (np.flatnonzero(ids == name) for name in names)
         return any(np.isfinite(triangulate_one(self._recording, each, path)[1]) for each in rows)
 
-    def leave_out(self, newest: int) -> bool:
+    def remove_unplaced(self, newest: int) -> bool:
         """Take their slots from landmarks that bearings no longer place; whether there are any."""
-        kept = {name for name in self._slot if name not in self._unsure or self._is_placed(newest, name)}
+        kept = {name for name in self._slot if name not in self._uncertain or self._is_placed(newest, name)}
         ids = self.ids
         if len(kept) == len(ids):
             return False
-        self._unsure &= kept
+        self._uncertain &= kept
         stays = np.isin(ids, list(kept))
-        self.map_alone(newest, ids[stays], self.positions()[stays])
+        self.set_mapped(newest, ids[stays], self.positions()[stays])
         return True
 
-    def map_alone(self, newest: int, ids: Int, landmarks: Float) -> None:
+    def set_mapped(self, newest: int, ids: Int, landmarks: Float) -> None:
         """Give slots to landmarks (L, 2) of these ids, and to no others."""
         self._slot = {name: slot for slot, name in enumerate(ids.tolist())}
         self._place.landmarks[: len(ids)] = landmarks
         rows = self._measured.first[newest + 1]
         self._measured.slot[:rows] = [self._slot.get(name, -1) for name in self._ids[:rows].tolist()]
 
-    def doubt_all(self) -> None:
+    def recheck_all(self) -> None:
         """Look at each again when landmarks are left out."""
-        self._unsure = set(self._slot)
+        self._uncertain = set(self._slot)
 
     def _map(self, name: int, landmark: Float) -> None:
         """Give a slot to a landmark (2,)."""
@@ -105,7 +105,7 @@ class MappedLandmarks:
     def _is_placed(self, newest: int, name: int) -> bool:
         """Whether bearings place a landmark; one that they place well is no longer looked at."""
         rows = np.flatnonzero(self._ids[: self._measured.first[newest + 1]] == name)
-        if np.isfinite(triangulate_one(self._recording, rows, self._place.poses, SURELY)[1]):
-            self._unsure.remove(name)
+        if np.isfinite(triangulate_one(self._recording, rows, self._place.poses, CERTAIN)[1]):
+            self._uncertain.remove(name)
             return True
         return bool(np.isfinite(triangulate_one(self._recording, rows, self._place.poses)[1]))

@@ -19,7 +19,7 @@ FAST = 0.3  # of a step is left for the next: then nothing is mixed
 RESOLVED = 1e-10  # singular values below this share of the largest are rounding
 
 
-class Mixing:
+class AndersonAcceleration:
     """The moves of an iteration so far."""
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class Mixing:
         """
         self._steps.append(step)
         self._scaled.append(scaled)
-        if not self._moves or size_of(scaled) < FAST * size_of(self._scaled[-2]):
+        if not self._moves or largest_entry(scaled) < FAST * largest_entry(self._scaled[-2]):
             return step
         try:
             Q, R = np.linalg.qr(_changes(self._scaled))
@@ -51,7 +51,7 @@ class Mixing:
         del self._moves[:-MEMORY], self._steps[:-MEMORY], self._scaled[:-MEMORY]
 
 
-def size_of(scaled: Float) -> float:
+def largest_entry(scaled: Float) -> float:
     """Largest entry of a step (m,) in standard deviations."""
     return float(np.max(np.abs(scaled), initial=0.0))
 

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Int, Marks
-from slamgauge.graph_baseline.solver.motion_elimination import Between, Chain, carried_covariances, sums_within
-from slamgauge.graph_baseline.solver.multifrontal import Front, dissected, multiply_adds
+from slamgauge.graph_baseline.solver.motion_elimination import Between, Chain, propagated_covariances, sums_within
+from slamgauge.graph_baseline.solver.multifrontal import Front, multiply_adds, nested_dissection
 
 LANDMARKS = 64  # of a piece: with the scan that sees more it ends
 LEAST = 1e-8  # of the variances of start and motions so far, in any direction: less noise of a piece is none
@@ -79,7 +79,7 @@ def _is_noisy(chain: Chain, cut: Int) -> Marks:
     key = np.concatenate([[0], cut, [len(model.F)]])
     segment = np.searchsorted(key, np.arange(1, len(model.F) + 1)) - 1
     lever = sums_within(segment, key, model.F[:, :2, 2])
-    noise = carried_covariances(segment, key, lever, model.W)[cut - 1]
+    noise = propagated_covariances(segment, key, lever, model.W)[cut - 1]
     variance = np.diag(model.start_cov) + np.cumsum(np.diagonal(model.W, axis1=1, axis2=2), axis=0)[cut - 1]
     sigma = np.sqrt(np.where(variance > 0.0, variance, np.inf))
     return np.linalg.eigvalsh(noise / (sigma[:, :, None] * sigma[:, None, :]))[:, 0] > LEAST
@@ -93,7 +93,7 @@ def plan_of(chain: Chain, landmarks: int, cut: Int) -> Plan:
     else:
         pieces = [_piece(chain, landmarks, ends, number) for number in range(len(cut) + 1)]
     lever = np.concatenate([np.zeros((1, 2)), np.cumsum(chain.model.F[:, :2, 2], axis=0)])  # (-y, x) of each key
-    front = dissected([piece.columns for piece in pieces], (lever[ends[:-1]] + lever[ends[1:]]) / 2)
+    front = nested_dissection([piece.columns for piece in pieces], (lever[ends[:-1]] + lever[ends[1:]]) / 2)
     return Plan(pieces, front, 2 * landmarks + 3 * len(cut))
 
 

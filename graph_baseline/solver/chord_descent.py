@@ -15,13 +15,13 @@ from scipy.linalg import get_lapack_funcs
 from slamgauge.arrays import Float
 from slamgauge.graph_baseline.problem.residuals import Measured
 from slamgauge.graph_baseline.solver import chord_kernels, linear_problem, pose_elimination
-from slamgauge.graph_baseline.solver.active_landmarks import MappedLandmarks
-from slamgauge.graph_baseline.solver.anderson import Mixing
+from slamgauge.graph_baseline.solver.active_landmarks import ActiveLandmarks
+from slamgauge.graph_baseline.solver.anderson import AndersonAcceleration
 from slamgauge.graph_baseline.solver.linear_problem import Place
 from slamgauge.graph_baseline.solver.multifrontal import EXHAUSTED
 from slamgauge.graph_baseline.solver.smoother import own_blocks_of_inverse
 
-factorised, solved = get_lapack_funcs(("potrf", "potrs"), dtype=np.float64)
+factorise, solved = get_lapack_funcs(("potrf", "potrs"), dtype=np.float64)
 
 SETTLED = 0.003  # sigmas of the newest pose, and of all that was observed: what a chord step may leave
 RATE = 0.2  # no chord step is trusted to leave less of itself
@@ -48,13 +48,15 @@ class ChordDescent:
         chi_square: sum of squared residuals, where a chord step was taken last.
     """
 
-    def __init__(self, measured: Measured, place: Place, mapped: MappedLandmarks) -> None:
+    def __init__(self, measured: Measured, place: Place, mapped: ActiveLandmarks) -> None:
         self._measured, self._place, self._mapped = measured, place, mapped
         sizes = len(place.poses), len(place.landmarks), *measured.value.shape
         self._linear = linear_problem.allocate_linear(*sizes)
         self._before = linear_problem.allocate_place(*sizes[:2])  # the newest scan
         self._step = chord_kernels.allocate_chord(*sizes)
-        self._mixing: Mixing | None = None  # of the chord steps since all was linearised, where they are mixed
+        self._mixing: AndersonAcceleration | None = (
+            None  # of the chord steps since all was linearised, where they are mixed
+        )
         self._sizes: list[float] = []  # of the same steps
         self._factor: Float = np.zeros((0, 0))  # (2L, 2L) lower triangular, of the landmarks' information
         self._newest_cov: Float | None = None  # unless it has been asked for
@@ -79,7 +81,7 @@ class ChordDescent:
         """(L, 2, 2) [m^2]."""
         return own_blocks_of_inverse(self._factor)
 
-    def take_in_newest_scan(self, mapped: int) -> Float | None:
+    def add_newest_scan(self, mapped: int) -> Float | None:
         """Take in the newest scan, linearised where it leads; the last landmarks, from number `mapped` on, are new.
 
         Returns by how much the newest pose (3,) has moved; None where the matrices do not determine all landmarks.
@@ -95,7 +97,7 @@ class ChordDescent:
                 linear.M[:], linear.newest_cov[:], information[:] = saved
                 linear.at.poses[k] = place.poses[k]
                 linear.at.landmarks[mapped:count] = place.landmarks[mapped:count]
-            if not (self._take_in(before, k) and self._factorise()):
+            if not (self._eliminate_poses(before, k) and self._factorise()):
                 return None
             landmarks = self._solve(linear.pull[: 2 * count])
             step = linear.kick + linear.M[:, : 2 * count] @ landmarks
@@ -105,7 +107,7 @@ class ChordDescent:
 
     def converge(self) -> bool:
         """Whether chord steps come to rest, all linearised anew where they take too little away."""
-        self._mixing, self._sizes = Mixing() if len(self._mapped) >= LARGE else None, []
+        self._mixing, self._sizes = AndersonAcceleration() if len(self._mapped) >= LARGE else None, []
         before = smallest = np.inf
         for _ in range(MAX_STEPS):
             size = self._chord_step()
@@ -117,8 +119,8 @@ class ChordDescent:
             self._sizes.append(size)
             back = 1 if self._mixing is None else 2
             if len(self._sizes) > back and size > SLOW * self._sizes[-1 - back]:
-                self._mixing = Mixing()
-                if not self.linearise_anew():
+                self._mixing = AndersonAcceleration()
+                if not self.relinearise():
                     return False
             before, smallest = size, min(size, smallest)
         return False
@@ -130,15 +132,15 @@ class ChordDescent:
         """
         measured, linear, place, step = self._measured, self._linear, self._place, self._step
         k, count = self.newest, len(self._mapped)
-        change, self.chi_square = chord_kernels.find_defects(measured, linear, place, k, step)
-        if change * self._reach() > STALE and not self.linearise_anew():
+        change, self.chi_square = chord_kernels.compute_defects(measured, linear, place, k, step)
+        if change * self._reach() > STALE and not self.relinearise():
             return np.nan
         chord_kernels.smooth(linear, k, step)
         chord_kernels.pull_landmarks(measured, linear, k, step)
         step.landmark[:count] = self._solve(step.landmark[:count].ravel()).reshape(-1, 2)
         chord_kernels.pull_poses(measured, linear, k, step)
         chord_kernels.smooth(linear, k, step)
-        chord_kernels.see(measured, linear, k, step)
+        chord_kernels.predict_changes(measured, linear, k, step)
         seen = step.seen[: measured.first[k + 1]].ravel()
         size = max(float(np.linalg.norm(seen)), float(np.max(np.abs(step.pose[k]) / self.sigma)))
         if not size < np.inf:
@@ -148,7 +150,7 @@ class ChordDescent:
         chord_kernels.move(measured, place, k, count, step)
         return size
 
-    def _mix(self, mixing: Mixing, seen: Float) -> None:
+    def _mix(self, mixing: AndersonAcceleration, seen: Float) -> None:
         """Mix the step, by which what is seen would change by `seen` (s,), with those before."""
         step, k, count = self._step, self.newest, len(self._mapped)
         parts = step.pose[: k + 1], step.landmark[:count]
@@ -166,20 +168,20 @@ class ChordDescent:
         """
         return max(1.0, float(np.sqrt(np.sum(self._linear.N[self.newest] * self.newest_cov()))))
 
-    def linearise_anew(self) -> bool:
+    def relinearise(self) -> bool:
         """Take in all poses again, linearised where path and map stand; whether that determines all landmarks."""
-        self._sizes, self._mixing = [], None if self._mixing is None else Mixing()
+        self._sizes, self._mixing = [], None if self._mixing is None else AndersonAcceleration()
         k, count, at = self.newest, len(self._mapped), self._linear.at
         at.poses[: k + 1] = self._place.poses[: k + 1]
         at.landmarks[:count] = self._place.landmarks[:count]
         self._linear.information[: 2 * count, : 2 * count] = 0.0
-        return self._take_in(self._place, 0) and self._factorise()
+        return self._eliminate_poses(self._place, 0) and self._factorise()
 
-    def take_in_newest(self) -> bool:
+    def add_newest_pose(self) -> bool:
         """Take in the newest pose and its scan where it stands; whether that is possible."""
-        return self._take_in(self._place, self.newest)
+        return self._eliminate_poses(self._place, self.newest)
 
-    def _take_in(self, before: Place, since: int) -> bool:
+    def _eliminate_poses(self, before: Place, since: int) -> bool:
         """Take in the poses from number `since` on; the newest pose and the map are expected at `before`.
 
         Returns whether that is possible: a landmark on the pose that sees it has no Jacobians.
@@ -187,7 +189,7 @@ class ChordDescent:
         landmarks, until = len(self._mapped), self.newest + 1
         self._newest_cov = None
         try:
-            pose_elimination.take_in(self._measured, self._linear, self._place, before, landmarks, since, until)
+            pose_elimination.eliminate_poses(self._measured, self._linear, self._place, before, landmarks, since, until)
         except LinAlgError:
             return False
         return True
@@ -196,7 +198,7 @@ class ChordDescent:
         """Whether what the poses leave of the landmarks' information has a factor that rounding does not hide."""
         width = 2 * len(self._mapped)
         information = self._linear.information[:width, :width]
-        upper, indefinite = factorised(information.T) if width else (information, 0)
+        upper, indefinite = factorise(information.T) if width else (information, 0)
         if indefinite or (np.square(upper.diagonal()) < EXHAUSTED * information.diagonal()).any():
             return False
         self._factor = upper.T

@@ -19,9 +19,9 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.graph_baseline.problem.residuals import (
     Measured,
-    facing,
+    cosine_sine,
     observation_residual,
-    sight_of,
+    observation_row,
     step_residual,
 )
 from slamgauge.graph_baseline.solver.linear_problem import Linear, Place
@@ -49,7 +49,7 @@ def allocate_chord(poses: int, landmarks: int, observations: int, dim: int) -> C
 
 
 @kernel
-def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, chord: Chord) -> tuple[float, float]:
+def compute_defects(measured: Measured, linear: Linear, place: Place, newest: int, chord: Chord) -> tuple[float, float]:
     """Leave in `chord` the defects of all steps and the gradient by the landmarks, of the exact cost at `place`.
 
     Returns the relative change of Jacobians since they were taken in, of the observations' by their landmarks or, if
@@ -64,7 +64,7 @@ def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, 
     moved, norm, squares = 0.0, 0.0, 0.0
     turned, length = 0.0, 0.0
     lever = np.zeros(2)  # from pose k - 1 to the newest, as taken in
-    heading = facing(poses[newest])
+    heading = cosine_sine(poses[newest])
     for k in range(newest, -1, -1):
         if k > 0:
             lever += linear.lever[k]
@@ -78,7 +78,7 @@ def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, 
             if slot < 0:
                 continue
             ex, ey = places[slot, 0] - poses[k, 0], places[slot, 1] - poses[k, 1]
-            r0, r1, a00, a01, a10, a11 = observation_residual(sensor, sight_of(measured, row), heading, ex, ey)
+            r0, r1, a00, a01, a10, a11 = observation_residual(sensor, observation_row(measured, row), heading, ex, ey)
             squares += r0 * r0 + r1 * r1
             g0, g1 = a00 * r0 + a10 * r1, a01 * r0 + a11 * r1
             norm += a00 * a00 + a01 * a01 + a10 * a10 + a11 * a11
@@ -91,7 +91,7 @@ def find_defects(measured: Measured, linear: Linear, place: Place, newest: int, 
             l1 += g1
             l2 += g1 * ex - g0 * ey
         start = measured.start if k == 0 else poses[k - 1]
-        heading_before = facing(start)
+        heading_before = cosine_sine(start)
         x, y, t = step_residual(start, heading_before, measured.motion[k], measured.motion_turn[k], poses[k])
         j00, j01, j02, j12 = right_jacobian(x, y, t)
         c, s = heading
@@ -172,7 +172,7 @@ def pull_poses(measured: Measured, linear: Linear, newest: int, chord: Chord) ->
 
 
 @kernel
-def see(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
+def predict_changes(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
     """Leave in `chord` what the step changes of every observation."""
     for k in range(newest + 1):
         for row in range(measured.first[k], measured.first[k + 1]):
@@ -202,14 +202,14 @@ def move(measured: Measured, place: Place, newest: int, landmarks: int, chord: C
                 continue
             turns[slot] += turn
             seen[slot] += 1.0
-        move_point(place.poses[k], chord.pose[k], turn)
+        retract_point(place.poses[k], chord.pose[k], turn)
         place.poses[k, 2] = wrap(place.poses[k, 2] + turn)
     for slot in range(landmarks):
-        move_point(place.landmarks[slot], chord.landmark[slot], turns[slot] / max(seen[slot], 1.0))
+        retract_point(place.landmarks[slot], chord.landmark[slot], turns[slot] / max(seen[slot], 1.0))
 
 
 @inner
-def move_point(point: Float, step: Float, turn: float) -> None:
+def retract_point(point: Float, step: Float, turn: float) -> None:
     """Point <- point + V(turn) step."""
     x, y = exp(step[0], step[1], turn)
     point[0] += x

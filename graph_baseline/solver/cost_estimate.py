@@ -5,9 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.graph_baseline.problem.linearisation import linearise
-from slamgauge.graph_baseline.problem.preparation import first_sights, landmarks_at_first_sight, require_known_landmarks
+from slamgauge.graph_baseline.problem.preparation import (
+    first_observations,
+    landmarks_at_first_observation,
+    require_known_landmarks,
+)
 from slamgauge.graph_baseline.solver.chain_partition import Plan, plan
-from slamgauge.graph_baseline.solver.motion_elimination import shorten
+from slamgauge.graph_baseline.solver.motion_elimination import eliminate_motions
 from slamgauge.graph_baseline.solver.multifrontal import largest, numbers_kept
 from slamgauge.memory import free_memory, require_memory
 from slamgauge.recording import Recording
@@ -18,7 +22,7 @@ KEYS, ROWS = 150.0, 20.0  # numbers for each pose with a scan, and for each row 
 MATRICES = 6.0  # the same of the information of a front, or of all landmarks
 
 
-def require_room(recording: Recording, name: str, *, dense: bool = False) -> None:
+def require_memory_for(recording: Recording, name: str, *, dense: bool = False) -> None:
     """Refuse a recording that does not fit.
 
     Args:
@@ -45,13 +49,13 @@ def bytes_of(planned: Plan) -> float:
 
 
 def _plan_of(recording: Recording) -> Plan:
-    ids = first_sights(recording)[0]
+    ids = first_observations(recording)[0]
     slot = np.searchsorted(ids, require_known_landmarks(recording))
     path = chain(recording.prior_mean, recording.odometry)
-    model = linearise(recording, slot, path, landmarks_at_first_sight(recording, path))
-    return plan(shorten(model), len(ids))
+    model = linearise(recording, slot, path, landmarks_at_first_observation(recording, path))
+    return plan(eliminate_motions(model), len(ids))
 
 
 def _counts(recording: Recording) -> tuple[int, int]:
     """Landmarks, and poses that see any."""
-    return len(first_sights(recording)[0]), len(np.unique(recording.observation_step))
+    return len(first_observations(recording)[0]), len(np.unique(recording.observation_step))

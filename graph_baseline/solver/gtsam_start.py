@@ -11,7 +11,7 @@ import numpy as np
 
 from slamgauge.arrays import Float, Marks
 from slamgauge.graph_baseline.gtsam_graph import REGULARISING_NOISE, build_graph, make_values, read_values
-from slamgauge.graph_baseline.problem.preparation import first_sights
+from slamgauge.graph_baseline.problem.preparation import first_observations
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 
@@ -26,7 +26,7 @@ def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values,
 
 def descend(recording: Recording, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
     """Return poses (N+1, 3) and landmarks (L, 2) where Levenberg-Marquardt ends; landmarks in increasing id order."""
-    values = make_values(poses, first_sights(recording)[0], landmarks)
+    values = make_values(poses, first_observations(recording)[0], landmarks)
     with explained():
         return read_values(levenberg_marquardt(build_graph(recording, REGULARISING_NOISE), values, iterations))
 
@@ -42,7 +42,7 @@ def find_inliers(recording: Recording, poses: Float, landmarks: Float, probabili
     parameters.setLossType(gtsam.GncLossType.TLS)
     parameters.setKnownInliers(np.setdiff1d(np.arange(graph.size()), rows).tolist())
     with explained():
-        values = make_values(poses, first_sights(recording)[0], landmarks)
+        values = make_values(poses, first_observations(recording)[0], landmarks)
         optimizer = gtsam.GncLMOptimizer(graph, values, parameters)
         optimizer.setInlierCostThresholdsAtProbability(probability)
         optimizer.optimize()

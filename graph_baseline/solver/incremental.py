@@ -21,17 +21,17 @@ from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
 from slamgauge.graph_baseline.problem.residuals import measured_of
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
-from slamgauge.graph_baseline.solver.active_landmarks import MappedLandmarks
+from slamgauge.graph_baseline.solver.active_landmarks import ActiveLandmarks
 from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
 from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum
 from slamgauge.graph_baseline.solver.linear_problem import allocate_place
 from slamgauge.graph_baseline.solver.multistart import (
     Start,
+    descent_start,
     explained_by_noise,
-    grown,
+    growing_start,
+    inflated_noise_start,
     placed_minimum,
-    searched,
-    softened,
 )
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
@@ -47,14 +47,14 @@ SOUGHT_AGAIN = 1.2  # times the steps at which no minimum, or none that is lower
 DOUBTED_AGAIN = 2.0  # the same for a lower one of a path that is not short
 
 
-class Leap(NamedTuple):
+class MinimumSwitch(NamedTuple):
     """Where a search has led: a path (k+1, 3), and the landmarks (L,) that were mapped before."""
 
     path: Float
     landmark_ids: Int
 
 
-class GrowingOptimum:
+class IncrementalOptimum:
     """The optimum of the first steps of a recording.
 
     Args:
@@ -67,15 +67,15 @@ class GrowingOptimum:
         self._measured = measured_of(recording)
         poses, landmarks = recording.steps + 1, len(np.unique(require_known_landmarks(recording)))
         self._place = allocate_place(poses, landmarks)
-        self._mapped = MappedLandmarks(recording, self._measured, self._place)
+        self._mapped = ActiveLandmarks(recording, self._measured, self._place)
         self._descent = ChordDescent(self._measured, self._place, self._mapped)
         self._scans, self._travel = 0, 0.0  # since the last settling; travel in squared sigmas
         self._bend = np.inf  # sigmas missed for each of travel
         self.settled = True  # whether the minimum was found when it was last looked for
-        self.unsettled_steps = 0  # steps without: their pose is dead reckoning from the last that had one
-        self._seek_at = self._doubt_at = 0
+        self.unconverged_steps = 0  # steps without: their pose is dead reckoning from the last that had one
+        self._next_search = self._next_lower_search = 0
         self._freedom = 0  # of the last minimum
-        self.leaps: list[Leap] = []
+        self.switches: list[MinimumSwitch] = []
 
     # --- what has been found ---------------------------------------------------------------------
 
@@ -119,31 +119,31 @@ class GrowingOptimum:
         last = self._place.poses[k - 1]
         self._descent.add_pose(compose(last, self._measured.motion[k]) if k else self._measured.start)
         if not self.settled:
-            self._descent.take_in_newest()
-            if k >= self._seek_at:
-                self._seek()
+            self._descent.add_newest_pose()
+            if k >= self._next_search:
+                self._search()
         else:
-            self._take_in_step()
-        self.unsettled_steps += not self.settled
+            self._add_scan()
+        self.unconverged_steps += not self.settled
 
     def finish(self) -> None:
         """Go to the minimum, with all matrices taken there."""
         if self.settled:
             self._settle(anew=True)
         else:
-            self._seek()
+            self._search()
         if not SENSORS[self._recording.sensor].places_landmarks:
-            self._settle_placed()
-        self.settled = self.settled and self._descent.linearise_anew()
+            self._converge_with_placed()
+        self.settled = self.settled and self._descent.relinearise()
 
-    def _take_in_step(self) -> None:
+    def _add_scan(self) -> None:
         """Take in the newest scan, and settle if it is time to."""
         k, mapped = self._newest, len(self._mapped)
         if self._measured.first[k] == self._measured.first[k + 1]:
-            self._descent.take_in_newest()
+            self._descent.add_newest_pose()
             return
-        self._mapped.map_seen(k)
-        step = self._descent.take_in_newest_scan(mapped)
+        self._mapped.map_scan(k)
+        step = self._descent.add_newest_scan(mapped)
         if step is None:
             self._settle(anew=True)
         else:
@@ -152,23 +152,23 @@ class GrowingOptimum:
             if k <= SHORT or self._scans >= LONGEST or self._travel * self._bend > MISSED:
                 self._settle()
         if not SENSORS[self._recording.sensor].places_landmarks:
-            self._settle_placed()
+            self._converge_with_placed()
 
-    def _settle_placed(self) -> None:
+    def _converge_with_placed(self) -> None:
         """Go to the minimum of the landmarks that bearings place from there, as `placed_minimum` does.
 
         Each is taken in once at most: a search may leave it out again.
         """
-        if self.settled and self._newest >= self._seek_at and self._may_map_more():
-            self._seek_more()
+        if self.settled and self._newest >= self._next_search and self._may_map_more():
+            self._search_more_landmarks()
         taken_in = set[int]()
         while self.settled and (placed := self._mapped.map_waiting(self._newest, taken_in)):
             taken_in |= placed
-            self._mapped.doubt_all()
+            self._mapped.recheck_all()
             self._settle(anew=True)
         if self._newest <= SHORT:
-            self._mapped.doubt_all()
-        if self.settled and self._mapped.leave_out(self._newest):
+            self._mapped.recheck_all()
+        if self.settled and self._mapped.remove_unplaced(self._newest):
             self._settle(anew=True)
 
     def _settle(self, *, anew: bool = False) -> None:
@@ -176,12 +176,12 @@ class GrowingOptimum:
         k, count, place = self._newest, len(self._mapped), self._place
         start = place.poses[: k + 1].copy(), place.landmarks[:count].copy()
         last_chi_square = self._descent.chi_square
-        self.settled = (not anew or self._descent.linearise_anew()) and self._descent.converge()
+        self.settled = (not anew or self._descent.relinearise()) and self._descent.converge()
         if not self.settled:
             place.poses[: k + 1], place.landmarks[:count] = start
-            self._seek()
-        elif self._is_doubtful(last_chi_square):
-            self._seek_lower()
+            self._search()
+        elif self._is_cost_unlikely(last_chi_square):
+            self._search_lower()
         self._freedom = self._degrees_of_freedom()
         apart = place.poses[k] - start[0][k]
         apart[2] = wrap(apart[2])
@@ -190,10 +190,10 @@ class GrowingOptimum:
         self._bend = max(missed / max(self._travel, 1e-6), expected)
         self._scans, self._travel = 0, 0.0
 
-    def _is_doubtful(self, last_chi_square: float) -> bool:
+    def _is_cost_unlikely(self, last_chi_square: float) -> bool:
         """Whether noise explains neither all squared residuals nor those that came since the last minimum."""
         freedom = self._degrees_of_freedom()
-        if self._newest < self._doubt_at or explained_by_noise(self._descent.chi_square, freedom):
+        if self._newest < self._next_lower_search or explained_by_noise(self._descent.chi_square, freedom):
             return False
         return not explained_by_noise(self._descent.chi_square - last_chi_square, max(freedom - self._freedom, 1))
 
@@ -202,12 +202,12 @@ class GrowingOptimum:
         taken = self._measured.slot[: self._measured.first[self._newest + 1]] >= 0
         return int(taken.sum()) * self._recording.observation.shape[1] - 2 * len(self._mapped)
 
-    def _seek(self) -> None:
+    def _search(self) -> None:
         """Search a minimum; where there is none, leave it for a while."""
-        found = self._searched()
+        found = self._search_result()
         self.settled = found is not None and self._move_to(*found)
         if not self.settled:
-            self._seek_at = int(SOUGHT_AGAIN * self._newest) + 1
+            self._next_search = int(SOUGHT_AGAIN * self._newest) + 1
 
     def _may_map_more(self) -> bool:
         """Whether nothing is mapped, or dead reckoning places a landmark of the newest scan that waits.
@@ -219,35 +219,35 @@ class GrowingOptimum:
         if self._newest > SHORT:
             return False
         waiting = self._mapped.waiting_in_scan(self._newest)
-        return bool(waiting) and self._mapped.is_any_placed(self._newest, waiting, self._dead_reckoned())
+        return bool(waiting) and self._mapped.any_placed(self._newest, waiting, self._dead_reckoned())
 
-    def _seek_more(self) -> None:
+    def _search_more_landmarks(self) -> None:
         """Search a minimum with more landmarks than the present one has; where there is none, leave it for a while."""
-        found = self._searched()
+        found = self._search_result()
         if found is not None and len(found[1].landmarks) > len(self._mapped):
             self.settled = self._move_to(*found)
         else:
-            self._seek_at = int(SOUGHT_AGAIN * self._newest) + 1
+            self._next_search = int(SOUGHT_AGAIN * self._newest) + 1
 
-    def _seek_lower(self) -> None:
+    def _search_lower(self) -> None:
         """Search a minimum that is lower than the present one; where there is none, leave it for a while."""
-        found = self._searched()
+        found = self._search_result()
         if found is None or 2.0 * found[1].cost > LOWER * self._descent.chi_square:
             again = SOUGHT_AGAIN if self._newest <= SHORT else DOUBTED_AGAIN
-            self._doubt_at = int(again * self._newest) + 1
+            self._next_lower_search = int(again * self._newest) + 1
         else:
             self.settled = self._move_to(*found)
 
-    def _searched(self) -> tuple[Int, Minimum] | None:
+    def _search_result(self) -> tuple[Int, Minimum] | None:
         """Which landmark each observation is of, -1 for none, and a minimum sought without the present one, if any."""
         k = self._newest
         part, here = self._recording.first(k), self._place.poses[: k + 1].copy()
 
         def starts(part: Recording, path: Float) -> Iterator[Start]:
-            yield lambda: searched(part, path)
-            yield lambda: softened(part, path)
-            yield lambda: searched(part, here)
-            yield lambda: grown(part)
+            yield lambda: descent_start(part, path)
+            yield lambda: inflated_noise_start(part, path)
+            yield lambda: descent_start(part, here)
+            yield lambda: growing_start(part)
 
         try:
             return placed_minimum(part, self._dead_reckoned(), starts)
@@ -260,9 +260,9 @@ class GrowingOptimum:
 
     def _move_to(self, taken: Int, found: Minimum) -> bool:
         """Go to a minimum that a search has found; whether its matrices determine all landmarks."""
-        self.leaps.append(Leap(found.poses, self._mapped.ids))
+        self.switches.append(MinimumSwitch(found.poses, self._mapped.ids))
         self._place.poses[: self._newest + 1] = found.poses
-        self._mapped.map_alone(self._newest, np.unique(taken[taken >= 0]), found.landmarks)
-        self._mapped.doubt_all()
+        self._mapped.set_mapped(self._newest, np.unique(taken[taken >= 0]), found.landmarks)
+        self._mapped.recheck_all()
         self._descent.chi_square = 2.0 * found.cost
-        return self._descent.linearise_anew()
+        return self._descent.relinearise()

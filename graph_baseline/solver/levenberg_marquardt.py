@@ -13,12 +13,12 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.problem.constrained_motion import FreeNoise
+from slamgauge.graph_baseline.problem.constrained_motion import MotionNoise
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise, whitened_residuals
-from slamgauge.graph_baseline.problem.preparation import first_sights, require_known_landmarks, require_placeable
-from slamgauge.graph_baseline.problem.retraction import displaced, driven
+from slamgauge.graph_baseline.problem.preparation import first_observations, require_known_landmarks, require_placeable
+from slamgauge.graph_baseline.problem.retraction import retract_by_motions, retract_pointwise
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
-from slamgauge.graph_baseline.solver.anderson import Mixing, size_of
+from slamgauge.graph_baseline.solver.anderson import AndersonAcceleration, largest_entry
 from slamgauge.graph_baseline.solver.reduced_scans import NOT_DAMPED, Damping
 from slamgauge.graph_baseline.solver.smoother import Solution, damped_step, solve_at
 from slamgauge.recording import Recording
@@ -48,7 +48,7 @@ class Minimum(NamedTuple):
     cost: float
 
 
-class Approach(NamedTuple):
+class NearMinimum(NamedTuple):
     """Poses (N+1, 3) and landmarks (L, 2) near a minimum, and half their squared residuals."""
 
     poses: Float
@@ -63,7 +63,7 @@ class Merit:
     def __init__(self, recording: Recording, slot: Int) -> None:
         self._recording = recording
         self._slot = slot
-        self.noise = FreeNoise(recording)
+        self.noise = MotionNoise(recording)
 
     def __call__(self, poses: Float, landmarks: Float) -> float:
         """Half the sum of squares; infinite where it is not defined."""
@@ -73,9 +73,9 @@ class Merit:
         return cost if np.isfinite(cost) else np.inf
 
 
-def approach(
+def damped_descent(
     recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float, most: int = MAX_STEPS
-) -> Approach:
+) -> NearMinimum:
     """Where damped steps lead from a start: near a minimum, or wherever they come to a halt.
 
     Args:
@@ -87,13 +87,13 @@ def approach(
     """
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     merit = Merit(recording, slot)
-    poses = merit.noise.followed(poses)
+    poses = merit.noise.satisfying_constraints(poses)
     cost, factor, near = merit(poses, landmarks), 0.0, NEAR * (1.0 + recording.observation.size / 2.0)
     for _ in range(most):
         model = linearise(recording, slot, poses, landmarks)
         scale = _mean_information(model, len(landmarks))
         while True:
-            found, tried = _tried(model, merit, poses, landmarks, scale, factor)
+            found, tried = _damped_trial(model, merit, poses, landmarks, scale, factor)
             if found <= cost or factor > 1.0 / UNDAMPED:
                 break
             factor = max(STRONGER * factor, GENTLE)
@@ -103,24 +103,24 @@ def approach(
         factor = WEAKER * factor if factor > UNDAMPED else 0.0
         if decrease <= near:
             break
-    return Approach(poses, landmarks, cost, merit)
+    return NearMinimum(poses, landmarks, cost, merit)
 
 
 def descend(recording: Recording, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
     """What GTSAM's Levenberg-Marquardt does (`gtsam_graph`), by damped steps of our own, zero variances obeyed."""
     require_placeable(recording)
-    found = approach(recording, first_sights(recording)[0], poses, landmarks, iterations)
+    found = damped_descent(recording, first_observations(recording)[0], poses, landmarks, iterations)
     return found.poses, found.landmarks
 
 
-def _tried(
+def _damped_trial(
     model: LinearModel, merit: Merit, poses: Float, landmarks: Float, scale: Damping, factor: float
 ) -> tuple[float, tuple[Float, Float]]:
     """Cost, path and map after a step damped by `factor`, the cheaper of its two ways; infinite without a step."""
     damping = Damping(factor * scale.pose, factor * scale.landmark, factor * scale.motion)
     try:
         step = damped_step(model, len(landmarks), damping)
-        ways = [move(model, merit.noise, poses, landmarks, *step) for move in (displaced, driven)]
+        ways = [move(model, merit.noise, poses, landmarks, *step) for move in (retract_pointwise, retract_by_motions)]
     except LinAlgError:
         return np.inf, (poses, landmarks)
     return min(((merit(*way), way) for way in ways), key=itemgetter(0))
@@ -136,7 +136,7 @@ def _mean_information(model: LinearModel, landmarks: int) -> Damping:
     return Damping(by_pose, by_landmark, by_motion)
 
 
-def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
+def newton_minimum(recording: Recording, landmark_ids: Int, start: NearMinimum) -> Minimum:
     """The minimum near an approach: Newton steps, until they are negligible or as small as rounding lets them be.
 
     Steps leave out how the residuals bend. Where these are large, steps shrink slowly or not at all, and are mixed.
@@ -148,7 +148,7 @@ def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
     slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     _refuse_landmarks_at_poses(recording, slot, poses, landmarks)
     sigmas = _sigmas(solve_at(recording, landmark_ids, *start[:2]))
-    weight, mixing = 1.0 / np.concatenate([each.ravel() for each in sigmas]), Mixing()
+    weight, mixing = 1.0 / np.concatenate([each.ravel() for each in sigmas]), AndersonAcceleration()
     best, smallest, stalled = (poses, landmarks), np.inf, 0
     for _ in range(MAX_NEWTON_STEPS):
         model = linearise(recording, slot, poses, landmarks)
@@ -156,9 +156,9 @@ def settle(recording: Recording, landmark_ids: Int, start: Approach) -> Minimum:
             step = damped_step(model, len(landmarks), NOT_DAMPED)
         except LinAlgError:
             break
-        ahead = displaced(model, merit.noise, poses, landmarks, *step)
+        ahead = retract_pointwise(model, merit.noise, poses, landmarks, *step)
         apart = _apart(ahead, (poses, landmarks))
-        size = size_of(weight * apart)
+        size = largest_entry(weight * apart)
         if size < smallest:
             best, smallest, stalled = (poses, landmarks), size, 0
         else:
@@ -189,12 +189,12 @@ def _apart(point: tuple[Float, Float], other: tuple[Float, Float]) -> Float:
     return np.concatenate([poses.ravel(), landmarks.ravel()])
 
 
-def _displaced(point: tuple[Float, Float], move: Float, noise: FreeNoise) -> tuple[Float, Float]:
+def _displaced(point: tuple[Float, Float], move: Float, noise: MotionNoise) -> tuple[Float, Float]:
     """Poses (N+1, 3) and landmarks (L, 2) displaced by a move (3N+3+2L,), motions of zero variance obeyed."""
     poses, landmarks = point
     path = poses + move[: poses.size].reshape(poses.shape)
     path[:, 2] = wrap(path[:, 2])
-    return noise.followed(path), landmarks + move[poses.size :].reshape(landmarks.shape)
+    return noise.satisfying_constraints(path), landmarks + move[poses.size :].reshape(landmarks.shape)
 
 
 def _sigmas(solution: Solution) -> tuple[Float, Float]:

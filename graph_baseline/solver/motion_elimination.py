@@ -38,7 +38,7 @@ class Chain(NamedTuple):
     between: Between
 
 
-def shorten(model: LinearModel) -> Chain:
+def eliminate_motions(model: LinearModel) -> Chain:
     """Eliminate the poses that see nothing, exactly."""
     steps = len(model.F)
     key = np.union1d(model.step, [0, steps])
@@ -48,7 +48,7 @@ def shorten(model: LinearModel) -> Chain:
     segment = np.searchsorted(key, np.arange(1, steps + 1)) - 1  # of the step that leads to pose 1, 2, ...
     lever = sums_within(segment, key, model.F[:, :2, 2])  # (N, 2): from the key before to pose 1, 2, ...
     c = _carried(segment, key, lever, model.c)
-    W = carried_covariances(segment, key, lever, model.W)
+    W = propagated_covariances(segment, key, lever, model.W)
     last = key[1:] - 1  # the steps that lead to keys
     F = np.tile(np.eye(3), (len(last), 1, 1))
     F[:, :2, 2] = lever[last]
@@ -73,7 +73,7 @@ def _carried(segment: Int, key: Int, lever: Float, c: Float) -> Float:
     return sums
 
 
-def carried_covariances(segment: Int, key: Int, lever: Float, W: Float) -> Float:
+def propagated_covariances(segment: Int, key: Int, lever: Float, W: Float) -> Float:
     """(N, 3, 3): the same of covariances, the sum of [I, e_kj; 0, 1] W_k [I, e_kj; 0, 1]'.
 
     With e_kj = lever_j - lever_k it is a polynomial in lever_j, whose coefficients are running sums.
@@ -91,7 +91,7 @@ def shear(P: Float, lever: Float) -> None:
     P[:, :, :2] += lever[:, None, :] * P[:, :, 2:]
 
 
-def keyed(recording: Recording) -> tuple[Recording, Int]:
+def reduce_to_key_poses(recording: Recording) -> tuple[Recording, Int]:
     """The recording with one motion from each key pose to the next, and the keys (K,) among its poses.
 
     The motions' covariances are carried along the measured path: exact to first order in their noise.
@@ -106,7 +106,7 @@ def keyed(recording: Recording) -> tuple[Recording, Int]:
     lever = sums_within(segment, key, np.column_stack([-moved[:, 1], moved[:, 0]]))
     turn = np.zeros((steps, 3, 3))
     turn[:, :2, :2], turn[:, 2, 2] = rotation(path[1:, 2]), 1.0
-    noise = carried_covariances(segment, key, lever, turn @ recording.odometry_cov @ turn.swapaxes(1, 2))
+    noise = propagated_covariances(segment, key, lever, turn @ recording.odometry_cov @ turn.swapaxes(1, 2))
     last = key[1:] - 1
     short = replace(
         recording,
@@ -118,7 +118,7 @@ def keyed(recording: Recording) -> tuple[Recording, Int]:
     return short, key
 
 
-def carried_on(recording: Recording, key: Int, poses: Float) -> Float:
+def restore_poses(recording: Recording, key: Int, poses: Float) -> Float:
     """Poses (N+1, 3) of a recording whose key poses (K, 3) are given: between them the odometry from the key before."""
     path = chain([0.0, 0.0, 0.0], recording.odometry)
     at = np.searchsorted(key, np.arange(len(path)), side="right") - 1

@@ -47,7 +47,7 @@ class Factor(NamedTuple):
     rest: Float  # (f, s + 1) of the shared unknowns, and of the constant
 
 
-def dissected(columns: list[Int], place: Float) -> Front:
+def nested_dissection(columns: list[Int], place: Float) -> Front:
     """The tree of pieces that speak of unknowns `columns` each and lie at `place` (pieces, 2)."""
     speakers = np.bincount(np.concatenate(columns))
     return _joined(columns, place, speakers, np.arange(len(columns)))[0]
@@ -98,7 +98,7 @@ def numbers_kept(front: Front) -> float:
     return len(front.columns) * float(front.done) + sum(map(numbers_kept, front.parts))
 
 
-def factorised(front: Front, told: Callable[[int], Float], held: Float, own: Float) -> tuple[Factor, Float]:
+def factorise(front: Front, told: Callable[[int], Float], held: Float, own: Float) -> tuple[Factor, Float]:
     """The factor, and what is left (s + 1, s + 1) of shared unknowns and constant.
 
     Args:
@@ -115,7 +115,7 @@ def factorised(front: Front, told: Callable[[int], Float], held: Float, own: Flo
     joint = np.zeros((size + 1, size + 1))
     for number, place in enumerate(front.places):
         if front.parts:
-            part, left = factorised(front.parts[number], told, held, own)
+            part, left = factorise(front.parts[number], told, held, own)
             parts.append(part)
         else:
             left = told(front.piece)

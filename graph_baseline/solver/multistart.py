@@ -11,17 +11,23 @@ from scipy.special import chdtr
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.graph_baseline.problem.preparation import (
-    are_at_odds,
+    are_inconsistent,
     are_placed,
     are_placed_best,
-    are_seen_again,
-    first_sights,
-    landmarks_at_first_sight,
+    are_reobserved,
+    first_observations,
+    landmarks_at_first_observation,
     require_known_landmarks,
 )
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
-from slamgauge.graph_baseline.solver.levenberg_marquardt import Approach, Merit, Minimum, approach, settle
-from slamgauge.graph_baseline.solver.motion_elimination import carried_on, keyed
+from slamgauge.graph_baseline.solver.levenberg_marquardt import (
+    Merit,
+    Minimum,
+    NearMinimum,
+    damped_descent,
+    newton_minimum,
+)
+from slamgauge.graph_baseline.solver.motion_elimination import reduce_to_key_poses, restore_poses
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 from slamgauge.sensors import SENSORS
@@ -51,10 +57,10 @@ def placed_minimum(recording: Recording, path: Float, starts: Starts) -> tuple[I
     """
     taken, found = _minimum_of_placed(recording, are_placed(recording, path), path, starts)
     if taken.any():
-        hopes = [are_at_odds(recording, found.poses, ~taken)]
+        hopes = [are_inconsistent(recording, found.poses, ~taken)]
     else:
-        again = are_seen_again(recording)
-        hopes = [again, of_most_frequent(require_known_landmarks(recording), again)]
+        again = are_reobserved(recording)
+        hopes = [again, of_most_observed(require_known_landmarks(recording), again)]
     for hopeful in hopes:
         if (hopeful & ~taken).any():
             with suppress(UndeterminedError):
@@ -78,7 +84,7 @@ def _minimum_of_placed(recording: Recording, taken: Marks, path: Float, starts: 
             try:
                 return taken, lowest_minimum(part, starts(part, path))
             except UndeterminedError as error:
-                taken = _left_by(error, recording, taken)
+                taken = _placed_after_failure(error, recording, taken)
 
     taken, found = minimum(taken, path)
     tried, placed = taken, are_placed(recording, found.poses)
@@ -91,7 +97,7 @@ def _minimum_of_placed(recording: Recording, taken: Marks, path: Float, starts: 
     return taken, found
 
 
-def _left_by(error: UndeterminedError, recording: Recording, taken: Marks) -> Marks:
+def _placed_after_failure(error: UndeterminedError, recording: Recording, taken: Marks) -> Marks:
     """Which observations (M,) are taken after a search of those `taken` (M,) has ended in vain; raises if none are."""
     if error.path is None:
         raise error
@@ -103,7 +109,7 @@ def _left_by(error: UndeterminedError, recording: Recording, taken: Marks) -> Ma
     return left
 
 
-def of_most_frequent(landmark: Int, among: Marks) -> Marks:
+def of_most_observed(landmark: Int, among: Marks) -> Marks:
     """Which observations (M,) are of the landmark (M,) that has most of those `among` which it is sought."""
     ids, count = np.unique(landmark[among], return_counts=True)
     return landmark == ids[np.argmax(count)] if len(ids) else among
@@ -115,14 +121,14 @@ def lowest_minimum(recording: Recording, starts: Iterable[Start]) -> Minimum:
     Raises:
         UndeterminedError: no start leads to one; says what is wrong where the lowest ends.
     """
-    landmark_ids = first_sights(recording)[0]
-    near: list[Approach] = []
+    landmark_ids = first_observations(recording)[0]
+    near: list[NearMinimum] = []
     mistakes: list[UndeterminedError] = []
     for start in starts:
         try:
-            approached = approach(recording, landmark_ids, *start())
+            approached = damped_descent(recording, landmark_ids, *start())
             if is_low(recording, approached.cost):
-                return _settled(recording, landmark_ids, approached)
+                return _newton_minimum(recording, landmark_ids, approached)
             near.append(approached)
         except UndeterminedError as error:
             mistakes.append(error)
@@ -130,16 +136,16 @@ def lowest_minimum(recording: Recording, starts: Iterable[Start]) -> Minimum:
     unsettled: list[UndeterminedError] = []
     for each in near:
         try:
-            return _settled(recording, landmark_ids, each)
+            return _newton_minimum(recording, landmark_ids, each)
         except UndeterminedError as error:
             unsettled.append(error)
     raise [*unsettled, *mistakes][0]
 
 
-def _settled(recording: Recording, landmark_ids: Int, near: Approach) -> Minimum:
-    """`settle`, whose error says how far the search has come."""
+def _newton_minimum(recording: Recording, landmark_ids: Int, near: NearMinimum) -> Minimum:
+    """`newton_minimum`, whose error says how far the search has come."""
     try:
-        return settle(recording, landmark_ids, near)
+        return newton_minimum(recording, landmark_ids, near)
     except UndeterminedError as error:
         error.path = near.poses
         raise
@@ -157,58 +163,62 @@ def explained_by_noise(chi_square: float, freedom: int) -> bool:
 
 def degrees_of_freedom(recording: Recording) -> int:
     """Rows less unknowns: the rows of every observation less two for every landmark."""
-    return recording.observation.size - 2 * len(first_sights(recording)[0])
+    return recording.observation.size - 2 * len(first_observations(recording)[0])
 
 
 def chi_square_of(recording: Recording, poses: Float, landmarks: Float) -> tuple[float, int]:
     """Squared residuals at poses (N+1, 3) and landmarks (L, 2), ids increasing, and their degrees of freedom."""
-    slot = np.searchsorted(first_sights(recording)[0], require_known_landmarks(recording))
+    slot = np.searchsorted(first_observations(recording)[0], require_known_landmarks(recording))
     return 2.0 * Merit(recording, slot)(poses, landmarks), degrees_of_freedom(recording)
 
 
-def searched(recording: Recording, path: Float) -> tuple[Float, Float]:
+def descent_start(recording: Recording, path: Float) -> tuple[Float, Float]:
     """Where Levenberg-Marquardt leads from a path (N+1, 3) on the poses that see something: GTSAM's, or else ours."""
-    short, key = keyed(recording)
-    poses, landmarks = descend(short, path[key], landmarks_at_first_sight(recording, path))
-    return carried_on(recording, key, poses), landmarks
+    short, key = reduce_to_key_poses(recording)
+    poses, landmarks = descend(short, path[key], landmarks_at_first_observation(recording, path))
+    return restore_poses(recording, key, poses), landmarks
 
 
 def first_guess(recording: Recording) -> tuple[Float, Float]:
     """Poses (N+1, 3) and landmarks (L, 2): the lower of the minima from dead reckoning and the grown start."""
-    landmark_ids = first_sights(recording)[0]
+    landmark_ids = first_observations(recording)[0]
     merit = Merit(recording, np.searchsorted(landmark_ids, require_known_landmarks(recording)))
-    found = searched(recording, chain(recording.prior_mean, recording.odometry))
-    return found if is_low(recording, merit(*found)) else min(found, grown(recording), key=lambda each: merit(*each))
+    found = descent_start(recording, chain(recording.prior_mean, recording.odometry))
+    return (
+        found
+        if is_low(recording, merit(*found))
+        else min(found, growing_start(recording), key=lambda each: merit(*each))
+    )
 
 
-def softened(recording: Recording, path: Float) -> tuple[Float, Float]:
+def inflated_noise_start(recording: Recording, path: Float) -> tuple[Float, Float]:
     """From a path (N+1, 3): observations of far larger noise at first, then of less and less.
 
     Where they are sharper by orders of magnitude than what is known of the path, steps on their own cost go astray.
     """
-    landmark_ids = first_sights(recording)[0]
-    landmarks = landmarks_at_first_sight(recording, path)
+    landmark_ids = first_observations(recording)[0]
+    landmarks = landmarks_at_first_observation(recording, path)
     for times in SOFTER:
         soft = replace(recording, observation_cov=times**2 * recording.observation_cov)
-        path, landmarks = approach(soft, landmark_ids, path, landmarks)[:2]
+        path, landmarks = damped_descent(soft, landmark_ids, path, landmarks)[:2]
     return path, landmarks
 
 
-def grown(recording: Recording) -> tuple[Float, Float]:
+def growing_start(recording: Recording) -> tuple[Float, Float]:
     """A few iterations on the first portion of the recording, then on more and more of it."""
-    short, key = keyed(recording)
+    short, key = reduce_to_key_poses(recording)
     poses, known = short.prior_mean[None], dict[int, Float]()
     for portion in range(1, PORTIONS + 1):
         part = short.first(short.steps * portion // PORTIONS)
         path = np.concatenate([poses[:-1], chain(poses[-1], part.odometry[len(poses) - 1 :])])
         part = part.only(are_placed(part, path))
-        ids = first_sights(part)[0]
-        landmarks = landmarks_at_first_sight(part, path)
+        ids = first_observations(part)[0]
+        landmarks = landmarks_at_first_observation(part, path)
         for slot, name in enumerate(ids.tolist()):
             landmarks[slot] = known.get(name, landmarks[slot])
         poses, landmarks = descend(part, path, landmarks, iterations=3)
         known = dict(zip(ids.tolist(), landmarks, strict=True))
-    found = landmarks_at_first_sight(short, poses)
-    for slot, name in enumerate(first_sights(short)[0].tolist()):
+    found = landmarks_at_first_observation(short, poses)
+    for slot, name in enumerate(first_observations(short)[0].tolist()):
         found[slot] = known.get(name, found[slot])
-    return carried_on(recording, key, poses), found
+    return restore_poses(recording, key, poses), found

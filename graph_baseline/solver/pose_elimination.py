@@ -23,7 +23,7 @@ import math
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.problem.residuals import Measured, facing, step_residual
+from slamgauge.graph_baseline.problem.residuals import Measured, cosine_sine, step_residual
 from slamgauge.graph_baseline.solver.linear_problem import Linear, Place
 from slamgauge.graph_baseline.solver.matrices_3x3 import (
     add_identity,
@@ -34,7 +34,7 @@ from slamgauge.graph_baseline.solver.matrices_3x3 import (
     product_transposed,
     symmetrise,
 )
-from slamgauge.graph_baseline.solver.scan_reduction import projected_scan, reflected_scan, seen_slots
+from slamgauge.graph_baseline.solver.scan_reduction import reduce_by_projection, reduce_by_reflections, scan_slots
 from slamgauge.jit import inner, kernel
 from slamgauge.se2_kernels import right_jacobian
 
@@ -45,7 +45,7 @@ ALIKE = 1e6  # how much more information than another a sight may hold, or the p
 
 
 @kernel
-def take_in(
+def eliminate_poses(
     measured: Measured, linear: Linear, place: Place, before: Place, landmarks: int, since: int, until: int
 ) -> None:
     """Take in the poses since..until-1 and their scans, linearised where `linear.at` says.
@@ -60,16 +60,16 @@ def take_in(
         linear.kick[:] = 0.0
         predict(measured, linear, width, k)
         copy(linear.newest_cov, linear.P[k])
-        slots = seen_slots(measured, k)
+        slots = scan_slots(measured, k)
         if len(slots) == 0:
             linear.N[k] = 0.0
             linear.G[k] = 0.0
             add_identity(linear.G[k])
             continue
-        if len(slots) > MANY and are_alike(measured, linear, k):
-            scan = projected_scan(measured, linear, place, before, slots, k)
+        if len(slots) > MANY and have_similar_information(measured, linear, k):
+            scan = reduce_by_projection(measured, linear, place, before, slots, k)
         else:
-            scan = reflected_scan(measured, linear, place, before, slots, k)
+            scan = reduce_by_reflections(measured, linear, place, before, slots, k)
         if used + 3 > CHUNK:
             add_information(linear, rows[:used], width)
             used = 0
@@ -80,7 +80,7 @@ def take_in(
 
 
 @inner
-def are_alike(measured: Measured, linear: Linear, k: int) -> bool:
+def have_similar_information(measured: Measured, linear: Linear, k: int) -> bool:
     """Whether differences of what a scan's sights say leave ten digits at the least."""
     sharpest, dullest = 0.0, math.inf
     for row in range(measured.first[k], measured.first[k + 1]):
@@ -163,9 +163,9 @@ def predict(measured: Measured, linear: Linear, width: int, k: int) -> None:
     poses, M, P = linear.at.poses, linear.M, linear.newest_cov
     B = np.zeros((3, 3))
     start = measured.start if k == 0 else poses[k - 1]
-    x, y, t = step_residual(start, facing(start), measured.motion[k], measured.motion_turn[k], poses[k])
+    x, y, t = step_residual(start, cosine_sine(start), measured.motion[k], measured.motion_turn[k], poses[k])
     j00, j01, j02, j12 = right_jacobian(x, y, t)
-    c, s = facing(poses[k])
+    c, s = cosine_sine(poses[k])
     B[0, 0], B[0, 1], B[0, 2] = c * j00 + s * j01, c * j01 - s * j00, c * j02 - s * j12
     B[1, 0], B[1, 1], B[1, 2] = s * j00 - c * j01, s * j01 + c * j00, s * j02 + c * j12
     B[2, 2] = 1.0

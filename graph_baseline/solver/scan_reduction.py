@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.problem.residuals import Measured, facing, observation_residual, sight_of
+from slamgauge.graph_baseline.problem.residuals import Measured, cosine_sine, observation_residual, observation_row
 from slamgauge.graph_baseline.solver.linear_problem import Linear, Place
 from slamgauge.graph_baseline.solver.matrices_3x3 import gram
 from slamgauge.jit import inner
@@ -21,7 +21,7 @@ DEPENDENT = 1e-24  # of the square of a column, all that others leave of it: rou
 
 
 @inner
-def seen_slots(measured: Measured, k: int) -> Int:
+def scan_slots(measured: Measured, k: int) -> Int:
     """The slots of a scan's landmarks, those that have one."""
     slots, taken = np.empty(measured.first[k + 1] - measured.first[k], dtype=np.int64), 0
     for row in range(measured.first[k], measured.first[k + 1]):
@@ -32,7 +32,7 @@ def seen_slots(measured: Measured, k: int) -> Int:
 
 
 @inner
-def look(
+def linearise_observation(
     measured: Measured,
     linear: Linear,
     place: Place,
@@ -44,10 +44,10 @@ def look(
 ) -> None:
     """Leave an observation's Jacobians in `linear`, and its residual (d,) carried to `before`.
 
-    `headings`: how pose k is `facing` at `place`, and where it is linearised.
+    `headings`: how pose k is `cosine_sine` at `place`, and where it is linearised.
     """
     slot, Hx, Hm = measured.slot[row], linear.Hx[row], linear.Hm[row]
-    sight = sight_of(measured, row)
+    sight = observation_row(measured, row)
     at, place_at = linear.at.landmarks[slot], place.landmarks[slot]
     ex, ey = place_at[0] - place.poses[k, 0], place_at[1] - place.poses[k, 1]
     r0, r1, _, _, _, _ = observation_residual(measured.sensor, sight, headings[0], ex, ey)
@@ -65,16 +65,16 @@ def look(
 
 
 @inner
-def reflected_scan(measured: Measured, linear: Linear, place: Place, before: Place, slots: Int, k: int) -> Float:
+def reduce_by_reflections(measured: Measured, linear: Linear, place: Place, before: Place, slots: Int, k: int) -> Float:
     """Turn the rows of a scan by reflections, so that from the fourth on Hx is zero."""
     d, taken = measured.value.shape[1], len(slots)
     scan = np.zeros((max(3, d * taken), 4 + 2 * taken))
-    headings = facing(place.poses[k]), facing(linear.at.poses[k])
+    headings = cosine_sine(place.poses[k]), cosine_sine(linear.at.poses[k])
     residual, n = np.empty(2), 0
     for row in range(measured.first[k], measured.first[k + 1]):
         if measured.slot[row] < 0:
             continue
-        look(measured, linear, place, before, k, row, headings, residual)
+        linearise_observation(measured, linear, place, before, k, row, headings, residual)
         for i in range(d):
             of_row = scan[d * n + i]
             of_row[-1] = residual[i]
@@ -91,17 +91,17 @@ def reflected_scan(measured: Measured, linear: Linear, place: Place, before: Pla
 
 
 @inner
-def projected_scan(measured: Measured, linear: Linear, place: Place, before: Place, slots: Int, k: int) -> Float:
+def reduce_by_projection(measured: Measured, linear: Linear, place: Place, before: Place, slots: Int, k: int) -> Float:
     """Project a scan on its pose: three rows, Q' times it with Hx = Q R; all rows less these say the rest."""
     d, taken = measured.value.shape[1], len(slots)
     columns, n = np.empty((4, d * taken)), 0  # of Hx, then of Q, and the residuals
     residual, R, scan = np.empty(2), np.zeros((3, 3)), np.zeros((3, 4 + 2 * taken))
-    headings = facing(place.poses[k]), facing(linear.at.poses[k])
+    headings = cosine_sine(place.poses[k]), cosine_sine(linear.at.poses[k])
     for row in range(measured.first[k], measured.first[k + 1]):
         slot = measured.slot[row]
         if slot < 0:
             continue
-        look(measured, linear, place, before, k, row, headings, residual)
+        linearise_observation(measured, linear, place, before, k, row, headings, residual)
         for i in range(d):
             columns[3, d * n + i] = residual[i]
             for j in range(3):
@@ -111,7 +111,7 @@ def projected_scan(measured: Measured, linear: Linear, place: Place, before: Pla
                 for o in range(2):
                     linear.information[2 * slot + j, 2 * slot + o] += linear.Hm[row, i, j] * linear.Hm[row, i, o]
         n += 1
-    orthonormalise(columns[:3], R)
+    gram_schmidt(columns[:3], R)
     n = 0
     for row in range(measured.first[k], measured.first[k + 1]):
         if measured.slot[row] < 0:
@@ -131,7 +131,7 @@ def projected_scan(measured: Measured, linear: Linear, place: Place, before: Pla
 
 
 @inner
-def orthonormalise(columns: Float, R: Float) -> None:
+def gram_schmidt(columns: Float, R: Float) -> None:
     """Columns, stored as rows (3, n), <- Q, and R (3, 3), by Gram and Schmidt, twice; of a dependent one nothing."""
     for j in range(3):
         whole = np.dot(columns[j], columns[j])

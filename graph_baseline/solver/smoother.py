@@ -27,8 +27,8 @@ from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearis
 from slamgauge.graph_baseline.problem.preparation import least_known_landmark, require_known_landmarks
 from slamgauge.graph_baseline.problem.undetermined import undetermined_variable
 from slamgauge.graph_baseline.solver.chain_partition import Piece, plan
-from slamgauge.graph_baseline.solver.motion_elimination import Chain, shear, shorten
-from slamgauge.graph_baseline.solver.multifrontal import Factor, covariance_roots, factorised, minimise
+from slamgauge.graph_baseline.solver.motion_elimination import Chain, eliminate_motions, shear
+from slamgauge.graph_baseline.solver.multifrontal import Factor, covariance_roots, factorise, minimise
 from slamgauge.graph_baseline.solver.recursions import run_adjoints
 from slamgauge.graph_baseline.solver.reduced_scans import (
     NOT_DAMPED,
@@ -96,7 +96,7 @@ def solve(model: LinearModel, landmarks: int) -> Solution:
     Raises:
         numpy.linalg.LinAlgError: the observations do not determine the landmarks.
     """
-    eliminated = _eliminate(shorten(model), landmarks, NOT_DAMPED)
+    eliminated = _eliminate(eliminate_motions(model), landmarks, NOT_DAMPED)
     pose_covs, landmark_covs = np.empty((len(model.F) + 1, 3, 3)), np.empty((landmarks, 2, 2))
     for number, place, root in covariance_roots(eliminated.factor, np.zeros((0, 0))):
         piece, order = eliminated.pieces[number], np.argsort(place)
@@ -114,7 +114,7 @@ def damped_step(model: LinearModel, landmarks: int, damping: Damping) -> tuple[F
     |w + dw|^2 + d |dw|^2 is (1 + d) |dw + w / (1 + d)|^2 but for a constant: a motion of smaller noise.
     """
     share = 1.0 / (1.0 + damping.motion)
-    chain = shorten(
+    chain = eliminate_motions(
         model._replace(
             start=share * model.start, start_cov=share * model.start_cov, c=share * model.c, W=share * model.W
         )
@@ -134,7 +134,7 @@ def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Eliminated:
         keys[number], information = _poses_eliminated(planned.pieces[number], damping)
         return information
 
-    factor, _ = factorised(planned.front, told, held, own)
+    factor, _ = factorise(planned.front, told, held, own)
     unknowns[-1] = 1.0
     minimise(factor, unknowns)
     return Eliminated(planned.pieces, [keys[number] for number in range(len(keys))], factor, unknowns)

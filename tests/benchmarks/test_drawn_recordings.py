@@ -10,10 +10,14 @@ from referees.recordings import draw
 from referees.verdicts import COST_BAR
 
 from slamgauge.graph_baseline import batch, causal
-from slamgauge.graph_baseline.problem.preparation import first_sights, in_frame_of_start, landmarks_at_first_sight
+from slamgauge.graph_baseline.problem.preparation import (
+    first_observations,
+    in_frame_of_start,
+    landmarks_at_first_observation,
+)
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
-from slamgauge.graph_baseline.solver.levenberg_marquardt import approach, settle
-from slamgauge.graph_baseline.solver.multistart import grown, is_low
+from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent, newton_minimum
+from slamgauge.graph_baseline.solver.multistart import growing_start, is_low
 from slamgauge.se2 import chain
 
 
@@ -62,7 +66,9 @@ def test_a_valley_that_bends_far_is_gone_down_by_what_the_motions_turn():
     """Steps that displace every pose on its own go down this one by less than a tenth of a sigma each."""
     recording = draw(2028, 1263).recording
     path = chain(recording.prior_mean, recording.odometry)
-    near = approach(recording, first_sights(recording)[0], path, landmarks_at_first_sight(recording, path))
+    near = damped_descent(
+        recording, first_observations(recording)[0], path, landmarks_at_first_observation(recording, path)
+    )
     model = Model(recording)
     found = model.minimum(model.unknowns(model.relative(near.poses), model.relative(near.landmarks)))
     assert near.cost == pytest.approx(found.cost, rel=1e-6)
@@ -93,8 +99,8 @@ def test_damped_steps_go_on_to_a_minimum_where_nothing_fits():
     GTSAM's search leads near it; our own, on which `docs/limits.md` has a word, does not.
     """
     recording = in_frame_of_start(draw(2040, 1540).recording)
-    ids = first_sights(recording)[0]
-    found = settle(recording, ids, approach(recording, ids, *grown(recording)))
+    ids = first_observations(recording)[0]
+    found = newton_minimum(recording, ids, damped_descent(recording, ids, *growing_start(recording)))
     model = Model(recording)
     minimum = lowest(model, [model.unknowns(model.relative(found.poses), model.relative(found.landmarks))])
     assert minimum is not None
@@ -136,9 +142,9 @@ def test_newton_steps_do_not_end_uphill():
     recording = placed_only(draw(2030, 1264).recording.first(1), np.array([0]))
     here = in_frame_of_start(recording)
     poses = np.array([[0.0, 0.0, 0.0], [0.5841, 0.0050, -0.0436]])
-    near = approach(here, np.array([0]), poses, np.array([[-45.0, 84.0]]))
+    near = damped_descent(here, np.array([0]), poses, np.array([[-45.0, 84.0]]))
     with pytest.raises(UndeterminedError, match="nats uphill"):
-        settle(here, np.array([0]), near)
+        newton_minimum(here, np.array([0]), near)
 
 
 def test_the_causal_optimum_maps_what_dead_reckoning_places() -> None:

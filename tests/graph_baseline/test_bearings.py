@@ -17,9 +17,9 @@ from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, batch, causal, cost, robust_batch
 from slamgauge.graph_baseline.problem.placement import SURE
-from slamgauge.graph_baseline.problem.preparation import first_sights, require_known_landmarks
+from slamgauge.graph_baseline.problem.preparation import first_observations, require_known_landmarks
 from slamgauge.graph_baseline.solver import multistart
-from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, approach, settle
+from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, damped_descent, newton_minimum
 from slamgauge.graph_baseline.solver.smoother import solve_at
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, log, wrap
@@ -189,8 +189,10 @@ def test_no_other_start_ends_lower(seed: int):
     estimate = batch(recording)
     assert truth.poses is not None
     assert truth.landmarks is not None
-    ids = first_sights(recording)[0]
-    poses, landmarks = settle(recording, ids, approach(recording, ids, truth.poses, truth.landmarks[ids]))[:2]
+    ids = first_observations(recording)[0]
+    poses, landmarks = newton_minimum(
+        recording, ids, damped_descent(recording, ids, truth.poses, truth.landmarks[ids])
+    )[:2]
     ours = cost(recording, estimate.poses, np.asarray(estimate.landmark_ids), arrays(estimate)[1])
     assert ours <= cost(recording, poses, ids, landmarks) * (1 + 1e-6)
 

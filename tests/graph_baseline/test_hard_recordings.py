@@ -174,20 +174,20 @@ def test_causal_takes_few_sights_and_many_stretches_without(seen: tuple[int, ...
 
 
 def test_the_grown_start_is_for_what_the_noise_does_not_explain(monkeypatch: pytest.MonkeyPatch) -> None:
-    grown: list[int] = []
-    original = hindsight.grown
+    growing_start: list[int] = []
+    original = hindsight.growing_start
 
     def counted(recording: Recording) -> tuple[Float, Float]:
-        grown.append(recording.steps)
+        growing_start.append(recording.steps)
         return original(recording)
 
     monkeypatch.setattr(hindsight, "grown", counted)
     recording = problem(0, "range-bearing", True)[1]
     for factor in (1.0, 10.0):  # a cost below what the noise explains leaves no lower one to be found
         batch(replace(recording, observation_cov=recording.observation_cov * factor))
-    assert not grown
+    assert not growing_start
     batch(replace(recording, observation_cov=recording.observation_cov * 0.1))
-    assert len(grown) == 1
+    assert len(growing_start) == 1
 
 
 def test_a_landmark_on_the_robot_is_named() -> None:

@@ -16,7 +16,7 @@ from slamgauge.graph_baseline import batch, causal
 from slamgauge.graph_baseline.problem.linearisation import linearise
 from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
 from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
-from slamgauge.graph_baseline.solver.incremental import GrowingOptimum, Leap
+from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum, MinimumSwitch
 from slamgauge.graph_baseline.solver.reduced_scans import Damping
 from slamgauge.graph_baseline.solver.smoother import damped_step
 from slamgauge.se2 import chain
@@ -29,21 +29,21 @@ def does_not_converge(_: ChordDescent) -> bool:
 def test_steps_without_a_minimum_are_flagged_though_the_last_has_one(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = random_recording(3, steps=30)[1]
     lost = range(10, 13)
-    add_step = GrowingOptimum.add_step
+    add_step = IncrementalOptimum.add_step
     settled: list[bool] = []
 
-    def search_fails(_: GrowingOptimum) -> None:
+    def search_fails(_: IncrementalOptimum) -> None:
         pass
 
-    def noted(growing: GrowingOptimum) -> None:
+    def noted(growing: IncrementalOptimum) -> None:
         with monkeypatch.context() as patch:
             if len(settled) in lost:
                 patch.setattr(ChordDescent, "converge", does_not_converge)
-                patch.setattr(GrowingOptimum, "_searched", search_fails)
+                patch.setattr(IncrementalOptimum, "_searched", search_fails)
             add_step(growing)
         settled.append(growing.settled)
 
-    monkeypatch.setattr(GrowingOptimum, "add_step", noted)
+    monkeypatch.setattr(IncrementalOptimum, "add_step", noted)
     check = causal(recording).optimum_check
     assert [k for k in range(31) if not settled[k]] == [*lost]
     assert check == np.inf
@@ -52,15 +52,15 @@ def test_steps_without_a_minimum_are_flagged_though_the_last_has_one(monkeypatch
 def test_a_minimum_is_not_sought_at_every_step(monkeypatch: pytest.MonkeyPatch) -> None:
     sought: list[int] = []
 
-    def search_fails(growing: GrowingOptimum) -> None:
+    def search_fails(growing: IncrementalOptimum) -> None:
         sought.append(len(growing.landmark_ids))
 
-    monkeypatch.setattr(GrowingOptimum, "_searched", search_fails)
+    monkeypatch.setattr(IncrementalOptimum, "_searched", search_fails)
     monkeypatch.setattr(ChordDescent, "converge", does_not_converge)
-    growing = GrowingOptimum(random_recording(0, steps=300)[1])
+    growing = IncrementalOptimum(random_recording(0, steps=300)[1])
     for _ in range(301):
         growing.add_step()
-    assert growing.unsettled_steps > 290
+    assert growing.unconverged_steps > 290
     assert len(sought) < 30
 
 
@@ -101,7 +101,7 @@ def test_a_damped_step_holds_motions_that_nothing_sees() -> None:
 
 def test_the_causal_optimum_leaves_a_minimum_whose_cost_leaps(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = random_recording(3, steps=30)[1]
-    growing = GrowingOptimum(recording)
+    growing = IncrementalOptimum(recording)
     for _ in range(recording.steps):
         growing.add_step()
 
@@ -124,20 +124,20 @@ def test_a_step_before_a_leap_is_flagged_where_its_pose_was_off(
     """The pose of step 20 is put off by some sigmas, and a search leads to the right path at step 21."""
     recording = random_recording(3, steps=30)[1]
     ids = np.unique(require_known_landmarks(recording))
-    add_step, newest_pose = GrowingOptimum.add_step, GrowingOptimum.newest_pose
+    add_step, newest_pose = IncrementalOptimum.add_step, IncrementalOptimum.newest_pose
 
-    def leaping(growing: GrowingOptimum) -> None:
+    def leaping(growing: IncrementalOptimum) -> None:
         add_step(growing)
         path = growing.path_and_map()[0]
         if len(path) == 22:
-            growing.leaps.append(Leap(path, ids))
+            growing.switches.append(MinimumSwitch(path, ids))
 
-    def off(growing: GrowingOptimum) -> Float:
+    def off(growing: IncrementalOptimum) -> Float:
         is_wrong = len(growing.path_and_map()[0]) == 21
         return newest_pose(growing) + is_wrong * wrong * np.sqrt(np.diag(growing.newest_cov()))
 
-    monkeypatch.setattr(GrowingOptimum, "add_step", leaping)
-    monkeypatch.setattr(GrowingOptimum, "newest_pose", off)
+    monkeypatch.setattr(IncrementalOptimum, "add_step", leaping)
+    monkeypatch.setattr(IncrementalOptimum, "newest_pose", off)
     check = causal(recording).optimum_check
     assert check is not None
     assert (check == pytest.approx(wrong, abs=0.05)) if flagged else check < 0.02

@@ -34,13 +34,13 @@ def observation_residual(
 
 
 @njit
-def sight_of(measured: Measured, row: int) -> Sight:
-    return residuals.sight_of(measured, row)
+def observation_row(measured: Measured, row: int) -> Sight:
+    return residuals.observation_row(measured, row)
 
 
 @njit
 def step_residual(start: Float, motion: Float, motion_turn: Float, end: Float) -> tuple[float, float, float]:
-    return residuals.step_residual(start, residuals.facing(start), motion, motion_turn, end)
+    return residuals.step_residual(start, residuals.cosine_sine(start), motion, motion_turn, end)
 
 
 @pytest.mark.parametrize("angle", [*ANGLES, *(-angle for angle in ANGLES)])
@@ -64,7 +64,7 @@ def test_a_recordings_steps_and_observations(sensor: str):
         z, L = recording.observation[row], np.linalg.inv(measured.whitener[row])
         bearing = 0.0 if sensor == "position" else z[-1]
         np.testing.assert_allclose(L @ L.T, recording.observation_cov[row], rtol=1e-12, atol=1e-15)
-        sight = sight_of(measured, row)
+        sight = observation_row(measured, row)
         assert sight[:4] == (z[0], z[-1], np.cos(bearing), np.sin(bearing))
         assert sight[4:] == tuple(measured.whitener[row][[0, -1, -1], [0, 0, -1]])
     poses = np.array([[1.0, -2.0, 3.0], [1.4, -1.9, -2.9]])

@@ -9,15 +9,19 @@ import pytest
 from random_recordings import random_recording
 
 from slamgauge.arrays import Float
-from slamgauge.graph_baseline.problem.constrained_motion import FreeNoise
+from slamgauge.graph_baseline.problem.constrained_motion import MotionNoise
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
-from slamgauge.graph_baseline.problem.preparation import first_sights, landmarks_at_first_sight, require_known_landmarks
-from slamgauge.graph_baseline.problem.retraction import displaced, driven
+from slamgauge.graph_baseline.problem.preparation import (
+    first_observations,
+    landmarks_at_first_observation,
+    require_known_landmarks,
+)
+from slamgauge.graph_baseline.problem.retraction import retract_by_motions, retract_pointwise
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation, wrap
 
-Move = Callable[[LinearModel, FreeNoise, Float, Float, Float, Float], tuple[Float, Float]]
-WAYS = [displaced, driven]
+Move = Callable[[LinearModel, MotionNoise, Float, Float, Float, Float], tuple[Float, Float]]
+WAYS = [retract_pointwise, retract_by_motions]
 
 
 def at_start(*, slip: bool = True) -> tuple[Recording, LinearModel, Float, Float]:
@@ -25,8 +29,8 @@ def at_start(*, slip: bool = True) -> tuple[Recording, LinearModel, Float, Float
     recording = random_recording(5, slip=slip)[1]
     noise = 0.05 * np.random.default_rng(1).normal(size=(recording.steps, 3)) * [1.0, slip, 1.0]
     path = chain(recording.prior_mean, recording.odometry + noise)
-    points = landmarks_at_first_sight(recording, path)
-    slot = np.searchsorted(first_sights(recording)[0], require_known_landmarks(recording))
+    points = landmarks_at_first_observation(recording, path)
+    slot = np.searchsorted(first_observations(recording)[0], require_known_landmarks(recording))
     return recording, linearise(recording, slot, path, points), path, points
 
 
@@ -45,7 +49,7 @@ def apart(one: Float, other: Float) -> Float:
 def test_a_small_step_is_the_linear_one(move: Move):
     recording, model, path, points = at_start()
     dx, dm = some_step(path, points)
-    noise, h = FreeNoise(recording), 1e-5
+    noise, h = MotionNoise(recording), 1e-5
     ahead, behind = (move(model, noise, path, points, sign * h * dx, sign * h * dm) for sign in (1, -1))
     np.testing.assert_allclose(apart(ahead[0], behind[0]) / (2 * h), dx, atol=1e-7)
     np.testing.assert_allclose((ahead[1] - behind[1]) / (2 * h), dm, atol=1e-7)
@@ -55,7 +59,7 @@ def test_a_small_step_is_the_linear_one(move: Move):
 def test_a_robot_that_cannot_slip_does_not(move: Move):
     recording, model, path, points = at_start(slip=False)
     dx, dm = some_step(path, points)
-    noise = FreeNoise(recording)
+    noise = MotionNoise(recording)
     moved = move(model, noise, path, points, 0.3 * dx, 0.3 * dm)[0]
     assert np.abs(noise.residuals(moved)[1:, 1]).max() < 1e-12
 
@@ -65,7 +69,9 @@ def test_displacing_keeps_the_distances_of_what_turns_as_one():
     centre, turn = np.array([3.0, -2.0]), 2.0
     across = np.array([[0.0, -1.0], [1.0, 0.0]])
     dx = np.column_stack([turn * (path[:, :2] - centre) @ across.T, np.full(len(path), turn)])
-    moved, mapped = displaced(model, FreeNoise(recording), path, points, dx, turn * (points - centre) @ across.T)
+    moved, mapped = retract_pointwise(
+        model, MotionNoise(recording), path, points, dx, turn * (points - centre) @ across.T
+    )
     turned = rotation(turn)
     np.testing.assert_allclose(moved[:, :2], centre + (path[:, :2] - centre) @ turned.T, atol=1e-12)
     np.testing.assert_allclose(mapped, centre + (points - centre) @ turned.T, atol=1e-12)
@@ -74,9 +80,10 @@ def test_displacing_keeps_the_distances_of_what_turns_as_one():
 def test_driving_moves_the_residuals_along_a_line():
     recording, model, path, points = at_start()
     dx, dm = some_step(path, points)
-    noise = FreeNoise(recording)
+    noise = MotionNoise(recording)
     before = noise.residuals(path)
     half, whole = (
-        noise.residuals(driven(model, noise, path, points, share * dx, share * dm)[0]) for share in (0.1, 0.2)
+        noise.residuals(retract_by_motions(model, noise, path, points, share * dx, share * dm)[0])
+        for share in (0.1, 0.2)
     )
     np.testing.assert_allclose(whole - before, 2.0 * (half - before), atol=1e-12)

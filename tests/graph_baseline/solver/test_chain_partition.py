@@ -19,8 +19,8 @@ from slamgauge.graph_baseline import batch
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
 from slamgauge.graph_baseline.solver import chain_partition, cost_estimate, smoother
 from slamgauge.graph_baseline.solver.chain_partition import plan
-from slamgauge.graph_baseline.solver.motion_elimination import Chain, shorten
-from slamgauge.graph_baseline.solver.multifrontal import covariance_roots, dissected, factorised, minimise
+from slamgauge.graph_baseline.solver.motion_elimination import Chain, eliminate_motions
+from slamgauge.graph_baseline.solver.multifrontal import covariance_roots, factorise, minimise, nested_dissection
 from slamgauge.graph_baseline.solver.reduced_scans import NOT_DAMPED, Damping
 from slamgauge.graph_baseline.solver.smoother import Solution, damped_step, solve
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
@@ -41,7 +41,7 @@ def model_of(recording: Recording) -> tuple[LinearModel, int]:
 
 
 def pieces_of(model: LinearModel, landmarks: int) -> int:
-    return len(plan(shorten(model), landmarks).pieces)
+    return len(plan(eliminate_motions(model), landmarks).pieces)
 
 
 @pytest.fixture
@@ -131,7 +131,7 @@ def test_a_chain_is_not_cut_where_its_motions_are_all_but_known(monkeypatch: pyt
     for covs, cut in ((still, False), (1e-12 * recording.odometry_cov, False), (recording.odometry_cov, True)):
         some = replace(recording, odometry_cov=np.where(np.arange(len(covs))[:, None, None] < 60, covs, still))
         model, landmarks = model_of(some)
-        at = chain_partition.cuts(shorten(model))
+        at = chain_partition.cuts(eliminate_motions(model))
         assert (at < 60).any() == cut
         assert not (at >= 62).any()
         assert_same(solve(model, landmarks), whole(monkeypatch, model, landmarks, NOT_DAMPED))
@@ -173,8 +173,8 @@ def test_roots_are_those_of_the_blocks_of_the_inverse(seed: int) -> None:
     held = rng.uniform(0.0, 1.0, 40)
     information[np.arange(40), np.arange(40)] += held
     inverse = np.linalg.inv(information[:40, :40])
-    front = dissected(columns, rng.normal(size=(13, 2)))
-    factor, left = factorised(front, told.__getitem__, held, np.zeros(40))
+    front = nested_dissection(columns, rng.normal(size=(13, 2)))
+    factor, left = factorise(front, told.__getitem__, held, np.zeros(40))
     unknowns = np.append(np.zeros(40), 1.0)
     minimise(factor, unknowns)
     np.testing.assert_allclose(unknowns[:40], -inverse @ information[:40, 40], rtol=1e-10, atol=1e-12)
@@ -206,7 +206,10 @@ def test_memory_grows_with_the_map_and_is_foreseen() -> None:
     peaks: list[float] = []
     for size in (4, 8, 16):
         model, landmarks = model_of(lanes(lanes=size, length=40))
-        foreseen, peak = cost_estimate.bytes_of(plan(shorten(model), landmarks)), peak_of_solving(model, landmarks)
+        foreseen, peak = (
+            cost_estimate.bytes_of(plan(eliminate_motions(model), landmarks)),
+            peak_of_solving(model, landmarks),
+        )
         assert 0.1 * foreseen < peak < foreseen
         peaks.append(peak)
     assert peaks[0] < peaks[1] < peaks[2] < 3.0 * peaks[1]
@@ -216,9 +219,9 @@ def test_a_map_that_fits_in_pieces_alone_is_not_refused(monkeypatch: pytest.Monk
     recording = lanes(lanes=8, length=40)
     monkeypatch.setattr(cost_estimate, "free_memory", lambda: 3e7)
     monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 3e7)
-    cost_estimate.require_room(recording, "batch")
+    cost_estimate.require_memory_for(recording, "batch")
     with pytest.raises(UserError, match=r"^causal of \d+ landmarks in \d+ scans needs 0\.2 GB of memory"):
-        cost_estimate.require_room(recording, "causal", dense=True)
+        cost_estimate.require_memory_for(recording, "causal", dense=True)
 
 
 # --- the optimum ---------------------------------------------------------------------------------

@@ -10,9 +10,9 @@ import pytest
 from slamgauge import batch, causal, load_scenario, simulate
 from slamgauge.compare.bench.step_times import workload
 from slamgauge.graph_baseline.solver import chord_descent, incremental
-from slamgauge.graph_baseline.solver.anderson import Mixing, size_of
+from slamgauge.graph_baseline.solver.anderson import AndersonAcceleration, largest_entry
 from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
-from slamgauge.graph_baseline.solver.incremental import SHORT, GrowingOptimum
+from slamgauge.graph_baseline.solver.incremental import SHORT, IncrementalOptimum
 from slamgauge.graph_baseline.solver.pose_elimination import MANY
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
@@ -23,22 +23,22 @@ RATES = np.array([0.98, 0.7, -1.3, 0.1])  # of a step is left for the next; one 
 def test_mixed_steps_of_a_linear_map_end_after_as_many_as_it_has_rates() -> None:
     rng = np.random.default_rng(0)
     turn = np.linalg.qr(rng.normal(size=(4, 4)))[0]
-    weight, end, x, mixing = np.array([1.0, 10.0, 0.1, 3.0]), rng.normal(size=4), np.zeros(4), Mixing()
+    weight, end, x, mixing = np.array([1.0, 10.0, 0.1, 3.0]), rng.normal(size=4), np.zeros(4), AndersonAcceleration()
     for _ in range(6):
         step = turn @ ((1.0 - RATES) * (turn.T @ (end - x)))
         move = mixing.move(step, weight * step)
         x = x + move
         mixing.moved(move)
-    assert size_of(weight * (x - end)) < 1e-9
+    assert largest_entry(weight * (x - end)) < 1e-9
 
 
 def test_mixing_spares_a_large_map_linearisations(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = simulate(workload(100), 0)[1].first(200)
-    anew, linearise_anew = [0], ChordDescent.linearise_anew
+    anew, relinearise = [0], ChordDescent.relinearise
 
     def counted(descent: ChordDescent) -> bool:
         anew[0] += 1
-        return linearise_anew(descent)
+        return relinearise(descent)
 
     monkeypatch.setattr(ChordDescent, "linearise_anew", counted)
     taken: list[int] = []
@@ -47,7 +47,7 @@ def test_mixing_spares_a_large_map_linearisations(monkeypatch: pytest.MonkeyPatc
     sigma = np.sqrt(np.diag(optimum.pose_covs[-1]))
     for large in (10_000, 20):
         monkeypatch.setattr(chord_descent, "LARGE", large)
-        anew[0], growing = 0, GrowingOptimum(recording)
+        anew[0], growing = 0, IncrementalOptimum(recording)
         for _ in range(recording.steps + 1):
             growing.add_step()
         taken.append(anew[0])
@@ -82,7 +82,7 @@ def test_scans_of_many_landmarks_leave_what_they_leave_in_hindsight(twice: bool)
                 for name in ("observation_step", "observation", "observation_cov", "landmark")
             },
         )
-    growing = GrowingOptimum(recording)
+    growing = IncrementalOptimum(recording)
     for _ in range(recording.steps + 1):
         growing.add_step()
     growing.finish()
@@ -112,7 +112,7 @@ def test_scans_of_many_landmarks_keep_their_digits(sharp: float, doubt: float) -
         observation_cov=np.square(sigmas)[:, None, None] * np.eye(2),
         landmark=np.arange(sights),
     )
-    growing = GrowingOptimum(recording)
+    growing = IncrementalOptimum(recording)
     growing.add_step()
     lever = np.column_stack([-places[:, 1], places[:, 0]])
     expected = (doubt**2 + np.square(sigmas))[:, None, None] * np.eye(2)
