@@ -16,7 +16,7 @@ from slamgauge.sensors import MIN_BEARING_DISTANCE, SENSORS
 
 RANGE_BEARING, POSITION, BEARING = (SENSORS[name].code for name in ("range-bearing", "position", "bearing"))
 _BY_CODE = sorted(SENSORS.values(), key=lambda each: each.code)
-IS_ANGLE = tuple((False, *each.is_angle)[-2:] for each in _BY_CODE)  # of both rows
+IS_ANGLE = tuple((False, *each.is_angle)[-2:] for each in _BY_CODE)  # for both rows
 DIM = tuple(each.dim for each in _BY_CODE)  # rows that carry information
 HAS_RANGE = tuple(each.has_range for each in _BY_CODE)
 HAS_BEARING = tuple(each.has_bearing for each in _BY_CODE)
