@@ -7,6 +7,8 @@ and a function at once (the estimator called `ekf` is the function `ekf_slam`).
 
 import importlib
 
+from slamgauge.version import __version__
+
 TYPE_CHECKING = False  # as in `typing`, which is not loaded: `python -m slamgauge` might find a file of that name first
 if TYPE_CHECKING:
     from slamgauge.arrays import Float, Int, Marks
@@ -150,8 +152,6 @@ if TYPE_CHECKING:
         "write_study",
     ]
     __all__ += estimators.__all__
-
-__version__ = "0.5.0"
 
 _NAMES = {  # of each module, as above; a test holds the two lists together
     "arrays": "Float Int Marks",

@@ -13,9 +13,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from time import perf_counter
 
-from slamgauge import __version__
 from slamgauge.compare.cli.options import print_result
 from slamgauge.compare.studies.executors import BLAS_VARIABLES
+from slamgauge.version import __version__
 
 LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "matplotlib", "pydantic", "tyro", "tqdm")
 EXTRAS = ("distributed",)

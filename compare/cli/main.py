@@ -14,7 +14,6 @@ import traceback
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 
-from slamgauge import __version__
 from slamgauge.compare.cli.animate import Animate
 from slamgauge.compare.cli.bench import Bench
 from slamgauge.compare.cli.check import Check
@@ -37,6 +36,7 @@ from slamgauge.compare.cli.twin import MakeTwin
 from slamgauge.compare.storage.provenance import commanded
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import UserError, refused_by_the_machine
+from slamgauge.version import __version__
 
 DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
 REFUSED = 71  # EX_OSERR

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-import slamgauge
+from slamgauge import errors
 from slamgauge.compare.estimators.headless_import import without_windows
 from slamgauge.compare.estimators.private_import import PrivateFolder, public
 from slamgauge.compare.estimators.sources import Sources, sources_of
@@ -23,7 +23,7 @@ from slamgauge.suggestions import did_you_mean
 Callee = Callable[..., Any]
 
 FORM = "write FILE.py:callable or module:callable, for example my_filter.py:estimate"
-SILENT = (Path(slamgauge.__file__).parent, Path(__file__).parent)  # ours, which an error passes through
+SILENT = (Path(errors.__file__).parent, Path(__file__).parent)  # ours, which an error passes through
 
 
 class Address(NamedTuple):

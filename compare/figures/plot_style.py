@@ -11,7 +11,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.ticker import Locator, LogLocator, MaxNLocator, NullLocator
 
-import slamgauge
+from slamgauge import errors
 from slamgauge.compare.estimators.registry import BOUNDS, REGISTRY
 from slamgauge.compare.estimators.registry import DEAD_RECKONING as DEAD_RECKONING
 
@@ -23,7 +23,7 @@ MOST_AT_ONCE = 20_000  # points of a line: one that goes round a thousand times 
 NARROW, WIDE = 0.6, 2.5  # decades of a logarithmic axis: below and above its ticks are not at 1, 2, 5
 
 
-STYLE = Path(slamgauge.__file__).with_name("paper.mplstyle")  # which people use by its name, slamgauge.paper
+STYLE = Path(errors.__file__).with_name("paper.mplstyle")  # which people use by its name, slamgauge.paper
 PRINT: dict[Any, Any] = {
     **mpl.rc_params_from_file(STYLE, use_default_template=False),
     "figure.constrained_layout.use": False,  # who needs it asks for it

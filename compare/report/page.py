@@ -17,8 +17,8 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup
 
-from slamgauge import __version__
 from slamgauge.compare.storage.safe_names import shown
+from slamgauge.version import __version__
 
 ASSETS = files("slamgauge.compare.report") / "assets"
 # in the order in which they build upon each other

@@ -8,9 +8,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from slamgauge import __version__
 from slamgauge.compare.figures.plot_style import LineStyle, styles
 from slamgauge.compare.report.page import data_source
+from slamgauge.version import __version__
 
 LONGEST_DASH = 12.0  # line widths
 

@@ -7,7 +7,7 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-from slamgauge import __version__
+from slamgauge.version import __version__
 
 _COMMAND: ContextVar[str | None] = ContextVar("_COMMAND", default=None)
 

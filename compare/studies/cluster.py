@@ -16,8 +16,8 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, cast
 
-from slamgauge import __version__
 from slamgauge.errors import UserError
+from slamgauge.version import __version__
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgauge import __version__
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scoring.catalogue import STORED
 from slamgauge.compare.scoring.runs import SERIES, Ates, Runs
@@ -27,6 +26,7 @@ from slamgauge.compare.studies.store_file import connected
 from slamgauge.compare.studies.study_run import Outcome
 from slamgauge.errors import UserError
 from slamgauge.sensors import SENSORS
+from slamgauge.version import __version__
 
 # Raise it when `TABLES` or `SERIES` change, when the same scenario and seed give other measurements, or when a figure
 # gets another meaning: stores of another schema are refused. A new figure needs no new number: old rows have NaN there.
