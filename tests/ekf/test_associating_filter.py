@@ -26,7 +26,7 @@ from slamgauge.ekf.settings.association import Association, MapManagement
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 
-Estimator = Callable[[Recording, Association], Estimate]
+Estimator = Callable[[Recording, FilterSettings], Estimate]
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 FILTERS = pytest.mark.parametrize("estimator", [ekf_slam, fej_ekf, oc_ekf, iekf, riekf])
 TWINS = pytest.mark.parametrize(
@@ -72,7 +72,9 @@ def test_nearest_neighbour_is_the_practicals(
     estimator: Estimator, kind: Kind, sensor: str, gate: float, seed: int
 ) -> None:
     recording = nameless(seed, sensor, steps=20, landmarks=8)
-    assert_same(estimator(recording, Association(gate=gate)), textbook_nearest_neighbour(recording, gate, kind))
+    assert_same(
+        estimator(recording, FilterSettings(Association(gate=gate))), textbook_nearest_neighbour(recording, gate, kind)
+    )
 
 
 @TWINS
@@ -84,7 +86,7 @@ def test_nearest_neighbour_is_the_practicals_in_scans_of_many_from_a_badly_known
     _, recording = random_recording(5, sensor=sensor, steps=5, landmarks=50, prior_sigmas=(0.5, 0.5, 0.3))
     recording = replace(recording, landmark=None, odometry_cov=10 * recording.odometry_cov)
     assert np.bincount(recording.observation_step).min() > BLOCK
-    assert_same(estimator(recording, Association()), textbook_nearest_neighbour(recording, 9.0, kind))
+    assert_same(estimator(recording, FilterSettings(Association())), textbook_nearest_neighbour(recording, 9.0, kind))
 
 
 @TWINS
@@ -94,7 +96,9 @@ def test_nearest_neighbour_is_the_practicals_on_the_long_loop(estimator: Estimat
     recording = replace(simulate(scenario, 0)[1], landmark=None)
     if not (kind == "standard" and gate == 100.0):  # one goes all the way, the others save time
         recording = recording.first(30 if gate > 1.0 else 20)
-    assert_same(estimator(recording, Association(gate=gate)), textbook_nearest_neighbour(recording, gate, kind))
+    assert_same(
+        estimator(recording, FilterSettings(Association(gate=gate))), textbook_nearest_neighbour(recording, gate, kind)
+    )
 
 
 # --- filters -------------------------------------------------------------------------------------
@@ -115,8 +119,8 @@ def test_joint_association_that_makes_no_mistake_is_known_association(
     estimator: Estimator, sensor: str, seed: int
 ) -> None:
     recording, born = easy(seed, sensor)
-    estimate = estimator(recording, Association("jcbb", gate=16.0))
-    assert_same(estimate, estimator(replace(recording, landmark=born), Association()))
+    estimate = estimator(recording, FilterSettings(Association("jcbb", gate=16.0)))
+    assert_same(estimate, estimator(replace(recording, landmark=born), FilterSettings(Association())))
 
 
 @FILTERS
@@ -126,8 +130,8 @@ def test_jointly_or_by_nearest_neighbour_is_the_same_where_scans_have_one_observ
 ) -> None:
     recording = nameless(3, sensor, steps=60)
     recording = recording.only(np.diff(recording.observation_step, prepend=-1) > 0)
-    nearest = estimator(recording, Association())
-    assert_same(estimator(recording, Association("jcbb")), nearest)
+    nearest = estimator(recording, FilterSettings(Association()))
+    assert_same(estimator(recording, FilterSettings(Association("jcbb"))), nearest)
     assert 6 <= len(np.unique(ids_of(nearest))) < 40
 
 
@@ -138,7 +142,7 @@ def test_managed_maps_are_sound(estimator: Estimator, sensor: str, seed: int) ->
     recording = nameless(seed, sensor, steps=60, prior_sigmas=(0.5, 0.5, 0.3))  # pyright: ignore[reportArgumentType]
     clutter = np.random.default_rng(seed).random(len(recording.observation)) < 0.05
     recording = replace(recording, observation=recording.observation + 3.0 * clutter[:, None] * [1, 0])
-    estimate = estimator(recording, MANAGED)
+    estimate = estimator(recording, FilterSettings(MANAGED))
     ids = ids_of(estimate)
     assert estimate.landmark_ids is not None
     assert estimate.landmark_covs is not None
@@ -159,7 +163,7 @@ def test_managed_maps_are_sound(estimator: Estimator, sensor: str, seed: int) ->
 @pytest.mark.parametrize("seed", [0, 1, 3])
 def test_a_managed_map_of_an_easy_world_is_that_world(estimator: Estimator, sensor: str, seed: int) -> None:
     recording, born = easy(seed, sensor)
-    estimate = estimator(recording, MANAGED)
+    estimate = estimator(recording, FilterSettings(MANAGED))
     ids = ids_of(estimate)
     pairs = np.unique(np.column_stack([ids, born])[ids != NONE], axis=0)
     assert len(np.unique(pairs[:, 0])) == len(np.unique(pairs[:, 1])) == len(pairs) == 7

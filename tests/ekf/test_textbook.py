@@ -24,6 +24,7 @@ from slamgauge import (
 )
 from slamgauge import textbook_ekf as exported
 from slamgauge.arrays import Float
+from slamgauge.ekf.settings.filter_settings import FilterSettings
 from slamgauge.ekf.textbook import augment, linearise, locate, motion_jacobians, predict, textbook_ekf, update
 
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
@@ -133,7 +134,7 @@ def test_ekf_is_the_textbook_ekf_on_questions_1_and_2(name: str) -> None:
     recording = recording.first(SHORT.get(name, recording.steps))
     association = scenario.association.settings()
     assert (recording.landmark is None) == name.startswith("q2")
-    fast = ekf_slam(recording) if association is None else ekf_slam(recording, association)
+    fast = ekf_slam(recording) if association is None else ekf_slam(recording, FilterSettings(association))
     assert_equal(fast, textbook_ekf(recording, association))
 
 

@@ -106,16 +106,16 @@ def test_an_update_that_is_refused_at_its_end_leaves_names_and_map_as_they_were(
     recording, _ = sparse_world(0, steps=300)
     settings = Association("jcbb", map_management=MapManagement(vagueness=0.1))
     slam = BearingFilter(recording.prior_mean, recording.prior_cov, association=settings)
-    tidy, undone = getattr(BearingFilter, "_tidy"), 0  # noqa: B009
-    books = vars(slam)["_association"]
+    manage, undone = getattr(BearingFilter, "_manage"), 0  # noqa: B009
+    parts = vars(slam)["_association"]
 
     def state() -> list[object]:
-        arrays = [each.tolist() for each in vars(books).values() if isinstance(each, np.ndarray)]
-        apart = copy.deepcopy(vars(books)["_apart"])
-        return [arrays, apart, books.clock.now, slam.provisional, slam.landmark_ids.tolist(), slam.cov.tolist()]
+        arrays = [each.tolist() for each in vars(parts).values() if isinstance(each, np.ndarray)]
+        apart = copy.deepcopy(vars(parts)["_apart"])
+        return [arrays, apart, parts.clock.now, slam.provisional, slam.landmark_ids.tolist(), slam.cov.tolist()]
 
     def refuse(slam: BearingFilter, association: RayAssociation) -> None:
-        tidy(slam, association)
+        manage(slam, association)
         raise UserError("refused")
 
     for step in range(recording.steps + 1):
@@ -127,7 +127,7 @@ def test_an_update_that_is_refused_at_its_end_leaves_names_and_map_as_they_were(
         if is_tried:
             before = state()
             with monkeypatch.context() as patch:
-                patch.setattr(BearingFilter, "_tidy", refuse)
+                patch.setattr(BearingFilter, "_manage", refuse)
                 with pytest.raises(UserError, match="refused"):
                     slam.update(scan)
             assert state() == before
