@@ -17,7 +17,7 @@ from slamgauge.compare.scenarios.schema import Association
 from slamgauge.compare.scenarios.simulation import informed, simulate
 from slamgauge.compare.scoring.comparison import compare_estimators
 from slamgauge.compare.studies.study_run import run_once
-from slamgauge.ekf import ekf_slam, riekf
+from slamgauge.ekf import FilterSettings, ekf_slam, riekf
 from slamgauge.ekf.maps.correction_table import CORRECTIONS
 from slamgauge.ekf.settings.association import Association as FilterAssociation
 from slamgauge.ekf.settings.association import MapManagement
@@ -53,7 +53,9 @@ def same(one: Estimate, other: Estimate) -> bool:
 def test_filters_associate_as_the_scenario_says(given: Association | None, meant: FilterAssociation):
     _, recording = simulate(load_scenario("q2-long-dense", SHORT), 0)
     assert recording.landmark is None
-    assert same(load_estimators(["riekf"], association=given)["riekf"](recording), riekf(recording, meant))
+    assert same(
+        load_estimators(["riekf"], association=given)["riekf"](recording), riekf(recording, FilterSettings(meant))
+    )
 
 
 @pytest.mark.parametrize("graph", GRAPHS)
