@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,7 +129,7 @@ class Recording:
         """Number N of odometry increments."""
         return len(self.odometry)
 
-    def first(self, steps: int) -> Recording:
+    def first(self, steps: int) -> Self:
         """The recording up to pose `steps` and with its observations."""
         last = int(np.searchsorted(self.observation_step, steps, side="right"))
         return replace(
@@ -143,7 +143,7 @@ class Recording:
             landmark=None if self.landmark is None else self.landmark[:last],
         )
 
-    def only(self, kept: NDArray[np.bool_]) -> Recording:
+    def only(self, kept: NDArray[np.bool_]) -> Self:
         """The recording with the `kept` (M,) observations alone."""
         return replace(
             self,
@@ -153,7 +153,7 @@ class Recording:
             landmark=None if self.landmark is None else self.landmark[kept],
         )
 
-    def associated(self, association: Int) -> Recording:
+    def associated(self, association: Int) -> Self:
         """The recording with the ids of an `Estimate.association` (M,), without the observations it rejects (-1)."""
         kept = np.asarray(association) >= 0
         return replace(self, landmark=np.where(kept, association, 0)).only(kept)

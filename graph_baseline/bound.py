@@ -19,7 +19,7 @@ from scipy.linalg import get_lapack_funcs
 from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
-from slamgauge.graph_baseline.problem.preparation import MAX_LANDMARK_SIGMA, are_reobserved
+from slamgauge.graph_baseline.problem.preparation import MAX_LANDMARK_SIGMA, are_reobserved, prepare
 from slamgauge.graph_baseline.solver.cost_estimate import require_memory_for
 from slamgauge.graph_baseline.solver.reduced_scans import NOT_DAMPED, compressed_scans, filter_covariances, filter_maps
 from slamgauge.graph_baseline.solver.smoother import solve
@@ -58,13 +58,12 @@ def model_at_truth(truth: Truth, recording: Recording) -> tuple[LinearModel, int
         raise UserError("truth: the bound needs all true poses, landmarks and associations; simulate a scenario")
     assert truth.landmark_ids is not None
     assert truth.misleading is not None
-    require_memory_for(recording, "bound", dense=True)
     named = np.where(truth.misleading, -1, truth.association)
     is_named = recording.landmark is not None and np.array_equal(named, recording.landmark)
-    seen = recording if is_named else recording.associated(named)
+    seen = prepare(recording if is_named else recording.associated(named))
+    require_memory_for(seen, "bound", dense=True)
     if not SENSORS[seen.sensor].places_landmarks:
         seen = seen.only(are_reobserved(seen))  # a single bearing says nothing but of its landmark
-    assert seen.landmark is not None
     ids, first, slot = np.unique(seen.landmark, return_index=True, return_inverse=True)
     by_sight = np.argsort(first)
     order = np.argsort(truth.landmark_ids)

@@ -16,7 +16,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.hindsight import batch, bearing_only_optimum, optimum_from, optimum_near
-from slamgauge.graph_baseline.problem.preparation import relative_to_start, require_known_landmarks, with_association
+from slamgauge.graph_baseline.problem.preparation import Problem, prepare, relative_to_start, with_association
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.cost_estimate import require_memory_for
 from slamgauge.graph_baseline.solver.incremental import SHORT, IncrementalOptimum
@@ -46,11 +46,10 @@ def causal(recording: Recording, association: Int | None = None) -> Estimate:
     Raises:
         UserError: the recording cannot be turned into a graph, or leaves a variable undetermined.
     """
-    if association is not None:
-        return with_association(causal(recording.associated(association)), association)
-    require_memory_for(recording, "causal", dense=True)
-    growing = IncrementalOptimum(recording)
-    steps = recording.steps
+    problem = prepare(recording, association)
+    require_memory_for(problem, "causal", dense=True)
+    growing = IncrementalOptimum(problem)
+    steps = problem.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
     map_changes: list[_PathAndMap] = []
     for k in range(steps + 1):
@@ -58,13 +57,13 @@ def causal(recording: Recording, association: Int | None = None) -> Estimate:
         growing.add_step()
         poses[k], pose_covs[k] = growing.newest_pose(), growing.newest_cov()
         seconds[k] = perf_counter() - start
-        if not SENSORS[recording.sensor].places_landmarks and steps <= SHORT:
+        if not SENSORS[problem.sensor].places_landmarks and steps <= SHORT:
             map_changes.append(_path_and_map(growing))
     growing.finish()
     estimate = Estimate(
         kind="filtered", poses=poses, pose_covs=without_negative_eigenvalues(pose_covs), seconds=seconds
     )
-    return _with_map(recording, estimate, growing, map_changes)
+    return with_association(_with_map(problem, estimate, growing, map_changes), association)
 
 
 class _PathAndMap(NamedTuple):
@@ -80,7 +79,7 @@ def _path_and_map(growing: IncrementalOptimum) -> _PathAndMap:
 
 
 def _with_map(
-    recording: Recording, estimate: Estimate, growing: IncrementalOptimum, map_changes: list[_PathAndMap]
+    recording: Problem, estimate: Estimate, growing: IncrementalOptimum, map_changes: list[_PathAndMap]
 ) -> Estimate:
     """The estimate with the map of the last step, and how it compares with `batch`; with batch's map if it has none."""
     if not growing.settled:
@@ -94,7 +93,7 @@ def _with_map(
             optimum_check=np.inf,
         )
     path, landmarks = growing.path_and_map()
-    ids = require_known_landmarks(recording)
+    ids = recording.landmark
     association = np.where(np.isin(ids, growing.landmark_ids), ids, -1)
     chi_square, freedom = chi_square_of(recording.associated(association), path, landmarks)
     return replace(
@@ -112,7 +111,7 @@ def _with_map(
 
 
 def _largest_distance(
-    recording: Recording, estimate: Estimate, growing: IncrementalOptimum, map_changes: list[_PathAndMap]
+    recording: Problem, estimate: Estimate, growing: IncrementalOptimum, map_changes: list[_PathAndMap]
 ) -> float:
     """How far off (see `_distance`) the last pose is, and each whose step might have known better.
 
@@ -128,8 +127,7 @@ def _largest_distance(
     for path_after, landmark_ids in growing.switches:
         if len(landmark_ids):
             part = recording.first(len(path_after) - 2)
-            ids = require_known_landmarks(part)
-            part = part.associated(np.where(np.isin(ids, landmark_ids), ids, -1))
+            part = part.only(np.isin(part.landmark, landmark_ids))
             before = functools.partial(optimum_from, part, path_after[:-1])
             farthest = max(farthest, _distance_if_any(estimate, before))
     for before, after in pairwise(map_changes):

@@ -15,7 +15,7 @@ from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.gtsam_graph import REGULARISING_NOISE, build_graph, covariance_in_world, read_values
 from slamgauge.graph_baseline.gtsam_isam2 import Isam2Solver
-from slamgauge.graph_baseline.problem.preparation import relative_to_start, with_association
+from slamgauge.graph_baseline.problem.preparation import prepare, relative_to_start, with_association
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 
@@ -47,17 +47,16 @@ def gtsam_batch(recording: Recording, association: Int | None = None) -> Estimat
     Raises:
         UserError: the association is unknown, or the measurements leave a variable undetermined.
     """
-    if association is not None:
-        return with_association(gtsam_batch(recording.associated(association)), association)
+    problem = prepare(recording, association)
     with explained():
         # Initial values: iSAM2's estimate. Dead reckoning leads to another minimum where it drifts far (ukfm-slam2d).
         # GTSAM's default settings factorise by Cholesky, which is fast but needs larger regularising noise.
-        solver = Isam2Solver(recording, gtsam.ISAM2Params(), START_NOISE)
-        for k in range(recording.steps + 1):
+        solver = Isam2Solver(problem, gtsam.ISAM2Params(), START_NOISE)
+        for k in range(problem.steps + 1):
             solver.add_step(k)
         initial, landmark_ids, used = solver.isam.calculateEstimate(), solver.landmark_ids, solver.association
 
-        graph = build_graph(recording.associated(used), REGULARISING_NOISE)
+        graph = build_graph(problem.associated(used), REGULARISING_NOISE)
 
         parameters = gtsam.LevenbergMarquardtParams()
         parameters.setRelativeErrorTol(RELATIVE_ERROR)
@@ -70,7 +69,7 @@ def gtsam_batch(recording: Recording, association: Int | None = None) -> Estimat
             covariance_in_world(heading, marginals.marginalCovariance(X(k))) for k, heading in enumerate(poses[:, 2])
         ]
         landmark_covs = [marginals.marginalCovariance(L(name)) for name in landmark_ids.tolist()]
-    return Estimate(
+    estimate = Estimate(
         kind="smoothed",
         poses=poses,
         pose_covs=without_negative_eigenvalues(np.array(pose_covs)),
@@ -79,3 +78,4 @@ def gtsam_batch(recording: Recording, association: Int | None = None) -> Estimat
         landmark_covs=without_negative_eigenvalues(np.array(landmark_covs).reshape(-1, 2, 2)),
         association=used,
     )
+    return with_association(estimate, association)

@@ -16,7 +16,7 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.gtsam_graph import IncrementalGraph, covariance_in_world, pose_array
-from slamgauge.graph_baseline.problem.preparation import relative_to_start, require_known_landmarks, with_association
+from slamgauge.graph_baseline.problem.preparation import Problem, prepare, relative_to_start, with_association
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose
@@ -44,9 +44,8 @@ def fixed_lag(recording: Recording, association: Int | None = None, lag: int = L
         UserError: the association is unknown, the measurements leave a variable undetermined, or `lag` is invalid.
     """
     lag = min(require_lag(lag), max(recording.steps, 1))
-    if association is not None:
-        return with_association(fixed_lag(recording.associated(association), lag=lag), association)
-    smoother, steps = FixedLagSmoother(recording, lag), recording.steps
+    problem, steps = prepare(recording, association), recording.steps
+    smoother = FixedLagSmoother(problem, lag)
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
     with explained():
         for k in range(steps + 1):
@@ -54,16 +53,17 @@ def fixed_lag(recording: Recording, association: Int | None = None, lag: int = L
             poses[k], pose_covs[k] = smoother.add_step(k)
             seconds[k] = perf_counter() - start
         ids, landmarks, landmark_covs = smoother.landmarks()
-    return Estimate(
+    estimate = Estimate(
         kind="filtered",
         poses=poses,
         pose_covs=without_negative_eigenvalues(pose_covs),
         landmark_ids=ids,
         landmarks=landmarks,
         landmark_covs=without_negative_eigenvalues(landmark_covs),
-        association=np.where(smoother.used, require_known_landmarks(recording), -1),
+        association=np.where(smoother.used, problem.landmark, -1),
         seconds=seconds,
     )
+    return with_association(estimate, association)
 
 
 class FixedLagSmoother:
@@ -74,7 +74,7 @@ class FixedLagSmoother:
         lag: length of the window in steps.
     """
 
-    def __init__(self, recording: Recording, lag: int) -> None:
+    def __init__(self, recording: Problem, lag: int) -> None:
         parameters = gtsam.ISAM2Params()
         parameters.setRelinearizeThreshold(RELINEARIZE_THRESHOLD)
         parameters.relinearizeSkip = 1

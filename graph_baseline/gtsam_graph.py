@@ -25,8 +25,8 @@ from slamgauge.back_projection import positions_seen
 from slamgauge.graph_baseline.problem.placement import triangulate_one
 from slamgauge.graph_baseline.problem.preparation import (
     as_range_bearing,
+    prepare,
     prior_cov_in_body,
-    require_known_landmarks,
     require_placeable,
 )
 from slamgauge.recording import Recording
@@ -51,8 +51,9 @@ class GraphBuilder:
     """
 
     def __init__(self, recording: Recording, regularising: float = 0.0) -> None:
-        self._landmark = require_known_landmarks(recording).tolist()
-        require_placeable(recording)
+        problem = prepare(recording)
+        require_placeable(problem)
+        self._landmark = problem.landmark.tolist()
         if not SENSORS[recording.sensor].places_landmarks:
             polar, polar_cov = recording.observation, recording.observation_cov
         else:

@@ -24,7 +24,7 @@ from slamgauge.graph_baseline.gtsam_graph import (
     pose_array,
     read_values,
 )
-from slamgauge.graph_baseline.problem.preparation import relative_to_start, require_known_landmarks, with_association
+from slamgauge.graph_baseline.problem.preparation import Problem, prepare, relative_to_start, with_association
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose
@@ -57,16 +57,14 @@ def isam2(
     Raises:
         UserError: the association is unknown, or the measurements leave a variable undetermined.
     """
-    if association is not None:
-        found = isam2(recording.associated(association), None, relinearize_threshold, relinearize_skip)
-        return with_association(found, association)
+    problem = prepare(recording, association)
     parameters = gtsam.ISAM2Params()
     parameters.setRelinearizeThreshold(relinearize_threshold)
     parameters.relinearizeSkip = relinearize_skip
     parameters.setFactorization(
         "QR"
     )  # Cholesky loses the digits of regularising noise: q1-long-sparse fails at step 297
-    solver, steps = Isam2Solver(recording, parameters), recording.steps
+    solver, steps = Isam2Solver(problem, parameters), problem.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
     with explained():
         for k in range(steps + 1):
@@ -76,7 +74,7 @@ def isam2(
             seconds[k] = perf_counter() - start
         ids = solver.landmark_ids
         landmark_covs = np.array([solver.isam.marginalCovariance(L(name)) for name in ids.tolist()])
-    return Estimate(
+    estimate = Estimate(
         kind="filtered",
         poses=poses,
         pose_covs=without_negative_eigenvalues(pose_covs),
@@ -86,6 +84,7 @@ def isam2(
         association=solver.association,
         seconds=seconds,
     )
+    return with_association(estimate, association)
 
 
 class Isam2Solver:
@@ -101,7 +100,7 @@ class Isam2Solver:
     """
 
     def __init__(
-        self, recording: Recording, parameters: gtsam.ISAM2Params, regularising: float = REGULARISING_NOISE
+        self, recording: Problem, parameters: gtsam.ISAM2Params, regularising: float = REGULARISING_NOISE
     ) -> None:
         self.isam = gtsam.ISAM2(parameters)
         self._recording = recording
@@ -116,7 +115,7 @@ class Isam2Solver:
     @property
     def association(self) -> Int:
         """(M,) landmark of each observation in the graph, -1 for the others."""
-        return np.where(self._graph.used, require_known_landmarks(self._recording), -1)
+        return np.where(self._graph.used, self._recording.landmark, -1)
 
     def add_step(self, k: int) -> Float:
         """Process step k; return its pose (3,)."""

@@ -25,10 +25,10 @@ from slamgauge.arrays import Float, Int
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.problem.preparation import (
-    first_observations,
+    Problem,
     landmarks_at_first_observation,
+    prepare,
     relative_to_start,
-    require_known_landmarks,
     with_association,
 )
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
@@ -45,7 +45,6 @@ from slamgauge.graph_baseline.solver.multistart import (
     placed_minimum,
 )
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain
 from slamgauge.sensors import SENSORS
 
 
@@ -62,39 +61,40 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
         UserError: the recording cannot be turned into a graph, leaves a variable undetermined, or the
             optimum was not reached.
     """
-    if association is not None:
-        return with_association(batch(recording.associated(association)), association)
+    problem = prepare(recording, association)
     places_landmarks = SENSORS[recording.sensor].places_landmarks
-    require_memory_for(recording, "batch", dense=not places_landmarks)  # bearings alone may need the causal optimum
+    require_memory_for(problem, "batch", dense=not places_landmarks)  # bearings alone may need the causal optimum
     if places_landmarks:
-        return optimum_from(recording, chain(recording.prior_mean, recording.odometry))
-    return bearing_only_optimum(recording, lambda: incremental_start(recording)[0])
+        found = optimum_from(problem, problem.dead_reckoning)
+    else:
+        found = bearing_only_optimum(problem, lambda: incremental_start(problem)[0])
+    return with_association(found, association)
 
 
-def bearing_only_optimum(recording: Recording, growing_start: Callable[[], Float]) -> Estimate:
+def bearing_only_optimum(recording: Problem, incremental_path: Callable[[], Float]) -> Estimate:
     """`batch` of bearings alone, with the path (N+1, 3) of the causal optimum."""
-    path = chain(recording.prior_mean, recording.odometry)
+    path = recording.dead_reckoning
     with suppress(UndeterminedError):
         taken, found = placed_minimum(recording, path, _starts)
         if (taken >= 0).all():
             return _estimate(recording, taken, found)
     with suppress(UndeterminedError):
-        path = growing_start()
+        path = incremental_path()
     return optimum_from(recording, path)
 
 
-def optimum_from(recording: Recording, path: Float) -> Estimate:
+def optimum_from(recording: Problem, path: Float) -> Estimate:
     """`batch` whose first start is a path (N+1, 3)."""
     return _estimate(recording, *placed_minimum(recording, path, _starts))
 
 
-def optimum_near(recording: Recording, path: Float, landmarks: Float) -> Estimate:
+def optimum_near(recording: Problem, path: Float, landmarks: Float) -> Estimate:
     """`batch` whose first start is a path (N+1, 3) with a map (L, 2) that has every landmark, ids increasing."""
     starts = itertools.chain([lambda: (path, landmarks)], _starts(recording, path))
-    return _estimate(recording, require_known_landmarks(recording), lowest_minimum(recording, starts))
+    return _estimate(recording, recording.landmark, lowest_minimum(recording, starts))
 
 
-def _estimate(recording: Recording, taken: Int, found: Minimum) -> Estimate:
+def _estimate(recording: Problem, taken: Int, found: Minimum) -> Estimate:
     return Estimate(
         kind="smoothed",
         poses=found.poses,
@@ -108,7 +108,7 @@ def _estimate(recording: Recording, taken: Int, found: Minimum) -> Estimate:
     )
 
 
-def incremental_start(recording: Recording) -> tuple[Float, Float]:
+def incremental_start(recording: Problem) -> tuple[Float, Float]:
     """Poses and landmarks of the optimum that grew step by step."""
     growing = IncrementalOptimum(recording)
     for _ in range(recording.steps + 1):
@@ -118,17 +118,17 @@ def incremental_start(recording: Recording) -> tuple[Float, Float]:
     return start_of(growing, recording)
 
 
-def start_of(growing: IncrementalOptimum, recording: Recording) -> tuple[Float, Float]:
+def start_of(growing: IncrementalOptimum, recording: Problem) -> tuple[Float, Float]:
     """Poses (N+1, 3) and landmarks (L, 2) of a growing optimum; what it has not mapped is where it is seen."""
     poses, found = growing.path_and_map()
     landmarks = landmarks_at_first_observation(recording, poses)
-    landmarks[np.isin(first_observations(recording)[0], growing.landmark_ids)] = found
+    landmarks[np.isin(recording.landmark_ids, growing.landmark_ids)] = found
     return poses, landmarks
 
 
-def _starts(recording: Recording, path: Float) -> Iterator[Start]:
+def _starts(recording: Problem, path: Float) -> Iterator[Start]:
     """Ways to poses (N+1, 3) and landmarks (L, 2) from which to descend, the likeliest first."""
-    odometry = chain(recording.prior_mean, recording.odometry)
+    odometry = recording.dead_reckoning
     yield lambda: descent_start(recording, path)
     yield lambda: inflated_noise_start(recording, path)
     if np.array_equal(path, odometry):

@@ -12,12 +12,11 @@ import numpy as np
 from slamgauge.arrays import Int
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline.hindsight import batch
-from slamgauge.graph_baseline.problem.preparation import are_placed, relative_to_start, require_known_landmarks
+from slamgauge.graph_baseline.problem.preparation import are_placed, prepare, relative_to_start, with_association
 from slamgauge.graph_baseline.solver.gtsam_start import find_inliers
 from slamgauge.graph_baseline.solver.motion_elimination import reduce_to_key_poses
 from slamgauge.graph_baseline.solver.multistart import first_guess
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain
 
 TRUSTED = 0.999  # probability with which a true observation's cost stays below the truncation
 
@@ -33,13 +32,13 @@ def robust_batch(recording: Recording, association: Int | None = None) -> Estima
     Raises:
         UserError: as `batch`; or there is no GTSAM on this system.
     """
-    given = np.array(require_known_landmarks(recording) if association is None else association)
-    path = chain(recording.prior_mean, recording.odometry)
-    given[given >= 0] = np.where(are_placed(recording.associated(given), path), given[given >= 0], -1)
-    seen = recording.associated(given)
+    problem = prepare(recording, association)
+    path = problem.dead_reckoning
+    placed = are_placed(problem, path)
+    seen = problem.only(placed)
     short, key = reduce_to_key_poses(seen)
     poses, landmarks = first_guess(seen)
-    rejected = np.flatnonzero(given >= 0)[~find_inliers(short, poses[key], landmarks, TRUSTED)]
-    trusted = given.copy()
-    trusted[rejected] = -1
-    return batch(recording, trusted)
+    inliers = find_inliers(short, poses[key], landmarks, TRUSTED)
+    trusted = np.full(len(problem.landmark), -1)
+    trusted[np.flatnonzero(placed)[inliers]] = seen.landmark[inliers]
+    return with_association(batch(problem, trusted), association)

@@ -23,7 +23,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf import riekf
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal, hindsight
-from slamgauge.graph_baseline.problem.preparation import in_frame_of_start
+from slamgauge.graph_baseline.problem.preparation import in_frame_of_start, prepare
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum
 from slamgauge.recording import Recording
@@ -255,14 +255,14 @@ def grown_once(recording: Recording) -> Generator[None, None, None]:
             growing.add_step()
             if not growing.settled:
                 break
-            starts.append(hindsight.start_of(growing, here.first(k)))
+            starts.append(hindsight.start_of(growing, prepare(here.first(k))))
 
     def growing_start(part: Recording) -> tuple[Float, Float]:
         if part.steps < len(starts):
             return starts[part.steps]
         raise UndeterminedError("the first steps have no minimum of their own")
 
-    with patch.object(hindsight, "grown_step_by_step", growing_start if starts else hindsight.incremental_start):
+    with patch.object(hindsight, "incremental_start", growing_start if starts else hindsight.incremental_start):
         yield
 
 

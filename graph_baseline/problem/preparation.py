@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from functools import wraps
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, wraps
 from typing import Concatenate, ParamSpec
 
 import numpy as np
@@ -24,6 +24,47 @@ Rest = ParamSpec("Rest")
 POLAR = "range-bearing"
 NEAREST = 1e-6  # m: a landmark at the sensor itself has no bearing
 MAX_LANDMARK_SIGMA = 3e5  # m; what is known less well drowns in the rounding of what is known to a millimetre
+
+
+@dataclass(frozen=True, eq=False)
+class Problem(Recording):
+    """A recording with known association, and the tables of its landmarks. `prepare` makes one."""
+
+    landmark: Int
+
+    @cached_property
+    def landmark_ids(self) -> Int:
+        """(L,) ids in increasing order."""
+        return np.unique(self.landmark)
+
+    @cached_property
+    def first_row(self) -> Int:
+        """(L,) row of the first observation of each of `landmark_ids`."""
+        return np.unique(self.landmark, return_index=True)[1]
+
+    @cached_property
+    def slot(self) -> Int:
+        """(M,) place of each observation's landmark among `landmark_ids`."""
+        return np.searchsorted(self.landmark_ids, self.landmark)
+
+    @cached_property
+    def dead_reckoning(self) -> Float:
+        """(N+1, 3) path of the odometry alone."""
+        return chain(self.prior_mean, self.odometry)
+
+
+def prepare(recording: Recording, association: Int | None = None) -> Problem:
+    """Return the problem of a recording, with the ids of `association` (M,) in place of its own unless it is None.
+
+    Raises:
+        UserError: unknown association.
+    """
+    if association is not None:
+        recording = recording.associated(association)
+    if isinstance(recording, Problem):
+        return recording
+    require_known_landmarks(recording)
+    return Problem(**{field.name: getattr(recording, field.name) for field in fields(recording)})
 
 
 def require_known_landmarks(recording: Recording) -> Int:
@@ -54,30 +95,29 @@ def prior_cov_in_body(recording: Recording) -> Float:
     return turn.T @ recording.prior_cov @ turn
 
 
-def least_known_landmark(recording: Recording) -> tuple[int, float]:
+def least_known_landmark(recording: Problem) -> tuple[int, float]:
     """The landmark that its sights, from the dead-reckoned path, place worst, and its largest sigma [m].
 
     (-1, 0.0) for a recording without observations.
     """
     if not SENSORS[recording.sensor].places_landmarks:
-        ids, _, sigmas = triangulate_all(recording, chain(recording.prior_mean, recording.odometry))
+        ids, _, sigmas = triangulate_all(recording, recording.dead_reckoning)
         worst = int(np.argmax(sigmas)) if len(ids) else -1
         return (int(ids[worst]), float(sigmas[worst])) if len(ids) else (-1, 0.0)
     polar, polar_cov = as_range_bearing(recording)
     if len(polar) == 0:
         return -1, 0.0
-    path = chain(recording.prior_mean, recording.odometry)
+    path = recording.dead_reckoning
     H = rotation(path[recording.observation_step, 2] + polar[:, 1]).swapaxes(1, 2)  # along the ray, and across it
     H[:, 1] /= np.maximum(polar[:, :1], 1e-6)
-    landmark_ids, slot = np.unique(require_known_landmarks(recording), return_inverse=True)
-    information = np.zeros((len(landmark_ids), 2, 2))
-    np.add.at(information, slot, H.swapaxes(1, 2) @ np.linalg.inv(polar_cov) @ H)
+    information = np.zeros((len(recording.landmark_ids), 2, 2))
+    np.add.at(information, recording.slot, H.swapaxes(1, 2) @ np.linalg.inv(polar_cov) @ H)
     weakest = np.linalg.eigvalsh(information)[:, 0]
     worst = int(np.argmin(weakest))
-    return int(landmark_ids[worst]), float(1.0 / np.sqrt(max(weakest[worst], 1e-300)))
+    return int(recording.landmark_ids[worst]), float(1.0 / np.sqrt(max(weakest[worst], 1e-300)))
 
 
-def require_placeable(recording: Recording) -> None:
+def require_placeable(recording: Problem) -> None:
     """Refuse ranges and bearings that leave a landmark so uncertain that rounding hides all else.
 
     Raises:
@@ -89,7 +129,7 @@ def require_placeable(recording: Recording) -> None:
             raise undetermined_variable("l", landmark)
 
 
-def are_placed(recording: Recording, path: Float) -> Marks:
+def are_placed(recording: Problem, path: Float) -> Marks:
     """Which observations (M,) are of landmarks that can be placed; with ranges all are.
 
     Bearings alone, taken from a path (N+1, 3), may not place a landmark: one seen once, or without parallax, tells
@@ -98,39 +138,42 @@ def are_placed(recording: Recording, path: Float) -> Marks:
     if SENSORS[recording.sensor].places_landmarks:
         return np.ones(len(recording.observation), dtype=bool)
     ids, _, sigmas = triangulate_all(recording, path)
-    return np.isin(require_known_landmarks(recording), ids[np.isfinite(sigmas)])
+    return np.isin(recording.landmark, ids[np.isfinite(sigmas)])
 
 
-def are_placed_best(recording: Recording, path: Float, among: Marks) -> Marks:
+def are_placed_best(recording: Problem, path: Float, among: Marks) -> Marks:
     """Which observations (M,) are of the better placed half, rounded down, of the landmarks `among` them (M,).
 
     Bearings alone, taken from a path (N+1, 3).
     """
     ids, _, sigmas = triangulate_all(recording.only(among), path)
-    return np.isin(require_known_landmarks(recording), ids[np.argsort(sigmas, kind="stable")[: len(ids) // 2]])
+    return np.isin(recording.landmark, ids[np.argsort(sigmas, kind="stable")[: len(ids) // 2]])
 
 
-def are_inconsistent(recording: Recording, path: Float, among: Marks) -> Marks:
+def are_inconsistent(recording: Problem, path: Float, among: Marks) -> Marks:
     """Which observations (M,) are of landmarks whose bearings say where they are, and do not meet from a path (N+1, 3).
 
     Bearings alone; of the landmarks `among` them (M,).
     """
-    ids = require_known_landmarks(recording)
+    ids = recording.landmark
     found = [name for name in np.unique(ids[among]) if do_not_meet(recording, np.flatnonzero(ids == name), path)]
     return np.isin(ids, found)
 
 
-def are_reobserved(recording: Recording) -> Marks:
+def are_reobserved(recording: Problem) -> Marks:
     """Which observations (M,) are of landmarks that several poses have seen."""
-    _, slot = np.unique(require_known_landmarks(recording), return_inverse=True)
+    slot = recording.slot
     sights = np.unique(np.column_stack([slot, recording.observation_step]), axis=0)
     return np.bincount(sights[:, 0])[slot] > 1
 
 
-def with_association(estimate: Estimate, association: Int) -> Estimate:
-    """The estimate for an association (M,) of its own; -1 for what was given to landmarks that are not mapped."""
-    mapped = np.isin(association, np.asarray(estimate.landmark_ids))
-    return replace(estimate, association=np.where(mapped, association, -1))
+def with_association(estimate: Estimate, association: Int | None) -> Estimate:
+    """Return the estimate of `prepare(recording, association)` with its association for all rows of the recording."""
+    if association is None:
+        return estimate
+    full = np.full(len(association), -1)
+    full[np.asarray(association) >= 0] = estimate.association
+    return replace(estimate, association=full)
 
 
 def in_frame_of_start(recording: Recording) -> Recording:
@@ -166,16 +209,11 @@ def relative_to_start(
     return relative
 
 
-def first_observations(recording: Recording) -> tuple[Int, Int]:
-    """Ids of the landmarks in increasing order, and the row of each one's first observation."""
-    return np.unique(require_known_landmarks(recording), return_index=True)
-
-
-def landmarks_at_first_observation(recording: Recording, poses: Float) -> Float:
-    """Landmarks (L, 2), in the order of `first_observations`, where their first sights from `poses` put them."""
+def landmarks_at_first_observation(recording: Problem, poses: Float) -> Float:
+    """Return landmarks (L, 2), ids increasing, where their first observations from `poses` put them."""
     if not SENSORS[recording.sensor].places_landmarks:
         return triangulate_all(recording, poses)[1]
-    rows = first_observations(recording)[1]
+    rows = recording.first_row
     seen_from = poses[recording.observation_step[rows]]
     polar = as_range_bearing(recording)[0][rows]
     angle = seen_from[:, 2] + polar[:, 1]

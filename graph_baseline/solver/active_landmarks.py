@@ -7,10 +7,9 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.back_projection import positions_seen
 from slamgauge.graph_baseline.problem.placement import SURE, triangulate_one
-from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
+from slamgauge.graph_baseline.problem.preparation import Problem
 from slamgauge.graph_baseline.problem.residuals import Measured
 from slamgauge.graph_baseline.solver.linear_problem import Place
-from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 
 CERTAIN = SURE / 2  # sigma over distance of a landmark that bearings will go on to place
@@ -25,9 +24,9 @@ class ActiveLandmarks:
         place: where poses and landmarks stand; its `landmarks` are written where one is mapped.
     """
 
-    def __init__(self, recording: Recording, measured: Measured, place: Place) -> None:
+    def __init__(self, recording: Problem, measured: Measured, place: Place) -> None:
         self._recording, self._measured, self._place = recording, measured, place
-        self._ids = require_known_landmarks(recording)
+        self._ids = recording.landmark
         self._slot: dict[int, int] = {}
         self._uncertain: set[int] = set()
 

@@ -5,24 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from slamgauge.graph_baseline.problem.linearisation import linearise
-from slamgauge.graph_baseline.problem.preparation import (
-    first_observations,
-    landmarks_at_first_observation,
-    require_known_landmarks,
-)
+from slamgauge.graph_baseline.problem.preparation import Problem, landmarks_at_first_observation
 from slamgauge.graph_baseline.solver.chain_partition import Plan, plan
 from slamgauge.graph_baseline.solver.motion_elimination import eliminate_motions
 from slamgauge.graph_baseline.solver.multifrontal import largest, numbers_kept
 from slamgauge.memory import free_memory, require_memory
-from slamgauge.recording import Recording
-from slamgauge.se2 import chain
 
 MAPS, KEPT_MAPS = 10.0, 2.0  # arrays alive at once: of the maps of a piece's poses, of those of all pieces'
 KEYS, ROWS = 150.0, 20.0  # numbers for each pose with a scan, and for each row of an observation
 MATRICES = 6.0  # the same of the information of a front, or of all landmarks
 
 
-def require_memory_for(recording: Recording, name: str, *, dense: bool = False) -> None:
+def require_memory_for(recording: Problem, name: str, *, dense: bool = False) -> None:
     """Refuse a recording that does not fit.
 
     Args:
@@ -48,14 +42,12 @@ def bytes_of(planned: Plan) -> float:
     return 8.0 * (working + KEPT_MAPS * sum(maps) + numbers_kept(planned.front) + small)
 
 
-def _plan_of(recording: Recording) -> Plan:
-    ids = first_observations(recording)[0]
-    slot = np.searchsorted(ids, require_known_landmarks(recording))
-    path = chain(recording.prior_mean, recording.odometry)
-    model = linearise(recording, slot, path, landmarks_at_first_observation(recording, path))
-    return plan(eliminate_motions(model), len(ids))
+def _plan_of(recording: Problem) -> Plan:
+    path = recording.dead_reckoning
+    model = linearise(recording, recording.slot, path, landmarks_at_first_observation(recording, path))
+    return plan(eliminate_motions(model), len(recording.landmark_ids))
 
 
-def _counts(recording: Recording) -> tuple[int, int]:
+def _counts(recording: Problem) -> tuple[int, int]:
     """Landmarks, and poses that see any."""
-    return len(first_observations(recording)[0]), len(np.unique(recording.observation_step))
+    return len(recording.landmark_ids), len(np.unique(recording.observation_step))

@@ -11,9 +11,8 @@ import numpy as np
 
 from slamgauge.arrays import Float, Marks
 from slamgauge.graph_baseline.gtsam_graph import REGULARISING_NOISE, build_graph, make_values, read_values
-from slamgauge.graph_baseline.problem.preparation import first_observations
+from slamgauge.graph_baseline.problem.preparation import Problem
 from slamgauge.graph_baseline.problem.undetermined import explained
-from slamgauge.recording import Recording
 
 
 def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int = 100) -> gtsam.Values:
@@ -24,14 +23,14 @@ def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values,
     return gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
 
 
-def descend(recording: Recording, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
+def descend(recording: Problem, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
     """Return poses (N+1, 3) and landmarks (L, 2) where Levenberg-Marquardt ends; landmarks in increasing id order."""
-    values = make_values(poses, first_observations(recording)[0], landmarks)
+    values = make_values(poses, recording.landmark_ids, landmarks)
     with explained():
         return read_values(levenberg_marquardt(build_graph(recording, REGULARISING_NOISE), values, iterations))
 
 
-def find_inliers(recording: Recording, poses: Float, landmarks: Float, probability: float) -> Marks:
+def find_inliers(recording: Problem, poses: Float, landmarks: Float, probability: float) -> Marks:
     """Return which observations (M,) graduated non-convexity accepts, starting at poses (N+1, 3), landmarks (L, 2).
 
     It truncates the cost at the value that a correct observation stays below with this `probability`.
@@ -42,7 +41,7 @@ def find_inliers(recording: Recording, poses: Float, landmarks: Float, probabili
     parameters.setLossType(gtsam.GncLossType.TLS)
     parameters.setKnownInliers(np.setdiff1d(np.arange(graph.size()), rows).tolist())
     with explained():
-        values = make_values(poses, first_observations(recording)[0], landmarks)
+        values = make_values(poses, recording.landmark_ids, landmarks)
         optimizer = gtsam.GncLMOptimizer(graph, values, parameters)
         optimizer.setInlierCostThresholdsAtProbability(probability)
         optimizer.optimize()

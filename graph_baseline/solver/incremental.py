@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
+from slamgauge.graph_baseline.problem.preparation import Problem, prepare
 from slamgauge.graph_baseline.problem.residuals import measured_of
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.active_landmarks import ActiveLandmarks
@@ -63,9 +63,9 @@ class IncrementalOptimum:
 
     def __init__(self, recording: Recording) -> None:
         compile_graphs_once()
-        self._recording = recording
+        recording = self._recording = prepare(recording)
         self._measured = measured_of(recording)
-        poses, landmarks = recording.steps + 1, len(np.unique(require_known_landmarks(recording)))
+        poses, landmarks = recording.steps + 1, len(recording.landmark_ids)
         self._place = allocate_place(poses, landmarks)
         self._mapped = ActiveLandmarks(recording, self._measured, self._place)
         self._descent = ChordDescent(self._measured, self._place, self._mapped)
@@ -243,7 +243,7 @@ class IncrementalOptimum:
         k = self._newest
         part, here = self._recording.first(k), self._place.poses[: k + 1].copy()
 
-        def starts(part: Recording, path: Float) -> Iterator[Start]:
+        def starts(part: Problem, path: Float) -> Iterator[Start]:
             yield lambda: descent_start(part, path)
             yield lambda: inflated_noise_start(part, path)
             yield lambda: descent_start(part, here)

@@ -12,16 +12,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float
 from slamgauge.graph_baseline.problem.constrained_motion import MotionNoise
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise, whitened_residuals
-from slamgauge.graph_baseline.problem.preparation import first_observations, require_known_landmarks, require_placeable
+from slamgauge.graph_baseline.problem.preparation import Problem, require_placeable
 from slamgauge.graph_baseline.problem.retraction import retract_by_motions, retract_pointwise
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.anderson import AndersonAcceleration, largest_entry
 from slamgauge.graph_baseline.solver.reduced_scans import NOT_DAMPED, Damping
 from slamgauge.graph_baseline.solver.smoother import Solution, damped_step, solve_at
-from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 from slamgauge.sensors import SENSORS
 
@@ -60,37 +59,32 @@ class NearMinimum(NamedTuple):
 class Merit:
     """The cost of paths and maps of a recording, where motions of zero variance are obeyed."""
 
-    def __init__(self, recording: Recording, slot: Int) -> None:
+    def __init__(self, recording: Problem) -> None:
         self._recording = recording
-        self._slot = slot
         self.noise = MotionNoise(recording)
 
     def __call__(self, poses: Float, landmarks: Float) -> float:
         """Half the sum of squares; infinite where it is not defined."""
         with np.errstate(all="ignore"):
-            seen = whitened_residuals(self._recording, self._slot, poses, landmarks)
+            seen = whitened_residuals(self._recording, self._recording.slot, poses, landmarks)
             cost = self.noise.cost(poses) + 0.5 * float(np.square(seen).sum())
         return cost if np.isfinite(cost) else np.inf
 
 
-def damped_descent(
-    recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float, most: int = MAX_STEPS
-) -> NearMinimum:
+def damped_descent(recording: Problem, poses: Float, landmarks: Float, most: int = MAX_STEPS) -> NearMinimum:
     """Where damped steps lead from a start: near a minimum, or wherever they come to a halt.
 
     Args:
         recording: known association.
-        landmark_ids: (L,) all of its landmarks, increasing.
         poses: (N+1, 3).
         landmarks: (L, 2).
         most: steps.
     """
-    slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
-    merit = Merit(recording, slot)
+    merit = Merit(recording)
     poses = merit.noise.satisfying_constraints(poses)
     cost, factor, near = merit(poses, landmarks), 0.0, NEAR * (1.0 + recording.observation.size / 2.0)
     for _ in range(most):
-        model = linearise(recording, slot, poses, landmarks)
+        model = linearise(recording, recording.slot, poses, landmarks)
         scale = _mean_information(model, len(landmarks))
         while True:
             found, tried = _damped_trial(model, merit, poses, landmarks, scale, factor)
@@ -106,10 +100,10 @@ def damped_descent(
     return NearMinimum(poses, landmarks, cost, merit)
 
 
-def descend(recording: Recording, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
+def descend(recording: Problem, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
     """What GTSAM's Levenberg-Marquardt does (`gtsam_graph`), by damped steps of our own, zero variances obeyed."""
     require_placeable(recording)
-    found = damped_descent(recording, first_observations(recording)[0], poses, landmarks, iterations)
+    found = damped_descent(recording, poses, landmarks, iterations)
     return found.poses, found.landmarks
 
 
@@ -136,7 +130,7 @@ def _mean_information(model: LinearModel, landmarks: int) -> Damping:
     return Damping(by_pose, by_landmark, by_motion)
 
 
-def newton_minimum(recording: Recording, landmark_ids: Int, start: NearMinimum) -> Minimum:
+def newton_minimum(recording: Problem, start: NearMinimum) -> Minimum:
     """The minimum near an approach: Newton steps, until they are negligible or as small as rounding lets them be.
 
     Steps leave out how the residuals bend. Where these are large, steps shrink slowly or not at all, and are mixed.
@@ -145,13 +139,12 @@ def newton_minimum(recording: Recording, landmark_ids: Int, start: NearMinimum) 
         UndeterminedError: there is none, or rounding hides it.
     """
     poses, landmarks, cost, merit = start
-    slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
-    _refuse_landmarks_at_poses(recording, slot, poses, landmarks)
-    sigmas = _sigmas(solve_at(recording, landmark_ids, *start[:2]))
+    _refuse_landmarks_at_poses(recording, poses, landmarks)
+    sigmas = _sigmas(solve_at(recording, *start[:2]))
     weight, mixing = 1.0 / np.concatenate([each.ravel() for each in sigmas]), AndersonAcceleration()
     best, smallest, stalled = (poses, landmarks), np.inf, 0
     for _ in range(MAX_NEWTON_STEPS):
-        model = linearise(recording, slot, poses, landmarks)
+        model = linearise(recording, recording.slot, poses, landmarks)
         try:
             step = damped_step(model, len(landmarks), NOT_DAMPED)
         except LinAlgError:
@@ -172,14 +165,14 @@ def newton_minimum(recording: Recording, landmark_ids: Int, start: NearMinimum) 
         mixing.moved(_apart((poses, landmarks), before))
     misfit = np.sqrt(2.0 * cost / max(recording.observation.size, 1))
     if not smallest < RESOLVED * np.clip(misfit, 1.0, MISFIT):
-        raise UndeterminedError(_why_no_minimum(recording, landmark_ids, *best, smallest))
+        raise UndeterminedError(_why_no_minimum(recording, *best, smallest))
     ended = merit(*best)
     if ended > cost + RISEN * (1.0 + cost):
         raise UndeterminedError(
             f"batch: no minimum, the last steps lead {ended - cost:.2g} nats uphill: the measurements leave a "
             "direction all but undetermined; add observations with smaller covariances or from other places"
         )
-    return Minimum(*best, solve_at(recording, landmark_ids, *best), ended)
+    return Minimum(*best, solve_at(recording, *best), ended)
 
 
 def _apart(point: tuple[Float, Float], other: tuple[Float, Float]) -> Float:
@@ -204,31 +197,29 @@ def _sigmas(solution: Solution) -> tuple[Float, Float]:
     return np.where(poses > EXACT, poses, np.inf), np.where(landmarks > EXACT, landmarks, np.inf)
 
 
-def _refuse_landmarks_at_poses(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> None:
+def _refuse_landmarks_at_poses(recording: Problem, poses: Float, landmarks: Float) -> None:
     """Raise where a landmark has come to lie on a pose that sees it: there range and bearing are not smooth."""
-    if not SENSORS[recording.sensor].has_bearing or not len(slot):
+    if not SENSORS[recording.sensor].has_bearing or not len(recording.slot):
         return
-    distance = np.hypot(*(landmarks[slot] - poses[recording.observation_step, :2]).T)
+    distance = np.hypot(*(landmarks[recording.slot] - poses[recording.observation_step, :2]).T)
     row = int(np.argmin(distance))
     if distance[row] < TOO_NEAR:
         raise UndeterminedError(
-            f"batch: no minimum, landmark {require_known_landmarks(recording)[row]} comes to lie {distance[row]:.2g} m "
+            f"batch: no minimum, landmark {recording.landmark[row]} comes to lie {distance[row]:.2g} m "
             f"from pose {recording.observation_step[row]} that sees it, where range and bearing are not smooth; "
             "check ids and covariances"
         )
 
 
-def _why_no_minimum(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float, size: float) -> str:
+def _why_no_minimum(recording: Problem, poses: Float, landmarks: Float, size: float) -> str:
     """One line: what stands out where the descent ended."""
-    ids = require_known_landmarks(recording)
-    slot = np.searchsorted(landmark_ids, ids)
     with np.errstate(all="ignore"):
-        misfit = np.sqrt(np.square(whitened_residuals(recording, slot, poses, landmarks)).sum(axis=1))
+        misfit = np.sqrt(np.square(whitened_residuals(recording, recording.slot, poses, landmarks)).sum(axis=1))
     opening = f"batch: no minimum, the last step is of {size:.2g} sigma"
     worst = int(np.argmax(np.nan_to_num(misfit, nan=np.inf))) if len(misfit) else -1
     if worst >= 0 and not misfit[worst] < 6.0:
         return (
-            f"{opening}; observation {worst} of landmark {ids[worst]} is {misfit[worst]:.2g} sigma off, most of all: "
-            "check ids and covariances, or run robust-batch"
+            f"{opening}; observation {worst} of landmark {recording.landmark[worst]} is {misfit[worst]:.2g} sigma off, "
+            "most of all: check ids and covariances, or run robust-batch"
         )
     return f"{opening}: double precision cannot resolve these covariances; bring their sizes nearer to each other"

@@ -15,6 +15,7 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.covariances import without_negative_eigenvalues
 from slamgauge.graph_baseline.problem.linearisation import LinearModel
+from slamgauge.graph_baseline.problem.preparation import Problem
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, compose, rotation
 
@@ -91,7 +92,7 @@ def shear(P: Float, lever: Float) -> None:
     P[:, :, :2] += lever[:, None, :] * P[:, :, 2:]
 
 
-def reduce_to_key_poses(recording: Recording) -> tuple[Recording, Int]:
+def reduce_to_key_poses(recording: Problem) -> tuple[Problem, Int]:
     """The recording with one motion from each key pose to the next, and the keys (K,) among its poses.
 
     The motions' covariances are carried along the measured path: exact to first order in their noise.

@@ -24,7 +24,7 @@ from scipy.linalg import get_blas_funcs, solve_triangular
 
 from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
-from slamgauge.graph_baseline.problem.preparation import least_known_landmark, require_known_landmarks
+from slamgauge.graph_baseline.problem.preparation import Problem, least_known_landmark
 from slamgauge.graph_baseline.problem.undetermined import undetermined_variable
 from slamgauge.graph_baseline.solver.chain_partition import Piece, plan
 from slamgauge.graph_baseline.solver.motion_elimination import Chain, eliminate_motions, shear
@@ -44,7 +44,6 @@ from slamgauge.graph_baseline.solver.reduced_scans import (
     transposed,
 )
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
-from slamgauge.recording import Recording
 
 (multiply_triangular,) = get_blas_funcs(("trmm",), dtype=np.float64)
 
@@ -77,15 +76,14 @@ class Eliminated(NamedTuple):
     unknowns: Float  # (n+1,) where the cost is least: landmarks (L, 2), poses at cuts (J, 3), and the constant 1
 
 
-def solve_at(recording: Recording, landmark_ids: Int, poses: Float, landmarks: Float) -> Solution:
-    """The recording's exact model linearised at `poses` (N+1, 3) and `landmarks` (L, 2), ids increasing, and solved.
+def solve_at(recording: Problem, poses: Float, landmarks: Float) -> Solution:
+    """Solve the exact model, linearised at `poses` (N+1, 3) and `landmarks` (L, 2), ids increasing.
 
     Raises:
         UndeterminedError: the observations do not determine the landmarks.
     """
-    slot = np.searchsorted(landmark_ids, require_known_landmarks(recording))
     try:
-        return solve(linearise(recording, slot, poses, landmarks), len(landmark_ids))
+        return solve(linearise(recording, recording.slot, poses, landmarks), len(landmarks))
     except np.linalg.LinAlgError:
         raise undetermined_variable("l", least_known_landmark(recording)[0]) from None
 

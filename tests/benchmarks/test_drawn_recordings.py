@@ -11,14 +11,13 @@ from referees.verdicts import COST_BAR
 
 from slamgauge.graph_baseline import batch, causal
 from slamgauge.graph_baseline.problem.preparation import (
-    first_observations,
     in_frame_of_start,
     landmarks_at_first_observation,
+    prepare,
 )
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent, newton_minimum
 from slamgauge.graph_baseline.solver.multistart import growing_start, is_low
-from slamgauge.se2 import chain
 
 
 def test_bearings_mend_the_path_that_they_are_placed_from():
@@ -64,11 +63,9 @@ def test_batch_finds_the_minimum_of_bearings_that_a_single_descent_misses(number
 
 def test_a_valley_that_bends_far_is_gone_down_by_what_the_motions_turn():
     """Steps that displace every pose on its own go down this one by less than a tenth of a sigma each."""
-    recording = draw(2028, 1263).recording
-    path = chain(recording.prior_mean, recording.odometry)
-    near = damped_descent(
-        recording, first_observations(recording)[0], path, landmarks_at_first_observation(recording, path)
-    )
+    recording = prepare(draw(2028, 1263).recording)
+    path = recording.dead_reckoning
+    near = damped_descent(recording, path, landmarks_at_first_observation(recording, path))
     model = Model(recording)
     found = model.minimum(model.unknowns(model.relative(near.poses), model.relative(near.landmarks)))
     assert near.cost == pytest.approx(found.cost, rel=1e-6)
@@ -98,9 +95,8 @@ def test_damped_steps_go_on_to_a_minimum_where_nothing_fits():
 
     GTSAM's search leads near it; our own, on which `docs/limits.md` has a word, does not.
     """
-    recording = in_frame_of_start(draw(2040, 1540).recording)
-    ids = first_observations(recording)[0]
-    found = newton_minimum(recording, ids, damped_descent(recording, ids, *growing_start(recording)))
+    recording = prepare(in_frame_of_start(draw(2040, 1540).recording))
+    found = newton_minimum(recording, damped_descent(recording, *growing_start(recording)))
     model = Model(recording)
     minimum = lowest(model, [model.unknowns(model.relative(found.poses), model.relative(found.landmarks))])
     assert minimum is not None
@@ -140,11 +136,11 @@ def test_batch_on_first_steps_is_the_same_where_their_path_is_grown_once():
 def test_newton_steps_do_not_end_uphill():
     """Three bearings of one landmark from two poses: the cost falls towards infinity, and is stationary elsewhere."""
     recording = placed_only(draw(2030, 1264).recording.first(1), np.array([0]))
-    here = in_frame_of_start(recording)
+    here = prepare(in_frame_of_start(recording))
     poses = np.array([[0.0, 0.0, 0.0], [0.5841, 0.0050, -0.0436]])
-    near = damped_descent(here, np.array([0]), poses, np.array([[-45.0, 84.0]]))
+    near = damped_descent(here, poses, np.array([[-45.0, 84.0]]))
     with pytest.raises(UndeterminedError, match="nats uphill"):
-        newton_minimum(here, np.array([0]), near)
+        newton_minimum(here, near)
 
 
 def test_the_causal_optimum_maps_what_dead_reckoning_places() -> None:

@@ -17,7 +17,7 @@ from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, batch, causal, cost, robust_batch
 from slamgauge.graph_baseline.problem.placement import SURE
-from slamgauge.graph_baseline.problem.preparation import first_observations, require_known_landmarks
+from slamgauge.graph_baseline.problem.preparation import Problem, prepare
 from slamgauge.graph_baseline.solver import multistart
 from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, damped_descent, newton_minimum
 from slamgauge.graph_baseline.solver.smoother import solve_at
@@ -189,10 +189,10 @@ def test_no_other_start_ends_lower(seed: int):
     estimate = batch(recording)
     assert truth.poses is not None
     assert truth.landmarks is not None
-    ids = first_observations(recording)[0]
-    poses, landmarks = newton_minimum(
-        recording, ids, damped_descent(recording, ids, truth.poses, truth.landmarks[ids])
-    )[:2]
+    problem = prepare(recording)
+    ids = problem.landmark_ids
+    near = damped_descent(problem, truth.poses, truth.landmarks[ids])
+    poses, landmarks = newton_minimum(problem, near)[:2]
     ours = cost(recording, estimate.poses, np.asarray(estimate.landmark_ids), arrays(estimate)[1])
     assert ours <= cost(recording, poses, ids, landmarks) * (1 + 1e-6)
 
@@ -232,29 +232,28 @@ def test_a_given_association_may_name_landmarks_that_bearings_do_not_place(
 
 def test_landmarks_that_searches_leave_out_in_turn_are_taken_in_once(monkeypatch: pytest.MonkeyPatch):
     """Each of two landmarks is placed by the minimum with the other; a search with both ends without the last one."""
-    recording = random_recording(0, steps=10, landmarks=2)[1]
-    landmark = require_known_landmarks(recording)
+    recording = prepare(random_recording(0, steps=10, landmarks=2)[1])
+    landmark = recording.landmark
     first, second = np.unique(landmark)
     path = chain(recording.prior_mean, recording.odometry)
     ended = UndeterminedError("in vain")
     ended.path = path + 1.0
     found: list[int] = []
 
-    def placed(_: Recording, at: Float) -> Marks:
+    def placed(_: Problem, at: Float) -> Marks:
         if not found:
             return landmark == first
         return landmark != found[-1] if at is ended.path else np.ones(len(landmark), dtype=bool)
 
-    def lowest(part: Recording, _: object) -> Minimum:
-        ids = np.unique(require_known_landmarks(part))
-        if len(ids) == 2:
+    def lowest(part: Problem, _: object) -> Minimum:
+        if len(part.landmark_ids) == 2:
             raise ended
-        found.append(ids[0])
+        found.append(part.landmark_ids[0])
         assert len(found) < 10, "it goes on for ever"
         positions = np.ones((1, 2))
-        return Minimum(path, positions, solve_at(part, ids, path, positions), 1.0)
+        return Minimum(path, positions, solve_at(part, path, positions), 1.0)
 
-    def no_starts(_: Recording, __: Float) -> list[multistart.Start]:
+    def no_starts(_: Problem, __: Float) -> list[multistart.Start]:
         return []
 
     monkeypatch.setattr(multistart, "are_placed", placed)

@@ -26,7 +26,7 @@ from slamgauge.ekf import dead_reckoning
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, batch, causal, hindsight
 from slamgauge.graph_baseline.gtsam_graph import REGULARISING_NOISE
-from slamgauge.graph_baseline.problem.preparation import require_known_landmarks
+from slamgauge.graph_baseline.problem.preparation import Problem, require_known_landmarks
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import between
@@ -174,20 +174,20 @@ def test_causal_takes_few_sights_and_many_stretches_without(seen: tuple[int, ...
 
 
 def test_the_grown_start_is_for_what_the_noise_does_not_explain(monkeypatch: pytest.MonkeyPatch) -> None:
-    growing_start: list[int] = []
+    calls: list[int] = []
     original = hindsight.growing_start
 
-    def counted(recording: Recording) -> tuple[Float, Float]:
-        growing_start.append(recording.steps)
+    def counted(recording: Problem) -> tuple[Float, Float]:
+        calls.append(recording.steps)
         return original(recording)
 
-    monkeypatch.setattr(hindsight, "grown", counted)
+    monkeypatch.setattr(hindsight, "growing_start", counted)
     recording = problem(0, "range-bearing", True)[1]
     for factor in (1.0, 10.0):  # a cost below what the noise explains leaves no lower one to be found
         batch(replace(recording, observation_cov=recording.observation_cov * factor))
-    assert not growing_start
+    assert not calls
     batch(replace(recording, observation_cov=recording.observation_cov * 0.1))
-    assert len(growing_start) == 1
+    assert len(calls) == 1
 
 
 def test_a_landmark_on_the_robot_is_named() -> None:

@@ -39,7 +39,7 @@ def test_steps_without_a_minimum_are_flagged_though_the_last_has_one(monkeypatch
         with monkeypatch.context() as patch:
             if len(settled) in lost:
                 patch.setattr(ChordDescent, "converge", does_not_converge)
-                patch.setattr(IncrementalOptimum, "_searched", search_fails)
+                patch.setattr(IncrementalOptimum, "_search_result", search_fails)
             add_step(growing)
         settled.append(growing.settled)
 
@@ -55,7 +55,7 @@ def test_a_minimum_is_not_sought_at_every_step(monkeypatch: pytest.MonkeyPatch) 
     def search_fails(growing: IncrementalOptimum) -> None:
         sought.append(len(growing.landmark_ids))
 
-    monkeypatch.setattr(IncrementalOptimum, "_searched", search_fails)
+    monkeypatch.setattr(IncrementalOptimum, "_search_result", search_fails)
     monkeypatch.setattr(ChordDescent, "converge", does_not_converge)
     growing = IncrementalOptimum(random_recording(0, steps=300)[1])
     for _ in range(301):

@@ -17,6 +17,7 @@ from slamgauge.ekf import riekf
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch
 from slamgauge.graph_baseline.hindsight import optimum_from
+from slamgauge.graph_baseline.problem.preparation import prepare
 from slamgauge.graph_baseline.solver import levenberg_marquardt, multistart
 from slamgauge.recording import Recording
 
@@ -35,7 +36,7 @@ def both_ways(recording: Recording, path: np.ndarray | None, monkeypatch: pytest
     for descend in (multistart.descend, levenberg_marquardt.descend):
         with monkeypatch.context() as context:
             context.setattr(multistart, "descend", descend)
-            found.append(batch(recording) if path is None else optimum_from(recording, path))
+            found.append(batch(recording) if path is None else optimum_from(prepare(recording), path))
     return found
 
 

@@ -12,9 +12,8 @@ from slamgauge.arrays import Float
 from slamgauge.graph_baseline.problem.constrained_motion import MotionNoise
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
 from slamgauge.graph_baseline.problem.preparation import (
-    first_observations,
     landmarks_at_first_observation,
-    require_known_landmarks,
+    prepare,
 )
 from slamgauge.graph_baseline.problem.retraction import retract_by_motions, retract_pointwise
 from slamgauge.recording import Recording
@@ -26,12 +25,11 @@ WAYS = [retract_pointwise, retract_by_motions]
 
 def at_start(*, slip: bool = True) -> tuple[Recording, LinearModel, Float, Float]:
     """A recording, its linear model off dead reckoning, path (N+1, 3) and map (L, 2) there."""
-    recording = random_recording(5, slip=slip)[1]
+    recording = prepare(random_recording(5, slip=slip)[1])
     noise = 0.05 * np.random.default_rng(1).normal(size=(recording.steps, 3)) * [1.0, slip, 1.0]
     path = chain(recording.prior_mean, recording.odometry + noise)
     points = landmarks_at_first_observation(recording, path)
-    slot = np.searchsorted(first_observations(recording)[0], require_known_landmarks(recording))
-    return recording, linearise(recording, slot, path, points), path, points
+    return recording, linearise(recording, recording.slot, path, points), path, points
 
 
 def some_step(path: Float, points: Float) -> tuple[Float, Float]:

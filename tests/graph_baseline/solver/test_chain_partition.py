@@ -17,6 +17,7 @@ from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
+from slamgauge.graph_baseline.problem.preparation import prepare
 from slamgauge.graph_baseline.solver import chain_partition, cost_estimate, smoother
 from slamgauge.graph_baseline.solver.chain_partition import plan
 from slamgauge.graph_baseline.solver.motion_elimination import Chain, eliminate_motions
@@ -219,9 +220,9 @@ def test_a_map_that_fits_in_pieces_alone_is_not_refused(monkeypatch: pytest.Monk
     recording = lanes(lanes=8, length=40)
     monkeypatch.setattr(cost_estimate, "free_memory", lambda: 3e7)
     monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 3e7)
-    cost_estimate.require_memory_for(recording, "batch")
+    cost_estimate.require_memory_for(prepare(recording), "batch")
     with pytest.raises(UserError, match=r"^causal of \d+ landmarks in \d+ scans needs 0\.2 GB of memory"):
-        cost_estimate.require_memory_for(recording, "causal", dense=True)
+        cost_estimate.require_memory_for(prepare(recording), "causal", dense=True)
 
 
 # --- the optimum ---------------------------------------------------------------------------------

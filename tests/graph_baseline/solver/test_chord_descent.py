@@ -40,7 +40,7 @@ def test_mixing_spares_a_large_map_linearisations(monkeypatch: pytest.MonkeyPatc
         anew[0] += 1
         return relinearise(descent)
 
-    monkeypatch.setattr(ChordDescent, "linearise_anew", counted)
+    monkeypatch.setattr(ChordDescent, "relinearise", counted)
     taken: list[int] = []
     optimum = batch(recording)
     assert optimum.pose_covs is not None

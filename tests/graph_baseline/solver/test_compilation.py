@@ -32,9 +32,10 @@ def specialisations() -> dict[str, int]:
 def test_first_use_is_announced_and_later_ones_load_from_disk(tmp_path: Path) -> None:
     program = (
         "from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once as once; once();"
-        "from slamgauge.graph_baseline.solver.pose_elimination import take_in; print(len(take_in.stats.cache_hits))"
+        "from slamgauge.graph_baseline.solver import pose_elimination;"
+        "print(len(pose_elimination.eliminate_poses.stats.cache_hits))"
     )
-    first, second = first_and_later_use(tmp_path, program, "elimination.take_in")
+    first, second = first_and_later_use(tmp_path, program, "pose_elimination.eliminate_poses")
     assert first.stderr == "slamgauge: compiling graph kernels (once per installation) ...\n"
     assert (first.stdout, second.stdout, second.stderr) == ("0\n", "1\n", "")
 
