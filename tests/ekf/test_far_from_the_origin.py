@@ -14,6 +14,7 @@ from slamgauge.ekf import (
     Association,
     CompressedFilter,
     Delayed,
+    FilterSettings,
     InverseDepth,
     MapManagement,
     Rays,
@@ -66,26 +67,26 @@ def assert_same(far: Estimate, near: Estimate) -> None:
 @pytest.mark.parametrize("association", [None, Association(), Association("jcbb", map_management=MapManagement())])
 def test_ranges_and_bearings(estimator: Estimator, sensor: str, association: Association | None) -> None:
     _, recording = random_recording(30, sensor=sensor, steps=60, noise=0.5)
-    options = {"frames": 5} if association is None else {"frames": 5, "association": association}
+    settings = FilterSettings(association or Association(), frames=5)
     if association is not None:
         recording = replace(recording, landmark=None)
-    assert_same(estimator(moved(recording), **options), estimator(recording, **options))
+    assert_same(estimator(moved(recording), settings), estimator(recording, settings))
 
 
 @FILTERS
 @pytest.mark.parametrize("initialisation", [Rays(), InverseDepth(), Delayed()])
 def test_bearings_alone(estimator: Estimator, initialisation: Rays | InverseDepth | Delayed) -> None:
     recording = bearings_of(31)
-    options = {"frames": 5, "initialisation": initialisation}
-    assert_same(estimator(moved(recording), **options), estimator(recording, **options))
+    settings = FilterSettings(initialisation=initialisation, frames=5)
+    assert_same(estimator(moved(recording), settings), estimator(recording, settings))
 
 
 @FILTERS
 @pytest.mark.parametrize("association", [Association(), Association("jcbb")])
 def test_bearings_without_ids(estimator: Estimator, association: Association) -> None:
     recording = replace(bearings_of(32), landmark=None)
-    options = {"frames": 5, "association": association}
-    assert_same(estimator(moved(recording), **options), estimator(recording, **options))
+    settings = FilterSettings(association, frames=5)
+    assert_same(estimator(moved(recording), settings), estimator(recording, settings))
 
 
 def bearings_of(seed: int) -> Recording:
