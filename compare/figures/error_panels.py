@@ -47,7 +47,7 @@ def plot_errors(
     The 3-sigma bounds of the estimate `band` are filled, by default of the first with covariances, those of the others
     are thin lines in their own colours. An estimate that has gone astray leaves the panels, and is named, where it
     would flatten the others; dead reckoning, which would too, is left out where there is anything else. Without true
-    poses the differences to batch, or else to iSAM2, are drawn; without those the bounds alone.
+    poses the differences to batch, or else to the causal optimum, are drawn; without those the bounds alone.
     """
     panels = list(axes)
     reference = reference_of(truth, recording, estimates)

@@ -39,7 +39,7 @@ OPTIMUM_FIGURES = (
 class Score:
     """How good an estimate is; a figure that does not apply is None.
 
-    What each figure means, and its unit, stands in `catalogue`. `kind` is `filtered` (compared with iSAM2) or
+    What each figure means, and its unit, stands in `catalogue`. `kind` is `filtered` (compared with `causal`) or
     `smoothed` (compared with batch), `nees` (N+1,) the pose NEES of each step and `sigmas` (N+1, 3) those of x, y [m]
     and heading [rad], NaN where they are undefined, `others` the figures that have no field of their own.
     """
@@ -138,7 +138,7 @@ def evaluate(
         truth: as much of the truth as is known; None on real data without ground truth.
         recording: what the estimator was given.
         estimate: what it returned.
-        optimum: iSAM2's estimate for a filtered one, batch's for a smoothed one.
+        optimum: estimate of `causal` for a filtered one, batch's for a smoothed one.
         batch: the hindsight optimum, for the distances of the last pose and of the map.
 
     Raises:
@@ -270,7 +270,7 @@ def _check(
     if optimum is not None and optimum.kind != estimate.kind:
         raise UserError(
             f"optimum.kind: {optimum.kind!r} is not comparable with {estimate.kind!r}; "
-            "compare a filtered estimate with iSAM2, a smoothed one with batch"
+            "compare a filtered estimate with causal, a smoothed one with batch"
         )
     if batch is not None and batch.kind != "smoothed":
         raise UserError(f"batch.kind: {batch.kind!r} is not the hindsight optimum; give batch's smoothed estimate")
