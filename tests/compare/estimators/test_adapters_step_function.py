@@ -272,7 +272,7 @@ def test_its_own_noise_is_a_choice(own: Own):
     assert len(own(wrapped, short(), "mine").poses) == 41
     with pytest.raises(slamgauge.UserError, match="noise: 'mine' is not known; use 'recording' or 'file'"):
         step_function(ekf_slam, noise="mine")  # pyright: ignore[reportArgumentType]
-    with pytest.raises(slamgauge.UserError, match=r"step_function: ekf\(recording\) is none"):
+    with pytest.raises(slamgauge.UserError, match=r"step_function: ekf_slam\(recording\) is none"):
         step_function(ekf_slam)
 
 

@@ -120,7 +120,7 @@ def test_what_an_unplaced_landmark_was_seen_at_is_not_lost(monkeypatch: pytest.M
     recording = seen_early_and_late()
     optimum = causal(recording)
     _, kept = off(sliding_window(recording, lag=60), optimum)
-    monkeypatch.setattr(sliding_window, "KEPT", 0.0)
+    monkeypatch.setattr("slamgauge.ekf.advanced.sliding_window.KEPT", 0.0)
     _, lost = off(sliding_window(recording, lag=60), optimum)
     assert kept[400:].max() < 0.2
     assert lost[400:].max() > 0.3
