@@ -189,7 +189,9 @@ class ChordDescent:
         landmarks, until = len(self._mapped), self.newest + 1
         self._newest_cov = None
         try:
-            pose_elimination.eliminate_poses(self._measured, self._linear, self._place, before, landmarks, since, until)
+            pose_elimination.eliminate_poses(
+                self._measured, self._linear, self._place, before, landmarks, (since, until)
+            )
         except LinAlgError:
             return False
         return True

@@ -46,14 +46,15 @@ ALIKE = 1e6  # how much more information than another a sight may hold, or the p
 
 @kernel
 def eliminate_poses(
-    measured: Measured, linear: Linear, place: Place, before: Place, landmarks: int, since: int, until: int
+    measured: Measured, linear: Linear, place: Place, before: Place, landmarks: int, steps: tuple[int, int]
 ) -> None:
-    """Take in the poses since..until-1 and their scans, linearised where `linear.at` says.
+    """Eliminate the poses steps[0]..steps[1]-1, linearised at `linear.at`, and add their scans to the information.
 
-    Leaves in `pull` and `kick` what the residuals of the last of them do, taken at `place` and carried to `before`,
-    where the steps before expect its pose and the map.
+    Writes to `linear.pull` and `linear.kick` the gradient and the pose step of the last scan. Its residuals are taken
+    at `place` and carried to `before`, the prediction of its pose and of the map from the steps before.
     """
     width = 2 * landmarks
+    since, until = steps
     rows, used = np.empty((CHUNK, width)), 0
     for k in range(since, until):
         linear.pull[:width] = 0.0

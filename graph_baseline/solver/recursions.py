@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from slamgauge.arrays import Float
@@ -18,15 +20,24 @@ from slamgauge.graph_baseline.solver.matrices_3x3 import (
 from slamgauge.jit import kernel
 
 
-@kernel
-def run_covariances(
-    start: Float, F: Float, W: Float, G: Float, P: Float, updated: Float, carry: Float, gain: Float, whitener: Float
-) -> None:
-    """Fill `P`, `updated` and `whitener`, and of the steps that lead on `carry` and `gain`.
+class FilterCovariances(NamedTuple):
+    """Kalman filter of a pose given the unknowns, as far as it does not depend on the measurements."""
 
-    Gains are whitened twice by the root of the innovations' covariance S. From S^-1 at once they would lose the digits
-    by which S is larger in some directions than in others.
+    P: Float  # (N+1, 3, 3) predicted covariances
+    updated: Float  # (N+1, 3, 3) updated covariances
+    carry: Float  # (N+1, 3, 3) F (I - K G)
+    gain: Float  # (N+1, 3, 3) F K
+    whitener: Float  # (N+1, 3, 3) L^-1 of the innovation covariance L L'
+
+
+@kernel
+def run_covariances(start: Float, F: Float, W: Float, G: Float, out: FilterCovariances) -> None:
+    """Run the filter from the covariance `start` (3, 3) over scans G (N+1, 3, 3); fill `out`.
+
+    The last `carry` and `gain` are not filled. Gains are multiplied twice by the whitener. Multiplying once by S^-1
+    would lose the digits by which the innovation covariance S is larger in some directions than in others.
     """
+    P, updated, carry, gain, whitener = out
     PG, S, V, K = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     copy(start, P[0])
     for k in range(len(G)):

@@ -12,7 +12,7 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.problem.linearisation import LinearModel
-from slamgauge.graph_baseline.solver.recursions import run_covariances, run_maps
+from slamgauge.graph_baseline.solver.recursions import FilterCovariances, run_covariances, run_maps
 
 CHUNK = 128  # steps whose rows, a few megabytes, are handled together
 
@@ -79,18 +79,11 @@ def subtract_scans(joint: Float, X: Float, model: LinearModel) -> None:
         joint[np.ix_(columns, columns)] -= gram(X[steps][:, :, columns])
 
 
-def filter_covariances(model: LinearModel, G: Float) -> tuple[Float, Float, Float, Float, Float]:
-    """Kalman filter of a pose given the unknowns.
-
-    Returns:
-        Predicted and updated covariances P (N+1, 3, 3), carry F (I - K G), gain F K, and whitener L^-1 of the
-        innovations' covariance L L'.
-    """
-    P, updated, carry, gain, whitener = np.empty((5, len(G), 3, 3))
-    run_covariances(
-        np.array(model.start_cov), model.F, model.W, np.ascontiguousarray(G), P, updated, carry, gain, whitener
-    )
-    return P, updated, carry, gain, whitener
+def filter_covariances(model: LinearModel, G: Float) -> FilterCovariances:
+    """Run the Kalman filter's covariances over scans G (N+1, 3, 3)."""
+    filtered = FilterCovariances(*np.empty((5, len(G), 3, 3)))
+    run_covariances(np.array(model.start_cov), model.F, model.W, np.ascontiguousarray(G), filtered)
+    return filtered
 
 
 def filter_maps(start: Float, c: Float, X: Float, carry: Float, gain: Float) -> Float:

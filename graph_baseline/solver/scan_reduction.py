@@ -8,6 +8,7 @@ which are left to take in. By reflections nothing is subtracted; by projection t
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,28 +32,27 @@ def scan_slots(measured: Measured, k: int) -> Int:
     return slots[:taken]
 
 
-@inner
-def linearise_observation(
-    measured: Measured,
-    linear: Linear,
-    place: Place,
-    before: Place,
-    k: int,
-    row: int,
-    headings: tuple[tuple[float, float], tuple[float, float]],
-    residual: Float,
-) -> None:
-    """Leave an observation's Jacobians in `linear`, and its residual (d,) carried to `before`.
+class ScanPose(NamedTuple):
+    """The pose of a scan, at the three points that its observations are taken at."""
 
-    `headings`: how pose k is `cosine_sine` at `place`, and where it is linearised.
-    """
+    k: int
+    place: Place  # residuals
+    before: Place  # the point that residuals are carried to
+    heading: tuple[float, float]  # cosine and sine of pose k's heading at `place`
+    linear_heading: tuple[float, float]  # the same where it is linearised
+
+
+@inner
+def linearise_observation(measured: Measured, linear: Linear, scan: ScanPose, row: int, residual: Float) -> None:
+    """Write an observation's Jacobians to `linear`, and to `residual` (d,) its residual, carried to `scan.before`."""
+    k, place, before = scan.k, scan.place, scan.before
     slot, Hx, Hm = measured.slot[row], linear.Hx[row], linear.Hm[row]
-    sight = observation_row(measured, row)
+    observation = observation_row(measured, row)
     at, place_at = linear.at.landmarks[slot], place.landmarks[slot]
     ex, ey = place_at[0] - place.poses[k, 0], place_at[1] - place.poses[k, 1]
-    r0, r1, _, _, _, _ = observation_residual(measured.sensor, sight, headings[0], ex, ey)
+    r0, r1, _, _, _, _ = observation_residual(measured.sensor, observation, scan.heading, ex, ey)
     ex, ey = at[0] - linear.at.poses[k, 0], at[1] - linear.at.poses[k, 1]
-    _, _, a00, a01, a10, a11 = observation_residual(measured.sensor, sight, headings[1], ex, ey)
+    _, _, a00, a01, a10, a11 = observation_residual(measured.sensor, observation, scan.linear_heading, ex, ey)
     residual[0], Hm[0, 0], Hm[0, 1] = r0, a00, a01
     if measured.value.shape[1] == 2:
         residual[1], Hm[1, 0], Hm[1, 1] = r1, a10, a11
@@ -69,12 +69,12 @@ def reduce_by_reflections(measured: Measured, linear: Linear, place: Place, befo
     """Turn the rows of a scan by reflections, so that from the fourth on Hx is zero."""
     d, taken = measured.value.shape[1], len(slots)
     scan = np.zeros((max(3, d * taken), 4 + 2 * taken))
-    headings = cosine_sine(place.poses[k]), cosine_sine(linear.at.poses[k])
+    pose = ScanPose(k, place, before, cosine_sine(place.poses[k]), cosine_sine(linear.at.poses[k]))
     residual, n = np.empty(2), 0
     for row in range(measured.first[k], measured.first[k + 1]):
         if measured.slot[row] < 0:
             continue
-        linearise_observation(measured, linear, place, before, k, row, headings, residual)
+        linearise_observation(measured, linear, pose, row, residual)
         for i in range(d):
             of_row = scan[d * n + i]
             of_row[-1] = residual[i]
@@ -96,12 +96,12 @@ def reduce_by_projection(measured: Measured, linear: Linear, place: Place, befor
     d, taken = measured.value.shape[1], len(slots)
     columns, n = np.empty((4, d * taken)), 0  # of Hx, then of Q, and the residuals
     residual, R, scan = np.empty(2), np.zeros((3, 3)), np.zeros((3, 4 + 2 * taken))
-    headings = cosine_sine(place.poses[k]), cosine_sine(linear.at.poses[k])
+    pose = ScanPose(k, place, before, cosine_sine(place.poses[k]), cosine_sine(linear.at.poses[k]))
     for row in range(measured.first[k], measured.first[k + 1]):
         slot = measured.slot[row]
         if slot < 0:
             continue
-        linearise_observation(measured, linear, place, before, k, row, headings, residual)
+        linearise_observation(measured, linear, pose, row, residual)
         for i in range(d):
             columns[3, d * n + i] = residual[i]
             for j in range(3):

@@ -21,7 +21,7 @@ def compile_graphs_once() -> None:
     step = chord_kernels.allocate_chord(1, 1, 1, 2)
     place.landmarks[0] = measured.value[0]
     with announced("graph kernels"):
-        pose_elimination.eliminate_poses(measured, linear, place, place, 1, 0, 1)
+        pose_elimination.eliminate_poses(measured, linear, place, place, 1, (0, 1))
         pose_elimination.newest_covariance(linear, np.eye(2), np.empty((3, 3)))
         chord_kernels.compute_defects(measured, linear, place, 0, step)
         chord_kernels.smooth(linear, 0, step)
@@ -31,7 +31,9 @@ def compile_graphs_once() -> None:
         chord_kernels.move(measured, place, 0, 1, step)
         one = np.zeros((1, 3, 3))
         triangulate(np.zeros((1, 3)), np.zeros(1), np.ones(1), 1.0)
-        recursions.run_covariances(np.eye(3), one[:0], one[:0], one, *np.zeros((5, 1, 3, 3)))
+        recursions.run_covariances(
+            np.eye(3), one[:0], one[:0], one, recursions.FilterCovariances(*np.zeros((5, 1, 3, 3)))
+        )
         recursions.run_maps(one, one)
         recursions.run_adjoints(one, one, one)
 
