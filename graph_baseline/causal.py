@@ -82,7 +82,7 @@ def _with_map(
     recording: Problem, estimate: Estimate, growing: IncrementalOptimum, map_changes: list[_PathAndMap]
 ) -> Estimate:
     """The estimate with the map of the last step, and how it compares with `batch`; with batch's map if it has none."""
-    if not growing.settled:
+    if not growing.converged:
         last = batch(recording)
         return replace(
             last,

@@ -113,7 +113,7 @@ def incremental_start(recording: Problem) -> tuple[Float, Float]:
     growing = IncrementalOptimum(recording)
     for _ in range(recording.steps + 1):
         growing.add_step()
-        if not growing.settled:
+        if not growing.converged:
             raise UndeterminedError("batch: the first steps have no minimum of their own; check ids and covariances")
     return start_of(growing, recording)
 

@@ -253,7 +253,7 @@ def grown_once(recording: Recording) -> Generator[None, None, None]:
         growing = IncrementalOptimum(here)
         for k in range(recording.steps + 1):
             growing.add_step()
-            if not growing.settled:
+            if not growing.converged:
                 break
             starts.append(hindsight.start_of(growing, prepare(here.first(k))))
 

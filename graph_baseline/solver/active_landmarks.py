@@ -9,14 +9,14 @@ from slamgauge.back_projection import positions_seen
 from slamgauge.graph_baseline.problem.placement import SURE, triangulate_one
 from slamgauge.graph_baseline.problem.preparation import Problem
 from slamgauge.graph_baseline.problem.residuals import Measured
-from slamgauge.graph_baseline.solver.linear_problem import Place
+from slamgauge.graph_baseline.solver.linear_problem import State
 from slamgauge.sensors import SENSORS
 
 CERTAIN = SURE / 2  # sigma over distance of a landmark that bearings will go on to place
 
 
 class ActiveLandmarks:
-    """The landmarks that have a slot in `place`, and the slots of the observations in `measured`.
+    """The landmarks that have a slot in `state`, and the slots of the observations in `measured`.
 
     Args:
         recording: known association.
@@ -24,8 +24,8 @@ class ActiveLandmarks:
         place: where poses and landmarks stand; its `landmarks` are written where one is mapped.
     """
 
-    def __init__(self, recording: Problem, measured: Measured, place: Place) -> None:
-        self._recording, self._measured, self._place = recording, measured, place
+    def __init__(self, recording: Problem, measured: Measured, state: State) -> None:
+        self._recording, self._measured, self._state = recording, measured, state
         self._ids = recording.landmark
         self._slot: dict[int, int] = {}
         self._uncertain: set[int] = set()
@@ -40,7 +40,7 @@ class ActiveLandmarks:
 
     def positions(self) -> Float:
         """(L, 2) [m], in the order of `ids`."""
-        return self._place.landmarks[: len(self)].copy()
+        return self._state.landmarks[: len(self)].copy()
 
     def map_scan(self, newest: int) -> None:
         """Give slots to the observations of the newest pose's scan; with bearings alone, new landmarks wait."""
@@ -48,7 +48,7 @@ class ActiveLandmarks:
         for row in range(first, last):
             name = int(self._ids[row])
             if name not in self._slot and SENSORS[self._recording.sensor].places_landmarks:
-                self._map(name, positions_seen(self._recording, np.array([row]), self._place.poses)[0])
+                self._map(name, positions_seen(self._recording, np.array([row]), self._state.poses)[0])
             self._measured.slot[row] = self._slot.get(name, -1)
 
     def map_waiting(self, newest: int, but: set[int]) -> set[int]:
@@ -56,7 +56,7 @@ class ActiveLandmarks:
         rows = np.arange(self._measured.first[newest + 1])
         found, ids = set[int](), self._ids[: len(rows)]
         for name in sorted({*ids[self._measured.slot[rows] < 0].tolist()} - but):
-            landmark, sigma = triangulate_one(self._recording, rows[ids == name], self._place.poses)
+            landmark, sigma = triangulate_one(self._recording, rows[ids == name], self._state.poses)
             if np.isfinite(sigma):
                 self._map(name, landmark)
                 self._measured.slot[rows[ids == name]] = self._slot[name]
@@ -88,7 +88,7 @@ class ActiveLandmarks:
     def set_mapped(self, newest: int, ids: Int, landmarks: Float) -> None:
         """Give slots to landmarks (L, 2) of these ids, and to no others."""
         self._slot = {name: slot for slot, name in enumerate(ids.tolist())}
-        self._place.landmarks[: len(ids)] = landmarks
+        self._state.landmarks[: len(ids)] = landmarks
         rows = self._measured.first[newest + 1]
         self._measured.slot[:rows] = [self._slot.get(name, -1) for name in self._ids[:rows].tolist()]
 
@@ -99,12 +99,12 @@ class ActiveLandmarks:
     def _map(self, name: int, landmark: Float) -> None:
         """Give a slot to a landmark (2,)."""
         slot = self._slot[name] = len(self._slot)
-        self._place.landmarks[slot] = landmark
+        self._state.landmarks[slot] = landmark
 
     def _is_placed(self, newest: int, name: int) -> bool:
         """Whether bearings place a landmark; one that they place well is no longer looked at."""
         rows = np.flatnonzero(self._ids[: self._measured.first[newest + 1]] == name)
-        if np.isfinite(triangulate_one(self._recording, rows, self._place.poses, CERTAIN)[1]):
+        if np.isfinite(triangulate_one(self._recording, rows, self._state.poses, CERTAIN)[1]):
             self._uncertain.remove(name)
             return True
-        return bool(np.isfinite(triangulate_one(self._recording, rows, self._place.poses)[1]))
+        return bool(np.isfinite(triangulate_one(self._recording, rows, self._state.poses)[1]))

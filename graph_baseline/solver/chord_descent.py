@@ -17,13 +17,13 @@ from slamgauge.graph_baseline.problem.residuals import Measured
 from slamgauge.graph_baseline.solver import chord_kernels, linear_problem, pose_elimination
 from slamgauge.graph_baseline.solver.active_landmarks import ActiveLandmarks
 from slamgauge.graph_baseline.solver.anderson import AndersonAcceleration
-from slamgauge.graph_baseline.solver.linear_problem import Place
+from slamgauge.graph_baseline.solver.linear_problem import State
 from slamgauge.graph_baseline.solver.multifrontal import EXHAUSTED
 from slamgauge.graph_baseline.solver.smoother import own_blocks_of_inverse
 
 factorise, solved = get_lapack_funcs(("potrf", "potrs"), dtype=np.float64)
 
-SETTLED = 0.003  # sigmas of the newest pose, and of all that was observed: what a chord step may leave
+CONVERGED = 0.003  # sigmas of the newest pose, and of all that was observed: what a chord step may leave
 RATE = 0.2  # no chord step is trusted to leave less of itself
 SLOW = 0.6  # of a chord step is left for the next, or of a mixed one for the next but one: linearise anew
 STALE = 0.1  # relative change of Jacobians times reach: linearise anew
@@ -48,11 +48,11 @@ class ChordDescent:
         chi_square: sum of squared residuals, where a chord step was taken last.
     """
 
-    def __init__(self, measured: Measured, place: Place, mapped: ActiveLandmarks) -> None:
-        self._measured, self._place, self._mapped = measured, place, mapped
-        sizes = len(place.poses), len(place.landmarks), *measured.value.shape
+    def __init__(self, measured: Measured, state: State, mapped: ActiveLandmarks) -> None:
+        self._measured, self._state, self._mapped = measured, state, mapped
+        sizes = len(state.poses), len(state.landmarks), *measured.value.shape
         self._linear = linear_problem.allocate_linear(*sizes)
-        self._before = linear_problem.allocate_place(*sizes[:2])  # the newest scan
+        self._before = linear_problem.allocate_state(*sizes[:2])  # the newest scan
         self._step = chord_kernels.allocate_chord(*sizes)
         self._mixing: AndersonAcceleration | None = (
             None  # of the chord steps since all was linearised, where they are mixed
@@ -67,7 +67,7 @@ class ChordDescent:
     def add_pose(self, pose: Float) -> None:
         """Begin a step: the newest pose (3,) is expected here."""
         self.newest += 1
-        self._place.poses[self.newest] = self._linear.at.poses[self.newest] = pose
+        self._state.poses[self.newest] = self._linear.at.poses[self.newest] = pose
 
     def newest_cov(self) -> Float:
         """(3, 3) of the newest pose, world frame, by the matrices at hand; while unsettled, of what they are about."""
@@ -86,23 +86,23 @@ class ChordDescent:
 
         Returns by how much the newest pose (3,) has moved; None where the matrices do not determine all landmarks.
         """
-        k, count, place, linear, before = self.newest, len(self._mapped), self._place, self._linear, self._before
-        before.poses[k], before.landmarks[:count] = place.poses[k], place.landmarks[:count]
-        linear.at.landmarks[mapped:count] = place.landmarks[mapped:count]
+        k, count, state, linear, before = self.newest, len(self._mapped), self._state, self._linear, self._before
+        before.poses[k], before.landmarks[:count] = state.poses[k], state.landmarks[:count]
+        linear.at.landmarks[mapped:count] = state.landmarks[mapped:count]
         information = linear.information[: 2 * count, : 2 * count]
         saved = linear.M.copy(), linear.newest_cov.copy(), information.copy()
         step = np.zeros(3)
         for again in range(PASSES):
             if again:
                 linear.M[:], linear.newest_cov[:], information[:] = saved
-                linear.at.poses[k] = place.poses[k]
-                linear.at.landmarks[mapped:count] = place.landmarks[mapped:count]
+                linear.at.poses[k] = state.poses[k]
+                linear.at.landmarks[mapped:count] = state.landmarks[mapped:count]
             if not (self._eliminate_poses(before, k) and self._factorise()):
                 return None
-            landmarks = self._solve(linear.pull[: 2 * count])
-            step = linear.kick + linear.M[:, : 2 * count] @ landmarks
-            place.poses[k] = before.poses[k] + step
-            place.landmarks[:count] = before.landmarks[:count] + landmarks.reshape(-1, 2)
+            landmarks = self._solve(linear.rhs[: 2 * count])
+            step = linear.pose_step + linear.M[:, : 2 * count] @ landmarks
+            state.poses[k] = before.poses[k] + step
+            state.landmarks[:count] = before.landmarks[:count] + landmarks.reshape(-1, 2)
         return step
 
     def converge(self) -> bool:
@@ -114,7 +114,7 @@ class ChordDescent:
             if not size < GROWN * smallest:
                 return False
             rate = max(size / before, RATE if self._mixing is None else SLOW)  # mixed steps have none of their own
-            if (size * rate / (1.0 - rate) if before < np.inf and rate < 1.0 else size) < SETTLED:
+            if (size * rate / (1.0 - rate) if before < np.inf and rate < 1.0 else size) < CONVERGED:
                 return True
             self._sizes.append(size)
             back = 1 if self._mixing is None else 2
@@ -130,15 +130,15 @@ class ChordDescent:
 
         That is nan if there is none.
         """
-        measured, linear, place, step = self._measured, self._linear, self._place, self._step
+        measured, linear, state, step = self._measured, self._linear, self._state, self._step
         k, count = self.newest, len(self._mapped)
-        change, self.chi_square = chord_kernels.compute_defects(measured, linear, place, k, step)
+        change, self.chi_square = chord_kernels.compute_defects(measured, linear, state, k, step)
         if change * self._reach() > STALE and not self.relinearise():
             return np.nan
         chord_kernels.smooth(linear, k, step)
-        chord_kernels.pull_landmarks(measured, linear, k, step)
+        chord_kernels.subtract_pose_step(measured, linear, k, step)
         step.landmark[:count] = self._solve(step.landmark[:count].ravel()).reshape(-1, 2)
-        chord_kernels.pull_poses(measured, linear, k, step)
+        chord_kernels.subtract_landmark_step(measured, linear, k, step)
         chord_kernels.smooth(linear, k, step)
         chord_kernels.predict_changes(measured, linear, k, step)
         seen = step.seen[: measured.first[k + 1]].ravel()
@@ -147,7 +147,7 @@ class ChordDescent:
             return np.nan
         if self._mixing is not None:
             self._mix(self._mixing, seen)
-        chord_kernels.move(measured, place, k, count, step)
+        chord_kernels.move(measured, state, k, count, step)
         return size
 
     def _mix(self, mixing: AndersonAcceleration, seen: Float) -> None:
@@ -172,16 +172,16 @@ class ChordDescent:
         """Take in all poses again, linearised where path and map stand; whether that determines all landmarks."""
         self._sizes, self._mixing = [], None if self._mixing is None else AndersonAcceleration()
         k, count, at = self.newest, len(self._mapped), self._linear.at
-        at.poses[: k + 1] = self._place.poses[: k + 1]
-        at.landmarks[:count] = self._place.landmarks[:count]
+        at.poses[: k + 1] = self._state.poses[: k + 1]
+        at.landmarks[:count] = self._state.landmarks[:count]
         self._linear.information[: 2 * count, : 2 * count] = 0.0
-        return self._eliminate_poses(self._place, 0) and self._factorise()
+        return self._eliminate_poses(self._state, 0) and self._factorise()
 
     def add_newest_pose(self) -> bool:
         """Take in the newest pose and its scan where it stands; whether that is possible."""
-        return self._eliminate_poses(self._place, self.newest)
+        return self._eliminate_poses(self._state, self.newest)
 
-    def _eliminate_poses(self, before: Place, since: int) -> bool:
+    def _eliminate_poses(self, before: State, since: int) -> bool:
         """Take in the poses from number `since` on; the newest pose and the map are expected at `before`.
 
         Returns whether that is possible: a landmark on the pose that sees it has no Jacobians.
@@ -190,7 +190,7 @@ class ChordDescent:
         self._newest_cov = None
         try:
             pose_elimination.eliminate_poses(
-                self._measured, self._linear, self._place, before, landmarks, (since, until)
+                self._measured, self._linear, self._state, before, landmarks, (since, until)
             )
         except LinAlgError:
             return False

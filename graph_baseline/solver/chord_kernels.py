@@ -24,7 +24,7 @@ from slamgauge.graph_baseline.problem.residuals import (
     observation_row,
     step_residual,
 )
-from slamgauge.graph_baseline.solver.linear_problem import Linear, Place
+from slamgauge.graph_baseline.solver.linear_problem import Linear, State
 from slamgauge.graph_baseline.solver.matrices_3x3 import multiply
 from slamgauge.jit import inner, kernel
 from slamgauge.se2_kernels import exp, right_jacobian, wrap
@@ -35,7 +35,7 @@ class Chord(NamedTuple):
 
     pose: Float  # (N+1, 3)
     landmark: Float  # (L, 2) the step; before, the gradient of minus the cost
-    pull: Float  # (N+1, 3) gradient of minus the cost that the landmarks' step adds
+    rhs: Float  # (N+1, 3) gradient of minus the cost that the landmarks' step adds
     defect: Float  # (N+1, 3) W l - w
     mean: Float  # (N+1, 3)
     seen: Float  # (M, d) what the step changes of every observation, in sigmas
@@ -43,22 +43,22 @@ class Chord(NamedTuple):
 
 def allocate_chord(poses: int, landmarks: int, observations: int, dim: int) -> Chord:
     """Room for a step."""
-    pull, defect, mean = np.zeros((3, poses, 3))
+    rhs, defect, mean = np.zeros((3, poses, 3))
     seen = np.zeros((observations, dim))
-    return Chord(np.zeros((poses, 3)), np.zeros((landmarks, 2)), pull, defect, mean, seen)
+    return Chord(np.zeros((poses, 3)), np.zeros((landmarks, 2)), rhs, defect, mean, seen)
 
 
 @kernel
-def compute_defects(measured: Measured, linear: Linear, place: Place, newest: int, chord: Chord) -> tuple[float, float]:
-    """Leave in `chord` the defects of all steps and the gradient by the landmarks, of the exact cost at `place`.
+def compute_defects(measured: Measured, linear: Linear, state: State, newest: int, chord: Chord) -> tuple[float, float]:
+    """Leave in `chord` the defects of all steps and the gradient by the landmarks, of the exact cost at `state`.
 
     Returns the relative change of Jacobians since they were taken in, of the observations' by their landmarks or, if
     that is more, of the newest pose's by the headings before; and the sum of squared residuals, exact where there are
     no defects: there a step's noise is W l, and its square l' W l.
     """
-    poses, places = place
+    poses, landmarks_at = state
     chord.landmark[:] = 0.0
-    chord.pull[: newest + 1] = 0.0
+    chord.rhs[: newest + 1] = 0.0
     sensor, dim = measured.sensor, measured.value.shape[1]
     l0, l1, l2 = 0.0, 0.0, 0.0
     moved, norm, squares = 0.0, 0.0, 0.0
@@ -77,7 +77,7 @@ def compute_defects(measured: Measured, linear: Linear, place: Place, newest: in
             slot = measured.slot[row]
             if slot < 0:
                 continue
-            ex, ey = places[slot, 0] - poses[k, 0], places[slot, 1] - poses[k, 1]
+            ex, ey = landmarks_at[slot, 0] - poses[k, 0], landmarks_at[slot, 1] - poses[k, 1]
             r0, r1, a00, a01, a10, a11 = observation_residual(sensor, observation_row(measured, row), heading, ex, ey)
             squares += r0 * r0 + r1 * r1
             g0, g1 = a00 * r0 + a10 * r1, a01 * r0 + a11 * r1
@@ -123,13 +123,13 @@ def smooth(linear: Linear, newest: int, chord: Chord) -> None:
         for i in range(3):
             mean[k, i] = total[i] = x[i]
             for j in range(3):
-                total[i] += P[k, i, j] * chord.pull[k, j]
+                total[i] += P[k, i, j] * chord.rhs[k, j]
         multiply(G[k], total, x)
     for k in range(newest, -1, -1):
         if k < newest:
             ahead[2] += linear.lever[k + 1, 0] * ahead[0] + linear.lever[k + 1, 1] * ahead[1]
         for i in range(3):
-            ahead[i] += chord.pull[k, i]
+            ahead[i] += chord.rhs[k, i]
         for i in range(3):
             total[i] = mean[k, i]
             for j in range(3):
@@ -141,7 +141,7 @@ def smooth(linear: Linear, newest: int, chord: Chord) -> None:
 
 
 @kernel
-def pull_landmarks(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
+def subtract_pose_step(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
     """Add to the landmarks' gradient what the poses' step does to it: -Hm' Hx step."""
     for k in range(newest + 1):
         for row in range(measured.first[k], measured.first[k + 1]):
@@ -156,9 +156,9 @@ def pull_landmarks(measured: Measured, linear: Linear, newest: int, chord: Chord
 
 
 @kernel
-def pull_poses(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
+def subtract_landmark_step(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
     """Leave as pulls on the poses what the landmarks' step does to their gradients: -Hx' Hm step."""
-    chord.pull[: newest + 1] = 0.0
+    chord.rhs[: newest + 1] = 0.0
     for k in range(newest + 1):
         for row in range(measured.first[k], measured.first[k + 1]):
             slot = measured.slot[row]
@@ -168,7 +168,7 @@ def pull_poses(measured: Measured, linear: Linear, newest: int, chord: Chord) ->
                 h = linear.Hm[row, i]
                 seen = h[0] * chord.landmark[slot, 0] + h[1] * chord.landmark[slot, 1]
                 for j in range(3):
-                    chord.pull[k, j] -= linear.Hx[row, i, j] * seen
+                    chord.rhs[k, j] -= linear.Hx[row, i, j] * seen
 
 
 @kernel
@@ -187,7 +187,7 @@ def predict_changes(measured: Measured, linear: Linear, newest: int, chord: Chor
 
 
 @kernel
-def move(measured: Measured, place: Place, newest: int, landmarks: int, chord: Chord) -> None:
+def move(measured: Measured, state: State, newest: int, landmarks: int, chord: Chord) -> None:
     """Move path and map by a chord step, each point by V(turn) step, V(t) = (R(t) - I) / (t J).
 
     A turn of everything about any point then keeps all distances, which an additive step would stretch. A landmark
@@ -202,10 +202,10 @@ def move(measured: Measured, place: Place, newest: int, landmarks: int, chord: C
                 continue
             turns[slot] += turn
             seen[slot] += 1.0
-        retract_point(place.poses[k], chord.pose[k], turn)
-        place.poses[k, 2] = wrap(place.poses[k, 2] + turn)
+        retract_point(state.poses[k], chord.pose[k], turn)
+        state.poses[k, 2] = wrap(state.poses[k, 2] + turn)
     for slot in range(landmarks):
-        retract_point(place.landmarks[slot], chord.landmark[slot], turns[slot] / max(seen[slot], 1.0))
+        retract_point(state.landmarks[slot], chord.landmark[slot], turns[slot] / max(seen[slot], 1.0))
 
 
 @inner

@@ -24,7 +24,7 @@ from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
 from slamgauge.graph_baseline.solver.active_landmarks import ActiveLandmarks
 from slamgauge.graph_baseline.solver.chord_descent import ChordDescent
 from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum
-from slamgauge.graph_baseline.solver.linear_problem import allocate_place
+from slamgauge.graph_baseline.solver.linear_problem import allocate_state
 from slamgauge.graph_baseline.solver.multistart import (
     Start,
     descent_start,
@@ -39,12 +39,12 @@ from slamgauge.se2 import chain, compose, wrap
 from slamgauge.sensors import SENSORS
 
 SHORT = 100  # poses of a path that is settled at every scan
-LONGEST = 64  # scans between two settlings
-MISSED = 0.003  # sigmas of the newest pose that may be missed between them
+MAX_SCANS = 64  # scans between two settlings
+MAX_ERROR = 0.003  # sigmas of the newest pose that may be missed between them
 PATIENCE = 0.7  # of what is expected to be missed remains expected after a settling that found less
 LOWER = 1.0 - 1e-6  # of the squared residuals: another minimum
-SOUGHT_AGAIN = 1.2  # times the steps at which no minimum, or none that is lower, was found: look again
-DOUBTED_AGAIN = 2.0  # the same for a lower one of a path that is not short
+NEXT_SEARCH = 1.2  # times the steps at which no minimum, or none that is lower, was found: look again
+NEXT_LOWER_SEARCH = 2.0  # the same for a lower one of a path that is not short
 
 
 class MinimumSwitch(NamedTuple):
@@ -66,12 +66,12 @@ class IncrementalOptimum:
         recording = self._recording = prepare(recording)
         self._measured = measured_of(recording)
         poses, landmarks = recording.steps + 1, len(recording.landmark_ids)
-        self._place = allocate_place(poses, landmarks)
-        self._mapped = ActiveLandmarks(recording, self._measured, self._place)
-        self._descent = ChordDescent(self._measured, self._place, self._mapped)
-        self._scans, self._travel = 0, 0.0  # since the last settling; travel in squared sigmas
-        self._bend = np.inf  # sigmas missed for each of travel
-        self.settled = True  # whether the minimum was found when it was last looked for
+        self._state = allocate_state(poses, landmarks)
+        self._mapped = ActiveLandmarks(recording, self._measured, self._state)
+        self._descent = ChordDescent(self._measured, self._state, self._mapped)
+        self._scans, self._squared_motion = 0, 0.0  # since the last settling; travel in squared sigmas
+        self._error_rate = np.inf  # sigmas missed for each of travel
+        self.converged = True  # whether the minimum was found when it was last looked for
         self.unconverged_steps = 0  # steps without: their pose is dead reckoning from the last that had one
         self._next_search = self._next_lower_search = 0
         self._freedom = 0  # of the last minimum
@@ -86,7 +86,7 @@ class IncrementalOptimum:
 
     def newest_pose(self) -> Float:
         """(3,) x, y [m], heading [rad]."""
-        return self._place.poses[self._newest].copy()
+        return self._state.poses[self._newest].copy()
 
     def newest_cov(self) -> Float:
         """(3, 3) of the newest pose, world frame, by the matrices at hand; while unsettled, of what they are about."""
@@ -102,7 +102,7 @@ class IncrementalOptimum:
 
     def path_and_map(self) -> tuple[Float, Float]:
         """Smoothed poses (k+1, 3), and landmarks (L, 2) in increasing id order."""
-        return self._place.poses[: self._newest + 1].copy(), self.landmarks()[np.argsort(self.landmark_ids)]
+        return self._state.poses[: self._newest + 1].copy(), self.landmarks()[np.argsort(self.landmark_ids)]
 
     @property
     def _newest(self) -> int:
@@ -116,25 +116,25 @@ class IncrementalOptimum:
         Where there is no minimum, scans wait: one is sought again when the path has become longer by a fifth.
         """
         k = self._newest + 1
-        last = self._place.poses[k - 1]
+        last = self._state.poses[k - 1]
         self._descent.add_pose(compose(last, self._measured.motion[k]) if k else self._measured.start)
-        if not self.settled:
+        if not self.converged:
             self._descent.add_newest_pose()
             if k >= self._next_search:
                 self._search()
         else:
             self._add_scan()
-        self.unconverged_steps += not self.settled
+        self.unconverged_steps += not self.converged
 
     def finish(self) -> None:
         """Go to the minimum, with all matrices taken there."""
-        if self.settled:
-            self._settle(anew=True)
+        if self.converged:
+            self._converge(anew=True)
         else:
             self._search()
         if not SENSORS[self._recording.sensor].places_landmarks:
-            self._converge_with_placed()
-        self.settled = self.settled and self._descent.relinearise()
+            self._converge_with_placed_landmarks()
+        self.converged = self.converged and self._descent.relinearise()
 
     def _add_scan(self) -> None:
         """Take in the newest scan, and settle if it is time to."""
@@ -145,50 +145,50 @@ class IncrementalOptimum:
         self._mapped.map_scan(k)
         step = self._descent.add_newest_scan(mapped)
         if step is None:
-            self._settle(anew=True)
+            self._converge(anew=True)
         else:
             self._scans += 1
-            self._travel += float(np.max(np.square(step / self._descent.sigma)))
-            if k <= SHORT or self._scans >= LONGEST or self._travel * self._bend > MISSED:
-                self._settle()
+            self._squared_motion += float(np.max(np.square(step / self._descent.sigma)))
+            if k <= SHORT or self._scans >= MAX_SCANS or self._squared_motion * self._error_rate > MAX_ERROR:
+                self._converge()
         if not SENSORS[self._recording.sensor].places_landmarks:
-            self._converge_with_placed()
+            self._converge_with_placed_landmarks()
 
-    def _converge_with_placed(self) -> None:
+    def _converge_with_placed_landmarks(self) -> None:
         """Go to the minimum of the landmarks that bearings place from there, as `placed_minimum` does.
 
         Each is taken in once at most: a search may leave it out again.
         """
-        if self.settled and self._newest >= self._next_search and self._may_map_more():
+        if self.converged and self._newest >= self._next_search and self._may_map_more():
             self._search_more_landmarks()
         taken_in = set[int]()
-        while self.settled and (placed := self._mapped.map_waiting(self._newest, taken_in)):
+        while self.converged and (placed := self._mapped.map_waiting(self._newest, taken_in)):
             taken_in |= placed
             self._mapped.recheck_all()
-            self._settle(anew=True)
+            self._converge(anew=True)
         if self._newest <= SHORT:
             self._mapped.recheck_all()
-        if self.settled and self._mapped.remove_unplaced(self._newest):
-            self._settle(anew=True)
+        if self.converged and self._mapped.remove_unplaced(self._newest):
+            self._converge(anew=True)
 
-    def _settle(self, *, anew: bool = False) -> None:
+    def _converge(self, *, anew: bool = False) -> None:
         """Go to the minimum of the exact cost, by chord steps or else by a search; stay where neither finds it."""
-        k, count, place = self._newest, len(self._mapped), self._place
-        start = place.poses[: k + 1].copy(), place.landmarks[:count].copy()
+        k, count, state = self._newest, len(self._mapped), self._state
+        start = state.poses[: k + 1].copy(), state.landmarks[:count].copy()
         last_chi_square = self._descent.chi_square
-        self.settled = (not anew or self._descent.relinearise()) and self._descent.converge()
-        if not self.settled:
-            place.poses[: k + 1], place.landmarks[:count] = start
+        self.converged = (not anew or self._descent.relinearise()) and self._descent.converge()
+        if not self.converged:
+            state.poses[: k + 1], state.landmarks[:count] = start
             self._search()
         elif self._is_cost_unlikely(last_chi_square):
             self._search_lower()
         self._freedom = self._degrees_of_freedom()
-        apart = place.poses[k] - start[0][k]
+        apart = state.poses[k] - start[0][k]
         apart[2] = wrap(apart[2])
         missed = float(np.max(np.abs(apart) / self._descent.sigma))
-        expected = PATIENCE * self._bend if np.isfinite(self._bend) else 0.0
-        self._bend = max(missed / max(self._travel, 1e-6), expected)
-        self._scans, self._travel = 0, 0.0
+        expected = PATIENCE * self._error_rate if np.isfinite(self._error_rate) else 0.0
+        self._error_rate = max(missed / max(self._squared_motion, 1e-6), expected)
+        self._scans, self._squared_motion = 0, 0.0
 
     def _is_cost_unlikely(self, last_chi_square: float) -> bool:
         """Whether noise explains neither all squared residuals nor those that came since the last minimum."""
@@ -205,9 +205,9 @@ class IncrementalOptimum:
     def _search(self) -> None:
         """Search a minimum; where there is none, leave it for a while."""
         found = self._search_result()
-        self.settled = found is not None and self._move_to(*found)
-        if not self.settled:
-            self._next_search = int(SOUGHT_AGAIN * self._newest) + 1
+        self.converged = found is not None and self._move_to(*found)
+        if not self.converged:
+            self._next_search = int(NEXT_SEARCH * self._newest) + 1
 
     def _may_map_more(self) -> bool:
         """Whether nothing is mapped, or dead reckoning places a landmark of the newest scan that waits.
@@ -225,23 +225,23 @@ class IncrementalOptimum:
         """Search a minimum with more landmarks than the present one has; where there is none, leave it for a while."""
         found = self._search_result()
         if found is not None and len(found[1].landmarks) > len(self._mapped):
-            self.settled = self._move_to(*found)
+            self.converged = self._move_to(*found)
         else:
-            self._next_search = int(SOUGHT_AGAIN * self._newest) + 1
+            self._next_search = int(NEXT_SEARCH * self._newest) + 1
 
     def _search_lower(self) -> None:
         """Search a minimum that is lower than the present one; where there is none, leave it for a while."""
         found = self._search_result()
         if found is None or 2.0 * found[1].cost > LOWER * self._descent.chi_square:
-            again = SOUGHT_AGAIN if self._newest <= SHORT else DOUBTED_AGAIN
+            again = NEXT_SEARCH if self._newest <= SHORT else NEXT_LOWER_SEARCH
             self._next_lower_search = int(again * self._newest) + 1
         else:
-            self.settled = self._move_to(*found)
+            self.converged = self._move_to(*found)
 
     def _search_result(self) -> tuple[Int, Minimum] | None:
         """Which landmark each observation is of, -1 for none, and a minimum sought without the present one, if any."""
         k = self._newest
-        part, here = self._recording.first(k), self._place.poses[: k + 1].copy()
+        part, here = self._recording.first(k), self._state.poses[: k + 1].copy()
 
         def starts(part: Problem, path: Float) -> Iterator[Start]:
             yield lambda: descent_start(part, path)
@@ -261,7 +261,7 @@ class IncrementalOptimum:
     def _move_to(self, taken: Int, found: Minimum) -> bool:
         """Go to a minimum that a search has found; whether its matrices determine all landmarks."""
         self.switches.append(MinimumSwitch(found.poses, self._mapped.ids))
-        self._place.poses[: self._newest + 1] = found.poses
+        self._state.poses[: self._newest + 1] = found.poses
         self._mapped.set_mapped(self._newest, np.unique(taken[taken >= 0]), found.landmarks)
         self._mapped.recheck_all()
         self._descent.chi_square = 2.0 * found.cost

@@ -9,7 +9,7 @@ import numpy as np
 from slamgauge.arrays import Float
 
 
-class Place(NamedTuple):
+class State(NamedTuple):
     """A path and a map; those in use come first."""
 
     poses: Float  # (N+1, 3)
@@ -19,7 +19,7 @@ class Place(NamedTuple):
 class Linear(NamedTuple):
     """Matrices of the poses that have been taken in, linearised where `at` says."""
 
-    at: Place
+    at: State
     lever: Float  # (N+1, 2) of F = [I, lever; 0, 1], which leads to pose k
     P: Float  # (N+1, 3, 3) predicted
     N: Float  # (N+1, 3, 3) Hx' Hx of the scan
@@ -29,20 +29,20 @@ class Linear(NamedTuple):
     M: Float  # (3, 2L) of the newest pose, with its scan
     newest_cov: Float  # (3, 3) the same of P
     information: Float  # (2L, 2L) Lambda, of which the lower triangle counts
-    pull: Float  # (2L,) on the landmarks, of the newest scan's residuals
-    kick: Float  # (3,) on the newest pose, given the landmarks
+    rhs: Float  # (2L,) on the landmarks, of the newest scan's residuals
+    pose_step: Float  # (3,) on the newest pose, given the landmarks
 
 
-def allocate_place(poses: int, landmarks: int) -> Place:
+def allocate_state(poses: int, landmarks: int) -> State:
     """Room for a path and a map."""
-    return Place(np.zeros((poses, 3)), np.zeros((landmarks, 2)))
+    return State(np.zeros((poses, 3)), np.zeros((landmarks, 2)))
 
 
 def allocate_linear(poses: int, landmarks: int, observations: int, dim: int) -> Linear:
     """Room for the matrices of all poses, and of observations (M, dim)."""
     width = 2 * landmarks
     return Linear(
-        at=allocate_place(poses, landmarks),
+        at=allocate_state(poses, landmarks),
         lever=np.zeros((poses, 2)),
         P=np.zeros((poses, 3, 3)),
         N=np.zeros((poses, 3, 3)),
@@ -52,6 +52,6 @@ def allocate_linear(poses: int, landmarks: int, observations: int, dim: int) -> 
         M=np.zeros((3, width)),
         newest_cov=np.zeros((3, 3)),
         information=np.zeros((width, width)),
-        pull=np.zeros(width),
-        kick=np.zeros(3),
+        rhs=np.zeros(width),
+        pose_step=np.zeros(3),
     )

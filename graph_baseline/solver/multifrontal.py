@@ -25,7 +25,7 @@ from scipy.linalg import solve_triangular
 from slamgauge.arrays import Float, Int
 
 EXHAUSTED = 1e-12  # share of a landmark's information that rounding hides
-MOVED = 300.0  # multiply-adds in the time that a number of a front takes to be put in place
+ASSEMBLY = 300.0  # multiply-adds in the time that a number of a front takes to be put in place
 
 
 class Front(NamedTuple):
@@ -34,7 +34,7 @@ class Front(NamedTuple):
     parts: tuple[Front, ...]  # none: a piece
     piece: int  # its number, the first of its pieces
     columns: Int  # (n,) numbers of the unknowns
-    done: int  # f, so many of them, the first, are eliminated: no other piece speaks of them
+    eliminated: int  # f, so many of them, the first, are eliminated: no other piece speaks of them
     places: tuple[Int, ...]  # where a piece's unknowns, or those that each part shares, stand among them
 
 
@@ -49,28 +49,28 @@ class Factor(NamedTuple):
 
 def nested_dissection(columns: list[Int], place: Float) -> Front:
     """The tree of pieces that speak of unknowns `columns` each and lie at `place` (pieces, 2)."""
-    speakers = np.bincount(np.concatenate(columns))
-    return _joined(columns, place, speakers, np.arange(len(columns)))[0]
+    uses = np.bincount(np.concatenate(columns))
+    return _joined(columns, place, uses, np.arange(len(columns)))[0]
 
 
-def _joined(columns: list[Int], place: Float, speakers: Int, pieces: Int) -> tuple[Front, Int]:
+def _joined(columns: list[Int], place: Float, uses: Int, pieces: Int) -> tuple[Front, Int]:
     """The front of some pieces, and how many of these speak of each unknown that it shares with others."""
     parts: tuple[Front, ...] = ()
     if len(pieces) == 1:
-        told = [columns[pieces[0]]]
-        counts = [np.ones(len(told[0]), dtype=np.int64)]
+        shared = [columns[pieces[0]]]
+        counts = [np.ones(len(shared[0]), dtype=np.int64)]
     else:
-        halves = [_joined(columns, place, speakers, half) for half in _halves(place, pieces)]
+        halves = [_joined(columns, place, uses, half) for half in _halves(place, pieces)]
         parts, counts = tuple(part for part, _ in halves), [count for _, count in halves]
-        told = [part.columns[part.done :] for part in parts]
-    unknowns, at = np.unique(np.concatenate(told), return_inverse=True)
+        shared = [part.columns[part.eliminated :] for part in parts]
+    unknowns, at = np.unique(np.concatenate(shared), return_inverse=True)
     count = np.bincount(at, np.concatenate(counts), len(unknowns)).astype(np.int64)
-    complete = count == speakers[unknowns]
+    complete = count == uses[unknowns]
     order = np.argsort(~complete, kind="stable")
     rank = np.argsort(order)[at]
-    places = tuple(np.split(rank, np.cumsum([len(each) for each in told])[:-1]))
-    done = int(complete.sum())
-    return Front(parts, int(pieces[0]), unknowns[order], done, places), count[order[done:]]
+    places = tuple(np.split(rank, np.cumsum([len(each) for each in shared])[:-1]))
+    eliminated = int(complete.sum())
+    return Front(parts, int(pieces[0]), unknowns[order], eliminated, places), count[order[eliminated:]]
 
 
 def _halves(place: Float, pieces: Int) -> tuple[Int, Int]:
@@ -83,8 +83,8 @@ def _halves(place: Float, pieces: Int) -> tuple[Int, Int]:
 def multiply_adds(front: Front) -> float:
     """Of its factor and its roots, all parts included, to a small factor."""
     size = len(front.columns)
-    shared = size - front.done
-    alone = size**2 * front.done + shared**2 * size + MOVED * size**2
+    shared = size - front.eliminated
+    alone = size**2 * front.eliminated + shared**2 * size + ASSEMBLY * size**2
     return alone + sum(map(multiply_adds, front.parts))
 
 
@@ -95,48 +95,51 @@ def largest(front: Front) -> int:
 
 def numbers_kept(front: Front) -> float:
     """Numbers of the factor, all parts included."""
-    return len(front.columns) * float(front.done) + sum(map(numbers_kept, front.parts))
+    return len(front.columns) * float(front.eliminated) + sum(map(numbers_kept, front.parts))
 
 
-def factorise(front: Front, told: Callable[[int], Float], held: Float, own: Float) -> tuple[Factor, Float]:
+def factorise(
+    front: Front, information_of: Callable[[int], Float], damping_of: Float, own_information_of: Float
+) -> tuple[Factor, Float]:
     """The factor, and what is left (s + 1, s + 1) of shared unknowns and constant.
 
     Args:
         front: of n unknowns.
-        told: by the number of a piece the information (n + 1, n + 1) of its unknowns and the constant.
-        held: (all unknowns,) information that is added to each.
-        own: (all unknowns,) information of each where the others are known; 0 where rounding is not looked at.
+        information_of: function from the number of a piece to the information (n + 1, n + 1) of its unknowns and the
+            constant.
+        damping_of: (all unknowns,) information that is added to each.
+        own_information_of: (all unknowns,) information of each if the others are known; 0 skips the check for rounding.
 
     Raises:
         numpy.linalg.LinAlgError: an unknown is not determined, or (a landmark's) only by rounding.
     """
     parts: list[Factor] = []
-    size, done = len(front.columns), front.done
+    size, count = len(front.columns), front.eliminated
     joint = np.zeros((size + 1, size + 1))
     for number, place in enumerate(front.places):
         if front.parts:
-            part, left = factorise(front.parts[number], told, held, own)
+            part, left = factorise(front.parts[number], information_of, damping_of, own_information_of)
             parts.append(part)
         else:
-            left = told(front.piece)
+            left = information_of(front.piece)
         at = np.append(place, size)
         joint[np.ix_(at, at)] += left
-    eliminated = front.columns[:done]
-    joint[np.arange(done), np.arange(done)] += held[eliminated]
-    root = np.asarray(np.linalg.cholesky(joint[:done, :done]), dtype=np.float64)
-    if (np.square(np.diag(root)) < EXHAUSTED * own[eliminated]).any():
+    eliminated = front.columns[:count]
+    joint[np.arange(count), np.arange(count)] += damping_of[eliminated]
+    root = np.asarray(np.linalg.cholesky(joint[:count, :count]), dtype=np.float64)
+    if (np.square(np.diag(root)) < EXHAUSTED * own_information_of[eliminated]).any():
         raise np.linalg.LinAlgError("what is left of an unknown's information is rounding")
-    rest = solve_triangular(root, joint[:done, done:], lower=True, check_finite=False)
-    return Factor(front, tuple(parts), root, rest), joint[done:, done:] - rest.T @ rest
+    rest = solve_triangular(root, joint[:count, count:], lower=True, check_finite=False)
+    return Factor(front, tuple(parts), root, rest), joint[count:, count:] - rest.T @ rest
 
 
 def minimise(factor: Factor, unknowns: Float) -> None:
     """Fill `unknowns` (all, and the constant 1 behind them) with the minimum, from the last front to the pieces."""
     front = factor.front
-    shared = np.append(front.columns[front.done :], len(unknowns) - 1)
-    pull = factor.rest @ unknowns[shared]
-    unknowns[front.columns[: front.done]] = -solve_triangular(
-        factor.root, pull, trans=1, lower=True, check_finite=False
+    shared = np.append(front.columns[front.eliminated :], len(unknowns) - 1)
+    rhs = factor.rest @ unknowns[shared]
+    unknowns[front.columns[: front.eliminated]] = -solve_triangular(
+        factor.root, rhs, trans=1, lower=True, check_finite=False
     )
     for part in factor.parts:
         minimise(part, unknowns)
@@ -151,11 +154,11 @@ def covariance_roots(factor: Factor, shared: Float) -> Iterator[tuple[int, Int, 
         factor: of a front.
         shared: (s, s) the root of what it shares; (0, 0) of the last front.
     """
-    front, done = factor.front, factor.front.done
-    right = np.hstack([np.eye(done), -factor.rest[:, :-1] @ shared])
+    front, eliminated = factor.front, factor.front.eliminated
+    right = np.hstack([np.eye(eliminated), -factor.rest[:, :-1] @ shared])
     root = np.zeros((len(front.columns), len(front.columns)))
-    root[:done] = solve_triangular(factor.root, right, trans=1, lower=True, check_finite=False)
-    root[done:, done:] = shared
+    root[:eliminated] = solve_triangular(factor.root, right, trans=1, lower=True, check_finite=False)
+    root[eliminated:, eliminated:] = shared
     if not factor.parts:
         yield front.piece, front.places[0], root
     for part, place in zip(factor.parts, front.places, strict=bool(factor.parts)):

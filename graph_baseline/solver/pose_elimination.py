@@ -24,7 +24,7 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.problem.residuals import Measured, cosine_sine, step_residual
-from slamgauge.graph_baseline.solver.linear_problem import Linear, Place
+from slamgauge.graph_baseline.solver.linear_problem import Linear, State
 from slamgauge.graph_baseline.solver.matrices_3x3 import (
     add_identity,
     copy,
@@ -46,19 +46,19 @@ ALIKE = 1e6  # how much more information than another a sight may hold, or the p
 
 @kernel
 def eliminate_poses(
-    measured: Measured, linear: Linear, place: Place, before: Place, landmarks: int, steps: tuple[int, int]
+    measured: Measured, linear: Linear, state: State, before: State, landmarks: int, steps: tuple[int, int]
 ) -> None:
     """Eliminate the poses steps[0]..steps[1]-1, linearised at `linear.at`, and add their scans to the information.
 
     Writes to `linear.pull` and `linear.kick` the gradient and the pose step of the last scan. Its residuals are taken
-    at `place` and carried to `before`, the prediction of its pose and of the map from the steps before.
+    at `state` and carried to `before`, the prediction of its pose and of the map from the steps before.
     """
     width = 2 * landmarks
     since, until = steps
     rows, used = np.empty((CHUNK, width)), 0
     for k in range(since, until):
-        linear.pull[:width] = 0.0
-        linear.kick[:] = 0.0
+        linear.rhs[:width] = 0.0
+        linear.pose_step[:] = 0.0
         predict(measured, linear, width, k)
         copy(linear.newest_cov, linear.P[k])
         slots = scan_slots(measured, k)
@@ -68,9 +68,9 @@ def eliminate_poses(
             add_identity(linear.G[k])
             continue
         if len(slots) > MANY and have_similar_information(measured, linear, k):
-            scan = reduce_by_projection(measured, linear, place, before, slots, k)
+            scan = reduce_by_projection(measured, linear, state, before, slots, k)
         else:
-            scan = reduce_by_reflections(measured, linear, place, before, slots, k)
+            scan = reduce_by_reflections(measured, linear, state, before, slots, k)
         if used + 3 > CHUNK:
             add_information(linear, rows[:used], width)
             used = 0
@@ -122,13 +122,13 @@ def correct(linear: Linear, scan: Float, slots: Int, B: Float, width: int, k: in
             B[i, j] /= root[i, i]
     for n in range(3):
         for i in range(3):
-            linear.kick[i] -= gain[i, n] * y[n]
+            linear.pose_step[i] -= gain[i, n] * y[n]
             for j in range(3):
                 P[i, j] -= gain[i, n] * gain[j, n]
             for j in range(width):
                 M[i, j] -= gain[i, n] * B[n, j]
         for j in range(width):
-            linear.pull[j] -= B[n, j] * y[n]
+            linear.rhs[j] -= B[n, j] * y[n]
 
 
 @inner

@@ -14,7 +14,7 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.problem.residuals import Measured, cosine_sine, observation_residual, observation_row
-from slamgauge.graph_baseline.solver.linear_problem import Linear, Place
+from slamgauge.graph_baseline.solver.linear_problem import Linear, State
 from slamgauge.graph_baseline.solver.matrices_3x3 import gram
 from slamgauge.jit import inner
 
@@ -36,20 +36,20 @@ class ScanPose(NamedTuple):
     """The pose of a scan, at the three points that its observations are taken at."""
 
     k: int
-    place: Place  # residuals
-    before: Place  # the point that residuals are carried to
-    heading: tuple[float, float]  # cosine and sine of pose k's heading at `place`
+    state: State  # residuals
+    before: State  # the point that residuals are carried to
+    heading: tuple[float, float]  # cosine and sine of pose k's heading at `state`
     linear_heading: tuple[float, float]  # the same where it is linearised
 
 
 @inner
 def linearise_observation(measured: Measured, linear: Linear, scan: ScanPose, row: int, residual: Float) -> None:
     """Write an observation's Jacobians to `linear`, and to `residual` (d,) its residual, carried to `scan.before`."""
-    k, place, before = scan.k, scan.place, scan.before
+    k, state, before = scan.k, scan.state, scan.before
     slot, Hx, Hm = measured.slot[row], linear.Hx[row], linear.Hm[row]
     observation = observation_row(measured, row)
-    at, place_at = linear.at.landmarks[slot], place.landmarks[slot]
-    ex, ey = place_at[0] - place.poses[k, 0], place_at[1] - place.poses[k, 1]
+    at, landmark_at = linear.at.landmarks[slot], state.landmarks[slot]
+    ex, ey = landmark_at[0] - state.poses[k, 0], landmark_at[1] - state.poses[k, 1]
     r0, r1, _, _, _, _ = observation_residual(measured.sensor, observation, scan.heading, ex, ey)
     ex, ey = at[0] - linear.at.poses[k, 0], at[1] - linear.at.poses[k, 1]
     _, _, a00, a01, a10, a11 = observation_residual(measured.sensor, observation, scan.linear_heading, ex, ey)
@@ -59,17 +59,17 @@ def linearise_observation(measured: Measured, linear: Linear, scan: ScanPose, ro
     for i in range(measured.value.shape[1]):
         Hx[i, 0], Hx[i, 1], Hx[i, 2] = -Hm[i, 0], -Hm[i, 1], Hm[i, 0] * ey - Hm[i, 1] * ex
         for j in range(3):
-            residual[i] += Hx[i, j] * (before.poses[k, j] - place.poses[k, j])
+            residual[i] += Hx[i, j] * (before.poses[k, j] - state.poses[k, j])
         for j in range(2):
-            residual[i] += Hm[i, j] * (before.landmarks[slot, j] - place.landmarks[slot, j])
+            residual[i] += Hm[i, j] * (before.landmarks[slot, j] - state.landmarks[slot, j])
 
 
 @inner
-def reduce_by_reflections(measured: Measured, linear: Linear, place: Place, before: Place, slots: Int, k: int) -> Float:
+def reduce_by_reflections(measured: Measured, linear: Linear, state: State, before: State, slots: Int, k: int) -> Float:
     """Turn the rows of a scan by reflections, so that from the fourth on Hx is zero."""
     d, taken = measured.value.shape[1], len(slots)
     scan = np.zeros((max(3, d * taken), 4 + 2 * taken))
-    pose = ScanPose(k, place, before, cosine_sine(place.poses[k]), cosine_sine(linear.at.poses[k]))
+    pose = ScanPose(k, state, before, cosine_sine(state.poses[k]), cosine_sine(linear.at.poses[k]))
     residual, n = np.empty(2), 0
     for row in range(measured.first[k], measured.first[k + 1]):
         if measured.slot[row] < 0:
@@ -91,12 +91,12 @@ def reduce_by_reflections(measured: Measured, linear: Linear, place: Place, befo
 
 
 @inner
-def reduce_by_projection(measured: Measured, linear: Linear, place: Place, before: Place, slots: Int, k: int) -> Float:
+def reduce_by_projection(measured: Measured, linear: Linear, state: State, before: State, slots: Int, k: int) -> Float:
     """Project a scan on its pose: three rows, Q' times it with Hx = Q R; all rows less these say the rest."""
     d, taken = measured.value.shape[1], len(slots)
     columns, n = np.empty((4, d * taken)), 0  # of Hx, then of Q, and the residuals
     residual, R, scan = np.empty(2), np.zeros((3, 3)), np.zeros((3, 4 + 2 * taken))
-    pose = ScanPose(k, place, before, cosine_sine(place.poses[k]), cosine_sine(linear.at.poses[k]))
+    pose = ScanPose(k, state, before, cosine_sine(state.poses[k]), cosine_sine(linear.at.poses[k]))
     for row in range(measured.first[k], measured.first[k + 1]):
         slot = measured.slot[row]
         if slot < 0:
@@ -107,7 +107,7 @@ def reduce_by_projection(measured: Measured, linear: Linear, place: Place, befor
             for j in range(3):
                 columns[j, d * n + i] = linear.Hx[row, i, j]
             for j in range(2):
-                linear.pull[2 * slot + j] -= linear.Hm[row, i, j] * residual[i]
+                linear.rhs[2 * slot + j] -= linear.Hm[row, i, j] * residual[i]
                 for o in range(2):
                     linear.information[2 * slot + j, 2 * slot + o] += linear.Hm[row, i, j] * linear.Hm[row, i, o]
         n += 1
@@ -154,7 +154,7 @@ def subtract_scan(linear: Linear, scan: Float, slots: Int) -> None:
         for i in range(2):
             column = 3 + 2 * n + i
             for j in range(3):
-                linear.pull[2 * slots[n] + i] += scan[j, column] * scan[j, -1]
+                linear.rhs[2 * slots[n] + i] += scan[j, column] * scan[j, -1]
             for o in range(len(slots)):
                 if slots[o] <= slots[n]:
                     row = linear.information[2 * slots[n] + i]
@@ -197,4 +197,4 @@ def add_landmarks_alone(linear: Linear, scan: Float, slots: Int) -> None:
             for o in range(len(slots)):
                 for j in range(2):
                     linear.information[2 * slots[n] + i, 2 * slots[o] + j] += added[2 * n + i, 2 * o + j]
-            linear.pull[2 * slots[n] + i] -= added[2 * n + i, 2 * len(slots)]
+            linear.rhs[2 * slots[n] + i] -= added[2 * n + i, 2 * len(slots)]

@@ -123,16 +123,20 @@ def damped_step(model: LinearModel, landmarks: int, damping: Damping) -> tuple[F
 def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Eliminated:
     compile_graphs_once()
     planned = plan(chain, landmarks)
-    held, own, unknowns = np.zeros(planned.unknowns), np.zeros(planned.unknowns), np.zeros(planned.unknowns + 1)
-    held[: 2 * landmarks] = damping.landmark
-    own[: 2 * landmarks] = held[: 2 * landmarks] + own_information(chain.model, landmarks)
+    damping_of, own_information_of, unknowns = (
+        np.zeros(planned.unknowns),
+        np.zeros(planned.unknowns),
+        np.zeros(planned.unknowns + 1),
+    )
+    damping_of[: 2 * landmarks] = damping.landmark
+    own_information_of[: 2 * landmarks] = damping_of[: 2 * landmarks] + own_information(chain.model, landmarks)
     keys: dict[int, KeyMaps] = {}
 
-    def told(number: int) -> Float:
+    def information_of(number: int) -> Float:
         keys[number], information = _poses_eliminated(planned.pieces[number], damping)
         return information
 
-    factor, _ = factorise(planned.front, told, held, own)
+    factor, _ = factorise(planned.front, information_of, damping_of, own_information_of)
     unknowns[-1] = 1.0
     minimise(factor, unknowns)
     return Eliminated(planned.pieces, [keys[number] for number in range(len(keys))], factor, unknowns)
@@ -182,9 +186,9 @@ def _move_poses(chain: Chain, keys: KeyMaps, at: Float, dx: Float) -> None:
         before, P = between.key - 1, _predicted_between(chain, keys, slice(None))
         start = predicted[between.key] - chain.model.c[before]
         start[:, :2] -= between.lever_to * start[:, 2:]
-        pull = adjoint[between.key]
-        pull[:, 2] += (between.lever_to * pull[:, :2]).sum(axis=1)
-        dx[between.pose] = start + between.c - np.einsum("kij,kj->ki", P, pull)
+        rhs = adjoint[between.key]
+        rhs[:, 2] += (between.lever_to * rhs[:, :2]).sum(axis=1)
+        dx[between.pose] = start + between.c - np.einsum("kij,kj->ki", P, rhs)
 
 
 def _smoothed_maps(chain: Chain, keys: KeyMaps) -> Iterator[tuple[Int, Float, Float]]:

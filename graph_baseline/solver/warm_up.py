@@ -17,18 +17,18 @@ from slamgauge.triangulation import triangulate
 def compile_graphs_once() -> None:
     """Compile (or load from the cache) every kernel of the graphs, once per process."""
     measured = _one_sight()
-    place, linear = linear_problem.allocate_place(1, 1), linear_problem.allocate_linear(1, 1, 1, 2)
+    state, linear = linear_problem.allocate_state(1, 1), linear_problem.allocate_linear(1, 1, 1, 2)
     step = chord_kernels.allocate_chord(1, 1, 1, 2)
-    place.landmarks[0] = measured.value[0]
+    state.landmarks[0] = measured.value[0]
     with announced("graph kernels"):
-        pose_elimination.eliminate_poses(measured, linear, place, place, 1, (0, 1))
+        pose_elimination.eliminate_poses(measured, linear, state, state, 1, (0, 1))
         pose_elimination.newest_covariance(linear, np.eye(2), np.empty((3, 3)))
-        chord_kernels.compute_defects(measured, linear, place, 0, step)
+        chord_kernels.compute_defects(measured, linear, state, 0, step)
         chord_kernels.smooth(linear, 0, step)
-        chord_kernels.pull_landmarks(measured, linear, 0, step)
-        chord_kernels.pull_poses(measured, linear, 0, step)
+        chord_kernels.subtract_pose_step(measured, linear, 0, step)
+        chord_kernels.subtract_landmark_step(measured, linear, 0, step)
         chord_kernels.predict_changes(measured, linear, 0, step)
-        chord_kernels.move(measured, place, 0, 1, step)
+        chord_kernels.move(measured, state, 0, 1, step)
         one = np.zeros((1, 3, 3))
         triangulate(np.zeros((1, 3)), np.zeros(1), np.ones(1), 1.0)
         recursions.run_covariances(

@@ -30,22 +30,22 @@ def test_steps_without_a_minimum_are_flagged_though_the_last_has_one(monkeypatch
     recording = random_recording(3, steps=30)[1]
     lost = range(10, 13)
     add_step = IncrementalOptimum.add_step
-    settled: list[bool] = []
+    converged: list[bool] = []
 
     def search_fails(_: IncrementalOptimum) -> None:
         pass
 
     def noted(growing: IncrementalOptimum) -> None:
         with monkeypatch.context() as patch:
-            if len(settled) in lost:
+            if len(converged) in lost:
                 patch.setattr(ChordDescent, "converge", does_not_converge)
                 patch.setattr(IncrementalOptimum, "_search_result", search_fails)
             add_step(growing)
-        settled.append(growing.settled)
+        converged.append(growing.converged)
 
     monkeypatch.setattr(IncrementalOptimum, "add_step", noted)
     check = causal(recording).optimum_check
-    assert [k for k in range(31) if not settled[k]] == [*lost]
+    assert [k for k in range(31) if not converged[k]] == [*lost]
     assert check == np.inf
 
 

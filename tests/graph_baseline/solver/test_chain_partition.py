@@ -164,18 +164,18 @@ def test_roots_are_those_of_the_blocks_of_the_inverse(seed: int) -> None:
     rng = np.random.default_rng(seed)
     columns = [np.sort(rng.choice(40, rng.integers(3, 12), replace=False)) for _ in range(13)]
     columns[0] = np.union1d(columns[0], np.setdiff1d(np.arange(40), np.concatenate(columns)))
-    told = [np.zeros((0, 0))] * len(columns)
+    information_of = [np.zeros((0, 0))] * len(columns)
     information = np.zeros((41, 41))
     for number, unknowns in enumerate(columns):
         rows = rng.normal(size=(len(unknowns) + 2, len(unknowns) + 1))
-        told[number] = rows.T @ rows
+        information_of[number] = rows.T @ rows
         at = np.append(unknowns, 40)
-        information[np.ix_(at, at)] += told[number]
-    held = rng.uniform(0.0, 1.0, 40)
-    information[np.arange(40), np.arange(40)] += held
+        information[np.ix_(at, at)] += information_of[number]
+    damping_of = rng.uniform(0.0, 1.0, 40)
+    information[np.arange(40), np.arange(40)] += damping_of
     inverse = np.linalg.inv(information[:40, :40])
     front = nested_dissection(columns, rng.normal(size=(13, 2)))
-    factor, left = factorise(front, told.__getitem__, held, np.zeros(40))
+    factor, left = factorise(front, information_of.__getitem__, damping_of, np.zeros(40))
     unknowns = np.append(np.zeros(40), 1.0)
     minimise(factor, unknowns)
     np.testing.assert_allclose(unknowns[:40], -inverse @ information[:40, 40], rtol=1e-10, atol=1e-12)

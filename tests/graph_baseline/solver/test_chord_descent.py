@@ -51,7 +51,7 @@ def test_mixing_spares_a_large_map_linearisations(monkeypatch: pytest.MonkeyPatc
         for _ in range(recording.steps + 1):
             growing.add_step()
         taken.append(anew[0])
-        assert growing.settled
+        assert growing.converged
         assert (np.abs(growing.newest_pose() - optimum.poses[-1]) < 0.02 * sigma).all()
     assert taken[1] < 0.7 * taken[0], taken
 
@@ -60,7 +60,7 @@ def test_little_is_missed_between_settlings(monkeypatch: pytest.MonkeyPatch) -> 
     """In the mean over steps; ten times the miss that is allowed would take it to .006."""
     recording = simulate(load_scenario("q1-long-dense", ["start=sampled"]), 0)[1].first(600)
     found = causal(recording)
-    monkeypatch.setattr(incremental, "MISSED", 0.0)  # settles at every scan
+    monkeypatch.setattr(incremental, "MAX_ERROR", 0.0)  # settles at every scan
     exact = causal(recording)
     assert exact.pose_covs is not None
     apart = found.poses - exact.poses
@@ -98,7 +98,7 @@ def test_scans_of_many_landmarks_keep_their_digits(sharp: float, doubt: float) -
     """What is seen once, from one pose, is known by that sight and by how far the pose is doubted."""
     sights = MANY + 1
     rng = np.random.default_rng(0)
-    places = rng.uniform(-5.0, 5.0, (sights, 2))
+    landmarks_at = rng.uniform(-5.0, 5.0, (sights, 2))
     sigmas = np.append(sharp, np.ones(sights - 1))
     recording = Recording(
         stamps=np.zeros(1),
@@ -108,13 +108,13 @@ def test_scans_of_many_landmarks_keep_their_digits(sharp: float, doubt: float) -
         odometry_cov=np.zeros((0, 3, 3)),
         sensor="position",
         observation_step=np.zeros(sights, dtype=np.int64),
-        observation=places,
+        observation=landmarks_at,
         observation_cov=np.square(sigmas)[:, None, None] * np.eye(2),
         landmark=np.arange(sights),
     )
     growing = IncrementalOptimum(recording)
     growing.add_step()
-    lever = np.column_stack([-places[:, 1], places[:, 0]])
+    lever = np.column_stack([-landmarks_at[:, 1], landmarks_at[:, 0]])
     expected = (doubt**2 + np.square(sigmas))[:, None, None] * np.eye(2)
     expected = expected + 0.01 * lever[:, :, None] * lever[:, None, :]
     np.testing.assert_allclose(growing.landmark_covs(), expected, rtol=0, atol=1e-6 * doubt**2)
