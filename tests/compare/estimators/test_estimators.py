@@ -21,7 +21,6 @@ from slamgauge.ekf import FilterSettings, ekf_slam, riekf
 from slamgauge.ekf.maps.correction_table import CORRECTIONS
 from slamgauge.ekf.settings.association import Association as FilterAssociation
 from slamgauge.ekf.settings.association import MapManagement
-from slamgauge.ekf.settings.filter_settings import FilterSettings
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal
