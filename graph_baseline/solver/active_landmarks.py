@@ -1,4 +1,4 @@
-"""The landmarks that a growing optimum has mapped: the slot of each, and those that bearings may cease to place."""
+"""The landmarks in an incremental optimum: their slots, and which of them bearings may no longer place."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from slamgauge.graph_baseline.problem.residuals import Measured
 from slamgauge.graph_baseline.solver.linear_problem import State
 from slamgauge.sensors import SENSORS
 
-CERTAIN = SURE / 2  # sigma over distance of a landmark that bearings will go on to place
+CERTAIN = SURE / 2  # sigma over distance; a landmark below it is not checked again
 
 
 class ActiveLandmarks:
-    """The landmarks that have a slot in `state`, and the slots of the observations in `measured`.
+    """Slots of the active landmarks in `state`, and of the observations in `measured`.
 
     Args:
         recording: known association.
-        measured: the recording as kernels take it; its `slot` is written here.
-        place: where poses and landmarks stand; its `landmarks` are written where one is mapped.
+        measured: the recording in the form that kernels take; its `slot` is written here.
+        state: current path and map; a landmark's position is written here when it becomes active.
     """
 
     def __init__(self, recording: Problem, measured: Measured, state: State) -> None:
@@ -35,15 +35,15 @@ class ActiveLandmarks:
 
     @property
     def ids(self) -> Int:
-        """(L,) in the order of their slots."""
+        """(L,) ids in the order of their slots."""
         return np.array(list(self._slot), dtype=np.int64)
 
     def positions(self) -> Float:
-        """(L, 2) [m], in the order of `ids`."""
+        """Return positions (L, 2) [m] in the order of `ids`."""
         return self._state.landmarks[: len(self)].copy()
 
     def map_scan(self, newest: int) -> None:
-        """Give slots to the observations of the newest pose's scan; with bearings alone, new landmarks wait."""
+        """Assign slots to the newest scan's observations; new bearing-only landmarks wait without one."""
         first, last = self._measured.first[newest : newest + 2]
         for row in range(first, last):
             name = int(self._ids[row])
@@ -52,7 +52,7 @@ class ActiveLandmarks:
             self._measured.slot[row] = self._slot.get(name, -1)
 
     def map_waiting(self, newest: int, but: set[int]) -> set[int]:
-        """Give slots to landmarks that bearings place from the path as it stands, `but` some; which have got one."""
+        """Assign slots to waiting landmarks, except `but`, that bearings place from the path; return their ids."""
         rows = np.arange(self._measured.first[newest + 1])
         found, ids = set[int](), self._ids[: len(rows)]
         for name in sorted({*ids[self._measured.slot[rows] < 0].tolist()} - but):
@@ -64,18 +64,18 @@ class ActiveLandmarks:
         return found
 
     def waiting_in_scan(self, newest: int) -> list[int]:
-        """Landmarks that the newest pose sees and that have no slot."""
+        """Return the ids of landmarks that the newest pose observes and that have no slot."""
         rows = slice(*self._measured.first[newest : newest + 2])
         return self._ids[rows][self._measured.slot[rows] < 0].tolist()
 
     def any_placed(self, newest: int, names: list[int], path: Float) -> bool:
-        """Whether bearings from a path (newest+1, 3) place any of these landmarks."""
+        """Return whether bearings from a path (newest+1, 3) place any of these landmarks."""
         ids = self._ids[: self._measured.first[newest + 1]]
         rows = (np.flatnonzero(ids == name) for name in names)
         return any(np.isfinite(triangulate_one(self._recording, each, path)[1]) for each in rows)
 
     def remove_unplaced(self, newest: int) -> bool:
-        """Take their slots from landmarks that bearings no longer place; whether there are any."""
+        """Remove landmarks that their bearings no longer place; return whether there were any."""
         kept = {name for name in self._slot if name not in self._uncertain or self._is_placed(newest, name)}
         ids = self.ids
         if len(kept) == len(ids):
@@ -86,23 +86,23 @@ class ActiveLandmarks:
         return True
 
     def set_mapped(self, newest: int, ids: Int, landmarks: Float) -> None:
-        """Give slots to landmarks (L, 2) of these ids, and to no others."""
+        """Assign slots to landmarks (L, 2) with these ids, and to no others."""
         self._slot = {name: slot for slot, name in enumerate(ids.tolist())}
         self._state.landmarks[: len(ids)] = landmarks
         rows = self._measured.first[newest + 1]
         self._measured.slot[:rows] = [self._slot.get(name, -1) for name in self._ids[:rows].tolist()]
 
     def recheck_all(self) -> None:
-        """Look at each again when landmarks are left out."""
+        """Mark all landmarks as uncertain, so that `remove_unplaced` checks them."""
         self._uncertain = set(self._slot)
 
     def _map(self, name: int, landmark: Float) -> None:
-        """Give a slot to a landmark (2,)."""
+        """Assign the next slot to a landmark at (2,)."""
         slot = self._slot[name] = len(self._slot)
         self._state.landmarks[slot] = landmark
 
     def _is_placed(self, newest: int, name: int) -> bool:
-        """Whether bearings place a landmark; one that they place well is no longer looked at."""
+        """Return whether bearings place a landmark; one that they place well is not checked again."""
         rows = np.flatnonzero(self._ids[: self._measured.first[newest + 1]] == name)
         if np.isfinite(triangulate_one(self._recording, rows, self._state.poses, CERTAIN)[1]):
             self._uncertain.remove(name)

@@ -1,9 +1,9 @@
-"""Steps that shrink slowly, or grow, mixed so that they shrink fast: Anderson's acceleration of a fixed-point map.
+"""Anderson acceleration of a fixed-point iteration.
 
-Gauss-Newton steps leave out second derivatives times residuals: where the recording does not fit the model they shrink
-by a constant factor, or swing ever wider. So do steps whose matrices were taken elsewhere (`chord`). The mix of the
-last moves that would cancel the step, were the map linear, stands in for what is left out. Source: Anderson (J. ACM
-12(4), 1965); Walker & Ni (SIAM J. Numer. Anal. 49(4), 2011).
+Gauss-Newton steps leave out second derivatives times residuals. Where residuals are large, the steps shrink slowly by a
+constant factor or diverge. The same holds for chord steps, whose matrices belong to another point (`chord_descent`).
+Anderson acceleration combines the last moves so that, if the iteration were linear, the next step would be zero.
+Source: Anderson (J. ACM 12(4), 1965); Walker & Ni (SIAM J. Numer. Anal. 49(4), 2011).
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ import numpy as np
 
 from slamgauge.arrays import Float
 
-MEMORY = 10  # moves
-FAST = 0.3  # of a step is left for the next: then nothing is mixed
+MEMORY = 10  # stored moves
+FAST = 0.3  # a step that is smaller than this share of the step before needs no acceleration
 RESOLVED = 1e-10  # singular values below this share of the largest are rounding
 
 
 class AndersonAcceleration:
-    """The moves of an iteration so far."""
+    """The last moves and steps of an iteration."""
 
     def __init__(self) -> None:
         self._moves: list[Float] = []
@@ -28,11 +28,11 @@ class AndersonAcceleration:
         self._scaled: list[Float] = []
 
     def move(self, step: Float, scaled: Float) -> Float:
-        """What to move by (n,) where the iteration would go on by `step` (n,).
+        """Return the accelerated move (n,) for a proposed `step` (n,).
 
         Args:
             step: in the iteration's own coordinates.
-            scaled: (m,) linear in it, in standard deviations: what is to become small.
+            scaled: (m,) a linear function of the step, in standard deviations; its size is minimised.
         """
         self._steps.append(step)
         self._scaled.append(scaled)
@@ -41,21 +41,21 @@ class AndersonAcceleration:
         try:
             Q, R = np.linalg.qr(_changes(self._scaled))
             share = np.linalg.lstsq(R, Q.T @ scaled, rcond=RESOLVED)[0]
-        except np.linalg.LinAlgError:  # they are not finite
+        except np.linalg.LinAlgError:  # entries are not finite
             return step
         return step - (np.column_stack(self._moves) + _changes(self._steps)) @ share
 
     def moved(self, move: Float) -> None:
-        """Keep how far (n,) it was that the iteration moved."""
+        """Store the move (n,) that the iteration made."""
         self._moves.append(move)
         del self._moves[:-MEMORY], self._steps[:-MEMORY], self._scaled[:-MEMORY]
 
 
 def largest_entry(scaled: Float) -> float:
-    """Largest entry of a step (m,) in standard deviations."""
+    """Return the largest absolute entry of a step (m,) in standard deviations."""
     return float(np.max(np.abs(scaled), initial=0.0))
 
 
 def _changes(steps: list[Float]) -> Float:
-    """(n, s-1) from one of s steps to the next."""
+    """Return the differences (n, s-1) of s consecutive steps."""
     return np.column_stack([after - before for before, after in pairwise(steps)])

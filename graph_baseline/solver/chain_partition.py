@@ -1,9 +1,9 @@
-"""A chain cut into pieces, each with the few landmarks that its scans see.
+"""A chain of poses cut into pieces, each with the few landmarks that its scans observe.
 
-A piece begins with a pose that is an unknown, as its landmarks are, and ends with the one that the next begins with;
-the first begins with the prior. What its motions and scans say of the last pose has a covariance of full rank: a chain
-is cut only where the motions since the last cut leave no direction of the pose without noise, nor one with so little
-that its inverse would hide the rest.
+A piece starts with a pose that is an unknown, like its landmarks, and ends with the first pose of the next piece. The
+first piece starts with the prior. The information of a piece about its last pose must have a covariance of full rank.
+A chain is therefore cut only where the motions since the last cut leave noise in every direction of the pose, and
+enough of it that its inverse does not hide the rest in rounding.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from slamgauge.arrays import Int, Marks
 from slamgauge.graph_baseline.solver.motion_elimination import Between, Chain, propagated_covariances, sums_within
 from slamgauge.graph_baseline.solver.multifrontal import Front, multiply_adds, nested_dissection
 
-LANDMARKS = 64  # of a piece: with the scan that sees more it ends
-LEAST = 1e-8  # of the variances of start and motions so far, in any direction: less noise of a piece is none
-OVERHEAD = 1.5e7  # multiply-adds in the time that a piece takes whatever its size
+LANDMARKS = 64  # a piece ends with the scan that exceeds this number
+LEAST = 1e-8  # smallest variance of a piece in any direction, as a share of the variance since the start
+OVERHEAD = 1.5e7  # fixed cost of a piece, in multiply-adds
 
 
 class Piece(NamedTuple):
-    """Keys of a chain from one cut to the next, both included; the scan of the last is told by the next piece."""
+    """Keys of a chain from one cut to the next, both included; the scan of the last key belongs to the next piece."""
 
-    chain: Chain  # its own keys, poses and landmarks; the keys' poses keep their numbers
+    chain: Chain  # its own numbering of keys and landmarks; `key` has the poses of the whole path
     slots: Int  # (l,) its landmarks
-    begins: bool  # with a pose that is an unknown
+    begins: bool  # whether its first pose is an unknown
     ends: bool
-    columns: Int  # numbers of its unknowns: of its landmarks, its first pose, its last pose
+    columns: Int  # indices of its unknowns: landmarks, first pose, last pose
 
 
 class Plan(NamedTuple):
-    """Pieces, and the tree in which they meet; unknowns are the landmarks (L, 2), then the poses at cuts (J, 3)."""
+    """Pieces and their elimination tree; unknowns are the landmarks (L, 2), then the poses at cuts (J, 3)."""
 
     pieces: list[Piece]
     front: Front
@@ -40,7 +40,7 @@ class Plan(NamedTuple):
 
 
 def plan(chain: Chain, landmarks: int) -> Plan:
-    """The pieces of a chain, or all of it as one, whichever takes less work."""
+    """Return the pieces of a chain, or the whole chain as one piece if that needs fewer operations."""
     whole = plan_of(chain, landmarks, np.zeros(0, dtype=np.int64))
     if landmarks <= 2 * LANDMARKS or len(np.unique(chain.model.slot)) < landmarks:
         return whole
@@ -49,13 +49,13 @@ def plan(chain: Chain, landmarks: int) -> Plan:
 
 
 def work(planned: Plan) -> float:
-    """Multiply-adds, to a small factor."""
+    """Return the number of multiply-adds, up to a small factor."""
     alone = sum(6.0 * len(each.chain.key) * len(each.columns) ** 2 + OVERHEAD for each in planned.pieces)
     return alone + multiply_adds(planned.front)
 
 
 def cuts(chain: Chain) -> Int:
-    """Keys (J,) at which to cut, without the first and the last."""
+    """Return the keys (J,) at which to cut, without the first and the last."""
     first = np.searchsorted(chain.model.step, np.arange(len(chain.key) + 1)).tolist()
     slot = chain.model.slot.tolist()
     found: list[int] = []
@@ -66,7 +66,7 @@ def cuts(chain: Chain) -> Int:
             seen = set()
         seen.update(slot[first[k] : first[k + 1]])
     cut = np.array(found, dtype=np.int64)
-    while not (noisy := _is_noisy(chain, cut)).all():  # of cuts in a row that are none, every second may be one
+    while not (noisy := _is_noisy(chain, cut)).all():  # of consecutive invalid cuts, keep every second
         number = np.arange(len(cut))
         in_row = number - np.maximum.accumulate(np.where(noisy, number, -1))
         cut = cut[in_row % 2 == 0]
@@ -74,7 +74,7 @@ def cuts(chain: Chain) -> Int:
 
 
 def _is_noisy(chain: Chain, cut: Int) -> Marks:
-    """Whether the motions since the cut before leave no direction of the pose at each cut (J,) without noise."""
+    """Return whether the motions since the cut before leave noise in every direction of the pose at each cut (J,)."""
     model = chain.model
     key = np.concatenate([[0], cut, [len(model.F)]])
     segment = np.searchsorted(key, np.arange(1, len(model.F) + 1)) - 1
@@ -86,7 +86,7 @@ def _is_noisy(chain: Chain, cut: Int) -> Marks:
 
 
 def plan_of(chain: Chain, landmarks: int, cut: Int) -> Plan:
-    """The pieces of a chain that is cut at the keys (J,)."""
+    """Return the pieces of a chain that is cut at the keys (J,)."""
     ends = np.concatenate([[0], cut, [len(chain.key) - 1]])
     if len(cut) == 0:
         pieces = [Piece(chain, np.arange(landmarks), False, False, np.arange(2 * landmarks))]

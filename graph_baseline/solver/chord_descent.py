@@ -1,9 +1,10 @@
-"""Path and map of an optimum that grows pose by pose, with their matrices: down to the minimum by chord steps.
+"""Path and map of an incremental optimum with their matrices, moved to the minimum by chord steps.
 
-Matrices (`elimination`) stay as they were when a pose was taken in; chord steps (`chord`) lead to where the gradient of
-the exact cost is zero all the same. Where they take too little away, all is linearised anew. For a large map that costs
-as much as many steps: there they are mixed (`mixing`), so that they shrink, and so are those of any map once they have
-called for that.
+Chord (simplified Newton) steps use the matrices from the time when each pose was added (`pose_elimination`) and the
+gradient at the current state (`chord_kernels`), so they still end where the gradient of the exact cost is zero.
+Where they shrink too slowly, everything is relinearised. In a large map a relinearisation costs as much as many
+chord steps. There the steps are accelerated (`anderson`), and so are those of any map after they have needed a
+relinearisation.
 """
 
 from __future__ import annotations
@@ -23,54 +24,54 @@ from slamgauge.graph_baseline.solver.smoother import own_blocks_of_inverse
 
 factorise, solved = get_lapack_funcs(("potrf", "potrs"), dtype=np.float64)
 
-CONVERGED = 0.003  # sigmas of the newest pose, and of all that was observed: what a chord step may leave
-RATE = 0.2  # no chord step is trusted to leave less of itself
-SLOW = 0.6  # of a chord step is left for the next, or of a mixed one for the next but one: linearise anew
-STALE = 0.1  # relative change of Jacobians times reach: linearise anew
-LARGE = 100  # landmarks: from so many on a few mixed steps cost less than to linearise anew
-GROWN = 10.0  # times the smallest: chord steps lead away
+CONVERGED = 0.003  # sigmas of the newest pose and of the predicted observations: largest remaining step
+RATE = 0.2  # smallest assumed ratio of consecutive chord steps
+SLOW = 0.6  # relinearise if a step is larger than this share of the one before (accelerated: of the second before)
+STALE = 0.1  # relinearise if the relative change of Jacobians times `_reach` exceeds it
+LARGE = 100  # landmarks; from here on a few accelerated steps cost less than a relinearisation
+GROWN = 10.0  # times the smallest step: chord steps diverge
 MAX_STEPS = 20
-PASSES = 2  # of the newest scan, the second linearised where the first has led
-EXACT = 1e-9  # m or rad: a smaller standard deviation measures nothing
+PASSES = 2  # Gauss-Newton steps on the newest scan
+EXACT = 1e-9  # m or rad: a smaller standard deviation counts as exact
 
 
 class ChordDescent:
-    """Where path and map stand, and what has been taken in about them.
+    """Current path and map, and the linear system of the poses added so far.
 
     Args:
         measured: known association.
-        place: where poses and landmarks stand; it is moved here.
-        mapped: the landmarks in use.
+        state: current poses and landmarks; updated here.
+        mapped: the active landmarks.
 
     Attributes:
         newest: number of the newest pose; -1 before the first.
-        sigma: (3,) of the newest pose when the landmarks' information was factorised last; infinite what is exact.
-        chi_square: sum of squared residuals, where a chord step was taken last.
+        sigma: (3,) standard deviations of the newest pose at the last factorisation; infinite for exact ones.
+        chi_square: sum of squared residuals at the last chord step.
     """
 
     def __init__(self, measured: Measured, state: State, mapped: ActiveLandmarks) -> None:
         self._measured, self._state, self._mapped = measured, state, mapped
         sizes = len(state.poses), len(state.landmarks), *measured.value.shape
         self._linear = linear_problem.allocate_linear(*sizes)
-        self._before = linear_problem.allocate_state(*sizes[:2])  # the newest scan
+        self._before = linear_problem.allocate_state(*sizes[:2])  # prediction of the newest pose and the map
         self._step = chord_kernels.allocate_chord(*sizes)
         self._mixing: AndersonAcceleration | None = (
             None  # of the chord steps since all was linearised, where they are mixed
         )
-        self._sizes: list[float] = []  # of the same steps
-        self._factor: Float = np.zeros((0, 0))  # (2L, 2L) lower triangular, of the landmarks' information
-        self._newest_cov: Float | None = None  # unless it has been asked for
+        self._sizes: list[float] = []  # sizes of the steps since then
+        self._factor: Float = np.zeros((0, 0))  # (2L, 2L) lower triangular factor of the landmarks' information
+        self._newest_cov: Float | None = None  # computed on request
         self.newest = -1
         self.sigma = np.full(3, np.inf)
         self.chi_square = 0.0
 
     def add_pose(self, pose: Float) -> None:
-        """Begin a step: the newest pose (3,) is expected here."""
+        """Append the predicted newest pose (3,)."""
         self.newest += 1
         self._state.poses[self.newest] = self._linear.at.poses[self.newest] = pose
 
     def newest_cov(self) -> Float:
-        """(3, 3) of the newest pose, world frame, by the matrices at hand; while unsettled, of what they are about."""
+        """Return the covariance (3, 3) of the newest pose, world frame, from the current matrices."""
         if self._newest_cov is None:
             cov = np.empty((3, 3))
             pose_elimination.newest_covariance(self._linear, self._factor, cov)
@@ -78,13 +79,14 @@ class ChordDescent:
         return self._newest_cov
 
     def landmark_covs(self) -> Float:
-        """(L, 2, 2) [m^2]."""
+        """Return the covariances (L, 2, 2) [m^2] of the landmarks."""
         return own_blocks_of_inverse(self._factor)
 
     def add_newest_scan(self, mapped: int) -> Float | None:
-        """Take in the newest scan, linearised where it leads; the last landmarks, from number `mapped` on, are new.
+        """Add the newest scan with PASSES Gauss-Newton steps on it; landmarks from number `mapped` on are new.
 
-        Returns by how much the newest pose (3,) has moved; None where the matrices do not determine all landmarks.
+        Returns:
+            The change (3,) of the newest pose; None if the matrices do not determine all landmarks.
         """
         k, count, state, linear, before = self.newest, len(self._mapped), self._state, self._linear, self._before
         before.poses[k], before.landmarks[:count] = state.poses[k], state.landmarks[:count]
@@ -106,14 +108,16 @@ class ChordDescent:
         return step
 
     def converge(self) -> bool:
-        """Whether chord steps come to rest, all linearised anew where they take too little away."""
+        """Take chord steps, with relinearisations where they shrink too slowly; return whether they converged."""
         self._mixing, self._sizes = AndersonAcceleration() if len(self._mapped) >= LARGE else None, []
         before = smallest = np.inf
         for _ in range(MAX_STEPS):
             size = self._chord_step()
             if not size < GROWN * smallest:
                 return False
-            rate = max(size / before, RATE if self._mixing is None else SLOW)  # mixed steps have none of their own
+            rate = max(
+                size / before, RATE if self._mixing is None else SLOW
+            )  # accelerated steps have no rate of their own
             if (size * rate / (1.0 - rate) if before < np.inf and rate < 1.0 else size) < CONVERGED:
                 return True
             self._sizes.append(size)
@@ -126,9 +130,11 @@ class ChordDescent:
         return False
 
     def _chord_step(self) -> float:
-        """Move by one, mixed with those before; how far it would move the newest pose and what was observed, in sigmas.
+        """Take one chord step, accelerated if that is in use.
 
-        That is nan if there is none.
+        Returns:
+            Size of the step before acceleration: the larger of the change of the newest pose and of the predicted
+            observations, in standard deviations; nan if there is no step.
         """
         measured, linear, state, step = self._measured, self._linear, self._state, self._step
         k, count = self.newest, len(self._mapped)
@@ -151,7 +157,7 @@ class ChordDescent:
         return size
 
     def _mix(self, mixing: AndersonAcceleration, seen: Float) -> None:
-        """Mix the step, by which what is seen would change by `seen` (s,), with those before."""
+        """Accelerate the step, which changes the predicted observations by `seen` (s,) standard deviations."""
         step, k, count = self._step, self.newest, len(self._mapped)
         parts = step.pose[: k + 1], step.landmark[:count]
         scaled = np.concatenate([seen, step.pose[k] / self.sigma])
@@ -161,15 +167,15 @@ class ChordDescent:
             part[:] = moved.reshape(part.shape)
 
     def _reach(self) -> float:
-        """How far a sigma of the newest pose would move what is seen from it, in sigmas; at least 1.
+        """Return how many sigmas a standard deviation of the newest pose moves its predicted observations, at least 1.
 
-        So much better is what observations say of one another than of the world: matrices whose Jacobians are stale by
-        one over this take the one for the other.
+        Observations know each other's relative geometry better than the world's by this factor. Matrices whose
+        Jacobians are wrong by its inverse confuse the two.
         """
         return max(1.0, float(np.sqrt(np.sum(self._linear.N[self.newest] * self.newest_cov()))))
 
     def relinearise(self) -> bool:
-        """Take in all poses again, linearised where path and map stand; whether that determines all landmarks."""
+        """Eliminate all poses again at the current state; return whether that determines all landmarks."""
         self._sizes, self._mixing = [], None if self._mixing is None else AndersonAcceleration()
         k, count, at = self.newest, len(self._mapped), self._linear.at
         at.poses[: k + 1] = self._state.poses[: k + 1]
@@ -178,13 +184,13 @@ class ChordDescent:
         return self._eliminate_poses(self._state, 0) and self._factorise()
 
     def add_newest_pose(self) -> bool:
-        """Take in the newest pose and its scan where it stands; whether that is possible."""
+        """Add the newest pose and its scan at the current state; return whether that is possible."""
         return self._eliminate_poses(self._state, self.newest)
 
     def _eliminate_poses(self, before: State, since: int) -> bool:
-        """Take in the poses from number `since` on; the newest pose and the map are expected at `before`.
+        """Eliminate the poses from number `since` on; `before` has the prediction of the newest pose and the map.
 
-        Returns whether that is possible: a landmark on the pose that sees it has no Jacobians.
+        Returns whether that is possible: a landmark on the pose that observes it has no Jacobians.
         """
         landmarks, until = len(self._mapped), self.newest + 1
         self._newest_cov = None
@@ -197,7 +203,7 @@ class ChordDescent:
         return True
 
     def _factorise(self) -> bool:
-        """Whether what the poses leave of the landmarks' information has a factor that rounding does not hide."""
+        """Factorise the landmarks' information; return whether the factor is more than rounding."""
         width = 2 * len(self._mapped)
         information = self._linear.information[:width, :width]
         upper, indefinite = factorise(information.T) if width else (information, 0)

@@ -1,13 +1,12 @@
-"""An optimum that grows pose by pose and stays one: incremental smoothing with chord steps (`chord_descent`).
+"""The optimum of a growing recording: incremental smoothing with chord steps (`chord_descent`).
 
-A step takes its scan in and moves the newest pose and the map by the linear problem that all steps so far have left.
-The rest of the path stays behind, and what the linear problem misses is not seen. Both are mended by chord steps over
-the whole path, which end where the gradient of the exact cost is zero: at every scan while the path is short, later as
-often as it takes to keep small what is missed, which grows with the square of how far the newest pose is moved. A
-minimum that they do not find is sought from several starts (`search`), and so is a lower one where the cost has risen
-by more than noise explains.
+A step adds its scan and moves the newest pose and the map by the linear system of all steps so far. This does not
+move the older poses and does not see the error of linearisation. Chord steps over the whole path correct both and
+end where the gradient of the exact cost is zero. They run at every scan while the path is short, later as often as
+needed to keep the error small, which grows with the square of the motion of the newest pose. If they find no
+minimum, or if the cost rises by more than noise explains, several starts are tried (`multistart`).
 
-Of bearings alone, landmarks wait until the optimum places them, and leave where it no longer does.
+Bearing-only landmarks enter when the optimum places them, and leave when it no longer does.
 """
 
 from __future__ import annotations
@@ -38,17 +37,17 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import chain, compose, wrap
 from slamgauge.sensors import SENSORS
 
-SHORT = 100  # poses of a path that is settled at every scan
-MAX_SCANS = 64  # scans between two settlings
-MAX_ERROR = 0.003  # sigmas of the newest pose that may be missed between them
-PATIENCE = 0.7  # of what is expected to be missed remains expected after a settling that found less
-LOWER = 1.0 - 1e-6  # of the squared residuals: another minimum
-NEXT_SEARCH = 1.2  # times the steps at which no minimum, or none that is lower, was found: look again
-NEXT_LOWER_SEARCH = 2.0  # the same for a lower one of a path that is not short
+SHORT = 100  # poses; a shorter path converges at every scan
+MAX_SCANS = 64  # scans between two convergences
+MAX_ERROR = 0.003  # sigmas of the newest pose, largest expected error between them
+PATIENCE = 0.7  # smallest factor on the expected error after a convergence that found a smaller one
+LOWER = 1.0 - 1e-6  # times the squared residuals: below it lies another minimum
+NEXT_SEARCH = 1.2  # times the step of a failed search: step of the next one
+NEXT_LOWER_SEARCH = 2.0  # the same for a lower minimum of a path that is not short
 
 
 class MinimumSwitch(NamedTuple):
-    """Where a search has led: a path (k+1, 3), and the landmarks (L,) that were mapped before."""
+    """A switch to another minimum: its path (k+1, 3), and the landmarks (L,) that were active before."""
 
     path: Float
     landmark_ids: Int
@@ -59,6 +58,11 @@ class IncrementalOptimum:
 
     Args:
         recording: known association.
+
+    Attributes:
+        converged: whether the last search for the minimum found it.
+        unconverged_steps: number of steps without; their pose is dead reckoning from the last one with a minimum.
+        switches: switches to another minimum so far.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -69,39 +73,39 @@ class IncrementalOptimum:
         self._state = allocate_state(poses, landmarks)
         self._mapped = ActiveLandmarks(recording, self._measured, self._state)
         self._descent = ChordDescent(self._measured, self._state, self._mapped)
-        self._scans, self._squared_motion = 0, 0.0  # since the last settling; travel in squared sigmas
-        self._error_rate = np.inf  # sigmas missed for each of travel
-        self.converged = True  # whether the minimum was found when it was last looked for
-        self.unconverged_steps = 0  # steps without: their pose is dead reckoning from the last that had one
+        self._scans, self._squared_motion = 0, 0.0  # since the last convergence; squared sigmas
+        self._error_rate = np.inf  # error of the newest pose [sigmas] per squared motion
+        self.converged = True
+        self.unconverged_steps = 0
         self._next_search = self._next_lower_search = 0
-        self._freedom = 0  # of the last minimum
+        self._freedom = 0  # degrees of freedom of the last minimum
         self.switches: list[MinimumSwitch] = []
 
-    # --- what has been found ---------------------------------------------------------------------
+    # --- results ---------------------------------------------------------------------------------
 
     @property
     def landmark_ids(self) -> Int:
-        """(L,) in the order in which they were mapped."""
+        """(L,) ids in the order in which they became active."""
         return self._mapped.ids
 
     def newest_pose(self) -> Float:
-        """(3,) x, y [m], heading [rad]."""
+        """Return x, y [m] and heading [rad] of the newest pose, (3,)."""
         return self._state.poses[self._newest].copy()
 
     def newest_cov(self) -> Float:
-        """(3, 3) of the newest pose, world frame, by the matrices at hand; while unsettled, of what they are about."""
+        """Return the covariance (3, 3) of the newest pose, world frame, from the current matrices."""
         return self._descent.newest_cov().copy()
 
     def landmarks(self) -> Float:
-        """(L, 2) [m], in the order of `landmark_ids`."""
+        """Return positions (L, 2) [m] in the order of `landmark_ids`."""
         return self._mapped.positions()
 
     def landmark_covs(self) -> Float:
-        """(L, 2, 2) [m^2]."""
+        """Return the covariances (L, 2, 2) [m^2] in the order of `landmark_ids`."""
         return self._descent.landmark_covs()
 
     def path_and_map(self) -> tuple[Float, Float]:
-        """Smoothed poses (k+1, 3), and landmarks (L, 2) in increasing id order."""
+        """Return smoothed poses (k+1, 3), and landmarks (L, 2) in increasing id order."""
         return self._state.poses[: self._newest + 1].copy(), self.landmarks()[np.argsort(self.landmark_ids)]
 
     @property
@@ -111,9 +115,9 @@ class IncrementalOptimum:
     # --- steps -----------------------------------------------------------------------------------
 
     def add_step(self) -> None:
-        """Take in the next pose and its scan.
+        """Add the next pose and its scan.
 
-        Where there is no minimum, scans wait: one is sought again when the path has become longer by a fifth.
+        While there is no minimum, scans are only stored. The next search follows when the path is a fifth longer.
         """
         k = self._newest + 1
         last = self._state.poses[k - 1]
@@ -127,7 +131,7 @@ class IncrementalOptimum:
         self.unconverged_steps += not self.converged
 
     def finish(self) -> None:
-        """Go to the minimum, with all matrices taken there."""
+        """Converge to the minimum, and relinearise everything there."""
         if self.converged:
             self._converge(anew=True)
         else:
@@ -137,7 +141,7 @@ class IncrementalOptimum:
         self.converged = self.converged and self._descent.relinearise()
 
     def _add_scan(self) -> None:
-        """Take in the newest scan, and settle if it is time to."""
+        """Add the newest scan, and converge if it is due."""
         k, mapped = self._newest, len(self._mapped)
         if self._measured.first[k] == self._measured.first[k + 1]:
             self._descent.add_newest_pose()
@@ -155,9 +159,9 @@ class IncrementalOptimum:
             self._converge_with_placed_landmarks()
 
     def _converge_with_placed_landmarks(self) -> None:
-        """Go to the minimum of the landmarks that bearings place from there, as `placed_minimum` does.
+        """Converge to the minimum with the landmarks that bearings place from it, as `placed_minimum` does.
 
-        Each is taken in once at most: a search may leave it out again.
+        Each landmark is added once at most, because a search may remove it again.
         """
         if self.converged and self._newest >= self._next_search and self._may_map_more():
             self._search_more_landmarks()
@@ -172,7 +176,7 @@ class IncrementalOptimum:
             self._converge(anew=True)
 
     def _converge(self, *, anew: bool = False) -> None:
-        """Go to the minimum of the exact cost, by chord steps or else by a search; stay where neither finds it."""
+        """Go to the minimum of the exact cost by chord steps or else by a search; keep the state if both fail."""
         k, count, state = self._newest, len(self._mapped), self._state
         start = state.poses[: k + 1].copy(), state.landmarks[:count].copy()
         last_chi_square = self._descent.chi_square
@@ -191,28 +195,28 @@ class IncrementalOptimum:
         self._scans, self._squared_motion = 0, 0.0
 
     def _is_cost_unlikely(self, last_chi_square: float) -> bool:
-        """Whether noise explains neither all squared residuals nor those that came since the last minimum."""
+        """Return whether noise explains neither the squared residuals nor their increase since the last minimum."""
         freedom = self._degrees_of_freedom()
         if self._newest < self._next_lower_search or explained_by_noise(self._descent.chi_square, freedom):
             return False
         return not explained_by_noise(self._descent.chi_square - last_chi_square, max(freedom - self._freedom, 1))
 
     def _degrees_of_freedom(self) -> int:
-        """Rows of what has been taken in, less the unknowns of its landmarks."""
+        """Return the number of measured values of active landmarks, less the unknowns of these."""
         taken = self._measured.slot[: self._measured.first[self._newest + 1]] >= 0
         return int(taken.sum()) * self._recording.observation.shape[1] - 2 * len(self._mapped)
 
     def _search(self) -> None:
-        """Search a minimum; where there is none, leave it for a while."""
+        """Search for a minimum; if there is none, do not search for a while."""
         found = self._search_result()
         self.converged = found is not None and self._move_to(*found)
         if not self.converged:
             self._next_search = int(NEXT_SEARCH * self._newest) + 1
 
     def _may_map_more(self) -> bool:
-        """Whether nothing is mapped, or dead reckoning places a landmark of the newest scan that waits.
+        """Return whether nothing is mapped, or dead reckoning places a waiting landmark of the newest scan.
 
-        Dead reckoning tells as much as long as the path is short.
+        Dead reckoning is precise enough for that while the path is short.
         """
         if not len(self._mapped):
             return True
@@ -222,7 +226,7 @@ class IncrementalOptimum:
         return bool(waiting) and self._mapped.any_placed(self._newest, waiting, self._dead_reckoned())
 
     def _search_more_landmarks(self) -> None:
-        """Search a minimum with more landmarks than the present one has; where there is none, leave it for a while."""
+        """Search for a minimum with more landmarks; if there is none, do not search for a while."""
         found = self._search_result()
         if found is not None and len(found[1].landmarks) > len(self._mapped):
             self.converged = self._move_to(*found)
@@ -230,7 +234,7 @@ class IncrementalOptimum:
             self._next_search = int(NEXT_SEARCH * self._newest) + 1
 
     def _search_lower(self) -> None:
-        """Search a minimum that is lower than the present one; where there is none, leave it for a while."""
+        """Search for a lower minimum; if there is none, do not search for a while."""
         found = self._search_result()
         if found is None or 2.0 * found[1].cost > LOWER * self._descent.chi_square:
             again = NEXT_SEARCH if self._newest <= SHORT else NEXT_LOWER_SEARCH
@@ -239,7 +243,7 @@ class IncrementalOptimum:
             self.converged = self._move_to(*found)
 
     def _search_result(self) -> tuple[Int, Minimum] | None:
-        """Which landmark each observation is of, -1 for none, and a minimum sought without the present one, if any."""
+        """Return the association (M,), -1 for none, and minimum that a search finds without the current one, if any."""
         k = self._newest
         part, here = self._recording.first(k), self._state.poses[: k + 1].copy()
 
@@ -255,11 +259,11 @@ class IncrementalOptimum:
             return None
 
     def _dead_reckoned(self) -> Float:
-        """Path (k+1, 3) of the odometry alone."""
+        """Return the path (k+1, 3) of the odometry alone."""
         return chain(self._recording.prior_mean, self._recording.odometry[: self._newest])
 
     def _move_to(self, taken: Int, found: Minimum) -> bool:
-        """Go to a minimum that a search has found; whether its matrices determine all landmarks."""
+        """Go to the minimum of a search; return whether its matrices determine all landmarks."""
         self.switches.append(MinimumSwitch(found.poses, self._mapped.ids))
         self._state.poses[: self._newest + 1] = found.poses
         self._mapped.set_mapped(self._newest, np.unique(taken[taken >= 0]), found.landmarks)

@@ -1,7 +1,7 @@
-"""From a start to the minimum of a recording's exact cost: Levenberg and Marquardt, then Newton steps alone.
+"""From a start to the minimum of a recording's exact cost: Levenberg-Marquardt steps, then Gauss-Newton steps.
 
-A step comes from the Schur complement (`smoother`), which takes zero variances as what they are: constraints. It
-fulfils them to first order; the path is then led back to them, and keeps what they leave free (`free_noise`).
+A step is computed by the Schur complement (`smoother`), where zero variances are exact constraints. A step fulfils them
+to first order; the path is then projected back on the constraints (`constrained_motion`).
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from slamgauge.se2 import wrap
 from slamgauge.sensors import SENSORS
 
 MAX_STEPS = 200
-NEAR = 1e-6  # decrease of the cost, relative to what true noise makes of it, after which Newton steps alone go on
+NEAR = 1e-6  # decrease of the cost, relative to its expected value, at which damped steps stop
 TOO_NEAR = 1e-4  # m
-RISEN = 1e-3  # relative increase of the cost with which Newton steps have left for another stationary point
+RISEN = 1e-3  # relative increase of the cost at which Gauss-Newton has left for another stationary point
 NEGLIGIBLE = 1e-8  # of a standard deviation
-RESOLVED = 1e-3  # of a standard deviation: a step of rounding that is taken for the last, where the recording fits
-MISFIT = 10.0  # times that at most, where residuals are larger than stated: a step's rounding grows with them
-PATIENCE = 6  # Newton steps in a row that may be longer than one before
-HOPELESS = 1e6  # standard deviations: Newton steps diverge
+RESOLVED = 1e-3  # of a standard deviation: largest last step that counts as rounding, where residuals are as stated
+MISFIT = 10.0  # largest factor on RESOLVED where residuals are larger than stated, since rounding grows with them
+PATIENCE = 6  # number of steps that may be longer than the smallest before
+HOPELESS = 1e6  # standard deviations: the steps diverge
 EXACT = 1e-9  # m or rad
 MAX_NEWTON_STEPS = 60
-GENTLE, STRONGER, WEAKER, UNDAMPED = 1e-4, 10.0, 0.1, 1e-8  # damping over the mean information of a scan
+GENTLE, STRONGER, WEAKER, UNDAMPED = 1e-4, 10.0, 0.1, 1e-8  # damping relative to the mean information of a scan
 
 
 class Minimum(NamedTuple):
@@ -57,14 +57,14 @@ class NearMinimum(NamedTuple):
 
 
 class Merit:
-    """The cost of paths and maps of a recording, where motions of zero variance are obeyed."""
+    """The cost of paths and maps of a recording that fulfil the constraints of zero variances."""
 
     def __init__(self, recording: Problem) -> None:
         self._recording = recording
         self.noise = MotionNoise(recording)
 
     def __call__(self, poses: Float, landmarks: Float) -> float:
-        """Half the sum of squares; infinite where it is not defined."""
+        """Return half the sum of squares; infinite where it is not defined."""
         with np.errstate(all="ignore"):
             seen = whitened_residuals(self._recording, self._recording.slot, poses, landmarks)
             cost = self.noise.cost(poses) + 0.5 * float(np.square(seen).sum())
@@ -72,13 +72,13 @@ class Merit:
 
 
 def damped_descent(recording: Problem, poses: Float, landmarks: Float, most: int = MAX_STEPS) -> NearMinimum:
-    """Where damped steps lead from a start: near a minimum, or wherever they come to a halt.
+    """Take Levenberg-Marquardt steps until the cost no longer decreases by much.
 
     Args:
         recording: known association.
         poses: (N+1, 3).
         landmarks: (L, 2).
-        most: steps.
+        most: largest number of steps.
     """
     merit = Merit(recording)
     poses = merit.noise.satisfying_constraints(poses)
@@ -101,7 +101,7 @@ def damped_descent(recording: Problem, poses: Float, landmarks: Float, most: int
 
 
 def descend(recording: Problem, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
-    """What GTSAM's Levenberg-Marquardt does (`gtsam_graph`), by damped steps of our own, zero variances obeyed."""
+    """Do what GTSAM's Levenberg-Marquardt does (`gtsam_start`), by own damped steps with exact zero variances."""
     require_placeable(recording)
     found = damped_descent(recording, poses, landmarks, iterations)
     return found.poses, found.landmarks
@@ -110,7 +110,7 @@ def descend(recording: Problem, poses: Float, landmarks: Float, iterations: int 
 def _damped_trial(
     model: LinearModel, merit: Merit, poses: Float, landmarks: Float, scale: Damping, factor: float
 ) -> tuple[float, tuple[Float, Float]]:
-    """Cost, path and map after a step damped by `factor`, the cheaper of its two ways; infinite without a step."""
+    """Return cost, path and map after a damped step and the cheaper retraction; infinite cost without a step."""
     damping = Damping(factor * scale.pose, factor * scale.landmark, factor * scale.motion)
     try:
         step = damped_step(model, len(landmarks), damping)
@@ -121,7 +121,7 @@ def _damped_trial(
 
 
 def _mean_information(model: LinearModel, landmarks: int) -> Damping:
-    """What a scan says of its pose and of the motion that led to it, and all scans of a landmark, in the mean."""
+    """Return the mean information of a scan about its pose and motion, and of all scans about a landmark."""
     poses = max(len(np.unique(model.step)), 1)
     by_pose = np.square(model.Hx).sum(axis=(0, 1)) / poses
     by_pose[:2] = by_pose[:2].mean()
@@ -130,13 +130,14 @@ def _mean_information(model: LinearModel, landmarks: int) -> Damping:
     return Damping(by_pose, by_landmark, by_motion)
 
 
-def newton_minimum(recording: Problem, start: NearMinimum) -> Minimum:
-    """The minimum near an approach: Newton steps, until they are negligible or as small as rounding lets them be.
+def gauss_newton_minimum(recording: Problem, start: NearMinimum) -> Minimum:
+    """Take Gauss-Newton steps until they are negligible or limited by rounding; return the minimum.
 
-    Steps leave out how the residuals bend. Where these are large, steps shrink slowly or not at all, and are mixed.
+    Gauss-Newton leaves out the second derivatives of the residuals. Where residuals are large, steps shrink slowly or
+    not at all, so Anderson acceleration is used.
 
     Raises:
-        UndeterminedError: there is none, or rounding hides it.
+        UndeterminedError: there is no minimum, or rounding hides it.
     """
     poses, landmarks, cost, merit = start
     _refuse_landmarks_at_poses(recording, poses, landmarks)
@@ -176,14 +177,14 @@ def newton_minimum(recording: Problem, start: NearMinimum) -> Minimum:
 
 
 def _apart(point: tuple[Float, Float], other: tuple[Float, Float]) -> Float:
-    """Poses and landmarks of a point less those of another (3N+3+2L,)."""
+    """Return the difference of two points, poses and landmarks (3N+3+2L,)."""
     poses, landmarks = (mine - theirs for mine, theirs in zip(point, other, strict=True))
     poses[:, 2] = wrap(poses[:, 2])
     return np.concatenate([poses.ravel(), landmarks.ravel()])
 
 
 def _displaced(point: tuple[Float, Float], move: Float, noise: MotionNoise) -> tuple[Float, Float]:
-    """Poses (N+1, 3) and landmarks (L, 2) displaced by a move (3N+3+2L,), motions of zero variance obeyed."""
+    """Return poses and landmarks after a move (3N+3+2L,), projected on the constraints of zero variances."""
     poses, landmarks = point
     path = poses + move[: poses.size].reshape(poses.shape)
     path[:, 2] = wrap(path[:, 2])
@@ -191,14 +192,14 @@ def _displaced(point: tuple[Float, Float], move: Float, noise: MotionNoise) -> t
 
 
 def _sigmas(solution: Solution) -> tuple[Float, Float]:
-    """Standard deviations of poses (N+1, 3) and landmarks (L, 2); infinite what is known exactly."""
+    """Return standard deviations of poses (N+1, 3) and landmarks (L, 2); infinite for exactly known ones."""
     covs = (solution.pose_covs, solution.landmark_covs)
     poses, landmarks = (np.sqrt(np.maximum(np.diagonal(each, axis1=1, axis2=2), 0.0)) for each in covs)
     return np.where(poses > EXACT, poses, np.inf), np.where(landmarks > EXACT, landmarks, np.inf)
 
 
 def _refuse_landmarks_at_poses(recording: Problem, poses: Float, landmarks: Float) -> None:
-    """Raise where a landmark has come to lie on a pose that sees it: there range and bearing are not smooth."""
+    """Raise if a landmark lies on a pose that observes it: there range and bearing are not smooth."""
     if not SENSORS[recording.sensor].has_bearing or not len(recording.slot):
         return
     distance = np.hypot(*(landmarks[recording.slot] - poses[recording.observation_step, :2]).T)
@@ -212,7 +213,7 @@ def _refuse_landmarks_at_poses(recording: Problem, poses: Float, landmarks: Floa
 
 
 def _why_no_minimum(recording: Problem, poses: Float, landmarks: Float, size: float) -> str:
-    """One line: what stands out where the descent ended."""
+    """Return one line on the largest residual where the descent ended."""
     with np.errstate(all="ignore"):
         misfit = np.sqrt(np.square(whitened_residuals(recording, recording.slot, poses, landmarks)).sum(axis=1))
     opening = f"batch: no minimum, the last step is of {size:.2g} sigma"

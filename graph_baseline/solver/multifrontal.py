@@ -1,17 +1,17 @@
-"""The information of many unknowns as a tree of small dense matrices: factor, solution, and roots of the covariance.
+"""Multifrontal Cholesky factorisation of the information of many unknowns, with solution and covariance roots.
 
-A leaf is a piece of the recording with the few unknowns that it speaks of. A front joins two parts; what no piece
-outside speaks of is eliminated there, and what that leaves is information about the unknowns shared with others. Pieces
-near each other meet first, so that little is ever shared: nested dissection (George, SIAM J. Numer. Anal. 10(2), 1973),
-its fronts as in Duff & Reid (ACM TOMS 9(3), 1983).
+A leaf of the tree is a piece of the recording with its few unknowns. A front joins two parts. It eliminates the
+unknowns that no piece outside uses; the Schur complement is information about the unknowns that it shares with others.
+Pieces near each other are joined first, so that few unknowns are shared: nested dissection (George, SIAM J. Numer.
+Anal. 10(2), 1973). The fronts follow Duff & Reid (ACM TOMS 9(3), 1983).
 
-Back from the last front to the pieces goes a root R of the covariance, RR', of each front's unknowns,
+From the last front to the pieces, each front receives a root R of the covariance RR' of its unknowns,
 
-    R = [L^-T, -L^-T K'S; 0, S]    L the factor of what is eliminated, K what that tells of the shared unknowns,
-                                   S the root of those, known from the front above,
+    R = [L^-T, -L^-T K'S; 0, S]    L: factor of the eliminated unknowns, K: their coupling with the shared unknowns,
+                                   S: root of the shared unknowns, from the front above,
 
-which is the selected inversion of Takahashi, Fagan & Chin (1973) without a difference of covariances: unknowns that are
-known far worse than others do not drown these.
+which is the selected inversion of Takahashi, Fagan & Chin (1973) without subtracting covariances: very uncertain
+unknowns do not cost the others their digits.
 """
 
 from __future__ import annotations
@@ -24,37 +24,37 @@ from scipy.linalg import solve_triangular
 
 from slamgauge.arrays import Float, Int
 
-EXHAUSTED = 1e-12  # share of a landmark's information that rounding hides
-ASSEMBLY = 300.0  # multiply-adds in the time that a number of a front takes to be put in place
+EXHAUSTED = 1e-12  # a smaller share of a landmark's information is rounding
+ASSEMBLY = 300.0  # cost of assembling one number of a front, in multiply-adds
 
 
 class Front(NamedTuple):
-    """Unknowns of a piece, or what two parts share of theirs."""
+    """Unknowns of a piece, or the shared unknowns of two parts."""
 
-    parts: tuple[Front, ...]  # none: a piece
-    piece: int  # its number, the first of its pieces
-    columns: Int  # (n,) numbers of the unknowns
-    eliminated: int  # f, so many of them, the first, are eliminated: no other piece speaks of them
-    places: tuple[Int, ...]  # where a piece's unknowns, or those that each part shares, stand among them
+    parts: tuple[Front, ...]  # empty for a piece
+    piece: int  # number of the (first) piece
+    columns: Int  # (n,) indices of the unknowns, the eliminated ones first
+    eliminated: int  # f, the number of unknowns that no other piece uses
+    places: tuple[Int, ...]  # position in `columns` of a piece's unknowns, or of the unknowns that each part shares
 
 
 class Factor(NamedTuple):
-    """A front of f eliminated and s shared unknowns, factorised."""
+    """Factor of a front with f eliminated and s shared unknowns."""
 
     front: Front
     parts: tuple[Factor, ...]
     root: Float  # (f, f) lower triangular
-    rest: Float  # (f, s + 1) of the shared unknowns, and of the constant
+    rest: Float  # (f, s + 1) coupling with the shared unknowns and the constant
 
 
 def nested_dissection(columns: list[Int], place: Float) -> Front:
-    """The tree of pieces that speak of unknowns `columns` each and lie at `place` (pieces, 2)."""
+    """Return the tree of pieces with unknowns `columns` each, at positions `place` (pieces, 2)."""
     uses = np.bincount(np.concatenate(columns))
     return _joined(columns, place, uses, np.arange(len(columns)))[0]
 
 
 def _joined(columns: list[Int], place: Float, uses: Int, pieces: Int) -> tuple[Front, Int]:
-    """The front of some pieces, and how many of these speak of each unknown that it shares with others."""
+    """Return the front of some pieces, and how many of these use each unknown that it shares with others."""
     parts: tuple[Front, ...] = ()
     if len(pieces) == 1:
         shared = [columns[pieces[0]]]
@@ -74,14 +74,14 @@ def _joined(columns: list[Int], place: Float, uses: Int, pieces: Int) -> tuple[F
 
 
 def _halves(place: Float, pieces: Int) -> tuple[Int, Int]:
-    """Pieces on one side and on the other, across the longer side of where they lie."""
+    """Split pieces into two halves across the longer side of their bounding box."""
     at = place[pieces]
     order = np.argsort(at[:, np.argmax(np.ptp(at, axis=0))], kind="stable")
     return pieces[order[: len(order) // 2]], pieces[order[len(order) // 2 :]]
 
 
 def multiply_adds(front: Front) -> float:
-    """Of its factor and its roots, all parts included, to a small factor."""
+    """Return the multiply-adds of factor and roots, all parts included, up to a small factor."""
     size = len(front.columns)
     shared = size - front.eliminated
     alone = size**2 * front.eliminated + shared**2 * size + ASSEMBLY * size**2
@@ -89,19 +89,19 @@ def multiply_adds(front: Front) -> float:
 
 
 def largest(front: Front) -> int:
-    """Unknowns of the largest front."""
+    """Return the number of unknowns of the largest front."""
     return max(len(front.columns), *map(largest, front.parts), 0)
 
 
 def numbers_kept(front: Front) -> float:
-    """Numbers of the factor, all parts included."""
+    """Return how many numbers the factor stores, all parts included."""
     return len(front.columns) * float(front.eliminated) + sum(map(numbers_kept, front.parts))
 
 
 def factorise(
     front: Front, information_of: Callable[[int], Float], damping_of: Float, own_information_of: Float
 ) -> tuple[Factor, Float]:
-    """The factor, and what is left (s + 1, s + 1) of shared unknowns and constant.
+    """Return the factor, and the information (s + 1, s + 1) that remains on shared unknowns and constant.
 
     Args:
         front: of n unknowns.
@@ -134,7 +134,7 @@ def factorise(
 
 
 def minimise(factor: Factor, unknowns: Float) -> None:
-    """Fill `unknowns` (all, and the constant 1 behind them) with the minimum, from the last front to the pieces."""
+    """Fill `unknowns` (all, followed by the constant 1) with the minimum, from the last front to the pieces."""
     front = factor.front
     shared = np.append(front.columns[front.eliminated :], len(unknowns) - 1)
     rhs = factor.rest @ unknowns[shared]
@@ -146,13 +146,13 @@ def minimise(factor: Factor, unknowns: Float) -> None:
 
 
 def covariance_roots(factor: Factor, shared: Float) -> Iterator[tuple[int, Int, Float]]:
-    """The pieces' numbers; where each one's unknowns stand in its front; of this the root R (n, n), upper triangular.
+    """Yield each piece's number, the places of its unknowns in its front, and the front's root R (n, n).
 
-    RR' is the covariance of the front's unknowns.
+    R is upper triangular, and RR' is the covariance of the front's unknowns.
 
     Args:
-        factor: of a front.
-        shared: (s, s) the root of what it shares; (0, 0) of the last front.
+        factor: factor of a front.
+        shared: (s, s) root of its shared unknowns; (0, 0) for the last front.
     """
     front, eliminated = factor.front, factor.front.eliminated
     right = np.hstack([np.eye(eliminated), -factor.rest[:, :-1] @ shared])

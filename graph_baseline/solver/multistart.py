@@ -1,4 +1,4 @@
-"""Starts from which a minimum is sought, and the lowest that several of them lead to."""
+"""Starts for the search of a minimum, and the lowest of the minima that they lead to."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from slamgauge.graph_baseline.solver.levenberg_marquardt import (
     Minimum,
     NearMinimum,
     damped_descent,
-    newton_minimum,
+    gauss_newton_minimum,
 )
 from slamgauge.graph_baseline.solver.motion_elimination import reduce_to_key_poses, restore_poses
 from slamgauge.se2 import chain
@@ -32,26 +32,25 @@ from slamgauge.sensors import SENSORS
 
 try:
     from slamgauge.graph_baseline.solver.gtsam_start import descend
-except ImportError:  # there is no GTSAM for this system
+except ImportError:  # GTSAM has no wheels for Windows
     from slamgauge.graph_baseline.solver.levenberg_marquardt import descend
 
-PORTIONS = 8  # of the recording, in the grown start
-SOFTER = (100.0, 10.0)  # times the noise of observations, in the softened start
-UNLIKELY = 5e-4  # probability that true noise makes a cost that is taken for too high
+PORTIONS = 8  # of the recording, in the growing start
+INFLATION = (100.0, 10.0)  # factors on the standard deviation of observations
+UNLIKELY = 5e-4  # probability that true noise makes a cost that counts as too high
 
 Start = Callable[[], tuple[Float, Float]]  # poses (N+1, 3), and landmarks (L, 2) in increasing id order
-Starts = Callable[[Problem, Float], Iterable[Start]]  # of a recording and a path (N+1, 3)
+Starts = Callable[[Problem, Float], Iterable[Start]]  # from a problem and a path (N+1, 3)
 
 
 def placed_minimum(recording: Problem, path: Float, starts: Starts) -> tuple[Int, Minimum]:
-    """The lowest minimum of all that is placed: from a path (N+1, 3) at first, in the end from the minimum itself.
+    """Return the lowest minimum with all landmarks that bearings place: from a path (N+1, 3), then from the minimum.
 
-    Bearings that are at odds with the minimum without them may meet in a minimum with them, far from it: that is tried.
-    Where nothing is placed at all, it is tried with all landmarks that several poses have seen, then with the one that
-    is seen most.
+    Bearings that are inconsistent at a minimum without them may agree in a distant minimum with them: that is
+    tried. If no landmark is placed at all, all re-observed landmarks are tried, then the most observed one.
 
     Returns:
-        Association (M,), -1 for what bearings alone do not place, and the minimum without that.
+        Association (M,), -1 for landmarks that bearings do not place, and the minimum without these.
     """
     taken, found = _minimum_of_placed(recording, are_placed(recording, path), path, starts)
     if taken.any():
@@ -70,10 +69,10 @@ def placed_minimum(recording: Problem, path: Float, starts: Starts) -> tuple[Int
 
 
 def _minimum_of_placed(recording: Problem, taken: Marks, path: Float, starts: Starts) -> tuple[Marks, Minimum]:
-    """The lowest minimum of observations `taken` (M,) at first, in the end of those (M,) that it places itself.
+    """Return the lowest minimum of observations `taken` (M,), adjusted to those (M,) that it places itself.
 
-    Landmarks are taken in, each once at most, until no more are placed; then those that are not are left out, and so
-    are at any time those that the end of a search in vain does not place, or else the half that it places worst.
+    Landmarks are added, each once at most, until no more are placed; then those that are not placed are removed.
+    After a failed search, landmarks that its end does not place are removed, or else the half that it places worst.
     """
 
     def minimum(taken: Marks, path: Float) -> tuple[Marks, Minimum]:
@@ -96,7 +95,7 @@ def _minimum_of_placed(recording: Problem, taken: Marks, path: Float, starts: St
 
 
 def _placed_after_failure(error: UndeterminedError, recording: Problem, taken: Marks) -> Marks:
-    """Which observations (M,) are taken after a search of those `taken` (M,) has ended in vain; raises if none are."""
+    """Return which observations (M,) remain after a failed search with `taken` (M,); raise if none do."""
     if error.path is None:
         raise error
     left = taken & are_placed(recording, error.path)
@@ -108,16 +107,16 @@ def _placed_after_failure(error: UndeterminedError, recording: Problem, taken: M
 
 
 def of_most_observed(landmark: Int, among: Marks) -> Marks:
-    """Which observations (M,) are of the landmark (M,) that has most of those `among` which it is sought."""
+    """Return which observations (M,) belong to the landmark (M,) with the most observations `among` (M,)."""
     ids, count = np.unique(landmark[among], return_counts=True)
     return landmark == ids[np.argmax(count)] if len(ids) else among
 
 
 def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
-    """The lowest of the minima that several starts lead to; those after one that is low enough are not tried.
+    """Return the lowest minimum of several starts; stop at the first that noise explains.
 
     Raises:
-        UndeterminedError: no start leads to one; says what is wrong where the lowest ends.
+        UndeterminedError: no start leads to a minimum; states the problem at the lowest end.
     """
     near: list[NearMinimum] = []
     mistakes: list[UndeterminedError] = []
@@ -125,7 +124,7 @@ def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
         try:
             approached = damped_descent(recording, *start())
             if is_low(recording, approached.cost):
-                return _newton_minimum(recording, approached)
+                return _gauss_newton_minimum(recording, approached)
             near.append(approached)
         except UndeterminedError as error:
             mistakes.append(error)
@@ -133,50 +132,53 @@ def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
     unsettled: list[UndeterminedError] = []
     for each in near:
         try:
-            return _newton_minimum(recording, each)
+            return _gauss_newton_minimum(recording, each)
         except UndeterminedError as error:
             unsettled.append(error)
     raise [*unsettled, *mistakes][0]
 
 
-def _newton_minimum(recording: Problem, near: NearMinimum) -> Minimum:
-    """`newton_minimum`, whose error says how far the search has come."""
+def _gauss_newton_minimum(recording: Problem, near: NearMinimum) -> Minimum:
+    """Call `gauss_newton_minimum`; its error carries the path that was reached."""
     try:
-        return newton_minimum(recording, near)
+        return gauss_newton_minimum(recording, near)
     except UndeterminedError as error:
         error.path = near.poses
         raise
 
 
 def is_low(recording: Problem, cost: float) -> bool:
-    """Whether half the squared residuals are no more than the stated noise explains: then no lower minimum is due."""
+    """Return whether noise explains half the squared residuals `cost`: then no lower minimum is expected."""
     return explained_by_noise(2.0 * cost, degrees_of_freedom(recording))
 
 
 def explained_by_noise(chi_square: float, freedom: int) -> bool:
-    """Whether squared residuals of so many degrees of freedom are no more than those of true noise."""
+    """Return whether squared residuals with these degrees of freedom are no larger than those of true noise."""
     return bool(chdtr(freedom, chi_square) < 1.0 - UNLIKELY) if freedom > 0 else chi_square < 2e-6
 
 
 def degrees_of_freedom(recording: Problem) -> int:
-    """Rows less unknowns: the rows of every observation less two for every landmark."""
+    """Return the number of measured values less two for every landmark."""
     return recording.observation.size - 2 * len(recording.landmark_ids)
 
 
 def chi_square_of(recording: Problem, poses: Float, landmarks: Float) -> tuple[float, int]:
-    """Squared residuals at poses (N+1, 3) and landmarks (L, 2), ids increasing, and their degrees of freedom."""
+    """Return squared residuals at poses (N+1, 3) and landmarks (L, 2), ids increasing, and degrees of freedom."""
     return 2.0 * Merit(recording)(poses, landmarks), degrees_of_freedom(recording)
 
 
 def descent_start(recording: Problem, path: Float) -> tuple[Float, Float]:
-    """Where Levenberg-Marquardt leads from a path (N+1, 3) on the poses that see something: GTSAM's, or else ours."""
+    """Return where Levenberg-Marquardt ends from a path (N+1, 3), on the poses with observations.
+
+    It is GTSAM's where that is installed, else our own.
+    """
     short, key = reduce_to_key_poses(recording)
     poses, landmarks = descend(short, path[key], landmarks_at_first_observation(recording, path))
     return restore_poses(recording, key, poses), landmarks
 
 
 def first_guess(recording: Problem) -> tuple[Float, Float]:
-    """Poses (N+1, 3) and landmarks (L, 2): the lower of the minima from dead reckoning and the grown start."""
+    """Return poses (N+1, 3) and landmarks (L, 2): the lower minimum from dead reckoning and from the growing start."""
     merit = Merit(recording)
     found = descent_start(recording, recording.dead_reckoning)
     return (
@@ -187,19 +189,19 @@ def first_guess(recording: Problem) -> tuple[Float, Float]:
 
 
 def inflated_noise_start(recording: Problem, path: Float) -> tuple[Float, Float]:
-    """From a path (N+1, 3): observations of far larger noise at first, then of less and less.
+    """Descend from a path (N+1, 3) with observation noise that is inflated at first, then less.
 
-    Where they are sharper by orders of magnitude than what is known of the path, steps on their own cost go astray.
+    Steps on the true cost diverge if observations are sharper than the path's uncertainty by orders of magnitude.
     """
     landmarks = landmarks_at_first_observation(recording, path)
-    for times in SOFTER:
+    for times in INFLATION:
         soft = replace(recording, observation_cov=times**2 * recording.observation_cov)
         path, landmarks = damped_descent(soft, path, landmarks)[:2]
     return path, landmarks
 
 
 def growing_start(recording: Problem) -> tuple[Float, Float]:
-    """A few iterations on the first portion of the recording, then on more and more of it."""
+    """Take a few iterations on the first portion of the recording, then on more and more of it."""
     short, key = reduce_to_key_poses(recording)
     poses, known = short.prior_mean[None], dict[int, Float]()
     for portion in range(1, PORTIONS + 1):

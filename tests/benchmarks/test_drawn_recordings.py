@@ -16,7 +16,7 @@ from slamgauge.graph_baseline.problem.preparation import (
     prepare,
 )
 from slamgauge.graph_baseline.problem.undetermined import UndeterminedError
-from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent, newton_minimum
+from slamgauge.graph_baseline.solver.levenberg_marquardt import damped_descent, gauss_newton_minimum
 from slamgauge.graph_baseline.solver.multistart import growing_start, is_low
 
 
@@ -96,7 +96,7 @@ def test_damped_steps_go_on_to_a_minimum_where_nothing_fits():
     GTSAM's search leads near it; our own, on which `docs/limits.md` has a word, does not.
     """
     recording = prepare(in_frame_of_start(draw(2040, 1540).recording))
-    found = newton_minimum(recording, damped_descent(recording, *growing_start(recording)))
+    found = gauss_newton_minimum(recording, damped_descent(recording, *growing_start(recording)))
     model = Model(recording)
     minimum = lowest(model, [model.unknowns(model.relative(found.poses), model.relative(found.landmarks))])
     assert minimum is not None
@@ -140,7 +140,7 @@ def test_newton_steps_do_not_end_uphill():
     poses = np.array([[0.0, 0.0, 0.0], [0.5841, 0.0050, -0.0436]])
     near = damped_descent(here, poses, np.array([[-45.0, 84.0]]))
     with pytest.raises(UndeterminedError, match="nats uphill"):
-        newton_minimum(here, near)
+        gauss_newton_minimum(here, near)
 
 
 def test_the_causal_optimum_maps_what_dead_reckoning_places() -> None:

@@ -19,7 +19,7 @@ from slamgauge.graph_baseline import UndeterminedError, batch, causal, cost, rob
 from slamgauge.graph_baseline.problem.placement import SURE
 from slamgauge.graph_baseline.problem.preparation import Problem, prepare
 from slamgauge.graph_baseline.solver import multistart
-from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, damped_descent, newton_minimum
+from slamgauge.graph_baseline.solver.levenberg_marquardt import Minimum, damped_descent, gauss_newton_minimum
 from slamgauge.graph_baseline.solver.smoother import solve_at
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, log, wrap
@@ -192,7 +192,7 @@ def test_no_other_start_ends_lower(seed: int):
     problem = prepare(recording)
     ids = problem.landmark_ids
     near = damped_descent(problem, truth.poses, truth.landmarks[ids])
-    poses, landmarks = newton_minimum(problem, near)[:2]
+    poses, landmarks = gauss_newton_minimum(problem, near)[:2]
     ours = cost(recording, estimate.poses, np.asarray(estimate.landmark_ids), arrays(estimate)[1])
     assert ours <= cost(recording, poses, ids, landmarks) * (1 + 1e-6)
 
