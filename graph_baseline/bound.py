@@ -1,14 +1,15 @@
-"""The Cramer-Rao bound: how small the error of any estimator can be, from the truth and the noise, without an optimum.
+"""Cramer-Rao bound: the smallest error covariance of any estimator, from the truth and the noise, without an optimum.
 
-The information of a run is the sum of J' R^-1 J over its prior, its motions and its observations, J taken at the true
-path and map. Blocks of its inverse bound the covariance of every estimator's error: of the last pose given the
-measurements up to it (causal), of every pose given all of them (hindsight). Landmarks have no prior. Motions are those
-of the simulation, whose noise is added to the increment in the frame of the step's start; where they cannot slip,
-their information is infinite, and the covariance form of the same inverse is exact (`smoother`).
+The information of a run is the sum of J' R^-1 J over its prior, its motions and its observations, with J at the
+true path and map. Blocks of its inverse bound the error covariance of every estimator: for the last pose given the
+measurements up to it (causal), and for every pose given all of them (hindsight). Landmarks have no prior. Motions
+are those of the simulation, whose noise is added to the increment in the frame of the step's start. Where they
+cannot slip, their information is infinite, and the covariance form of the same inverse is exact (`smoother`).
 
-A run's bound is conditional on its path, on what was seen from it, and on the noise being Gaussian and stated rightly.
-Its mean over the paths is not below the inverse of the mean information, the posterior bound of Tichavsky, Muravchik &
-Nehorai (IEEE TSP 46(5), 1998), for the inverse is convex; both are one where all runs take the same path.
+The bound of a run is conditional on its path and its observations, and assumes Gaussian noise with the stated
+covariances. Its mean over the paths is at least the inverse of the mean information, the posterior bound of
+Tichavsky, Muravchik & Nehorai (IEEE TSP 46(5), 1998), because the inverse is convex; both are equal if all runs
+take the same path.
 """
 
 from __future__ import annotations
@@ -29,31 +30,35 @@ from slamgauge.se2 import rotation
 from slamgauge.sensors import SENSORS
 from slamgauge.truth import Truth
 
-factorise, solve_triangular = get_lapack_funcs(("potrf", "trtrs"), dtype=np.float64)  # a third of their wrappers' time
+factorise, solve_triangular = get_lapack_funcs(
+    ("potrf", "trtrs"), dtype=np.float64
+)  # three times faster than scipy's wrappers
 
 
 def causal_bound(truth: Truth, recording: Recording) -> Float:
-    """Bounds (N+1, 3, 3) of each pose's error covariance given the measurements up to it, world frame, additive.
+    """Return bounds (N+1, 3, 3) of each pose's error covariance given the measurements up to it.
+
+    They are additive, in the world frame.
 
     Args:
         truth: poses without gaps, landmarks and associations; clutter and outliers are left out.
-        recording: made of it, with its true noise.
+        recording: its measurements, with the true noise.
 
     Raises:
-        UserError: the truth does not tell all that.
+        UserError: the truth is incomplete.
     """
     model, landmarks = model_at_truth(truth, recording)
     return causal_covariances(model, landmarks)
 
 
 def hindsight_bound(truth: Truth, recording: Recording) -> Float:
-    """The same (N+1, 3, 3) given all measurements."""
+    """Return the same bounds (N+1, 3, 3) given all measurements."""
     model, landmarks = model_at_truth(truth, recording)
     return solve(model, landmarks).pose_covs
 
 
 def model_at_truth(truth: Truth, recording: Recording) -> tuple[LinearModel, int]:
-    """The linear model whose matrices are those at the truth, and its number of landmarks, numbered by first sight."""
+    """Return the linear model at the truth and its number of landmarks, numbered by first observation."""
     if truth.poses is None or truth.landmarks is None or truth.association is None or np.isnan(truth.poses).any():
         raise UserError("truth: the bound needs all true poses, landmarks and associations; simulate a scenario")
     assert truth.landmark_ids is not None
@@ -63,7 +68,7 @@ def model_at_truth(truth: Truth, recording: Recording) -> tuple[LinearModel, int
     seen = prepare(recording if is_named else recording.associated(named))
     require_memory_for(seen, "bound", dense=True)
     if not SENSORS[seen.sensor].places_landmarks:
-        seen = seen.only(are_reobserved(seen))  # a single bearing says nothing but of its landmark
+        seen = seen.only(are_reobserved(seen))  # a single bearing has no information on the path
     ids, first, slot = np.unique(seen.landmark, return_index=True, return_inverse=True)
     by_sight = np.argsort(first)
     order = np.argsort(truth.landmark_ids)
@@ -76,7 +81,7 @@ def model_at_truth(truth: Truth, recording: Recording) -> tuple[LinearModel, int
 
 
 def causal_covariances(model: LinearModel, landmarks: int) -> Float:
-    """Covariances (N+1, 3, 3) of each pose given the scans up to it, of landmarks numbered by first sight."""
+    """Return covariances (N+1, 3, 3) of each pose given the scans up to it; landmarks in order of observation."""
     compile_graphs_once()
     G, X = compressed_scans(model, landmarks, NOT_DAMPED, 2 * landmarks)
     P, updated, carry, gain, whitener = filter_covariances(model, G)
@@ -84,13 +89,15 @@ def causal_covariances(model: LinearModel, landmarks: int) -> Float:
     start[:, -1] = model.start
     A = filter_maps(start, model.c, X, carry, gain)
     innovation = whitener @ (G @ A + X)
-    A -= P @ (whitener @ G).swapaxes(1, 2) @ innovation  # with the pose's own scan
-    sights, of_row = np.unique(model.step * landmarks + model.slot, return_inverse=True)
-    own = np.zeros((len(sights), 2, 2))  # of what a scan says of a landmark, however often it has seen it
+    A -= P @ (whitener @ G).swapaxes(1, 2) @ innovation  # with the scan of the pose itself
+    pairs, of_row = np.unique(model.step * landmarks + model.slot, return_inverse=True)
+    own = np.zeros((len(pairs), 2, 2))  # information of each scan on each landmark that it observes
     np.add.at(own, of_row, model.Hm.swapaxes(1, 2) @ model.Hm)
-    step, slot = np.divmod(sights, max(landmarks, 1))
+    step, slot = np.divmod(pairs, max(landmarks, 1))
     first = np.searchsorted(step, np.arange(len(G) + 1)).tolist()
-    rows = np.concatenate([innovation, X], axis=1)  # what the poses add to the landmarks' information, and take of it
+    rows = np.concatenate(
+        [innovation, X], axis=1
+    )  # parts that the poses add to and subtract from the landmarks' information
     signed = rows * np.repeat([1.0, -1.0], 3)[:, None]
     information = np.eye(2 * landmarks) / MAX_LANDMARK_SIGMA**2  # bearings leave a new landmark undetermined
     blocks = information.reshape(landmarks, 2, landmarks, 2)

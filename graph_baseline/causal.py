@@ -28,23 +28,23 @@ from slamgauge.sensors import SENSORS
 
 @relative_to_start
 def causal(recording: Recording, association: Int | None = None) -> Estimate:
-    """What the measurements up to each step allow: the newest pose of an optimum that grows with them (`growing`).
+    """Return the newest pose of the exact optimum of all measurements up to each step (`incremental`).
 
-    It does what iSAM2 (Kaess et al., IJRR 31(2), 2012) does, incremental smoothing with relinearisation, but goes to
-    the minimum of the exact cost; tests hold it against GTSAM's iSAM2 and against `batch` on the first steps. Its last
-    pose is always checked against the optimum of the whole recording, which `batch`'s descent ends at from its path and
-    map, or a lower one where noise does not explain that (`Estimate.optimum_check`).
+    Like iSAM2 (Kaess et al., IJRR 31(2), 2012) it smooths incrementally with relinearisation, but it converges to
+    the minimum of the exact cost. Tests compare it with `isam2` and with `batch` on the first steps. Its last pose
+    is always compared with the optimum of the whole recording: the minimum that `batch` finds from its path and
+    map, or a lower one if noise does not explain that (`Estimate.optimum_check`).
 
-    With bearings alone a landmark waits, with its bearings, until they place it (`triangulation`); one that they never
-    place is no part of the map, and its `association` is -1.
+    A bearing-only landmark waits until its bearings place it; one that they never place is not in the map, and its
+    `association` is -1.
 
     Args:
-        recording: what was measured.
-        association: (M,) ids in place of the recording's own, an `Estimate.association` for instance; -1 leaves
-            an observation out.
+        recording: measurements.
+        association: (M,) ids that replace the recording's own, for instance an `Estimate.association`; -1 leaves an
+            observation out.
 
     Raises:
-        UserError: the recording cannot be turned into a graph, or leaves a variable undetermined.
+        UserError: the association is unknown, or the measurements leave a variable undetermined.
     """
     problem = prepare(recording, association)
     require_memory_for(problem, "causal", dense=True)
@@ -67,7 +67,7 @@ def causal(recording: Recording, association: Int | None = None) -> Estimate:
 
 
 class _PathAndMap(NamedTuple):
-    """What was known after a step: the path (k+1, 3), the landmarks (L,) that were mapped, and the leaps so far."""
+    """Result after a step: path (k+1, 3), ids of active landmarks (L,), and number of minimum switches so far."""
 
     path: Float
     landmark_ids: Int
@@ -81,7 +81,7 @@ def _path_and_map(growing: IncrementalOptimum) -> _PathAndMap:
 def _with_map(
     recording: Problem, estimate: Estimate, growing: IncrementalOptimum, map_changes: list[_PathAndMap]
 ) -> Estimate:
-    """The estimate with the map of the last step, and how it compares with `batch`; with batch's map if it has none."""
+    """Add the map of the last step and the comparison with `batch`; without a map, take batch's."""
     if not growing.converged:
         last = batch(recording)
         return replace(
@@ -113,11 +113,11 @@ def _with_map(
 def _largest_distance(
     recording: Problem, estimate: Estimate, growing: IncrementalOptimum, map_changes: list[_PathAndMap]
 ) -> float:
-    """How far off (see `_distance`) the last pose is, and each whose step might have known better.
+    """Return the largest distance (see `_distance`) of the last pose and of poses before another minimum.
 
-    These are the steps before a leap to a path that they might have had, and in short recordings of bearings those
-    before each change of the map. An optimum that is not found is infinitely far, but for those of changes: where a
-    landmark is about to be placed there need not be any.
+    These are the poses before a switch to another minimum, and in short bearing-only recordings those before a
+    change of the map. A missing optimum counts as infinitely far. Only before a change of the map it is ignored,
+    because where a landmark is about to be placed there may be none.
     """
     path, landmarks = growing.path_and_map()
     if not SENSORS[recording.sensor].places_landmarks:
@@ -142,7 +142,7 @@ def _largest_distance(
 
 
 def _distance_if_any(estimate: Estimate, optimum: Callable[[], Estimate]) -> float:
-    """`_distance` from an optimum; infinite if there is none."""
+    """Return `_distance` from an optimum; infinite if it does not exist."""
     try:
         return _distance(optimum(), estimate)
     except UndeterminedError:
@@ -150,7 +150,7 @@ def _distance_if_any(estimate: Estimate, optimum: Callable[[], Estimate]) -> flo
 
 
 def _distance(optimum: Estimate, estimate: Estimate) -> float:
-    """How far an optimum's last pose and its sigmas are from those of an estimate, in sigmas of the optimum."""
+    """Return the distance of an optimum's last pose and sigmas from those of an estimate, in sigmas of the optimum."""
     last = len(optimum.poses) - 1
     assert optimum.pose_covs is not None and estimate.pose_covs is not None
     sigma, own = (np.sqrt(np.diag(covs[last])) for covs in (optimum.pose_covs, estimate.pose_covs))

@@ -1,16 +1,15 @@
 """The hindsight optimum: all measurements at once, every pose and landmark with its covariance.
 
-1. GTSAM's Levenberg-Marquardt runs from a path, dead reckoning if nothing better is known, with a small slip lent to
-   motions of zero variance, since its damped steps would leave hard constraints and stop early.
-2. Damped steps (`descent`) lead from there near a minimum of the recording's own cost, zero variances and all.
-3. A cost that the stated noise explains (chi-square of its degrees of freedom) ends the search. Otherwise further
-   starts are tried: one with observations softened at first, the causal optimum's path, one that is grown portion by
-   portion, and dead reckoning itself.
-4. Newton steps end at the minimum of the lowest.
+1. GTSAM's Levenberg-Marquardt starts from a path, dead reckoning by default, with regularising noise on zero variances.
+2. Damped steps (`levenberg_marquardt`) approach a minimum of the recording's own cost, with exact zero variances.
+3. If the stated noise explains the cost (chi-square of its degrees of freedom), the search ends. Otherwise other starts
+   are tried: inflated observation noise, the causal optimum's path, a start that grows portion by portion, and dead
+   reckoning itself.
+4. Gauss-Newton steps converge to the lowest minimum.
 
-Bearings alone: a landmark is taken in as soon as bearings place it from the optimum without it, and left out where they
-no longer do from the optimum with it. Unless all are in, this begins anew with the path of the causal optimum, which
-places more of them than dead reckoning does.
+A bearing-only landmark is added when bearings place it from the optimum without it, and removed when the optimum
+with it no longer places it. Unless all are placed, the search starts again with the path of the causal optimum,
+which places more of them than dead reckoning does.
 """
 
 from __future__ import annotations
@@ -50,20 +49,19 @@ from slamgauge.sensors import SENSORS
 
 @relative_to_start
 def batch(recording: Recording, association: Int | None = None) -> Estimate:
-    """What the measurements allow in hindsight: the maximum a posteriori trajectory and map.
+    """Return the maximum a posteriori path and map given all measurements.
 
     Args:
-        recording: what was measured.
-        association: (M,) ids in place of the recording's own, an `Estimate.association` for instance; -1 leaves
-            an observation out.
+        recording: measurements.
+        association: (M,) ids that replace the recording's own, for instance an `Estimate.association`; -1 leaves an
+            observation out.
 
     Raises:
-        UserError: the recording cannot be turned into a graph, leaves a variable undetermined, or the
-            optimum was not reached.
+        UserError: the association is unknown, the measurements leave a variable undetermined, or no minimum was found.
     """
     problem = prepare(recording, association)
     places_landmarks = SENSORS[recording.sensor].places_landmarks
-    require_memory_for(problem, "batch", dense=not places_landmarks)  # bearings alone may need the causal optimum
+    require_memory_for(problem, "batch", dense=not places_landmarks)  # bearing-only may need the causal optimum
     if places_landmarks:
         found = optimum_from(problem, problem.dead_reckoning)
     else:
@@ -72,7 +70,7 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
 
 
 def bearing_only_optimum(recording: Problem, incremental_path: Callable[[], Float]) -> Estimate:
-    """`batch` of bearings alone, with the path (N+1, 3) of the causal optimum."""
+    """Return `batch` of a bearing-only recording; `incremental_path` computes the causal optimum's path (N+1, 3)."""
     path = recording.dead_reckoning
     with suppress(UndeterminedError):
         taken, found = placed_minimum(recording, path, _starts)
@@ -84,12 +82,12 @@ def bearing_only_optimum(recording: Problem, incremental_path: Callable[[], Floa
 
 
 def optimum_from(recording: Problem, path: Float) -> Estimate:
-    """`batch` whose first start is a path (N+1, 3)."""
+    """Return `batch` with a path (N+1, 3) as first start."""
     return _estimate(recording, *placed_minimum(recording, path, _starts))
 
 
 def optimum_near(recording: Problem, path: Float, landmarks: Float) -> Estimate:
-    """`batch` whose first start is a path (N+1, 3) with a map (L, 2) that has every landmark, ids increasing."""
+    """Return `batch` with a path (N+1, 3) and a map (L, 2) of all landmarks, ids increasing, as first start."""
     starts = itertools.chain([lambda: (path, landmarks)], _starts(recording, path))
     return _estimate(recording, recording.landmark, lowest_minimum(recording, starts))
 
@@ -109,7 +107,7 @@ def _estimate(recording: Problem, taken: Int, found: Minimum) -> Estimate:
 
 
 def incremental_start(recording: Problem) -> tuple[Float, Float]:
-    """Poses and landmarks of the optimum that grew step by step."""
+    """Return poses and landmarks of the incremental optimum."""
     growing = IncrementalOptimum(recording)
     for _ in range(recording.steps + 1):
         growing.add_step()
@@ -119,7 +117,10 @@ def incremental_start(recording: Problem) -> tuple[Float, Float]:
 
 
 def start_of(growing: IncrementalOptimum, recording: Problem) -> tuple[Float, Float]:
-    """Poses (N+1, 3) and landmarks (L, 2) of a growing optimum; what it has not mapped is where it is seen."""
+    """Return poses (N+1, 3) and landmarks (L, 2) of an incremental optimum.
+
+    Inactive landmarks are at their first observation.
+    """
     poses, found = growing.path_and_map()
     landmarks = landmarks_at_first_observation(recording, poses)
     landmarks[np.isin(recording.landmark_ids, growing.landmark_ids)] = found
@@ -127,7 +128,7 @@ def start_of(growing: IncrementalOptimum, recording: Problem) -> tuple[Float, Fl
 
 
 def _starts(recording: Problem, path: Float) -> Iterator[Start]:
-    """Ways to poses (N+1, 3) and landmarks (L, 2) from which to descend, the likeliest first."""
+    """Yield functions that return starting poses (N+1, 3) and landmarks (L, 2), the most likely first."""
     odometry = recording.dead_reckoning
     yield lambda: descent_start(recording, path)
     yield lambda: inflated_noise_start(recording, path)

@@ -1,8 +1,8 @@
-"""The hindsight optimum of those observations that agree: what outlier rejection buys.
+"""The hindsight optimum without outliers.
 
 GTSAM's graduated non-convexity with truncated least squares (Yang, Antonante, Tzoumas and Carlone, "Graduated
-non-convexity for robust spatial perception", RA-L 5(2), 2020) decides which observations to trust; prior and
-odometry always are. Those that it rejects are left out, and `batch` solves for the rest exactly.
+non-convexity for robust spatial perception", RA-L 5(2), 2020) decides which observations are inliers; prior and
+odometry always are. `batch` solves for the inliers exactly.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from slamgauge.graph_baseline.solver.motion_elimination import reduce_to_key_pos
 from slamgauge.graph_baseline.solver.multistart import first_guess
 from slamgauge.recording import Recording
 
-TRUSTED = 0.999  # probability with which a true observation's cost stays below the truncation
+INLIER_PROBABILITY = 0.999  # probability that the cost of a correct observation is below the truncation
 
 
 @relative_to_start
 def robust_batch(recording: Recording, association: Int | None = None) -> Estimate:
-    """`batch` without the observations that do not fit the others; their `association` is -1.
+    """Return `batch` without the observations that are inconsistent with the others; their `association` is -1.
 
     Args:
-        recording: what was measured.
-        association: (M,) ids in place of the recording's own; -1 leaves an observation out.
+        recording: measurements.
+        association: (M,) ids that replace the recording's own; -1 leaves an observation out.
 
     Raises:
-        UserError: as `batch`; or there is no GTSAM on this system.
+        UserError: as `batch`.
     """
     problem = prepare(recording, association)
     path = problem.dead_reckoning
@@ -38,7 +38,7 @@ def robust_batch(recording: Recording, association: Int | None = None) -> Estima
     seen = problem.only(placed)
     short, key = reduce_to_key_poses(seen)
     poses, landmarks = first_guess(seen)
-    inliers = find_inliers(short, poses[key], landmarks, TRUSTED)
+    inliers = find_inliers(short, poses[key], landmarks, INLIER_PROBABILITY)
     trusted = np.full(len(problem.landmark), -1)
     trusted[np.flatnonzero(placed)[inliers]] = seen.landmark[inliers]
     return with_association(batch(problem, trusted), association)

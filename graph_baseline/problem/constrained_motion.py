@@ -1,8 +1,8 @@
-"""The motion noise of a recording in the coordinates that it leaves free.
+"""Motion noise of a recording, in the directions that have noise.
 
-A motion of zero variance in some direction, of any direction of its residual, is a constraint: the residual
-xi = Log(measured^-1 between) of SE(2) is D V c, where the columns of V span the range of the noise's correlation
-matrix, and D holds its standard deviations. The start is such a motion, from the prior's mean.
+A direction of zero variance in a motion's residual is a constraint. The residual xi = Log(measured^-1 between) of
+SE(2) is then D V c, where the columns of V span the range of the noise's correlation matrix, and D contains its
+standard deviations. The start counts as a motion from the prior mean.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, compose, exp, log
 
-SINGULAR = 1e-12  # of a correlation matrix: an eigenvalue that is taken for zero
+SINGULAR = 1e-12  # smaller eigenvalues of a correlation matrix count as zero
 
 
 class MotionNoise:
-    """Residuals of a path's motions, the start's first, as their noise leaves them free."""
+    """Residuals of the start and of the motions, in the directions that have noise."""
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
@@ -30,26 +30,26 @@ class MotionNoise:
         self._root = np.sqrt(np.where(self._free, weights, 1.0))
 
     def cost(self, poses: Float) -> float:
-        """Half the sum of squares of the residuals of poses (N+1, 3), constrained directions left out."""
+        """Return half the sum of squared residuals of poses (N+1, 3), without constrained directions."""
         return 0.5 * float(np.square(self._coordinates(self.residuals(poses)) / self._root).sum())
 
     def satisfying_constraints(self, poses: Float) -> Float:
-        """The poses (N+1, 3) whose residuals are those of `poses` without what the constraints exclude."""
+        """Return the poses (N+1, 3) with the residuals of `poses`, constrained directions set to zero."""
         return poses if self._free.all() else self.path(self.residuals(poses))
 
     def path(self, residuals: Float) -> Float:
-        """The poses (N+1, 3) that have these residuals (N+1, 3) without what the constraints exclude."""
+        """Return the poses (N+1, 3) with these residuals (N+1, 3), constrained directions set to zero."""
         recording = self._recording
         increments = exp(np.einsum("nij,nj->ni", self._axes, self._coordinates(residuals)) * self._scale)
         return chain(compose(recording.prior_mean, increments[0]), compose(recording.odometry, increments[1:]))
 
     def residuals(self, poses: Float) -> Float:
-        """(N+1, 3) of the start and the motions of poses (N+1, 3)."""
+        """Return the residuals (N+1, 3) of the start and the motions of poses (N+1, 3)."""
         recording = self._recording
         start = between(recording.prior_mean, poses[0])[None]
         motion = between(recording.odometry, between(poses[:-1], poses[1:]))
         return log(np.concatenate([start, motion]))
 
     def _coordinates(self, residuals: Float) -> Float:
-        """(N+1, 3) of the scaled residuals along the axes of their noise, zero in constrained directions."""
+        """Return scaled residuals (N+1, 3) along the axes of their noise, zero in constrained directions."""
         return np.einsum("nij,ni->nj", self._axes, residuals / self._scale) * self._free

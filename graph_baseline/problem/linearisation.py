@@ -34,7 +34,7 @@ class LinearModel(NamedTuple):
 
 
 def linearise(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> LinearModel:
-    """Linearise at `poses` (N+1, 3) and `landmarks` (L, 2); `slot` (M,) says which landmark was observed."""
+    """Linearise at `poses` (N+1, 3) and `landmarks` (L, 2); `slot` (M,) is the landmark of each observation."""
     prior_residual = log(between(recording.prior_mean, poses[0])[None])
     residual = log(between(recording.odometry, between(poses[:-1], poses[1:])))
     turn = np.zeros((len(poses), 3, 3))
@@ -59,9 +59,9 @@ def linearise(recording: Recording, slot: Int, poses: Float, landmarks: Float) -
     )
 
 
-@np.errstate(divide="ignore", invalid="ignore")  # a landmark on a pose: who takes the step sees that it is no number
+@np.errstate(divide="ignore", invalid="ignore")  # a landmark on a pose gives nan; callers check the step
 def _observations(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Float]:
-    """Whitened Jacobians by pose (M, d, 3) and landmark (M, d, 2), and whitened residuals h - z (M, d)."""
+    """Return whitened Jacobians by pose (M, d, 3) and landmark (M, d, 2), and whitened residuals h - z (M, d)."""
     offset, to_body, delta = _in_body(recording, slot, poses, landmarks)
     whitener = inverse_cholesky(recording.observation_cov)
     Hm = whitener @ (jacobian(recording.sensor, delta, nearest=0.0) @ to_body)
@@ -71,13 +71,13 @@ def _observations(recording: Recording, slot: Int, poses: Float, landmarks: Floa
 
 
 def whitened_residuals(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> Float:
-    """Residuals h - z (M, d) of the observations, in units of their standard deviations."""
+    """Return residuals h - z (M, d) of the observations in standard deviations."""
     delta = _in_body(recording, slot, poses, landmarks)[2]
     return np.einsum("mij,mj->mi", inverse_cholesky(recording.observation_cov), _residuals(recording, delta))
 
 
 def _in_body(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Float]:
-    """Offsets (M, 2) of the observed landmarks, rotations (M, 2, 2) into the body frame, offsets there (M, 2)."""
+    """Return offsets (M, 2) of observed landmarks, rotations (M, 2, 2) to the body frame, offsets there (M, 2)."""
     pose = poses[recording.observation_step]
     offset = landmarks[slot] - pose[:, :2]
     to_body = rotation(pose[:, 2]).swapaxes(1, 2)
@@ -85,12 +85,12 @@ def _in_body(recording: Recording, slot: Int, poses: Float, landmarks: Float) ->
 
 
 def _residuals(recording: Recording, delta: Float) -> Float:
-    """Predicted less measured (M, d), for landmarks at `delta` (M, 2) in the body frame."""
+    """Return predicted less measured observations (M, d) for landmarks at `delta` (M, 2) in the body frame."""
     return innovation(recording.sensor, predict(recording.sensor, delta), recording.observation)
 
 
 def inverse_cholesky(covariance: Float) -> Float:
-    """Lower triangular L^-1 (M, d, d) of covariances L L' (M, d, d)."""
+    """Return lower triangular L^-1 (M, d, d) of covariances L L' (M, d, d)."""
     if covariance.shape[1] == 1:
         return 1.0 / np.sqrt(covariance)
     first = 1.0 / np.sqrt(covariance[:, 0, 0])
@@ -103,10 +103,10 @@ def inverse_cholesky(covariance: Float) -> Float:
 
 
 def cost(recording: Recording, poses: Float, landmark_ids: Int, landmarks: Float) -> float:
-    """Half the sum of squared whitened residuals: GTSAM's error, on the recording's exact model.
+    """Return half the sum of squared whitened residuals: GTSAM's error, on the recording's exact model.
 
-    Infinite where a motion of exactly zero variance is violated by more than 1e-6 (m or rad).
-    `landmark_ids` must hold every landmark of the recording.
+    It is infinite where a motion violates a zero variance by more than 1e-6 (m or rad). `landmark_ids` must contain
+    every landmark of the recording.
     """
     order = np.argsort(landmark_ids)
     slot = order[np.searchsorted(landmark_ids, require_known_landmarks(recording), sorter=order)]
@@ -118,7 +118,7 @@ def cost(recording: Recording, poses: Float, landmark_ids: Int, landmarks: Float
 
 
 def _mahalanobis(residual: Float, covariance: Float) -> float:
-    """Sum of r' C^-1 r over rows, infinite where r leaves the range of C."""
+    """Return the sum of r' C^-1 r over rows; infinite where r leaves the range of C."""
     variance, axes = np.linalg.eigh(covariance)
     along = np.einsum("nij,ni->nj", axes, residual)
     free = variance > 1e-12 * variance[:, -1:]

@@ -1,4 +1,4 @@
-"""Where bearings alone place landmarks, and which landmarks they place at all."""
+"""Triangulation of bearing-only landmarks from a path, and which landmarks it determines."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from slamgauge.arrays import Float, Int
 from slamgauge.recording import Recording
 from slamgauge.triangulation import triangulate
 
-SURE = 0.3  # largest standard deviation over distance of a landmark that its bearings place
-TRACK_BREAK = 1.0  # s unseen, after which the path may have drifted too far to go on triangulating
+SURE = 0.3  # a landmark counts as placed below this standard deviation over distance
+TRACK_BREAK = 1.0  # s without observation, after which drift of the path ends a track
 
 
 def tracks(recording: Recording, rows: Int) -> list[Int]:
-    """The rows of a landmark's observations, parted at its long absences."""
+    """Return the rows of a landmark's observations, split at long absences."""
     stamps = recording.stamps[recording.observation_step[rows]]
     return np.split(rows, np.flatnonzero(np.diff(stamps) > TRACK_BREAK) + 1)
 
 
 def triangulate_all(recording: Recording, poses: Float) -> tuple[Int, Float, Float]:
-    """Ids (L,) in increasing order, landmarks (L, 2) and sigmas (L,) [m] of a bearing-only recording seen from `poses`.
+    """Return ids (L,), landmarks (L, 2) and sigmas (L,) [m] of a bearing-only recording observed from `poses`.
 
-    A landmark is triangulated from the first track that places it, or from all its bearings; sigma is infinite where
-    nothing does.
+    Ids are increasing. A landmark is triangulated from the first track that places it, or from all its bearings;
+    sigma is infinite if neither does.
     """
     assert recording.landmark is not None
     ids = np.unique(recording.landmark)
@@ -33,7 +33,7 @@ def triangulate_all(recording: Recording, poses: Float) -> tuple[Int, Float, Flo
 
 
 def do_not_meet(recording: Recording, rows: Int, poses: Float) -> bool:
-    """Whether the bearings in `rows` are sharp enough to place a landmark from `poses`, and yet do not place it."""
+    """Return whether the bearings in `rows` are precise enough to place a landmark from `poses` but inconsistent."""
     seen_from = poses[recording.observation_step[rows]]
     found = triangulate(seen_from, recording.observation[rows, 0], recording.observation_cov[rows, 0, 0], SURE)
     distance = float(np.hypot(*(found.landmark - seen_from[:, :2]).T).min())
@@ -41,7 +41,7 @@ def do_not_meet(recording: Recording, rows: Int, poses: Float) -> bool:
 
 
 def triangulate_one(recording: Recording, rows: Int, poses: Float, sure: float = SURE) -> tuple[Float, float]:
-    """The landmark (2,) and sigma [m], as in `triangulate_all`, that the bearings in `rows` are of."""
+    """Return landmark (2,) and sigma [m], as in `triangulate_all`, from the bearings in `rows`."""
     landmark, bearings, variances = np.zeros(2), recording.observation[:, 0], recording.observation_cov[:, 0, 0]
     for chosen in (*tracks(recording, rows), rows):
         seen_from = poses[recording.observation_step[chosen]]

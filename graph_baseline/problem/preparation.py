@@ -1,4 +1,4 @@
-"""What every graph asks of a recording: ids, what places landmarks, the frame of the start."""
+"""Preparation of a recording for graphs: known ids, landmarks that can be placed, the frame of the start."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from slamgauge.validation import require_type
 Rest = ParamSpec("Rest")
 
 POLAR = "range-bearing"
-NEAREST = 1e-6  # m: a landmark at the sensor itself has no bearing
-MAX_LANDMARK_SIGMA = 3e5  # m; what is known less well drowns in the rounding of what is known to a millimetre
+NEAREST = 1e-6  # m; a landmark at the sensor has no bearing
+MAX_LANDMARK_SIGMA = 3e5  # m; larger values hide in the rounding of a millimetre's information
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ def prepare(recording: Recording, association: Int | None = None) -> Problem:
 
 
 def require_known_landmarks(recording: Recording) -> Int:
-    """The landmark ids of a recording that a graph can be built from.
+    """Return the landmark ids of a recording.
 
     Raises:
         UserError: unknown association.
@@ -79,7 +79,7 @@ def require_known_landmarks(recording: Recording) -> Int:
 
 
 def as_range_bearing(recording: Recording) -> tuple[Float, Float]:
-    """Observations (M, 2) as range [m] and bearing [rad], and their covariances (M, 2, 2)."""
+    """Return observations (M, 2) as range [m] and bearing [rad], and their covariances (M, 2, 2)."""
     if SENSORS[recording.sensor].has_range:
         return recording.observation, recording.observation_cov
     delta = inverse(recording.sensor, recording.observation)
@@ -89,16 +89,16 @@ def as_range_bearing(recording: Recording) -> tuple[Float, Float]:
 
 
 def prior_cov_in_body(recording: Recording) -> Float:
-    """The prior's covariance (3, 3) in the body frame of its mean, where GTSAM expects it."""
+    """Return the prior covariance (3, 3) in the body frame of its mean, as GTSAM takes it."""
     turn = np.eye(3)
     turn[:2, :2] = rotation(recording.prior_mean[2])
     return turn.T @ recording.prior_cov @ turn
 
 
 def least_known_landmark(recording: Problem) -> tuple[int, float]:
-    """The landmark that its sights, from the dead-reckoned path, place worst, and its largest sigma [m].
+    """Return the least certain landmark, seen from dead reckoning, and its largest sigma [m].
 
-    (-1, 0.0) for a recording without observations.
+    It is (-1, 0.0) for a recording without observations.
     """
     if not SENSORS[recording.sensor].places_landmarks:
         ids, _, sigmas = triangulate_all(recording, recording.dead_reckoning)
@@ -118,10 +118,10 @@ def least_known_landmark(recording: Problem) -> tuple[int, float]:
 
 
 def require_placeable(recording: Problem) -> None:
-    """Refuse ranges and bearings that leave a landmark so uncertain that rounding hides all else.
+    """Raise if ranges and bearings leave a landmark so uncertain that rounding hides the rest.
 
     Raises:
-        UserError: says which landmark.
+        UserError: names the landmark.
     """
     if SENSORS[recording.sensor].places_landmarks:
         landmark, sigma = least_known_landmark(recording)
@@ -130,10 +130,10 @@ def require_placeable(recording: Problem) -> None:
 
 
 def are_placed(recording: Problem, path: Float) -> Marks:
-    """Which observations (M,) are of landmarks that can be placed; with ranges all are.
+    """Return which observations (M,) belong to landmarks that can be placed from a path (N+1, 3); with ranges, all.
 
-    Bearings alone, taken from a path (N+1, 3), may not place a landmark: one seen once, or without parallax, tells
-    next to nothing about the path.
+    A bearing-only landmark with one observation or without parallax cannot be placed; it has next to no information
+    about the path.
     """
     if SENSORS[recording.sensor].places_landmarks:
         return np.ones(len(recording.observation), dtype=bool)
@@ -142,18 +142,18 @@ def are_placed(recording: Problem, path: Float) -> Marks:
 
 
 def are_placed_best(recording: Problem, path: Float, among: Marks) -> Marks:
-    """Which observations (M,) are of the better placed half, rounded down, of the landmarks `among` them (M,).
+    """Return which observations (M,) belong to the better placed half, rounded down, of the landmarks `among` (M,).
 
-    Bearings alone, taken from a path (N+1, 3).
+    For bearings taken from a path (N+1, 3).
     """
     ids, _, sigmas = triangulate_all(recording.only(among), path)
     return np.isin(recording.landmark, ids[np.argsort(sigmas, kind="stable")[: len(ids) // 2]])
 
 
 def are_inconsistent(recording: Problem, path: Float, among: Marks) -> Marks:
-    """Which observations (M,) are of landmarks whose bearings say where they are, and do not meet from a path (N+1, 3).
+    """Return which observations (M,) belong to landmarks with precise but inconsistent bearings from a path (N+1, 3).
 
-    Bearings alone; of the landmarks `among` them (M,).
+    Only landmarks with observations `among` (M,) are checked.
     """
     ids = recording.landmark
     found = [name for name in np.unique(ids[among]) if do_not_meet(recording, np.flatnonzero(ids == name), path)]
@@ -161,10 +161,10 @@ def are_inconsistent(recording: Problem, path: Float, among: Marks) -> Marks:
 
 
 def are_reobserved(recording: Problem) -> Marks:
-    """Which observations (M,) are of landmarks that several poses have seen."""
+    """Return which observations (M,) belong to landmarks that several poses observe."""
     slot = recording.slot
-    sights = np.unique(np.column_stack([slot, recording.observation_step]), axis=0)
-    return np.bincount(sights[:, 0])[slot] > 1
+    pairs = np.unique(np.column_stack([slot, recording.observation_step]), axis=0)
+    return np.bincount(pairs[:, 0])[slot] > 1
 
 
 def with_association(estimate: Estimate, association: Int | None) -> Estimate:
@@ -177,7 +177,7 @@ def with_association(estimate: Estimate, association: Int | None) -> Estimate:
 
 
 def in_frame_of_start(recording: Recording) -> Recording:
-    """The recording as if it began at the origin, towards x."""
+    """Return the recording moved so that its prior mean is the origin."""
     if not recording.prior_mean.any():
         return recording
     return replace(recording, prior_mean=np.zeros(3), prior_cov=prior_cov_in_body(recording))
@@ -186,7 +186,10 @@ def in_frame_of_start(recording: Recording) -> Recording:
 def relative_to_start(
     estimator: Callable[Concatenate[Recording, Rest], Estimate],
 ) -> Callable[Concatenate[Recording, Rest], Estimate]:
-    """The same estimator, computing in the frame of the start: no digits are lost far away, nor depend on a heading."""
+    """Return the estimator, computing in the frame of the start.
+
+    No digits are lost far from the origin, and results do not depend on the initial heading.
+    """
 
     @wraps(estimator)
     def relative(recording: Recording, /, *rest: Rest.args, **named: Rest.kwargs) -> Estimate:

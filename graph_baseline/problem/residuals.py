@@ -1,4 +1,4 @@
-"""The measurements' exact models, compiled: residuals of steps and of observations, and their Jacobians."""
+"""Exact measurement models for kernels: residuals of motions and of observations, and their Jacobians."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from slamgauge.sensors import SENSORS
 
 
 class Measured(NamedTuple):
-    """A recording as the kernels take it; `slot` is -1 for an observation that is not taken in yet."""
+    """A recording in the form that kernels take; `slot` is -1 for an observation that is not in the problem."""
 
     sensor: int
     start: Float  # (3,) prior mean
@@ -32,22 +32,22 @@ class Measured(NamedTuple):
     slot: Int  # (M,)
 
 
-class Sight(NamedTuple):
-    """One observation, in numbers: an array as an argument costs more time than the residual."""
+class ObservationRow(NamedTuple):
+    """One observation as numbers; passing an array would take longer than computing the residual."""
 
     z0: float
     z1: float
-    cosine: float  # of the bearing
+    cosine: float  # cosine and sine belong to the bearing
     sine: float
-    w00: float  # of the whitener
+    w00: float  # w00, w10, w11 are the whitener's entries
     w10: float
     w11: float
 
 
 def measured_of(recording: Recording) -> Measured:
-    """The recording as kernels take it; no observation has a slot yet.
+    """Return the recording in the form that kernels take; no observation has a slot yet.
 
-    Every array is laid out row by row, whatever the recording's are: the kernels are compiled for that alone.
+    All arrays are contiguous, because the kernels are compiled for contiguous arrays only.
     """
     motion = np.concatenate([np.zeros((1, 3)), recording.odometry])
     model = SENSORS[recording.sensor]
@@ -68,13 +68,13 @@ def measured_of(recording: Recording) -> Measured:
 
 @inner
 def cosine_sine(pose: Float) -> tuple[float, float]:
-    """Cosine and sine of the heading."""
+    """Return cosine and sine of the heading."""
     return math.cos(pose[2]), math.sin(pose[2])
 
 
 @inner
 def angle_of(along: float, across: float) -> float:
-    """The angle [rad] of the vector (along, across); where it is small a series spares the call of `atan2`."""
+    """Return the angle [rad] of the vector (along, across); a series replaces the slower `atan2` at small angles."""
     if abs(across) < 0.05 * along:
         t = across / along
         q = t * t
@@ -86,9 +86,9 @@ def angle_of(along: float, across: float) -> float:
 def step_residual(
     start: Float, heading: tuple[float, float], motion: Float, motion_turn: Float, end: Float
 ) -> tuple[float, float, float]:
-    """Log(measured^-1 between) of a step from pose `start` to `end`, in the frame of its end.
+    """Return Log(measured^-1 between) of a step from pose `start` to `end`, in the frame of its end.
 
-    `heading` is that of the start as `cosine_sine` has it.
+    `heading` is cosine and sine of the heading of the start.
     """
     c, s = heading
     dx, dy = end[0] - start[0], end[1] - start[1]
@@ -100,15 +100,15 @@ def step_residual(
 
 
 @inner
-def observation_row(measured: Measured, row: int) -> Sight:
-    """The observation in a row; of bearings alone, what is of a second number repeats the first."""
+def observation_row(measured: Measured, row: int) -> ObservationRow:
+    """Return the observation in a row; with bearings only, the second number repeats the first."""
     z, direction, whitener = measured.value[row], measured.direction[row], measured.whitener[row]
-    return Sight(z[0], z[-1], direction[0], direction[1], whitener[0, 0], whitener[-1, 0], whitener[-1, -1])
+    return ObservationRow(z[0], z[-1], direction[0], direction[1], whitener[0, 0], whitener[-1, 0], whitener[-1, -1])
 
 
 @inner
 def observation_residual(
-    sensor: int, sight: Sight, heading: tuple[float, float], ex: float, ey: float
+    sensor: int, observation: ObservationRow, heading: tuple[float, float], ex: float, ey: float
 ) -> tuple[float, float, float, float, float, float]:
     """Return the whitened residual h - z (2,) and its gradients (2, 2) by a landmark at (ex, ey) from the pose.
 
@@ -118,12 +118,15 @@ def observation_residual(
     measured bearing. There the predicted bearing is the residual itself: small as a rule, so that a series replaces the
     arc tangent. That takes half the time of `slamgauge.sensor_kernels.observe`.
     """
-    w00, w10, w11 = sight.w00, sight.w10, sight.w11
+    w00, w10, w11 = observation.w00, observation.w10, observation.w11
     if not HAS_BEARING[sensor]:
-        r0, r1, a00, a01, a10, a11 = _in_world(sensor, sight, heading, ex, ey)
+        r0, r1, a00, a01, a10, a11 = _in_world(sensor, observation, heading, ex, ey)
     else:
         c, s = heading
-        x, y = c * sight.cosine - s * sight.sine, s * sight.cosine + c * sight.sine  # direction of the bearing
+        x, y = (
+            c * observation.cosine - s * observation.sine,
+            s * observation.cosine + c * observation.sine,
+        )  # direction of the bearing
         r1 = angle_of(x * ex + y * ey, x * ey - y * ex)
         distance = math.sqrt(ex * ex + ey * ey)
         nearness = 1.0 / distance
@@ -131,16 +134,16 @@ def observation_residual(
         a10, a11 = -a01 * nearness, a00 * nearness
         if not HAS_RANGE[sensor]:
             return w00 * r1, 0.0, w00 * a10, w00 * a11, 0.0, 0.0
-        r0 = distance - sight.z0
+        r0 = distance - observation.z0
     return w00 * r0, w10 * r0 + w11 * r1, w00 * a00, w00 * a01, w10 * a00 + w11 * a10, w10 * a01 + w11 * a11
 
 
 @inner
 def _in_world(
-    sensor: int, sight: Sight, heading: tuple[float, float], ex: float, ey: float
+    sensor: int, observation: ObservationRow, heading: tuple[float, float], ex: float, ey: float
 ) -> tuple[float, float, float, float, float, float]:
     """Return the residual h - z (2,) and its gradients (2, 2) of any sensor of two numbers."""
     c, s = heading
     z0, z1, a00, a01, a10, a11 = observe(sensor, c * ex + s * ey, c * ey - s * ex)
-    r0, r1 = wrap_innovation(sensor, 0, z0 - sight.z0), wrap_innovation(sensor, 1, z1 - sight.z1)
+    r0, r1 = wrap_innovation(sensor, 0, z0 - observation.z0), wrap_innovation(sensor, 1, z1 - observation.z1)
     return r0, r1, a00 * c - a01 * s, a00 * s + a01 * c, a10 * c - a11 * s, a10 * s + a11 * c

@@ -1,7 +1,7 @@
-"""Two ways to take a step of the linear model: each keeps, to any size of step, what the other keeps to first order.
+"""Two retractions of a linear step. They agree to first order.
 
-Where turns are small, either will do. Where a path bends far in one step, the one takes a whole path that turns as it
-ought to, the other a path whose motions each turn a little: whichever costs less is the better step.
+For small turns they are equivalent. Where a step bends the path strongly, `retract_pointwise` moves each pose by
+its own step, `retract_by_motions` changes each motion a little. The solver takes the cheaper result.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from slamgauge.se2 import exp, right_jacobian, rotation, wrap
 def retract_pointwise(
     model: LinearModel, noise: MotionNoise, poses: Float, landmarks: Float, dx: Float, dm: Float
 ) -> tuple[Float, Float]:
-    """Path and map after a step (N+1, 3), (L, 2): each point by V(turn) step, V(t) = (R(t) - I) / (t J).
+    """Return path and map after a step (N+1, 3), (L, 2): each point moves by V(turn) step, V(t) = (R(t) - I) / (t J).
 
-    A turn of everything about any point then keeps all distances, which an additive step would stretch. A landmark
-    turns as do, in the mean, the poses that see it.
+    A common turn about any point then keeps all distances, which an additive step would stretch. A landmark turns
+    by the mean turn of the poses that observe it.
     """
     turn = dx[:, 2]
     seen = np.maximum(np.bincount(model.slot, minlength=len(dm)), 1)
@@ -32,10 +32,10 @@ def retract_pointwise(
 def retract_by_motions(
     model: LinearModel, noise: MotionNoise, poses: Float, landmarks: Float, dx: Float, dm: Float
 ) -> tuple[Float, Float]:
-    """Path and map after a step (N+1, 3), (L, 2) that is taken by the residuals of the motions.
+    """Return path and map after a step (N+1, 3), (L, 2) that changes the residuals of the motions.
 
-    What one motion turns, turns all that follows. A landmark moves with the pose that sees it first, but for the change
-    of its place before that pose.
+    The turn of one motion turns all poses after it. A landmark moves with the pose of its first observation, plus
+    its own step relative to that pose.
     """
     change = dx.copy()
     change[1:] -= np.einsum("nij,nj->ni", model.F, dx[:-1])

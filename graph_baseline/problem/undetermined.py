@@ -1,4 +1,4 @@
-"""Errors that say which landmark or pose the measurements leave undetermined, and what to do."""
+"""Errors that name the undetermined landmark or pose, and the remedy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class UndeterminedError(UserError):
     """The measurements do not determine the optimum, or it was not reached.
 
     Attributes:
-        path: (N+1, 3), as far as a search has come.
+        path: (N+1, 3) where a search ended, if it did.
     """
 
     path: Float | None = None
@@ -35,11 +35,11 @@ def explained() -> Generator[None]:
 
 
 def undetermined_variable(kind: str, index: int) -> UndeterminedError:
-    """The error for landmark (`l`) or pose (`x`) number `index`."""
+    """Return the error for landmark (`l`) or pose (`x`) number `index`."""
     if kind == "l":
         return UndeterminedError(
             f"landmark {index}: its observations do not determine its position; "
-            "add sights with smaller covariances or from other places, or drop its observations"
+            "add observations with smaller covariances or from other places, or drop its observations"
         )
     return UndeterminedError(
         f"pose {index}: odometry and observations do not determine it; "

@@ -27,7 +27,7 @@ class AndersonAcceleration:
         self._steps: list[Float] = []
         self._scaled: list[Float] = []
 
-    def move(self, step: Float, scaled: Float) -> Float:
+    def accelerate(self, step: Float, scaled: Float) -> Float:
         """Return the accelerated move (n,) for a proposed `step` (n,).
 
         Args:
@@ -45,7 +45,7 @@ class AndersonAcceleration:
             return step
         return step - (np.column_stack(self._moves) + _changes(self._steps)) @ share
 
-    def moved(self, move: Float) -> None:
+    def record(self, move: Float) -> None:
         """Store the move (n,) that the iteration made."""
         self._moves.append(move)
         del self._moves[:-MEMORY], self._steps[:-MEMORY], self._scaled[:-MEMORY]

@@ -66,7 +66,7 @@ def cuts(chain: Chain) -> Int:
             seen = set()
         seen.update(slot[first[k] : first[k + 1]])
     cut = np.array(found, dtype=np.int64)
-    while not (noisy := _is_noisy(chain, cut)).all():  # of consecutive invalid cuts, keep every second
+    while not (noisy := _is_noisy(chain, cut)).all():  # keep every second of consecutive invalid cuts
         number = np.arange(len(cut))
         in_row = number - np.maximum.accumulate(np.where(noisy, number, -1))
         cut = cut[in_row % 2 == 0]

@@ -55,9 +55,7 @@ class ChordDescent:
         self._linear = linear_problem.allocate_linear(*sizes)
         self._before = linear_problem.allocate_state(*sizes[:2])  # prediction of the newest pose and the map
         self._step = chord_kernels.allocate_chord(*sizes)
-        self._mixing: AndersonAcceleration | None = (
-            None  # of the chord steps since all was linearised, where they are mixed
-        )
+        self._acceleration: AndersonAcceleration | None = None  # None: steps are not accelerated
         self._sizes: list[float] = []  # sizes of the steps since then
         self._factor: Float = np.zeros((0, 0))  # (2L, 2L) lower triangular factor of the landmarks' information
         self._newest_cov: Float | None = None  # computed on request
@@ -109,21 +107,21 @@ class ChordDescent:
 
     def converge(self) -> bool:
         """Take chord steps, with relinearisations where they shrink too slowly; return whether they converged."""
-        self._mixing, self._sizes = AndersonAcceleration() if len(self._mapped) >= LARGE else None, []
+        self._acceleration, self._sizes = AndersonAcceleration() if len(self._mapped) >= LARGE else None, []
         before = smallest = np.inf
         for _ in range(MAX_STEPS):
             size = self._chord_step()
             if not size < GROWN * smallest:
                 return False
             rate = max(
-                size / before, RATE if self._mixing is None else SLOW
+                size / before, RATE if self._acceleration is None else SLOW
             )  # accelerated steps have no rate of their own
             if (size * rate / (1.0 - rate) if before < np.inf and rate < 1.0 else size) < CONVERGED:
                 return True
             self._sizes.append(size)
-            back = 1 if self._mixing is None else 2
+            back = 1 if self._acceleration is None else 2
             if len(self._sizes) > back and size > SLOW * self._sizes[-1 - back]:
-                self._mixing = AndersonAcceleration()
+                self._acceleration = AndersonAcceleration()
                 if not self.relinearise():
                     return False
             before, smallest = size, min(size, smallest)
@@ -134,7 +132,7 @@ class ChordDescent:
 
         Returns:
             Size of the step before acceleration: the larger of the change of the newest pose and of the predicted
-            observations, in standard deviations; nan if there is no step.
+            observations, in standard deviations; nan if the step is not finite.
         """
         measured, linear, state, step = self._measured, self._linear, self._state, self._step
         k, count = self.newest, len(self._mapped)
@@ -151,18 +149,18 @@ class ChordDescent:
         size = max(float(np.linalg.norm(seen)), float(np.max(np.abs(step.pose[k]) / self.sigma)))
         if not size < np.inf:
             return np.nan
-        if self._mixing is not None:
-            self._mix(self._mixing, seen)
+        if self._acceleration is not None:
+            self._accelerate(self._acceleration, seen)
         chord_kernels.move(measured, state, k, count, step)
         return size
 
-    def _mix(self, mixing: AndersonAcceleration, seen: Float) -> None:
+    def _accelerate(self, acceleration: AndersonAcceleration, seen: Float) -> None:
         """Accelerate the step, which changes the predicted observations by `seen` (s,) standard deviations."""
         step, k, count = self._step, self.newest, len(self._mapped)
         parts = step.pose[: k + 1], step.landmark[:count]
         scaled = np.concatenate([seen, step.pose[k] / self.sigma])
-        mixed = mixing.move(np.concatenate([each.ravel() for each in parts]), scaled)
-        mixing.moved(mixed)
+        mixed = acceleration.accelerate(np.concatenate([each.ravel() for each in parts]), scaled)
+        acceleration.record(mixed)
         for part, moved in zip(parts, np.split(mixed, [3 * k + 3]), strict=True):
             part[:] = moved.reshape(part.shape)
 
@@ -176,7 +174,7 @@ class ChordDescent:
 
     def relinearise(self) -> bool:
         """Eliminate all poses again at the current state; return whether that determines all landmarks."""
-        self._sizes, self._mixing = [], None if self._mixing is None else AndersonAcceleration()
+        self._sizes, self._acceleration = [], None if self._acceleration is None else AndersonAcceleration()
         k, count, at = self.newest, len(self._mapped), self._linear.at
         at.poses[: k + 1] = self._state.poses[: k + 1]
         at.landmarks[:count] = self._state.landmarks[:count]

@@ -1,10 +1,10 @@
-"""Chord steps of an optimum that grows pose by pose, compiled.
+"""Chord (simplified Newton) steps of an incremental optimum, compiled.
 
-A chord step takes the gradient of the exact cost where the path and the map stand, and the matrices where they were
-taken in (`elimination`): it costs a few hundred operations a pose instead of a product of L x L matrices, and where it
-comes to rest the gradient is zero, so that stale matrices cost steps but no accuracy. In place of the gradient by the
-poses, which zero variances make infinite, it takes the multipliers l_k of the steps that lead to them, and what the
-step's noise w_k lacks of W_k l_k.
+A chord step uses the gradient of the exact cost at the current state, and the matrices from the time when each pose
+was added (`pose_elimination`). It costs a few hundred operations a pose instead of a product of L x L matrices.
+Where it converges the gradient is zero, so outdated matrices cost steps but no accuracy. The gradient by the poses
+would be infinite for zero variances. Instead the step uses the multipliers l_k of the motions, and the defect W_k
+l_k - w_k of each motion's noise w_k.
 
 Source: the step that keeps its matrix is Shamanskii's (1967).
 """
@@ -31,18 +31,18 @@ from slamgauge.se2_kernels import exp, right_jacobian, wrap
 
 
 class Chord(NamedTuple):
-    """A step, and what its recursions leave for one another."""
+    """A chord step, and the intermediate results of its recursions."""
 
     pose: Float  # (N+1, 3)
-    landmark: Float  # (L, 2) the step; before, the gradient of minus the cost
-    rhs: Float  # (N+1, 3) gradient of minus the cost that the landmarks' step adds
+    landmark: Float  # (L, 2) first the negative gradient of the cost, then the step
+    rhs: Float  # (N+1, 3) negative gradient of the cost that the landmarks' step adds
     defect: Float  # (N+1, 3) W l - w
     mean: Float  # (N+1, 3)
-    seen: Float  # (M, d) what the step changes of every observation, in sigmas
+    seen: Float  # (M, d) change of every predicted observation, in sigmas
 
 
 def allocate_chord(poses: int, landmarks: int, observations: int, dim: int) -> Chord:
-    """Room for a step."""
+    """Allocate a step."""
     rhs, defect, mean = np.zeros((3, poses, 3))
     seen = np.zeros((observations, dim))
     return Chord(np.zeros((poses, 3)), np.zeros((landmarks, 2)), rhs, defect, mean, seen)
@@ -50,11 +50,12 @@ def allocate_chord(poses: int, landmarks: int, observations: int, dim: int) -> C
 
 @kernel
 def compute_defects(measured: Measured, linear: Linear, state: State, newest: int, chord: Chord) -> tuple[float, float]:
-    """Leave in `chord` the defects of all steps and the gradient by the landmarks, of the exact cost at `state`.
+    """Write to `chord` the defects of all motions and the gradient by the landmarks, of the exact cost at `state`.
 
-    Returns the relative change of Jacobians since they were taken in, of the observations' by their landmarks or, if
-    that is more, of the newest pose's by the headings before; and the sum of squared residuals, exact where there are
-    no defects: there a step's noise is W l, and its square l' W l.
+    Returns:
+        The relative change of Jacobians since their linearisation, of the observations by their landmarks or, if
+        larger, of the newest pose by the headings before; and the sum of squared residuals. The sum is exact where the
+        defects are zero: there the noise of a motion is W l, and its square l' W l.
     """
     poses, landmarks_at = state
     chord.landmark[:] = 0.0
@@ -63,7 +64,7 @@ def compute_defects(measured: Measured, linear: Linear, state: State, newest: in
     l0, l1, l2 = 0.0, 0.0, 0.0
     moved, norm, squares = 0.0, 0.0, 0.0
     turned, length = 0.0, 0.0
-    lever = np.zeros(2)  # from pose k - 1 to the newest, as taken in
+    lever = np.zeros(2)  # from pose k - 1 to the newest, at their linearisation
     heading = cosine_sine(poses[newest])
     for k in range(newest, -1, -1):
         if k > 0:
@@ -111,7 +112,7 @@ def compute_defects(measured: Measured, linear: Linear, state: State, newest: in
 
 @kernel
 def smooth(linear: Linear, newest: int, chord: Chord) -> None:
-    """Leave in `chord` the step of every pose that answers its defects and pulls, the landmarks standing still."""
+    """Write to `chord` the step of every pose for its defects and right-hand sides, the landmarks held fixed."""
     mean, G, P, N = chord.mean, linear.G, linear.P, linear.N
     x, ahead, total = np.zeros(3), np.zeros(3), np.zeros(3)
     for k in range(newest + 1):
@@ -142,7 +143,7 @@ def smooth(linear: Linear, newest: int, chord: Chord) -> None:
 
 @kernel
 def subtract_pose_step(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
-    """Add to the landmarks' gradient what the poses' step does to it: -Hm' Hx step."""
+    """Add -Hm' Hx step of the poses to the landmarks' gradient."""
     for k in range(newest + 1):
         for row in range(measured.first[k], measured.first[k + 1]):
             slot = measured.slot[row]
@@ -157,7 +158,7 @@ def subtract_pose_step(measured: Measured, linear: Linear, newest: int, chord: C
 
 @kernel
 def subtract_landmark_step(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
-    """Leave as pulls on the poses what the landmarks' step does to their gradients: -Hx' Hm step."""
+    """Write -Hx' Hm step of the landmarks to the right-hand sides of the poses."""
     chord.rhs[: newest + 1] = 0.0
     for k in range(newest + 1):
         for row in range(measured.first[k], measured.first[k + 1]):
@@ -173,7 +174,7 @@ def subtract_landmark_step(measured: Measured, linear: Linear, newest: int, chor
 
 @kernel
 def predict_changes(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
-    """Leave in `chord` what the step changes of every observation."""
+    """Write to `chord` the change of every predicted observation."""
     for k in range(newest + 1):
         for row in range(measured.first[k], measured.first[k + 1]):
             slot = measured.slot[row]
@@ -190,8 +191,8 @@ def predict_changes(measured: Measured, linear: Linear, newest: int, chord: Chor
 def move(measured: Measured, state: State, newest: int, landmarks: int, chord: Chord) -> None:
     """Move path and map by a chord step, each point by V(turn) step, V(t) = (R(t) - I) / (t J).
 
-    A turn of everything about any point then keeps all distances, which an additive step would stretch. A landmark
-    turns as do, in the mean, the poses that see it.
+    A common turn about any point then keeps all distances, which an additive step would stretch. A landmark turns
+    by the mean turn of the poses that observe it.
     """
     turns, seen = np.zeros(landmarks), np.zeros(landmarks)
     for k in range(newest + 1):
@@ -210,7 +211,7 @@ def move(measured: Measured, state: State, newest: int, landmarks: int, chord: C
 
 @inner
 def retract_point(point: Float, step: Float, turn: float) -> None:
-    """Point <- point + V(turn) step."""
+    """Move a point by V(turn) step."""
     x, y = exp(step[0], step[1], turn)
     point[0] += x
     point[1] += y

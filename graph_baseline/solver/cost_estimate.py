@@ -1,4 +1,4 @@
-"""Memory that an optimum needs, estimated before it begins."""
+"""Estimate of the memory that an optimum needs."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from slamgauge.graph_baseline.solver.motion_elimination import eliminate_motions
 from slamgauge.graph_baseline.solver.multifrontal import largest, numbers_kept
 from slamgauge.memory import free_memory, require_memory
 
-MAPS, KEPT_MAPS = 10.0, 2.0  # arrays alive at once: of the maps of a piece's poses, of those of all pieces'
-KEYS, ROWS = 150.0, 20.0  # numbers for each pose with a scan, and for each row of an observation
-MATRICES = 6.0  # the same of the information of a front, or of all landmarks
+MAPS, KEPT_MAPS = 10.0, 2.0  # arrays in memory at once: maps of a piece's poses, maps of all pieces' poses
+KEYS, ROWS = 150.0, 20.0  # numbers per pose with a scan, and per measured value
+MATRICES = 6.0  # arrays in memory at once: information of a front, or of all landmarks
 
 
 def require_memory_for(recording: Problem, name: str, *, dense: bool = False) -> None:
-    """Refuse a recording that does not fit.
+    """Raise if a recording does not fit in memory.
 
     Args:
         recording: known association.
-        name: of the optimum.
-        dense: whether it has the information (2L, 2L) of all landmarks as one matrix, whatever their number.
+        name: name of the optimum.
+        dense: whether the information (2L, 2L) of all landmarks is one matrix, whatever their number.
 
     Raises:
-        UserError: memory does not hold it.
+        UserError: there is not enough memory.
     """
     landmarks, scans = _counts(recording)
     needed = 8.0 * (MAPS * 3 * scans * 2 * landmarks + MATRICES * (2 * landmarks) ** 2)
@@ -35,7 +35,7 @@ def require_memory_for(recording: Problem, name: str, *, dense: bool = False) ->
 
 
 def bytes_of(planned: Plan) -> float:
-    """What it takes to solve a linear problem so, with every covariance."""
+    """Return the bytes for solving a linear problem with all covariances."""
     maps = [3.0 * len(piece.chain.key) * (len(piece.columns) + 1) for piece in planned.pieces]
     working = MAPS * max(maps) + MATRICES * largest(planned.front) ** 2
     small = sum(KEYS * len(piece.chain.key) + ROWS * piece.chain.model.r.size for piece in planned.pieces)
@@ -49,5 +49,5 @@ def _plan_of(recording: Problem) -> Plan:
 
 
 def _counts(recording: Problem) -> tuple[int, int]:
-    """Landmarks, and poses that see any."""
+    """Return the numbers of landmarks and of poses with observations."""
     return len(recording.landmark_ids), len(np.unique(recording.observation_step))

@@ -207,7 +207,7 @@ class IncrementalOptimum:
         return int(taken.sum()) * self._recording.observation.shape[1] - 2 * len(self._mapped)
 
     def _search(self) -> None:
-        """Search for a minimum; if there is none, do not search for a while."""
+        """Search for a minimum; after a failure, do not search for a while."""
         found = self._search_result()
         self.converged = found is not None and self._move_to(*found)
         if not self.converged:
@@ -226,7 +226,7 @@ class IncrementalOptimum:
         return bool(waiting) and self._mapped.any_placed(self._newest, waiting, self._dead_reckoned())
 
     def _search_more_landmarks(self) -> None:
-        """Search for a minimum with more landmarks; if there is none, do not search for a while."""
+        """Search for a minimum with more landmarks; after a failure, do not search for a while."""
         found = self._search_result()
         if found is not None and len(found[1].landmarks) > len(self._mapped):
             self.converged = self._move_to(*found)
@@ -234,7 +234,7 @@ class IncrementalOptimum:
             self._next_search = int(NEXT_SEARCH * self._newest) + 1
 
     def _search_lower(self) -> None:
-        """Search for a lower minimum; if there is none, do not search for a while."""
+        """Search for a lower minimum; after a failure, do not search for a while."""
         found = self._search_result()
         if found is None or 2.0 * found[1].cost > LOWER * self._descent.chi_square:
             again = NEXT_SEARCH if self._newest <= SHORT else NEXT_LOWER_SEARCH

@@ -28,8 +28,8 @@ MAX_STEPS = 200
 NEAR = 1e-6  # decrease of the cost, relative to its expected value, at which damped steps stop
 TOO_NEAR = 1e-4  # m
 RISEN = 1e-3  # relative increase of the cost at which Gauss-Newton has left for another stationary point
-NEGLIGIBLE = 1e-8  # of a standard deviation
-RESOLVED = 1e-3  # of a standard deviation: largest last step that counts as rounding, where residuals are as stated
+NEGLIGIBLE = 1e-8  # standard deviations: size of a step that ends the iteration
+RESOLVED = 1e-3  # standard deviations: largest last step that counts as rounding, where residuals are as stated
 MISFIT = 10.0  # largest factor on RESOLVED where residuals are larger than stated, since rounding grows with them
 PATIENCE = 6  # number of steps that may be longer than the smallest before
 HOPELESS = 1e6  # standard deviations: the steps diverge
@@ -137,12 +137,12 @@ def gauss_newton_minimum(recording: Problem, start: NearMinimum) -> Minimum:
     not at all, so Anderson acceleration is used.
 
     Raises:
-        UndeterminedError: there is no minimum, or rounding hides it.
+        UndeterminedError: no minimum exists, or rounding hides it.
     """
     poses, landmarks, cost, merit = start
     _refuse_landmarks_at_poses(recording, poses, landmarks)
     sigmas = _sigmas(solve_at(recording, *start[:2]))
-    weight, mixing = 1.0 / np.concatenate([each.ravel() for each in sigmas]), AndersonAcceleration()
+    weight, acceleration = 1.0 / np.concatenate([each.ravel() for each in sigmas]), AndersonAcceleration()
     best, smallest, stalled = (poses, landmarks), np.inf, 0
     for _ in range(MAX_NEWTON_STEPS):
         model = linearise(recording, recording.slot, poses, landmarks)
@@ -162,8 +162,8 @@ def gauss_newton_minimum(recording: Problem, start: NearMinimum) -> Minimum:
         if size < NEGLIGIBLE or stalled > PATIENCE or not size < HOPELESS:
             break
         before = poses, landmarks
-        poses, landmarks = _displaced(before, mixing.move(apart, weight * apart), merit.noise)
-        mixing.moved(_apart((poses, landmarks), before))
+        poses, landmarks = _displaced(before, acceleration.accelerate(apart, weight * apart), merit.noise)
+        acceleration.record(_apart((poses, landmarks), before))
     misfit = np.sqrt(2.0 * cost / max(recording.observation.size, 1))
     if not smallest < RESOLVED * np.clip(misfit, 1.0, MISFIT):
         raise UndeterminedError(_why_no_minimum(recording, *best, smallest))

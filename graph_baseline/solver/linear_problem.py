@@ -1,4 +1,4 @@
-"""The linear problem of an optimum that grows pose by pose: what is kept of every pose, and what they leave."""
+"""Arrays of the linear system of an incremental optimum."""
 
 from __future__ import annotations
 
@@ -10,36 +10,36 @@ from slamgauge.arrays import Float
 
 
 class State(NamedTuple):
-    """A path and a map; those in use come first."""
+    """A path and a map; entries in use come first."""
 
     poses: Float  # (N+1, 3)
     landmarks: Float  # (L, 2)
 
 
 class Linear(NamedTuple):
-    """Matrices of the poses that have been taken in, linearised where `at` says."""
+    """Matrices of the eliminated poses, linearised at `at`."""
 
     at: State
-    lever: Float  # (N+1, 2) of F = [I, lever; 0, 1], which leads to pose k
+    lever: Float  # (N+1, 2) of F = [I, lever; 0, 1], the motion to pose k
     P: Float  # (N+1, 3, 3) predicted
     N: Float  # (N+1, 3, 3) Hx' Hx of the scan
     G: Float  # (N+1, 3, 3) (I + P N)^-1
     Hx: Float  # (M, d, 3) whitened
     Hm: Float  # (M, d, 2) whitened
-    M: Float  # (3, 2L) of the newest pose, with its scan
-    newest_cov: Float  # (3, 3) the same of P
-    information: Float  # (2L, 2L) Lambda, of which the lower triangle counts
-    rhs: Float  # (2L,) on the landmarks, of the newest scan's residuals
-    pose_step: Float  # (3,) on the newest pose, given the landmarks
+    M: Float  # (3, 2L) sensitivity of the newest pose to the landmarks, with its scan
+    newest_cov: Float  # (3, 3) covariance of the newest pose given the landmarks, with its scan
+    information: Float  # (2L, 2L) Lambda, lower triangle
+    rhs: Float  # (2L,) right-hand side of the landmarks from the newest scan's residuals
+    pose_step: Float  # (3,) step of the newest pose, given the landmarks
 
 
 def allocate_state(poses: int, landmarks: int) -> State:
-    """Room for a path and a map."""
+    """Allocate a path and a map."""
     return State(np.zeros((poses, 3)), np.zeros((landmarks, 2)))
 
 
 def allocate_linear(poses: int, landmarks: int, observations: int, dim: int) -> Linear:
-    """Room for the matrices of all poses, and of observations (M, dim)."""
+    """Allocate the matrices of all poses and of observations (M, dim)."""
     width = 2 * landmarks
     return Linear(
         at=allocate_state(poses, landmarks),

@@ -1,4 +1,4 @@
-"""Matrices of three rows and columns, compiled: numpy's routines take seconds to compile, and longer to run."""
+"""Compiled 3 x 3 matrix operations: numpy's routines take seconds to compile, and are slower."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The motion between scans, eliminated: poses that see nothing are affine maps of the poses that do.
+"""Elimination of the motion between scans: poses without observations are affine maps of the others.
 
-With F_k = [I, f_k; 0, 1] products are sums: from pose j to pose b the error is carried by [I, e_jb; 0, 1] with
-e_jb = f_j + ... + f_{b-1}. So the steps from a scan to the next make one step, and what it says of the poses in between
-comes back by closed forms, without any recursion.
+With F_k = [I, f_k; 0, 1] products are sums: the error from pose j to pose b is multiplied by [I, e_jb; 0, 1] with
+e_jb = f_j + ... + f_{b-1}. So the steps from a scan to the next make one step, and the poses in between follow from
+it in closed form, without any recursion.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ class Between(NamedTuple):
     key: Int  # (J,) place of b among the keys
     lever_from: Float  # (J, 2) e_aj
     lever_to: Float  # (J, 2) e_jb
-    c: Float  # (J, 3) what the steps from a to j add ...
-    W: Float  # (J, 3, 3) ... and the covariance of their noise
+    c: Float  # (J, 3) sum of the steps from a to j
+    W: Float  # (J, 3, 3) covariance of their noise
 
 
 class Chain(NamedTuple):
-    """A linear model on the keys alone: the first pose, the last, and all that see something."""
+    """A linear model on the key poses: the first, the last, and all with observations."""
 
     model: LinearModel  # its `step` counts keys
     key: Int  # (K,) poses
@@ -40,13 +40,13 @@ class Chain(NamedTuple):
 
 
 def eliminate_motions(model: LinearModel) -> Chain:
-    """Eliminate the poses that see nothing, exactly."""
+    """Eliminate the poses without observations, exactly."""
     steps = len(model.F)
     key = np.union1d(model.step, [0, steps])
     if len(key) == steps + 1:
         none = np.zeros(0, dtype=np.int64)
         return Chain(model, key, Between(none, none, *(np.zeros((0, *shape)) for shape in ((2,), (2,), (3,), (3, 3)))))
-    segment = np.searchsorted(key, np.arange(1, steps + 1)) - 1  # of the step that leads to pose 1, 2, ...
+    segment = np.searchsorted(key, np.arange(1, steps + 1)) - 1  # segment of the step to pose 1, 2, ...
     lever = sums_within(segment, key, model.F[:, :2, 2])  # (N, 2): from the key before to pose 1, 2, ...
     c = _carried(segment, key, lever, model.c)
     W = propagated_covariances(segment, key, lever, model.W)
@@ -62,20 +62,20 @@ def eliminate_motions(model: LinearModel) -> Chain:
 
 
 def sums_within(segment: Int, key: Int, rows: Float) -> Float:
-    """Running sums (N, ...) of the rows (N, ...), begun anew after every key."""
+    """Return running sums (N, ...) of the rows (N, ...), restarted after every key."""
     total = np.concatenate([np.zeros((1, *rows.shape[1:])), np.cumsum(rows, axis=0)])
     return total[1:] - total[key[segment]]
 
 
 def _carried(segment: Int, key: Int, lever: Float, c: Float) -> Float:
-    """(N, 3): what the steps since the key add up to at pose 1, 2, ...: the sum of [I, e_kj; 0, 1] c_k."""
+    """Return the sums (N, 3) of the steps since the last key, at pose 1, 2, ...: the sum of [I, e_kj; 0, 1] c_k."""
     sums = sums_within(segment, key, c)
     sums[:, :2] += lever * sums[:, 2:] - sums_within(segment, key, lever * c[:, 2:])
     return sums
 
 
 def propagated_covariances(segment: Int, key: Int, lever: Float, W: Float) -> Float:
-    """(N, 3, 3): the same of covariances, the sum of [I, e_kj; 0, 1] W_k [I, e_kj; 0, 1]'.
+    """Return covariances (N, 3, 3) since the last key: the sum of [I, e_kj; 0, 1] W_k [I, e_kj; 0, 1]'.
 
     With e_kj = lever_j - lever_k it is a polynomial in lever_j, whose coefficients are running sums.
     """
@@ -87,15 +87,15 @@ def propagated_covariances(segment: Int, key: Int, lever: Float, W: Float) -> Fl
 
 
 def shear(P: Float, lever: Float) -> None:
-    """P <- [I, e; 0, 1] P [I, e; 0, 1]' in place, for P (n, 3, 3) and e (n, 2)."""
+    """Apply P <- [I, e; 0, 1] P [I, e; 0, 1]' in place, for P (n, 3, 3) and e (n, 2)."""
     P[:, :2, :] += lever[:, :, None] * P[:, 2:, :]
     P[:, :, :2] += lever[:, None, :] * P[:, :, 2:]
 
 
 def reduce_to_key_poses(recording: Problem) -> tuple[Problem, Int]:
-    """The recording with one motion from each key pose to the next, and the keys (K,) among its poses.
+    """Return the recording with one motion from each key pose to the next, and the keys (K,) among its poses.
 
-    The motions' covariances are carried along the measured path: exact to first order in their noise.
+    The covariances are propagated along the measured path: exact to first order in their noise.
     """
     steps = recording.steps
     key = np.union1d(recording.observation_step, [0, steps])
@@ -120,7 +120,7 @@ def reduce_to_key_poses(recording: Problem) -> tuple[Problem, Int]:
 
 
 def restore_poses(recording: Recording, key: Int, poses: Float) -> Float:
-    """Poses (N+1, 3) of a recording whose key poses (K, 3) are given: between them the odometry from the key before."""
+    """Return poses (N+1, 3) from key poses (K, 3); between them they follow the odometry from the key before."""
     path = chain([0.0, 0.0, 0.0], recording.odometry)
     at = np.searchsorted(key, np.arange(len(path)), side="right") - 1
     full = compose(poses[at], between(path[key[at]], path))

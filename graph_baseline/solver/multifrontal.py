@@ -128,7 +128,7 @@ def factorise(
     joint[np.arange(count), np.arange(count)] += damping_of[eliminated]
     root = np.asarray(np.linalg.cholesky(joint[:count, :count]), dtype=np.float64)
     if (np.square(np.diag(root)) < EXHAUSTED * own_information_of[eliminated]).any():
-        raise np.linalg.LinAlgError("what is left of an unknown's information is rounding")
+        raise np.linalg.LinAlgError("the remaining information of an unknown is rounding")
     rest = solve_triangular(root, joint[:count, count:], lower=True, check_finite=False)
     return Factor(front, tuple(parts), root, rest), joint[count:, count:] - rest.T @ rest
 

@@ -35,7 +35,7 @@ try:
 except ImportError:  # GTSAM has no wheels for Windows
     from slamgauge.graph_baseline.solver.levenberg_marquardt import descend
 
-PORTIONS = 8  # of the recording, in the growing start
+PORTIONS = 8  # number of portions in the growing start
 INFLATION = (100.0, 10.0)  # factors on the standard deviation of observations
 UNLIKELY = 5e-4  # probability that true noise makes a cost that counts as too high
 

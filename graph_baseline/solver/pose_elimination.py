@@ -1,19 +1,19 @@
-"""What poses leave to the landmarks, compiled: the linear problem of an optimum that grows pose by pose.
+"""Elimination of the poses of an incremental optimum, compiled: the linear system on its landmarks.
 
-Given the landmarks, the poses are a Markov chain. With x_k = the error of pose k (world, additive), N(., P_k) what the
-steps before say of it, and M_k its sensitivity to the landmarks m,
+Given the landmarks, the poses are a Markov chain. Let x_k be the error of pose k (world, additive), N(., P_k) its
+distribution given the steps before, and M_k its sensitivity to the landmarks m. Then
 
     predict  M <- F M,  P <- F P F' + W;   scan  B = Hx M + Hm, S = I + Hx P Hx', Lambda <- Lambda + B' S^-1 B,
              M <- M - K B,  P <- P - K S K',  K = P Hx' S^-1
 
 leave the information Lambda of the landmarks, the Schur complement of the poses. No covariance is inverted, so that
-motions of zero variance and a fixed start are exact. Nothing is subtracted from Lambda but in scans of many sights that
-are about as sharp as each other and no sharper by orders of magnitude than the pose is known: what such a scan says
-about its landmarks among themselves is Hm'Hm less what its pose takes of it. Poses without a scan cost some ten times
-less than those with one.
+motions of zero variance and a fixed start are exact. Nothing is subtracted from Lambda except in scans of many
+observations of similar precision, whose precision exceeds that of the pose by a few orders of magnitude at most:
+there the information on the landmarks alone is Hm'Hm less the part that depends on the pose. Poses without a scan
+cost about ten times less than those with one.
 
-Source: the recursions are those of a fixed-interval smoother with unknown parameters (Bierman, "Factorization methods
-for discrete sequential estimation", 1977, chapter X).
+Source: the recursions are those of a fixed-interval smoother with unknown parameters (Bierman, "Factorization
+methods for discrete sequential estimation", 1977, chapter X).
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from slamgauge.graph_baseline.solver.scan_reduction import reduce_by_projection,
 from slamgauge.jit import inner, kernel
 from slamgauge.se2_kernels import right_jacobian
 
-CHUNK = 384  # rows whose products are taken together
-BLOCK = 128  # columns of Lambda that are added at a time, from their diagonal down
-MANY = 16  # sights of a scan
-ALIKE = 1e6  # how much more information than another a sight may hold, or the pose may be doubted than it is sharp
+CHUNK = 384  # rows multiplied at once
+BLOCK = 128  # columns of Lambda added at once, from the diagonal down
+MANY = 16  # observations; larger scans may be reduced by projection
+ALIKE = 1e6  # largest ratio of information between observations, and of pose variance to observation variance
 
 
 @kernel
@@ -50,8 +50,9 @@ def eliminate_poses(
 ) -> None:
     """Eliminate the poses steps[0]..steps[1]-1, linearised at `linear.at`, and add their scans to the information.
 
-    Writes to `linear.pull` and `linear.kick` the gradient and the pose step of the last scan. Its residuals are taken
-    at `state` and carried to `before`, the prediction of its pose and of the map from the steps before.
+    Writes to `linear.rhs` and `linear.pose_step` the right-hand side and the pose step of the last scan. Its
+    residuals are taken at `state` and carried to `before`, the prediction of its pose and of the map from the steps
+    before.
     """
     width = 2 * landmarks
     since, until = steps
@@ -82,7 +83,7 @@ def eliminate_poses(
 
 @inner
 def have_similar_information(measured: Measured, linear: Linear, k: int) -> bool:
-    """Whether differences of what a scan's sights say leave ten digits at the least."""
+    """Return whether differences of the information of a scan leave at least ten digits."""
     sharpest, dullest = 0.0, math.inf
     for row in range(measured.first[k], measured.first[k + 1]):
         if measured.slot[row] >= 0:
@@ -94,7 +95,7 @@ def have_similar_information(measured: Measured, linear: Linear, k: int) -> bool
 
 @inner
 def correct(linear: Linear, scan: Float, slots: Int, B: Float, width: int, k: int) -> None:
-    """Correct M and P of pose k by the first three rows of its scan; leave their B (3, width), whitened."""
+    """Correct M and P of pose k by the first three rows of its scan; write their whitened B (3, width)."""
     M, P = linear.M, linear.newest_cov
     T, y, gain, root = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
     for i in range(3):
@@ -148,7 +149,7 @@ def prepare(P: Float, T: Float, N: Float, G: Float, gain: Float, root: Float) ->
 
 @inner
 def add_information(linear: Linear, rows: Float, width: int) -> None:
-    """Lambda <- Lambda + B'B for whitened rows B (n, width)."""
+    """Add B'B of whitened rows B (n, width) to the information."""
     columns = rows.T.copy()
     for first in range(0, width, BLOCK):
         last = min(first + BLOCK, width)
@@ -160,7 +161,7 @@ def add_information(linear: Linear, rows: Float, width: int) -> None:
 
 @inner
 def predict(measured: Measured, linear: Linear, width: int, k: int) -> None:
-    """M <- F M, P <- F P F' + W of the step that leads to pose k."""
+    """Predict pose k: M <- F M, P <- F P F' + W."""
     poses, M, P = linear.at.poses, linear.M, linear.newest_cov
     B = np.zeros((3, 3))
     start = measured.start if k == 0 else poses[k - 1]

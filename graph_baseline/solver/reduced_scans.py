@@ -1,7 +1,7 @@
-"""What scans say, three equations each of their pose, and the recursions over them: of one chain or piece of it.
+"""Scans reduced to three equations of their pose, and the recursions over a chain of them.
 
-A scan of m observations meets its pose through three numbers only, so it is first compressed to three
-equations G dx + X (dm, 1) = unit noise; what else it says is about its landmarks alone.
+A scan of m observations depends on its pose through three numbers only, so it is first compressed to three equations
+G dx + X (dm, 1) = unit noise. The rest of its information is about its landmarks alone.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.problem.linearisation import LinearModel
 from slamgauge.graph_baseline.solver.recursions import FilterCovariances, run_covariances, run_maps
 
-CHUNK = 128  # steps whose rows, a few megabytes, are handled together
+CHUNK = 128  # steps; their rows take a few megabytes
 
 
 class Damping(NamedTuple):
-    """Information that holds poses with scans, landmarks and motions where they are (Levenberg and Marquardt)."""
+    """Levenberg-Marquardt damping: information added to poses with scans, landmarks and motions."""
 
     pose: Float  # (3,) [1/m^2, 1/m^2, 1/rad^2]
     landmark: float  # [1/m^2]
-    motion: float  # over what the noise of start and motions says of itself
+    motion: float  # relative to the information of start and motions
 
 
 NOT_DAMPED = Damping(np.zeros(3), 0.0, 0.0)
 
 
 def compressed_scans(model: LinearModel, landmarks: int, damping: Damping, unknowns: int) -> tuple[Float, Float]:
-    """Three equations a scan, G dx + X (u, 1) = unit noise: G (N+1, 3, 3), X (N+1, 3, n+1).
+    """Return three equations per scan, G dx + X (u, 1) = unit noise: G (N+1, 3, 3), X (N+1, 3, n+1).
 
-    They are the first of its equations, turned so that the others leave the pose out; damping makes three of them. The
-    n unknowns u are dm, and behind it others that scans do not see.
+    A QR decomposition rotates the equations of a scan so that all but the first three are free of the pose; damping
+    adds three equations. The n unknowns u are dm, followed by unknowns that scans do not observe.
     """
     poses, (count, dim) = len(model.F) + 1, model.r.shape
     first = np.searchsorted(model.step, np.arange(poses + 1))
@@ -54,7 +54,7 @@ def compressed_scans(model: LinearModel, landmarks: int, damping: Damping, unkno
 
 
 def landmarks_alone(model: LinearModel, landmarks: int, unknowns: int) -> Float:
-    """Information (n+1, n+1) of all observations on (u, 1), the poses held fixed."""
+    """Return the information (n+1, n+1) of all observations on (u, 1), the poses held fixed."""
     joint = np.zeros((unknowns + 1, unknowns + 1))
     width = 2 * landmarks
     own = joint[:width, :width].reshape(landmarks, 2, landmarks, 2)
@@ -66,12 +66,12 @@ def landmarks_alone(model: LinearModel, landmarks: int, unknowns: int) -> Float:
 
 
 def own_information(model: LinearModel, landmarks: int) -> Float:
-    """Of each landmark's coordinates (2L,), all else held fixed."""
+    """Return the information of each landmark coordinate (2L,), all else held fixed."""
     return _sum_by(model.slot, np.square(model.Hm).sum(axis=1)[:, :, None], landmarks).ravel()
 
 
 def subtract_scans(joint: Float, X: Float, model: LinearModel) -> None:
-    """Subtract X'X, chunk by chunk on the columns of the landmarks that the chunk has seen."""
+    """Subtract X'X chunk by chunk, on the columns of the landmarks that the chunk observes."""
     for steps in chunks(len(X)):
         begin, end = np.searchsorted(model.step, [steps.start, steps.stop])
         seen = np.unique(model.slot[begin:end])
@@ -87,7 +87,7 @@ def filter_covariances(model: LinearModel, G: Float) -> FilterCovariances:
 
 
 def filter_maps(start: Float, c: Float, X: Float, carry: Float, gain: Float) -> Float:
-    """Predicted poses as affine maps A (N+1, 3, n+1) of (u, 1), the first of them `start`."""
+    """Return predicted poses as affine maps A (N+1, 3, n+1) of (u, 1), the first of them `start`."""
     A = np.empty_like(X)
     A[0] = start
     np.matmul(-gain[:-1], X[:-1], out=A[1:])
@@ -97,12 +97,12 @@ def filter_maps(start: Float, c: Float, X: Float, carry: Float, gain: Float) -> 
 
 
 def chunks(steps: int) -> list[slice]:
-    """Slices that cover the steps."""
+    """Return slices of CHUNK steps."""
     return [slice(first, first + CHUNK) for first in range(0, steps, CHUNK)]
 
 
 def _sum_by(group: Int, rows: Float, groups: int) -> Float:
-    """Sums (groups, a, b) of the matrices `rows` (M, a, b) that share a group."""
+    """Return sums (groups, a, b) of the matrices `rows` (M, a, b) of each group."""
     entries = rows.shape[1] * rows.shape[2]
     sums = np.empty((groups, entries))
     for column, values in enumerate(rows.reshape(len(rows), entries).T):
@@ -111,11 +111,11 @@ def _sum_by(group: Int, rows: Float, groups: int) -> Float:
 
 
 def gram(blocks: Float) -> Float:
-    """Sum of B'B over the blocks (n, 3, width)."""
+    """Return the sum of B'B over the blocks (n, 3, width)."""
     rows = blocks.reshape(-1, blocks.shape[2])
     return rows.T @ rows
 
 
 def transposed(matrices: Float) -> Float:
-    """Of each matrix (..., a, b): (..., b, a)."""
+    """Return the transposes (..., b, a) of matrices (..., a, b)."""
     return matrices.swapaxes(-1, -2)

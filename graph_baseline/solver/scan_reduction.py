@@ -1,8 +1,8 @@
-"""A scan turned so that three rows say all that it says of its pose, compiled, in two ways.
+"""A scan rotated so that three rows contain all its information on its pose, compiled, in two ways.
 
-What the other rows say about its landmarks among themselves is information that no pose takes a part in: both ways add
-it to the landmarks' information and pull, and return rows [Hx, Hm of each landmark seen, residual], the first three of
-which are left to take in. By reflections nothing is subtracted; by projection the work is far less.
+The other rows are information on its landmarks alone: both ways add it to the landmarks' information and right-hand
+side. They return rows [Hx, Hm of each observed landmark, residual], of which the first three remain to be
+processed. Reflections subtract nothing; projection needs far fewer operations.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from slamgauge.graph_baseline.solver.linear_problem import Linear, State
 from slamgauge.graph_baseline.solver.matrices_3x3 import gram
 from slamgauge.jit import inner
 
-DEPENDENT = 1e-24  # of the square of a column, all that others leave of it: rounding
+DEPENDENT = 1e-24  # share of a squared column that counts as rounding after the others are subtracted
 
 
 @inner
 def scan_slots(measured: Measured, k: int) -> Int:
-    """The slots of a scan's landmarks, those that have one."""
+    """Return the slots of the landmarks of a scan that have one."""
     slots, taken = np.empty(measured.first[k + 1] - measured.first[k], dtype=np.int64), 0
     for row in range(measured.first[k], measured.first[k + 1]):
         if measured.slot[row] >= 0:
@@ -33,7 +33,7 @@ def scan_slots(measured: Measured, k: int) -> Int:
 
 
 class ScanPose(NamedTuple):
-    """The pose of a scan, at the three points that its observations are taken at."""
+    """The pose of a scan, and the three states at which its observations are evaluated."""
 
     k: int
     state: State  # residuals
@@ -66,7 +66,7 @@ def linearise_observation(measured: Measured, linear: Linear, scan: ScanPose, ro
 
 @inner
 def reduce_by_reflections(measured: Measured, linear: Linear, state: State, before: State, slots: Int, k: int) -> Float:
-    """Turn the rows of a scan by reflections, so that from the fourth on Hx is zero."""
+    """Rotate the rows of a scan by reflections, so that Hx is zero from the fourth row on."""
     d, taken = measured.value.shape[1], len(slots)
     scan = np.zeros((max(3, d * taken), 4 + 2 * taken))
     pose = ScanPose(k, state, before, cosine_sine(state.poses[k]), cosine_sine(linear.at.poses[k]))
@@ -92,9 +92,9 @@ def reduce_by_reflections(measured: Measured, linear: Linear, state: State, befo
 
 @inner
 def reduce_by_projection(measured: Measured, linear: Linear, state: State, before: State, slots: Int, k: int) -> Float:
-    """Project a scan on its pose: three rows, Q' times it with Hx = Q R; all rows less these say the rest."""
+    """Project a scan on its pose: three rows Q' times the scan, with Hx = Q R; the rest is all rows less these."""
     d, taken = measured.value.shape[1], len(slots)
-    columns, n = np.empty((4, d * taken)), 0  # of Hx, then of Q, and the residuals
+    columns, n = np.empty((4, d * taken)), 0  # Hx, later Q, and the residuals
     residual, R, scan = np.empty(2), np.zeros((3, 3)), np.zeros((3, 4 + 2 * taken))
     pose = ScanPose(k, state, before, cosine_sine(state.poses[k]), cosine_sine(linear.at.poses[k]))
     for row in range(measured.first[k], measured.first[k + 1]):
@@ -132,7 +132,7 @@ def reduce_by_projection(measured: Measured, linear: Linear, state: State, befor
 
 @inner
 def gram_schmidt(columns: Float, R: Float) -> None:
-    """Columns, stored as rows (3, n), <- Q, and R (3, 3), by Gram and Schmidt, twice; of a dependent one nothing."""
+    """Orthonormalise columns stored as rows (3, n), twice, to Q and R (3, 3); a dependent column becomes zero."""
     for j in range(3):
         whole = np.dot(columns[j], columns[j])
         for _ in range(2):
@@ -149,7 +149,7 @@ def gram_schmidt(columns: Float, R: Float) -> None:
 
 @inner
 def subtract_scan(linear: Linear, scan: Float, slots: Int) -> None:
-    """Subtract what the first three rows of a scan, those that its pose takes, say about its landmarks."""
+    """Subtract the information of the first three rows of a scan on its landmarks."""
     for n in range(len(slots)):
         for i in range(2):
             column = 3 + 2 * n + i
@@ -165,7 +165,7 @@ def subtract_scan(linear: Linear, scan: Float, slots: Int) -> None:
 
 @inner
 def reflect(rows: Float, column: int) -> None:
-    """Turn the rows by a Householder reflection, so that of the column only the first entry is not zero."""
+    """Apply a Householder reflection that makes all entries of the column but the first zero."""
     v, along, squared = np.empty(len(rows)), np.zeros(rows.shape[1]), 0.0
     for i in range(len(rows)):
         v[i] = rows[i, column]
@@ -186,7 +186,7 @@ def reflect(rows: Float, column: int) -> None:
 
 @inner
 def add_landmarks_alone(linear: Linear, scan: Float, slots: Int) -> None:
-    """Add what a scan says about its landmarks among themselves: its rows from the fourth on."""
+    """Add the information of a scan on its landmarks alone: its rows from the fourth on."""
     alone = np.empty((len(scan) - 3, scan.shape[1] - 3))
     for i in range(alone.shape[0]):
         for j in range(alone.shape[1]):

@@ -1,17 +1,17 @@
-"""The linearised graph solved through its Schur complement: the step, and every covariance.
+"""Solution of the linearised graph by the Schur complement: the step, and all covariances.
 
-Given the landmarks m, the poses are a Markov chain, and everything about them is affine in m. One pass
-forward (a Kalman filter whose mean is the 3 x (2L + 1) matrix of that affine map) gathers the landmarks'
-information Lambda, the Schur complement of the poses; one pass back (modified Bryson-Frazier, which
-inverts no covariance) smooths the chain. Then cov(m) = Lambda^-1, cov(x_k) = P_k + A_k Lambda^-1 A_k'.
-Singular motion noise and a fixed start are exact: no covariance of a pose is ever inverted.
+Given the landmarks m, the poses are a Markov chain, and each pose is an affine function of m. One pass forward (a
+Kalman filter whose mean is the 3 x (2L + 1) matrix of that affine map) sums up the landmarks' information Lambda,
+the Schur complement of the poses. One pass back (modified Bryson-Frazier, which inverts no covariance) smooths the
+chain. Then cov(m) = Lambda^-1 and cov(x_k) = P_k + A_k Lambda^-1 A_k'. Singular motion noise and a fixed start are
+exact, because no covariance of a pose is ever inverted.
 
 Cost: O(N L^2) in two symmetric products, and recursions of 3 x 3 matrices; no matrix larger than (3N, 2L).
 Source: Bierman, "Factorization methods for discrete sequential estimation" (1977), chapter X.
 
-A long path through a large map is cut into pieces (`pieces`), each with the few landmarks that it sees. The poses at
-the cuts then join the landmarks as unknowns, and a piece tells of its last pose as a scan would that sees it without
-noise; Lambda is sparse, and is factorised as such (`fronts`).
+A long path through a large map is cut into pieces (`chain_partition`) with few landmarks each. The poses at the
+cuts are then unknowns like the landmarks. A piece observes its last pose as a scan without noise would. Lambda is
+sparse, and is factorised as such (`multifrontal`).
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 
 
 class Solution(NamedTuple):
-    """Newton step and covariances of the linearised problem, additive world coordinates."""
+    """Gauss-Newton step and covariances of the linearised problem, additive world coordinates."""
 
     dx: Float  # (N+1, 3)
     dm: Float  # (L, 2)
@@ -58,7 +58,7 @@ class Solution(NamedTuple):
 
 
 class KeyMaps(NamedTuple):
-    """The keys of a piece as affine maps of (u, 1), u its n unknowns."""
+    """The key poses of a piece as affine maps of (u, 1), where u are its n unknowns."""
 
     A: Float  # (K, 3, n+1) predicted
     P: Float  # (K, 3, 3) their covariances, given the unknowns
@@ -68,7 +68,7 @@ class KeyMaps(NamedTuple):
 
 
 class Eliminated(NamedTuple):
-    """All pieces, and what they know of the unknowns."""
+    """All pieces, and their joint information about the unknowns."""
 
     pieces: list[Piece]
     keys: list[KeyMaps]
@@ -107,7 +107,7 @@ def solve(model: LinearModel, landmarks: int) -> Solution:
 
 
 def damped_step(model: LinearModel, landmarks: int, damping: Damping) -> tuple[Float, Float]:
-    """The step (N+1, 3), (L, 2) alone, held back by `damping`; raises as `solve`.
+    """Return the step (N+1, 3), (L, 2) alone, damped by `damping`; raises as `solve`.
 
     |w + dw|^2 + d |dw|^2 is (1 + d) |dw + w / (1 + d)|^2 but for a constant: a motion of smaller noise.
     """
@@ -143,7 +143,7 @@ def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Eliminated:
 
 
 def _poses_eliminated(piece: Piece, damping: Damping) -> tuple[KeyMaps, Float]:
-    """The poses of a piece, and the information (n+1, n+1) that they leave of its n unknowns and the constant."""
+    """Eliminate the poses of a piece; return their maps, and the information (n+1, n+1) on unknowns and constant."""
     model, width = piece.chain.model, 2 * len(piece.slots)
     first, last = slice(width, width + 3 * piece.begins), slice(len(piece.columns) - 3 * piece.ends, -1)
     G, X = compressed_scans(model, len(piece.slots), damping, len(piece.columns))
@@ -170,7 +170,7 @@ def _poses_eliminated(piece: Piece, damping: Damping) -> tuple[KeyMaps, Float]:
 
 
 def _newton_step(eliminated: Eliminated, poses: int, landmarks: int) -> tuple[Float, Float]:
-    """The step of all poses (N+1, 3) and landmarks (L, 2)."""
+    """Return the step of all poses (N+1, 3) and landmarks (L, 2)."""
     dx = np.empty((poses, 3))
     for piece, keys in zip(eliminated.pieces, eliminated.keys, strict=True):
         _move_poses(piece.chain, keys, eliminated.unknowns[np.append(piece.columns, -1)], dx)
@@ -192,7 +192,7 @@ def _move_poses(chain: Chain, keys: KeyMaps, at: Float, dx: Float) -> None:
 
 
 def _smoothed_maps(chain: Chain, keys: KeyMaps) -> Iterator[tuple[Int, Float, Float]]:
-    """Poses (n,), chunk by chunk, their smoothed maps (n, 3, n_u+1), covariances (n, 3, 3) given the unknowns."""
+    """Yield poses (n,) by chunks, their smoothed maps (n, 3, n_u+1), covariances (n, 3, 3) given the unknowns."""
     for part in chunks(len(chain.key)):
         P, adjoint = keys.P[part], keys.adjoint[part]
         later = _carried_back(chain.model.F, keys.adjoint_cov, part)
@@ -214,7 +214,7 @@ def _smoothed_maps(chain: Chain, keys: KeyMaps) -> Iterator[tuple[Int, Float, Fl
 
 
 def _carried_back(F: Float, adjoint_cov: Float, part: slice) -> Float:
-    """What the scans after a pose say of its covariance (n, 3, 3)."""
+    """Return the information (n, 3, 3) of later scans on each pose."""
     back = np.zeros_like(adjoint_cov[part])
     move = F[part]
     back[: len(move)] = transposed(move) @ adjoint_cov[part.start + 1 : part.start + 1 + len(move)] @ move
@@ -227,7 +227,7 @@ def _smoothed_covariances(P: Float, adjoint_cov: Float) -> Float:
 
 
 def _predicted_between(chain: Chain, keys: KeyMaps, part: slice) -> Float:
-    """Covariances (n, 3, 3) of poses between keys, predicted from the key before."""
+    """Return covariances (n, 3, 3) of poses between keys, predicted from the key before."""
     between = chain.between
     P = keys.updated[between.key[part] - 1]
     shear(P, between.lever_from[part])
@@ -235,12 +235,12 @@ def _predicted_between(chain: Chain, keys: KeyMaps, part: slice) -> Float:
 
 
 def own_blocks_of_inverse(factor: Float) -> Float:
-    """Diagonal blocks (L, 2, 2) of (factor factor')^-1."""
+    """Return the diagonal blocks (L, 2, 2) of (factor factor')^-1."""
     return _own_blocks(solve_triangular(factor, np.eye(len(factor)), trans=1, lower=True, check_finite=False))
 
 
 def _own_blocks(root: Float) -> Float:
-    """Diagonal blocks (l, 2, 2) of the covariance RR' whose root is R (2l, n)."""
+    """Return the diagonal blocks (l, 2, 2) of the covariance RR' with root R (2l, n)."""
     x, y = root[0::2], root[1::2]
     xx, xy, yy = ((one * other).sum(axis=1) for one, other in ((x, x), (x, y), (y, y)))
     return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)

@@ -1,4 +1,4 @@
-"""Compilation ahead of the first optimum, announced when it takes long."""
+"""Compilation before the first optimum, announced when it takes long."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from slamgauge.triangulation import triangulate
 @functools.cache
 def compile_graphs_once() -> None:
     """Compile (or load from the cache) every kernel of the graphs, once per process."""
-    measured = _one_sight()
+    measured = _one_observation()
     state, linear = linear_problem.allocate_state(1, 1), linear_problem.allocate_linear(1, 1, 1, 2)
     step = chord_kernels.allocate_chord(1, 1, 1, 2)
     state.landmarks[0] = measured.value[0]
@@ -38,8 +38,8 @@ def compile_graphs_once() -> None:
         recursions.run_adjoints(one, one, one)
 
 
-def _one_sight() -> Measured:
-    """A pose that sees a landmark; the types of its arrays are those of every recording."""
+def _one_observation() -> Measured:
+    """Return a pose that observes one landmark, with the array types of every recording."""
     value = np.array([[1.0, 0.0]])
     value.setflags(write=False)
     return Measured(

@@ -13,7 +13,7 @@ from random_recordings import random_recording
 
 from slamgauge.arrays import Float
 from slamgauge.graph_baseline.problem import residuals
-from slamgauge.graph_baseline.problem.residuals import Measured, Sight, measured_of
+from slamgauge.graph_baseline.problem.residuals import Measured, ObservationRow, measured_of
 from slamgauge.se2 import between, log
 from slamgauge.sensors import SENSORS
 
@@ -28,13 +28,13 @@ def angle_of(along: float, across: float) -> float:
 
 @njit
 def observation_residual(
-    sensor: int, sight: Sight, turn: tuple[float, float], ex: float, ey: float
+    sensor: int, observation: ObservationRow, turn: tuple[float, float], ex: float, ey: float
 ) -> tuple[float, float, float, float, float, float]:
-    return residuals.observation_residual(sensor, sight, turn, ex, ey)
+    return residuals.observation_residual(sensor, observation, turn, ex, ey)
 
 
 @njit
-def observation_row(measured: Measured, row: int) -> Sight:
+def observation_row(measured: Measured, row: int) -> ObservationRow:
     return residuals.observation_row(measured, row)
 
 
@@ -64,9 +64,9 @@ def test_a_recordings_steps_and_observations(sensor: str):
         z, L = recording.observation[row], np.linalg.inv(measured.whitener[row])
         bearing = 0.0 if sensor == "position" else z[-1]
         np.testing.assert_allclose(L @ L.T, recording.observation_cov[row], rtol=1e-12, atol=1e-15)
-        sight = observation_row(measured, row)
-        assert sight[:4] == (z[0], z[-1], np.cos(bearing), np.sin(bearing))
-        assert sight[4:] == tuple(measured.whitener[row][[0, -1, -1], [0, 0, -1]])
+        observation = observation_row(measured, row)
+        assert observation[:4] == (z[0], z[-1], np.cos(bearing), np.sin(bearing))
+        assert observation[4:] == tuple(measured.whitener[row][[0, -1, -1], [0, 0, -1]])
     poses = np.array([[1.0, -2.0, 3.0], [1.4, -1.9, -2.9]])
     expected = log(between(recording.odometry[0], between(poses[0], poses[1])))
     actual = step_residual(poses[0], measured.motion[1], measured.motion_turn[1], poses[1])
@@ -80,7 +80,7 @@ def test_residual_of_an_observation_and_its_gradient(sensor: str, heading: float
     turn, root = (math.cos(heading), math.sin(heading)), np.array([[2.0, 0.0], [-0.7, 5.0]])
     for bearing in (2.5, 0.62 - heading):
         z = (1.5, -0.4) if sensor == "position" else (1.5, bearing) if sensor == "range-bearing" else (bearing, bearing)
-        sight = Sight(*z, math.cos(bearing), math.sin(bearing), root[0, 0], root[1, 0], root[1, 1])
+        observation = ObservationRow(*z, math.cos(bearing), math.sin(bearing), root[0, 0], root[1, 0], root[1, 1])
 
         def seen(e: Float, z: tuple[float, float] = z) -> Float:
             c, s = turn
@@ -90,6 +90,6 @@ def test_residual_of_an_observation_and_its_gradient(sensor: str, heading: float
             return root @ [math.hypot(*e) - z[0], off] if sensor == "range-bearing" else np.array([root[0, 0] * off, 0])
 
         at = np.array([1.2, 0.85])
-        r0, r1, a00, a01, a10, a11 = observation_residual(SENSORS[sensor].code, sight, turn, *at)
+        r0, r1, a00, a01, a10, a11 = observation_residual(SENSORS[sensor].code, observation, turn, *at)
         np.testing.assert_allclose([r0, r1], seen(at), rtol=0, atol=5e-15)
         assert_jacobian(seen, np.array([[a00, a01], [a10, a11]]), at)

@@ -26,9 +26,9 @@ def test_mixed_steps_of_a_linear_map_end_after_as_many_as_it_has_rates() -> None
     weight, end, x, mixing = np.array([1.0, 10.0, 0.1, 3.0]), rng.normal(size=4), np.zeros(4), AndersonAcceleration()
     for _ in range(6):
         step = turn @ ((1.0 - RATES) * (turn.T @ (end - x)))
-        move = mixing.move(step, weight * step)
+        move = mixing.accelerate(step, weight * step)
         x = x + move
-        mixing.moved(move)
+        mixing.record(move)
     assert largest_entry(weight * (x - end)) < 1e-9
 
 
