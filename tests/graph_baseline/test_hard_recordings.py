@@ -66,7 +66,7 @@ def hardly_seen(bearing_variance: float) -> Recording:
 
 
 @pytest.mark.parametrize(
-    ("key", "start", "remedy"), [(L(5), "landmark 5: ", "add sights"), (X(7), "pose 7: ", "smaller variances")]
+    ("key", "start", "remedy"), [(L(5), "landmark 5: ", "add observations"), (X(7), "pose 7: ", "smaller variances")]
 )
 def test_what_gtsam_finds_undetermined_is_named_with_a_remedy(key: int, start: str, remedy: str) -> None:
     """A graph that knows only how far a variable is from the origin."""

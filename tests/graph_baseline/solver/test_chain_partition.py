@@ -50,7 +50,7 @@ def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pieces of a handful of landmarks, in small maps too."""
     monkeypatch.setattr(chain_partition, "LANDMARKS", 5)
     monkeypatch.setattr(chain_partition, "OVERHEAD", 0.0)
-    monkeypatch.setattr("slamgauge.graph_baseline.solver.multifrontal.MOVED", 0.0)
+    monkeypatch.setattr("slamgauge.graph_baseline.solver.multifrontal.ASSEMBLY", 0.0)
 
 
 def whole(monkeypatch: pytest.MonkeyPatch, model: LinearModel, landmarks: int, damping: Damping) -> Solution:
