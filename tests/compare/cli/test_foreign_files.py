@@ -60,9 +60,9 @@ IN_THE_WAY = [
 WORK = (
     *("scenarios.simulation.simulate", "scoring.comparison.compare_estimators"),
     *("datasets.victoria_park.read_victoria_park", "figures.animation.Scene"),
-    *("studies.budget.error_budget", "bench.bench.run_bench", "studies.study._carry_out"),
+    *("studies.budget.error_budget", "bench.step_times.run_bench", "studies.study._carry_out"),
     *("grading.grading.grade_folder", "datasets.csv_log.read_csv_log", "storage.csv_folder.write_recording_csv"),
-    "noise.finding.find_noise",
+    "noise.estimation.find_noise",
 )
 
 
