@@ -19,6 +19,7 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import compose, rotation, wrap
+from slamgauge.validation import require_type
 
 if TYPE_CHECKING:
     from slamgauge.ekf.settings.association import Association
@@ -47,6 +48,7 @@ def textbook_ekf(recording: Recording, association: Association | None = None) -
     Raises:
         UserError: a bearing-only recording, or an association that the exercise does not have.
     """
+    require_type("recording", recording, Recording)
     gate = _require_exercise(recording, association)
     x, P, ids = recording.prior_mean, recording.prior_cov, list[int]()
     associated, rows = list[int](), []

@@ -186,7 +186,7 @@ _ENTRIES = (
         home="slamgauge.graph_baseline:isam2",
         note="GTSAM's iSAM2",
         role="graph",
-        look=Look("#999933", (0, (3, 2, 1, 2))),
+        look=Look("#AAAA00", (0, (3, 3))),
     ),
     Entry(
         name="gtsam-batch",
@@ -194,7 +194,7 @@ _ENTRIES = (
         kind="smoothed",
         note="GTSAM's Levenberg-Marquardt",
         role="graph",
-        look=Look("#332288", (0, (10, 1, 1, 1))),
+        look=Look("#CC6677", (0, (10, 2, 2, 2))),
     ),
 )
 REGISTRY = {entry.name: entry for entry in _ENTRIES}
