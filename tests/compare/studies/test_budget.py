@@ -59,7 +59,7 @@ def test_wrong_associations_are_charged_to_the_associations(monkeypatch: pytest.
     """A filter that takes two landmarks for one, and rejects a third, but solves that problem perfectly."""
     causal = load_estimators(["causal"])["causal"]
 
-    def confused(recording: Recording) -> Estimate:
+    def confused(recording: Recording, **_: object) -> Estimate:
         assert recording.landmark is not None
         given = np.where(recording.landmark == 1, 0, recording.landmark)
         kept = given != 2
@@ -130,7 +130,7 @@ def test_what_the_runs_do_not_show_to_cost_anything_is_said_so() -> None:
 
 
 def test_an_estimator_that_fails_is_named_with_the_seed(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(_: Recording) -> Estimate:
+    def broken(_: Recording, **__: object) -> Estimate:
         raise UserError("no luck")
 
     monkeypatch.setattr("slamgauge.ekf.ekf_slam", broken)

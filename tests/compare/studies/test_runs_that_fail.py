@@ -46,7 +46,7 @@ def test_a_failure_is_one_line_that_tells_mistakes_from_defects(
     error: Exception,
     kept: str,
 ) -> None:
-    def broken(_: Recording) -> Estimate:
+    def broken(_: Recording, **__: object) -> Estimate:
         raise error
 
     monkeypatch.setattr("slamgauge.ekf.ekf_slam", broken)

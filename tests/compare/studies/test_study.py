@@ -117,7 +117,7 @@ def test_a_failing_run_is_recorded_shown_and_not_repeated(
     unlucky = simulate(scenario, seed)[1].odometry[0, 0]
     ekf = load_estimators(["ekf"])["ekf"]
 
-    def fragile(recording: Recording) -> Estimate:
+    def fragile(recording: Recording, **_: object) -> Estimate:
         if recording.odometry[0, 0] == unlucky:
             raise ValueError("no luck")
         return ekf(recording)
@@ -266,7 +266,7 @@ def test_the_command_prints_the_table_and_writes_summary_and_figures(
 def test_figures_of_a_study_in_which_everything_failed(
     scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(_: Recording) -> Estimate:
+    def broken(_: Recording, **__: object) -> Estimate:
         raise ValueError("never")
 
     monkeypatch.setattr("slamgauge.ekf.ekf_slam", broken)
