@@ -31,7 +31,7 @@ SHORT = ["start=sampled", "trajectory.duration=2"]
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "mine.py").write_text(MINE)
-    (tmp_path / "helper.py").write_text(HELPER.format("ekf"))
+    (tmp_path / "helper.py").write_text(HELPER.format("ekf_slam"))
     (tmp_path / "other.py").write_text("")
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -56,7 +56,7 @@ def test_edited_code_is_another_estimator(folder: Path) -> None:
         first = run_study(scenario, 2, 0, address, folder / "study", executor).estimators
         (folder / "helper.py").write_text(HELPER.format("dead_reckoning"))
         edited = run_study(scenario, 2, 0, address, folder / "study", executor).estimators
-        (folder / "helper.py").write_text(HELPER.format("ekf"))
+        (folder / "helper.py").write_text(HELPER.format("ekf_slam"))
         (folder / "other.py").write_text("X = 1\n")
         again = run_study(scenario, 2, 0, address, folder / "study", executor).estimators
     assert first["mine"].figure("ate_m") == first["ekf"].figure("ate_m") == again["mine"].figure("ate_m")
