@@ -72,7 +72,7 @@ def compile_bearings_once() -> None:
     """Compile the kernels of bearing-only landmarks."""
     belief, work = _robot_and_landmark()
     columns, jacobian, one = np.arange(3), np.zeros((1, 3)), np.ones((1, 1))
-    with announced("kernels of bearing-only landmarks"):
+    with announced("bearing-only kernels"):
         innovations_of(2, belief, work.slots, work.observation, work.observation_cov)
         append_linear(belief._replace(size=3), columns, np.zeros((2, 3)), np.eye(2))
         linear_update(belief, columns, jacobian, np.zeros(1), one)
