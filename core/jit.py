@@ -1,4 +1,4 @@
-"""Compilation of kernels: by numba on first use, kept on disk for later processes (`kept_code`)."""
+"""Compilation of kernels: by numba on first use, kept on disk for later processes (`kernel_cache`)."""
 
 from __future__ import annotations
 
