@@ -7,11 +7,11 @@ import re
 from collections.abc import Generator
 from pathlib import Path
 
-import lighter
 import pytest
 
 from slamgauge import compile_progress
 from slamgauge.compare.cli import terminal
+from tests.reference import lighter
 
 HERE = Path(__file__).parent
 

@@ -20,10 +20,10 @@ import webbrowser
 from pathlib import Path
 
 import pytest
-from published_logs import write_published_logs
 
 from slamgauge.compare.cli.main import COMMANDS, main
 from slamgauge.compare.scenarios import scenario
+from tests.reference.published_logs import write_published_logs
 
 pytestmark = pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
 

@@ -15,14 +15,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
-from optimum import square_root
-from random_recordings import random_recording
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter, ekf_slam
 from slamgauge.ekf.textbook import Linearised, augment, linearise, motion_jacobians, predict, update
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
+from tests.reference.optimum import square_root
+from tests.reference.random_recordings import random_recording
 
 # step, landmark slot, Hx, Hl, constant b and covariance R of 0 = Hx x + Hl l - b + noise
 Observed = tuple[int, int, Float, Float, Float, Float]

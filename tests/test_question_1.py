@@ -12,9 +12,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import pytest
-from questions import graded_scores, scores
 
 from slamgauge import assert_error_bounds
+from tests.reference.questions import graded_scores, scores
 
 FILTERS = ("dead-reckoning", "ekf", "riekf")
 MAPS = ("q1-short-dense", "q1-long-dense", "q1-long-sparse")

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from questions import Expected, graded_scores, scores
 
 from slamgauge import assert_error_bounds, load_scenario, simulate
 from slamgauge.compare.scenarios.simulation import informed
+from tests.reference.questions import Expected, graded_scores, scores
 
 FILTERS = ("ekf", "riekf")
 RUNS = 50  # without the optimum; seeds 0 ..

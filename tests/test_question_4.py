@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from questions import graded_scores, scores
 
 from slamgauge import Score, assert_error_bounds
+from tests.reference.questions import graded_scores, scores
 
 FILTERS = ("ekf", "riekf")
 RUNS = {"q4-three-landmarks": 30, "q4-ring": 20}  # without the optimum; seeds 0 ..

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from random_recordings import random_recording
 
 from slamgauge.arrays import Float
 from slamgauge.ekf import ekf_slam, riekf, riukf, robocentric_ekf
@@ -22,6 +21,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
+from tests.reference.random_recordings import random_recording
 
 Estimator = Callable[[Recording], Estimate]
 LEVELS = (1e-2, 1e-3, 1e-4)

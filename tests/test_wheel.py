@@ -10,7 +10,8 @@ from pathlib import Path, PurePosixPath
 from zipfile import ZipFile
 
 import pytest
-from installed_elsewhere import PACKAGES, ROOT, lend_kernels, run_in
+
+from tests.reference.installed_elsewhere import PACKAGES, ROOT, lend_kernels, run_in
 
 SCENARIOS = sorted(path.stem for path in (ROOT / "compare/scenarios").glob("*.toml"))
 

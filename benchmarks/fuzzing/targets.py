@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-import robot_logs
 from numpy.typing import NDArray
 from scipy.io import loadmat, savemat
 
@@ -42,6 +41,7 @@ from slamgauge.compare.storage.stored_estimates import load_stored
 from slamgauge.ekf import FilterSettings
 from slamgauge.ekf.estimators import ekf_slam
 from slamgauge.se2 import wrap
+from tests.reference import robot_logs
 
 Files = Mapping[str, bytes]
 Claim = Callable[[Path, Any], str]  # folder and result: what is not as the file says, nothing if all is

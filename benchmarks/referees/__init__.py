@@ -10,4 +10,4 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[2] / "tests/reference"))
+sys.path.insert(0, str(Path(__file__).parents[2]))

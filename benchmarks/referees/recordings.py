@@ -15,13 +15,13 @@ from dataclasses import dataclass
 from typing import NamedTuple, cast, get_args
 
 import numpy as np
-from optimum import exp_se2
 
 from slamgauge.arrays import Float, Int
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose, rotation, wrap
 from slamgauge.sensors import Sensor
 from slamgauge.truth import Truth
+from tests.reference.optimum import exp_se2
 
 SENSORS = get_args(Sensor)
 PRIORS = ("zero", "diagonal", "full")

@@ -12,8 +12,6 @@ from pathlib import Path
 import agreement
 import numpy as np
 import pytest
-from optimum import ExactProblem, square_root
-from random_recordings import random_recording
 from referees.extended import DIGITS_GAINED, extended
 from referees.filters import PAIRS, difference, judge_filters, judge_minimum
 from referees.kept import Kept
@@ -28,6 +26,8 @@ from slamgauge.arrays import Float
 from slamgauge.compare.storage.files import load_recording, load_truth
 from slamgauge.estimate import Estimate
 from slamgauge.se2 import between, rotation, wrap
+from tests.reference.optimum import ExactProblem, square_root
+from tests.reference.random_recordings import random_recording
 
 FALSE_ALARM = 1e-4  # of each chi-square test, both sides together
 

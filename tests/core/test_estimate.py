@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from vocabulary_examples import estimate
 
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
+from tests.reference.vocabulary_examples import estimate
 
 
 def test_an_estimate_needs_only_kind_and_poses() -> None:

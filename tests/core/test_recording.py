@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from vocabulary_examples import recording
+
+from tests.reference.vocabulary_examples import recording
 
 
 @pytest.mark.parametrize("sensor", ["range-bearing", "bearing", "position"])

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from jacobians import assert_jacobian
 from numba import njit
 from numpy.polynomial.legendre import leggauss
 
@@ -27,6 +26,7 @@ from slamgauge.se2 import (
     rotation,
     wrap,
 )
+from tests.reference.jacobians import assert_jacobian
 
 PI = math.pi
 JUST_ABOVE_MINUS_PI = math.nextafter(-PI, 0.0)

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from jacobians import assert_jacobian
 
 from slamgauge.arrays import Float
 from slamgauge.sensor_kernels import locate, locate_all, observe, observe_all, wrap_innovation
@@ -19,6 +18,7 @@ from slamgauge.sensors import (
     jacobian,
     predict,
 )
+from tests.reference.jacobians import assert_jacobian
 
 PI = math.pi
 JUST_FAR_ENOUGH = 1.0001 * MIN_BEARING_DISTANCE

@@ -6,9 +6,9 @@ import math
 from dataclasses import fields
 
 import numpy as np
-from vocabulary_examples import truth
 
 from slamgauge.truth import Truth
+from tests.reference.vocabulary_examples import truth
 
 
 def test_a_truth_may_lack_anything() -> None:

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from vocabulary_examples import estimate, history, rays, recording, truth
 
 from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 from slamgauge.validation import as_covariances
+from tests.reference.vocabulary_examples import estimate, history, rays, recording, truth
 
 
 def in_row(row: int, value: Any, array: Any) -> Float:

@@ -7,12 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_recordings import random_recording
 from scipy.stats import chi2
-from textbook_association import (
-    Kind,
-    textbook_nearest_neighbour,
-)
 
 from slamgauge.arrays import Int
 from slamgauge.compare.scenarios.scenario import load_scenario
@@ -25,6 +20,11 @@ from slamgauge.ekf.maps.correction_table import BLOCK
 from slamgauge.ekf.settings.association import Association, MapManagement
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
+from tests.reference.random_recordings import random_recording
+from tests.reference.textbook_association import (
+    Kind,
+    textbook_nearest_neighbour,
+)
 
 Estimator = Callable[[Recording, FilterSettings], Estimate]
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])

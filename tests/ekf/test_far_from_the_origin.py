@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from elsewhere import FAR, TOLERANCE, assert_same_positions, moved
-from random_recordings import random_recording
 
 from slamgauge.ekf import (
     Association,
@@ -32,6 +30,8 @@ from slamgauge.ekf.maps.map_edits import replace_map
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
+from tests.reference.elsewhere import FAR, TOLERANCE, assert_same_positions, moved
+from tests.reference.random_recordings import random_recording
 
 FILTERS = pytest.mark.parametrize("estimator", [ekf_slam, fej_ekf, oc_ekf, iekf, riekf])
 Estimator = Callable[..., Estimate]

@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from random_recordings import random_recording
-from textbook_pairs import PAIRS
 
 from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
+from tests.reference.random_recordings import random_recording
+from tests.reference.textbook_pairs import PAIRS
 
 Estimator = Callable[[Recording], Estimate]
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_recordings import random_recording
 
 from slamgauge import load_scenario, simulate
 from slamgauge.ekf import (
@@ -28,6 +27,7 @@ from slamgauge.ekf.maps.members import POINT
 from slamgauge.ekf.settings.initialisation import Initialisation
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording
+from tests.reference.random_recordings import random_recording
 
 INITIALISATIONS = pytest.mark.parametrize(
     "initialisation", [Rays(), InverseDepth(), Delayed()], ids=["rays", "inverse-depth", "delayed"]

@@ -12,8 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from circles import RUNS, STEPS, Estimator, J, additive_nees, circling, covs_of, invariant_nees, outside, run_all
-from random_recordings import random_recording
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter, dead_reckoning, ekf_slam, fej_ekf, iekf, oc_ekf, riekf, riukf, robocentric_ekf
@@ -22,6 +20,19 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import between, compose, rotation
 from slamgauge.sensors import Sensor
+from tests.reference.circles import (
+    RUNS,
+    STEPS,
+    Estimator,
+    J,
+    additive_nees,
+    circling,
+    covs_of,
+    invariant_nees,
+    outside,
+    run_all,
+)
+from tests.reference.random_recordings import random_recording
 
 FAMILY = [ekf_slam, fej_ekf, oc_ekf, iekf, riekf]
 FILTERS = pytest.mark.parametrize("estimator", FAMILY)

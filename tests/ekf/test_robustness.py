@@ -14,9 +14,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from random_recordings import random_recording
 from scipy.stats import chi2
-from textbook_pairs import PAIRS
 
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import load_scenario
@@ -40,6 +38,8 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.truth import Truth
+from tests.reference.random_recordings import random_recording
+from tests.reference.textbook_pairs import PAIRS
 
 STUDENT = Robustness("student-t", degrees_of_freedom=2.5)
 

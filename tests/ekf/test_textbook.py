@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from jacobians import assert_jacobian
-from random_recordings import random_recording, recording_of
 
 from slamgauge import (
     Association,
@@ -26,6 +24,8 @@ from slamgauge import textbook_ekf as exported
 from slamgauge.arrays import Float
 from slamgauge.ekf.settings.filter_settings import FilterSettings
 from slamgauge.ekf.textbook import augment, linearise, locate, motion_jacobians, predict, textbook_ekf, update
+from tests.reference.jacobians import assert_jacobian
+from tests.reference.random_recordings import random_recording, recording_of
 
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 X = np.array([0.3, -0.2, 2.9, 1.5, 2.0, -0.6, -3.0])  # a robot that looks backwards, and two landmarks

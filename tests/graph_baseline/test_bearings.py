@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from random_recordings import random_recording
 from scipy.optimize import least_squares
 
 from slamgauge import load_scenario, simulate
@@ -25,6 +24,7 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, log, wrap
 from slamgauge.triangulation import triangulate
 from slamgauge.truth import Truth
+from tests.reference.random_recordings import random_recording
 
 OPTIMA = pytest.mark.parametrize("optimum", [batch, causal])
 

@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from jacobians import differentiate
-from random_recordings import random_recording
 from scipy.stats import chi2
 
 from slamgauge.arrays import Float
@@ -20,6 +18,8 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import between, rotation, wrap
 from slamgauge.sensors import Sensor
 from slamgauge.truth import Truth
+from tests.reference.jacobians import differentiate
+from tests.reference.random_recordings import random_recording
 
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position", "bearing"])
 SLIP = pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])

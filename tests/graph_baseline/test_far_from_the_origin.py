@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from elsewhere import FAR, TOLERANCE, assert_same_positions, moved
-from random_recordings import random_recording
 
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal, robust_batch
 from slamgauge.se2 import wrap
+from tests.reference.elsewhere import FAR, TOLERANCE, assert_same_positions, moved
+from tests.reference.random_recordings import random_recording
 
 
 @pytest.mark.parametrize("optimum", [batch, causal, robust_batch])

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_recordings import random_recording
 
 from slamgauge.arrays import Int
 from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal, robust_batch
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
+from tests.reference.random_recordings import random_recording
 
 OPTIMA = pytest.mark.parametrize("optimum", [batch, causal, robust_batch])
 

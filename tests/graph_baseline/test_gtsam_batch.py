@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_recordings import random_recording, recording_of
 
 from slamgauge import gtsam_batch, load_scenario, shipped_scenarios, simulate
 from slamgauge.arrays import Float
@@ -21,6 +20,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, batch
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
+from tests.reference.random_recordings import random_recording, recording_of
 
 RANGE_BEARING = [name for name, _ in shipped_scenarios() if load_scenario(name).sensor.kind == "range-bearing"]
 EXACT = 1e-9  # m or rad: a smaller standard deviation is zero

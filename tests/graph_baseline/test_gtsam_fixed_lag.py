@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_recordings import random_recording, recording_of
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.loading import load_estimators
@@ -19,6 +18,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import UndeterminedError, causal, fixed_lag
 from slamgauge.graph_baseline.gtsam_fixed_lag import FixedLagSmoother
 from slamgauge.se2 import wrap
+from tests.reference.random_recordings import random_recording, recording_of
 
 
 def apart(one: Estimate, other: Estimate) -> float:

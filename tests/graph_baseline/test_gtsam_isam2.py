@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_recordings import random_recording, recording_of
 
 from slamgauge import causal, isam2, load_scenario, simulate
 from slamgauge.arrays import Float
@@ -17,6 +16,7 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
+from tests.reference.random_recordings import random_recording, recording_of
 
 
 def apart(found: Estimate, optimum: Estimate) -> Float:

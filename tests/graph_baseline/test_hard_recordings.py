@@ -11,15 +11,6 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, X
 from numpy.typing import ArrayLike
-from optimum import ExactProblem
-from random_recordings import random_recording
-from small_problems import (
-    answer,
-    assert_same_covariances,
-    pose_difference,
-    problem,
-    sights_from_the_start,
-)
 
 from slamgauge.arrays import Float
 from slamgauge.ekf import dead_reckoning
@@ -30,6 +21,15 @@ from slamgauge.graph_baseline.problem.preparation import Problem, require_known_
 from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import between
+from tests.reference.optimum import ExactProblem
+from tests.reference.random_recordings import random_recording
+from tests.reference.small_problems import (
+    answer,
+    assert_same_covariances,
+    pose_difference,
+    problem,
+    sights_from_the_start,
+)
 
 Estimator = Callable[[Recording], Estimate]
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_recordings import random_recording
 
 from slamgauge.arrays import Float
 from slamgauge.errors import UserError
@@ -20,6 +19,7 @@ from slamgauge.graph_baseline.solver.incremental import IncrementalOptimum, Mini
 from slamgauge.graph_baseline.solver.reduced_scans import Damping
 from slamgauge.graph_baseline.solver.smoother import damped_step
 from slamgauge.se2 import chain
+from tests.reference.random_recordings import random_recording
 
 
 def does_not_converge(_: ChordDescent) -> bool:

@@ -13,10 +13,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from exact_graph import as_values, exact_graph, marginals, solve_graph
-from optimum import ExactProblem
-from random_recordings import random_recording
-from small_problems import (
+
+from slamgauge.arrays import Float
+from slamgauge.ekf import dead_reckoning, ekf_slam, riekf
+from slamgauge.estimate import Estimate
+from slamgauge.graph_baseline import batch, causal, cost
+from slamgauge.graph_baseline.gtsam_graph import build_graph
+from slamgauge.recording import Recording
+from slamgauge.se2 import between, compose, rotation
+from tests.reference.exact_graph import as_values, exact_graph, marginals, solve_graph
+from tests.reference.optimum import ExactProblem
+from tests.reference.random_recordings import random_recording
+from tests.reference.small_problems import (
     Answer,
     answer,
     assert_same_covariances,
@@ -27,14 +35,6 @@ from small_problems import (
     sights_from_the_start,
     sigmas_of,
 )
-
-from slamgauge.arrays import Float
-from slamgauge.ekf import dead_reckoning, ekf_slam, riekf
-from slamgauge.estimate import Estimate
-from slamgauge.graph_baseline import batch, causal, cost
-from slamgauge.graph_baseline.gtsam_graph import build_graph
-from slamgauge.recording import Recording
-from slamgauge.se2 import between, compose, rotation
 
 Estimator = Callable[[Recording], Estimate]
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from random_recordings import recording_of
 
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
@@ -20,6 +19,7 @@ from slamgauge.graph_baseline.hindsight import optimum_from
 from slamgauge.graph_baseline.problem.preparation import prepare
 from slamgauge.graph_baseline.solver import levenberg_marquardt, multistart
 from slamgauge.recording import Recording
+from tests.reference.random_recordings import recording_of
 
 ROOT = Path(__file__).parents[2]
 BLOCKED = ROOT / "tests/without_gtsam"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from robot_logs import DLR, FREIBURG, G2O, MRCLAM
 from scipy.io import savemat
 
 from slamgauge import Recording, Truth, load_scenario, simulate
+from tests.reference.robot_logs import DLR, FREIBURG, G2O, MRCLAM
 
 SHORT = ("trajectory.duration=6", "trajectory.step=0.1")
 

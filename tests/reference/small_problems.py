@@ -6,7 +6,6 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-from random_recordings import random_recording
 
 from slamgauge.arrays import Float, Int
 from slamgauge.estimate import Estimate
@@ -14,6 +13,7 @@ from slamgauge.graph_baseline import batch, cost
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 from slamgauge.truth import Truth
+from tests.reference.random_recordings import random_recording
 
 
 class Answer(NamedTuple):

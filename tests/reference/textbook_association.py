@@ -13,7 +13,12 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from textbook import (
+
+from slamgauge.arrays import Float
+from slamgauge.ekf import Association, textbook, textbook_ekf
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from tests.reference.textbook import (
     KEEP_FIRST,
     Jacobians,
     Kind,
@@ -27,11 +32,6 @@ from textbook import (
     update,
     update_iterated,
 )
-
-from slamgauge.arrays import Float
-from slamgauge.ekf import Association, textbook, textbook_ekf
-from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
 
 Pair = tuple[int, int]  # observation, slot
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from textbook import student_t_ekf, textbook_fej_ekf, textbook_iekf, textbook_oc_ekf, textbook_riekf
 
 from slamgauge.ekf import ekf_slam, fej_ekf, iekf, oc_ekf, riekf, textbook_ekf
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
+from tests.reference.textbook import student_t_ekf, textbook_fej_ekf, textbook_iekf, textbook_oc_ekf, textbook_riekf
 
 
 def ekf_of_textbook(recording: Recording, tails: float | None = None) -> Estimate:

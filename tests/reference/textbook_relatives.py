@@ -11,9 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from jacobians import differentiate
 from scipy.linalg import sqrtm
-from textbook import additive_from_invariant, block_diagonal, exp_action, moved
 
 from slamgauge.arrays import Float, Int
 from slamgauge.estimate import Estimate
@@ -21,6 +19,8 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import rotation, wrap
 from slamgauge.sensors import innovation, predict
 from slamgauge.sensors import inverse as locate
+from tests.reference.jacobians import differentiate
+from tests.reference.textbook import additive_from_invariant, block_diagonal, exp_action, moved
 
 Numbers = list[int]
 SPREAD = 3.0**0.5  # sigmas from the mean to a sigma point

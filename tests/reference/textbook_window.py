@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from jacobians import differentiate
 
 from slamgauge import sensors
 from slamgauge.arrays import Float
@@ -18,6 +17,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose, rotation, wrap
 from slamgauge.triangulation import triangulate
+from tests.reference.jacobians import differentiate
 
 Name = tuple[str, int]
 Values = dict[Name, Float]

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from held_by_schemas import held
 
 from slamgauge.compare.bench.numpy_filter import plain_numpy_ekf
 from slamgauge.compare.bench.step_times import growth_exponent, workload
@@ -15,6 +14,7 @@ from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scenarios.trajectory import Segments
 from slamgauge.ekf import ekf_slam
+from tests.reference.held_by_schemas import held
 
 
 def test_the_plain_numpy_filter_is_the_same_filter() -> None:

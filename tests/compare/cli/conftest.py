@@ -8,10 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import SHORT, Module, Refuse, run
 
 from slamgauge.ekf.kernels.warm_up import compile_once
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
+from tests.reference.command_line import SHORT, Module, Refuse, run
 
 
 @pytest.fixture(scope="package")

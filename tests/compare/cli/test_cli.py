@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import SHORT, Module, arrays, command, metrics_of, run
 
 from slamgauge.compare.cli import terminal
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
 from slamgauge.compare.storage.manifest import MANIFEST
+from tests.reference.command_line import SHORT, Module, arrays, command, metrics_of, run
 
 ROOT = Path(__file__).parents[3]
 DATA = ROOT / "../shared/data"

@@ -11,9 +11,9 @@ import time
 from pathlib import Path
 
 import pytest
-from programs import program
 
 from slamgauge.compare.cli.main import main
+from tests.reference.programs import program
 
 PLACES = {
     "bash": ".local/share/bash-completion/completions/slamgauge",

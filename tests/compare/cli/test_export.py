@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from random_recordings import random_recording
 from scipy.io import loadmat
 
 from slamgauge.compare.cli.main import main
@@ -16,6 +15,7 @@ from slamgauge.compare.storage.csv_folder import read_recording_csv
 from slamgauge.compare.storage.files import load_estimate, load_recording, save
 from slamgauge.compare.storage.stored_estimates import load_stored
 from slamgauge.estimate import Estimate
+from tests.reference.random_recordings import random_recording
 
 SHORT = ("--set", "trajectory.duration=3")
 

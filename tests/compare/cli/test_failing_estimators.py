@@ -6,7 +6,8 @@ import re
 from pathlib import Path
 
 import pytest
-from command_line import Module, Refuse, run
+
+from tests.reference.command_line import Module, Refuse, run
 
 ESTIMATE = "from slamgauge import Estimate\nimport numpy as np\nimport sys\n\ndef estimate(recording):\n    "
 

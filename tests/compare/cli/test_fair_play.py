@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import pytest
-from held_by_schemas import held
 
 from slamgauge import load_scenario, simulate
 from slamgauge.compare.checks import law as law_module
@@ -16,6 +15,7 @@ from slamgauge.compare.estimators.isolated_process import Isolated, OverdueError
 from slamgauge.compare.estimators.user_code import address
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
+from tests.reference.held_by_schemas import held
 
 RIGHT = """
 from slamgauge import Estimate, chain

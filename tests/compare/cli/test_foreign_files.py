@@ -7,12 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from robot_logs import CSV
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.storage.manifest import MANIFEST, owned
 from slamgauge.compare.studies import claims
 from slamgauge.compare.studies.claim_list import CLAIMS
+from tests.reference.robot_logs import CSV
 
 pytestmark = pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
 

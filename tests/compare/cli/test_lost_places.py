@@ -10,10 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from command_line import Refuse, command_after, contents
 
 from slamgauge.compare.storage.manifest import MANIFEST
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
+from tests.reference.command_line import Refuse, command_after, contents
 
 
 @pytest.mark.parametrize("place", ["FILE", "FILE/run", "/proc/nowhere/run", "/proc/run", "/sys/run"])

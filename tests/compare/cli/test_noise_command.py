@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from held_by_schemas import held
 
 from slamgauge import load_recording, load_scenario, save, simulate
 from slamgauge.compare.cli.main import main
+from tests.reference.held_by_schemas import held
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import Refuse, arrays, run
+
+from tests.reference.command_line import Refuse, arrays, run
 
 ROOT = Path(__file__).parents[3]
 

@@ -7,11 +7,11 @@ import re
 import subprocess
 import sys
 
-import lighter
 import pytest
 
 from slamgauge.compare.cli import terminal
 from slamgauge.compare.cli.main import COMMANDS, main
+from tests.reference import lighter
 
 pytestmark = pytest.mark.usefixtures("empty_pictures")
 

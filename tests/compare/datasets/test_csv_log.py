@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from random_recordings import random_recording, recording_of
-from robot_logs import CSV
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.datasets.csv_log import read_csv_log
@@ -19,6 +17,8 @@ from slamgauge.compare.storage.files import load_recording, load_truth, save
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch
 from slamgauge.se2 import chain
+from tests.reference.random_recordings import random_recording, recording_of
+from tests.reference.robot_logs import CSV
 
 NOISE = ("noise.forward=0.1", "noise.turn=0.05", "noise.range=0.2", "noise.bearing=0.03", "noise.position=0.3")
 Log = Callable[..., Imported]

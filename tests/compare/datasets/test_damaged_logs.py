@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fuzzing.mutations import changed_text
-from robot_logs import CSV, DLR, FREIBURG, G2O, MRCLAM, TORO
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.datasets.csv_log import read_csv_log
@@ -18,6 +17,7 @@ from slamgauge.compare.datasets.g2o import read_g2o
 from slamgauge.compare.datasets.mrclam import read_mrclam
 from slamgauge.compare.storage.csv_folder import read_recording_csv
 from slamgauge.errors import UserError
+from tests.reference.robot_logs import CSV, DLR, FREIBURG, G2O, MRCLAM, TORO
 
 OWN = {  # as `slamgauge export --format csv` writes it
     "start.csv": "stamp,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n0,0,0,0,0.1,0,0,0.1,0,0.01\n",

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from robot_logs import DLR
 
 from slamgauge.arrays import Float
 from slamgauge.compare.datasets.dlr import read_dlr
 from slamgauge.compare.datasets.imported_log import Imported
 from slamgauge.errors import UserError
 from slamgauge.se2 import chain, compose
+from tests.reference.robot_logs import DLR
 
 LOG = DLR["log.txt"]
 Read = Callable[..., Imported]

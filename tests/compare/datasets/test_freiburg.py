@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from jacobians import assert_jacobian
 from numpy.testing import assert_allclose, assert_array_equal
-from robot_logs import FREIBURG
 
 from slamgauge.compare.datasets.freiburg import increment_jacobians, increments, read_freiburg
 from slamgauge.errors import UserError
 from slamgauge.se2 import compose
+from tests.reference.jacobians import assert_jacobian
+from tests.reference.robot_logs import FREIBURG
 
 
 @pytest.fixture

@@ -9,10 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from jacobians import assert_jacobian
 from numpy.testing import assert_allclose, assert_array_equal
-from random_recordings import random_recording, recording_of
-from robot_logs import G2O, TORO
 
 from slamgauge.arrays import Float
 from slamgauge.compare.cli.main import main
@@ -26,6 +23,9 @@ from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, compose
+from tests.reference.jacobians import assert_jacobian
+from tests.reference.random_recordings import random_recording, recording_of
+from tests.reference.robot_logs import G2O, TORO
 
 VICTORIA_PARK = Path(__file__).parents[3] / "../shared/data/victoria_park/victoria_park.txt"
 GRAPH, TORO_GRAPH = G2O["graph.g2o"], TORO["graph.toro"]

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from robot_logs import MRCLAM
 
 from slamgauge.compare.datasets.imported_log import Imported
 from slamgauge.compare.datasets.mrclam import read_mrclam
 from slamgauge.errors import UserError
+from tests.reference.robot_logs import MRCLAM
 
 Read = Callable[..., Imported]
 

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from rays_by_hand import STEPS, estimate_with_rays, half_loop
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.animation_scene import Scene
@@ -24,6 +23,7 @@ from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
+from tests.reference.rays_by_hand import STEPS, estimate_with_rays, half_loop
 
 WITH_RAYS = estimate_with_rays()
 GUEST = replace(WITH_RAYS, rays=None, history=None)

@@ -10,7 +10,6 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from rays_by_hand import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_with_rays, half_loop
 
 from slamgauge.compare.figures.map_at_step import map_at
 from slamgauge.compare.figures.map_layers import FAINTEST, MapLayer
@@ -20,6 +19,7 @@ from slamgauge.compare.figures.ray_strip import save_ray_strip
 from slamgauge.compare.scoring.comparison import Comparison
 from slamgauge.compare.scoring.comparison_files import write_comparison
 from slamgauge.estimate import Estimate, MapHistory, RayLog
+from tests.reference.rays_by_hand import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_with_rays, half_loop
 
 LOST: tuple[Fate, ...] = ("lost",)
 STILL: tuple[Fate, ...] = ("ray", "ray", "ray")

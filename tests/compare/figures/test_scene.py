@@ -11,7 +11,6 @@ from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
-from rays_by_hand import BIRTHS, LANDMARKS, estimate_with_rays, half_loop
 
 from slamgauge import arrays, load_scenario, simulate
 from slamgauge.compare.figures.animation_scene import Scene
@@ -19,6 +18,7 @@ from slamgauge.compare.figures.observed_landmarks import NEVER, first_seen, sigh
 from slamgauge.compare.storage.results_folder import Results
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
+from tests.reference.rays_by_hand import BIRTHS, LANDMARKS, estimate_with_rays, half_loop
 
 WITH_RAYS = estimate_with_rays()
 

@@ -10,7 +10,6 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from random_recordings import random_recording
 
 from slamgauge.compare.figures import animation_scene, ray_strip
 from slamgauge.compare.figures.animation_scene import Scene
@@ -19,6 +18,7 @@ from slamgauge.compare.figures.world_axes import label_plane, label_time, round_
 from slamgauge.compare.storage.results_folder import Results
 from slamgauge.ekf import FilterSettings, Rays, riekf
 from slamgauge.recording import Recording
+from tests.reference.random_recordings import random_recording
 
 FAR = np.array([500_000.0, 4_600_000.0, 0.0])  # [m]: UTM coordinates of southern Europe
 EPOCH = 1.7e9  # [s] since 1970

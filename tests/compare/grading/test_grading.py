@@ -11,7 +11,6 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from held_by_schemas import held
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.cli.options import sampled_scenario
@@ -21,6 +20,7 @@ from slamgauge.compare.grading.trial import Trial
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.studies.store import digest
 from slamgauge.errors import UserError
+from tests.reference.held_by_schemas import held
 
 from ..scoring.test_reference_comparison import scores
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from programs import program
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
@@ -23,6 +22,7 @@ from slamgauge.compare.figures.publishing import draw_comparison
 from slamgauge.compare.report.publishing import publish_report
 from slamgauge.compare.scoring.comparison import metrics
 from slamgauge.compare.scoring.comparison_files import write_comparison
+from tests.reference.programs import program
 
 NAMED = "<script>alert(1)</script>"
 GUEST = 'own "<b>&amp;'

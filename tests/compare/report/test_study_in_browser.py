@@ -8,7 +8,6 @@ from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import lighter
 import numpy as np
 import pytest
 
@@ -25,6 +24,7 @@ from slamgauge.compare.studies.claims import Judgement
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.study_run import run_seed
+from tests.reference import lighter
 
 from .conftest import NAMED, Reader, unexplained
 

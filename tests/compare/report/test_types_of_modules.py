@@ -6,9 +6,8 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from programs import program
-
 from slamgauge.compare.report.page import MODULES
+from tests.reference.programs import program
 
 ASSETS = Path(__file__).parents[3] / "compare/report/assets"
 CHECK = "-p", "jsconfig.json", "--noEmit", "--pretty", "false"

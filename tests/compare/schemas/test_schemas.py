@@ -10,7 +10,6 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from held_by_schemas import FOLDER, SCHEMAS, complaints, held
 
 from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
 from slamgauge.compare.bench.step_times import run_bench
@@ -31,6 +30,7 @@ from slamgauge.compare.studies.stopping_rule import Until
 from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.sweep import Sweep
 from slamgauge.ekf import ekf_slam
+from tests.reference.held_by_schemas import FOLDER, SCHEMAS, complaints, held
 
 SHORT = ["trajectory.duration=3", "start=sampled"]
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import vocabulary_examples as examples
 
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
@@ -24,6 +23,7 @@ from slamgauge.compare.studies.study import run_study
 from slamgauge.compare.studies.summary import misfit_optima, summary_table
 from slamgauge.graph_baseline import batch
 from slamgauge.truth import Truth
+from tests.reference import vocabulary_examples as examples
 
 SHORT = ("start=sampled", "trajectory.duration=20")
 BAD = ("sensor.outlier_rate=0.05", "sensor.clutter_rate=0.3")

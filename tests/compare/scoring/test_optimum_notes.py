@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import vocabulary_examples as examples
 
 from slamgauge.compare.scoring.comparison import Comparison, metrics, optimum_notes, table
 from slamgauge.compare.scoring.consistency import chi2_band
@@ -20,6 +19,7 @@ from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
+from tests.reference import vocabulary_examples as examples
 
 FILTER = examples.estimate(association=[4, 4, 9], poses=np.full((3, 3), 0.2))
 CAUSAL = examples.estimate(association=[4, 4, 9], poses=np.full((3, 3), 0.1), nis=None, nis_dof=None)

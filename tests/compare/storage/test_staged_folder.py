@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
-from published_files import FILES, LAST, fill, in_the_way, publish, texts
 
 from slamgauge.compare.storage.manifest import MANIFEST, owned
 from slamgauge.compare.storage.staged_folder import staged_folder
+from tests.reference.published_files import FILES, LAST, fill, in_the_way, publish, texts
 
 # --- whole or not there ------------------------------------------------------------------------
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from random_recordings import random_recording
 
 from slamgauge.compare.storage.files import save, write_tum
 from slamgauge.compare.storage.stored_estimates import load_stored
 from slamgauge.ekf import ekf_slam
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
+from tests.reference.random_recordings import random_recording
 
 _, RECORDING = random_recording(0, steps=10)
 

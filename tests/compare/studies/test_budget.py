@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from held_by_schemas import held
 from matplotlib.figure import Figure
 
 from slamgauge.compare.cli.main import main
@@ -23,6 +22,7 @@ from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
+from tests.reference.held_by_schemas import held
 
 SHORT = ["start=sampled", "trajectory.duration=4"]
 

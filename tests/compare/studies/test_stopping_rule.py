@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from held_by_schemas import held
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
@@ -26,6 +25,7 @@ from slamgauge.compare.studies.summary import Summary, summary_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
+from tests.reference.held_by_schemas import held
 
 NAMES = ("ekf", "riekf", "dead-reckoning")
 UNTIL = Until(precision=0.25, most=40)

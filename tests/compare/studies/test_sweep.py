@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from held_by_schemas import held
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
@@ -19,6 +18,7 @@ from slamgauge.compare.studies.summary import EstimatorSummary, Summary
 from slamgauge.compare.studies.sweep import run_sweep, split_sweep, sweep_table
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
+from tests.reference.held_by_schemas import held
 
 SHORT = ["start=sampled", "trajectory.duration=3"]
 

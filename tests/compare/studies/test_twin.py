@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from random_recordings import random_recording
 
 from slamgauge.compare.cli import terminal
 from slamgauge.compare.cli.main import main
@@ -22,6 +21,7 @@ from slamgauge.ekf import riekf
 from slamgauge.graph_baseline import batch
 from slamgauge.recording import Recording
 from slamgauge.se2 import between
+from tests.reference.random_recordings import random_recording
 
 WOODS = Path(__file__).parents[4] / "shared" / "data" / "lost_in_the_woods" / "dataset2.mat"
 

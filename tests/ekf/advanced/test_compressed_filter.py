@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from random_recordings import random_recording
 
 from slamgauge.arrays import Float
 from slamgauge.compare.bench.step_times import workload
@@ -14,6 +13,7 @@ from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import between, rotation
+from tests.reference.random_recordings import random_recording
 
 BOTH = pytest.mark.parametrize("correction", ["standard", "right-invariant"])
 

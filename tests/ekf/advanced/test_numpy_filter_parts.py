@@ -6,9 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from circles import Estimator
-from jacobians import assert_jacobian
-from random_recordings import random_recording
 
 from slamgauge.arrays import Float
 from slamgauge.ekf import riekf, riukf
@@ -23,6 +20,9 @@ from slamgauge.ekf.advanced.sigma_points import (
     symmetric_roots,
 )
 from slamgauge.se2 import between, mean_rotation, rotation
+from tests.reference.circles import Estimator
+from tests.reference.jacobians import assert_jacobian
+from tests.reference.random_recordings import random_recording
 
 ANGLES = [0.0, 1e-9, 0.7, -2.0, math.pi - 1e-9, -math.pi + 1e-9]
 J = np.array([[0.0, -1.0], [1.0, 0.0]])

@@ -11,9 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from circles import STEPS, Estimator, additive_nees, invariant_nees, outside, run_all
-from random_recordings import random_recording
-from textbook_relatives import textbook_riukf, textbook_robocentric_ekf
 
 from slamgauge.arrays import Float
 from slamgauge.ekf import ekf_slam, riukf, robocentric_ekf
@@ -27,6 +24,9 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import between
 from slamgauge.sensors import Sensor
+from tests.reference.circles import STEPS, Estimator, additive_nees, invariant_nees, outside, run_all
+from tests.reference.random_recordings import random_recording
+from tests.reference.textbook_relatives import textbook_riukf, textbook_robocentric_ekf
 
 RELATIVES = pytest.mark.parametrize("estimator", [riukf, robocentric_ekf])
 BELIEFS = pytest.mark.parametrize("belief_of", [InvariantBelief, RobocentricBelief])

@@ -9,9 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from circles import STEPS, additive_nees, outside, run_all
-from random_recordings import random_recording, recording_of
-from textbook_window import textbook_sliding_window
 
 from slamgauge import load_scenario, simulate
 from slamgauge.arrays import Float
@@ -23,6 +20,9 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import between, chain, wrap
+from tests.reference.circles import STEPS, additive_nees, outside, run_all
+from tests.reference.random_recordings import random_recording, recording_of
+from tests.reference.textbook_window import textbook_sliding_window
 
 VICTORIA_PARK = Path(__file__).parents[2] / "../shared/data/victoria_park/victoria_park.txt"
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position", "bearing"])

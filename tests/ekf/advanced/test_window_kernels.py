@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from jacobians import assert_jacobian, differentiate
 
 from slamgauge.arrays import Float
 from slamgauge.ekf.advanced.window import kernels as passes
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.se2 import rotation, wrap
 from slamgauge.sensor_kernels import BEARING, POSITION, RANGE_BEARING
+from tests.reference.jacobians import assert_jacobian, differentiate
 
 PI = math.pi
 SENSORS = pytest.mark.parametrize("sensor", [RANGE_BEARING, POSITION, BEARING])

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from jacobians import assert_jacobian
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
@@ -17,6 +16,7 @@ from slamgauge.ekf.settings.initialisation import FEWEST, Delayed
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap
 from slamgauge.triangulation import triangulate
+from tests.reference.jacobians import assert_jacobian
 
 CORRECTIONS = pytest.mark.parametrize("correction", RULES)
 J = np.array([[0.0, -1.0], [1.0, 0.0]])

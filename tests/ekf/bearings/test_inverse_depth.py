@@ -6,9 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from jacobians import assert_jacobian
 from scipy.stats import chi2
-from textbook import J, exp_action
 
 from slamgauge.arrays import Float
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
@@ -17,6 +15,8 @@ from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.ekf.settings.initialisation import InverseDepth
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap
+from tests.reference.jacobians import assert_jacobian
+from tests.reference.textbook import J, exp_action
 
 CORRECTIONS = pytest.mark.parametrize("correction", RULES)
 POSE = np.array([0.7, -1.2, 0.4])

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from textbook_association import Scan, brute_force_ambiguous, brute_force_joint
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import Association, MapManagement
@@ -16,6 +15,7 @@ from slamgauge.ekf.kernels.individual_compatibility import NONE
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import replace_map
 from slamgauge.se2 import wrap
+from tests.reference.textbook_association import Scan, brute_force_ambiguous, brute_force_joint
 
 METHODS = pytest.mark.parametrize("method", ["nearest-neighbour", "jcbb"])
 J = np.array([[0.0, -1.0], [1.0, 0.0]])

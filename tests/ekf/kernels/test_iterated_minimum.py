@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from random_recordings import random_recording
-from textbook import textbook_iekf
 
 from slamgauge.ekf import SlamFilter, iekf
 from slamgauge.ekf.kernels.belief import Belief
@@ -15,6 +13,8 @@ from slamgauge.ekf.maps.correction_table import WHOLE_SCAN, Rule
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import wrap
+from tests.reference.random_recordings import random_recording
+from tests.reference.textbook import textbook_iekf
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from jacobians import differentiate
-from random_recordings import random_recording
 
 from slamgauge.arrays import Float
 from slamgauge.ekf import SlamFilter
@@ -15,6 +13,8 @@ from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.ekf.maps.correction_table import WHOLE_SCAN, Rule
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation
+from tests.reference.jacobians import differentiate
+from tests.reference.random_recordings import random_recording
 
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 

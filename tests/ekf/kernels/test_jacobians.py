@@ -10,8 +10,6 @@ import math
 
 import numpy as np
 import pytest
-from jacobians import assert_jacobian, differentiate
-from textbook import belief_of, unobservable
 
 from slamgauge.arrays import Float
 from slamgauge.ekf.kernels.augmentation import augment
@@ -20,6 +18,8 @@ from slamgauge.ekf.kernels.prediction import predict
 from slamgauge.se2 import compose, rotation
 from slamgauge.sensor_kernels import POSITION, RANGE_BEARING
 from slamgauge.sensors import MIN_BEARING_DISTANCE
+from tests.reference.jacobians import assert_jacobian, differentiate
+from tests.reference.textbook import belief_of, unobservable
 
 PI = math.pi
 # the differences step 2 * 1e-3 of the distance towards the sensor: they must not cross the guard

@@ -7,18 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from random_recordings import random_covariances
 from scipy.stats import chi2
-from textbook import additive_from_invariant, belief_of
-from textbook_association import (
-    Pair,
-    Scan,
-    brute_force_ambiguous,
-    brute_force_joint,
-    dense_scan,
-    search_order,
-    squared_distances,
-)
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.associating_filter import AssociatingFilter
@@ -42,6 +31,17 @@ from slamgauge.recording import Observations
 from slamgauge.se2 import rotation
 from slamgauge.sensors import SENSORS as MODELS
 from slamgauge.sensors import predict
+from tests.reference.random_recordings import random_covariances
+from tests.reference.textbook import additive_from_invariant, belief_of
+from tests.reference.textbook_association import (
+    Pair,
+    Scan,
+    brute_force_ambiguous,
+    brute_force_joint,
+    dense_scan,
+    search_order,
+    squared_distances,
+)
 
 SENSORS = pytest.mark.parametrize("sensor", ["range-bearing", "position"])
 

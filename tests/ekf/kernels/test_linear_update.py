@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from random_recordings import random_covariances
-from textbook import J, belief_of, exp_action
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter
@@ -14,6 +12,8 @@ from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.ekf.maps.map_edits import NewEntries, add_entries, remove_landmark, replace_map
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap
+from tests.reference.random_recordings import random_covariances
+from tests.reference.textbook import J, belief_of, exp_action
 
 CORRECTIONS = pytest.mark.parametrize("correction", RULES)
 SIZES = pytest.mark.parametrize(("columns", "rows"), [(1, 1), (3, 2), (7, 4), (11, 9)])

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_recordings import random_recording
 
 from slamgauge.arrays import Float
 from slamgauge.ekf import ekf_slam, fej_ekf, iekf, oc_ekf, riekf, riukf, robocentric_ekf
@@ -16,6 +15,7 @@ from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
+from tests.reference.random_recordings import random_recording
 
 FAMILY = [ekf_slam, fej_ekf, oc_ekf, iekf, riekf]
 FILTERS = pytest.mark.parametrize("estimator", FAMILY)

@@ -8,7 +8,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from random_recordings import random_covariances
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import AssociatingFilter, Association, BearingFilter, CompressedFilter, OnlineFilter, SlamFilter
@@ -20,6 +19,7 @@ from slamgauge.errors import UserError
 from slamgauge.recording import Observations, Recording
 from slamgauge.sensor_kernels import RANGE_BEARING
 from slamgauge.validation import as_covariances
+from tests.reference.random_recordings import random_covariances
 
 START = (np.array([0.1, 0.2, 0.3]), 1e-4 * np.eye(3))
 JCBB = Association("jcbb")

@@ -6,15 +6,6 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
-from random_recordings import random_covariances, random_recording
-from textbook import (
-    additive_from_invariant,
-    belief_of,
-    exp_action,
-    predict_standard,
-    update,
-    update_iterated,
-)
 
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import SlamFilter
@@ -23,6 +14,15 @@ from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.ekf.maps.map_edits import merge_landmarks, remove_landmark, replace_map
 from slamgauge.recording import Observations
 from slamgauge.se2 import wrap
+from tests.reference.random_recordings import random_covariances, random_recording
+from tests.reference.textbook import (
+    additive_from_invariant,
+    belief_of,
+    exp_action,
+    predict_standard,
+    update,
+    update_iterated,
+)
 
 CORRECTIONS = pytest.mark.parametrize("correction", RULES)
 KEEP_FIRST = ("first-estimates", "observability-constrained")

@@ -7,13 +7,13 @@ import math
 import gtsam
 import numpy as np
 import pytest
-from jacobians import differentiate
-from random_recordings import random_recording
 
 from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, compose, log, rotation, wrap
+from tests.reference.jacobians import differentiate
+from tests.reference.random_recordings import random_recording
 
 PI = math.pi
 TURNS = [0.0, 1e-12, -1e-7, 5e-5, 0.99e-4, 1.01e-4, -3e-4, 1e-2, 0.7, -2.0, 3.0, PI - 1e-6, -PI + 1e-6, PI - 1e-12]

@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from jacobians import assert_jacobian
 from numba import njit
-from random_recordings import random_recording
 
 from slamgauge.arrays import Float
 from slamgauge.graph_baseline.problem import residuals
 from slamgauge.graph_baseline.problem.residuals import Measured, ObservationRow, measured_of
 from slamgauge.se2 import between, log
 from slamgauge.sensors import SENSORS
+from tests.reference.jacobians import assert_jacobian
+from tests.reference.random_recordings import random_recording
 
 SMALL = [0.0, 1e-300, 1e-9, 1e-3, 0.0499, 0.0501]
 ANGLES = [*SMALL, 0.7, 1.6, 3.0, math.pi]

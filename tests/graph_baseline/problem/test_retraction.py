@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from random_recordings import random_recording
 
 from slamgauge.arrays import Float
 from slamgauge.graph_baseline.problem.constrained_motion import MotionNoise
@@ -18,6 +17,7 @@ from slamgauge.graph_baseline.problem.preparation import (
 from slamgauge.graph_baseline.problem.retraction import retract_by_motions, retract_pointwise
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain, rotation, wrap
+from tests.reference.random_recordings import random_recording
 
 Move = Callable[[LinearModel, MotionNoise, Float, Float, Float, Float], tuple[Float, Float]]
 WAYS = [retract_pointwise, retract_by_motions]

@@ -10,8 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fields import lanes
-from random_recordings import random_recording
 
 from slamgauge.arrays import Float
 from slamgauge.errors import UserError
@@ -27,6 +25,8 @@ from slamgauge.graph_baseline.solver.smoother import Solution, damped_step, solv
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 from slamgauge.recording import Recording
 from slamgauge.se2 import chain
+from tests.reference.fields import lanes
+from tests.reference.random_recordings import random_recording
 
 BAR = 1e-9  # of a standard deviation, and of a variance
 

@@ -7,9 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from installed_elsewhere import first_and_later_use
 from numba.core.dispatcher import Dispatcher
-from random_recordings import random_recording
 
 from slamgauge import Recording, batch, causal, load_scenario, simulate
 from slamgauge.arrays import Float
@@ -17,6 +15,8 @@ from slamgauge.graph_baseline.problem import residuals
 from slamgauge.graph_baseline.solver import chord_kernels, matrices_3x3, pose_elimination, recursions, scan_reduction
 from slamgauge.graph_baseline.solver.matrices_3x3 import factorise, invert
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
+from tests.reference.installed_elsewhere import first_and_later_use
+from tests.reference.random_recordings import random_recording
 
 
 def specialisations() -> dict[str, int]:

@@ -1,0 +1,1 @@
+"""Small independent implementations and fixtures that tests and benchmarks share."""
