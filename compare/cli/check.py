@@ -37,13 +37,14 @@ class Check:
     def __call__(self) -> int:
         """Judge and print; the exit status."""
         from slamgauge.compare.checks.examination import check_estimator, verdicts_json, verdicts_table
+        from slamgauge.compare.estimators.isolated_process import can_isolate
         from slamgauge.compare.estimators.loading import load
         from slamgauge.compare.estimators.requests import Isolation, ask, isolated
 
         if self.seed < 0:
             raise UserError(f"seed {self.seed}: no generator takes it; give one >= 0")
         isolation = Isolation(require_timeout(self.timeout), strict=False)  # no-future is a law
-        (asked,) = isolated(ask([self.estimator]), isolation)
+        (asked,) = isolated(ask([self.estimator]), isolation if can_isolate() else None)
         verdicts = check_estimator(asked.label, load(asked), self.seed)
         printed = print_result(verdicts_json(verdicts) if self.output.json else verdicts_table(verdicts))
         return 0 if printed and not any(verdict.is_failure for verdict in verdicts) else 1

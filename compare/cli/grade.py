@@ -64,6 +64,7 @@ class Grade:
 
     def __call__(self) -> int:
         """Run, judge, print and write; the exit status."""
+        from slamgauge.compare.estimators.isolated_process import require_isolation
         from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.grading.grade_files import write_grades, write_pages
         from slamgauge.compare.grading.grade_table import grade_table
@@ -72,6 +73,7 @@ class Grade:
         from slamgauge.compare.storage.result_files import GRADES, PAGES, grade_files
         from slamgauge.compare.storage.safe_names import file_name
 
+        require_isolation("grade on Linux or macOS")
         out = self.out or Path("results") / f"grades-{file_name(self.folder.resolve().name)}"
         scenario, (reference,) = sampled_scenario(self.scenario, []), ask([self.reference])
         submissions, timeout = submissions_in(self.folder), require_timeout(self.timeout)

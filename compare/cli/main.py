@@ -41,7 +41,8 @@ from slamgauge.version import __version__
 DEFECT = 70  # exit status, EX_SOFTWARE of sysexits.h
 REFUSED = 71  # EX_OSERR
 INTERRUPTED = 128 + signal.SIGINT  # as shells tell it
-ENDS = (signal.SIGTERM, signal.SIGHUP)  # what else ends a command as an interrupt does
+# further signals that end a command as an interrupt does; Windows has no SIGHUP
+ENDS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 COMMANDS: dict[str, type[Command]] = {
     "scenarios": Scenarios,

@@ -124,8 +124,11 @@ def external(command: Sequence[str], timeout: float = 600.0, kind: Kind = "filte
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     """End the program and all that it has started, which is the group that it leads."""
-    with suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)
+    if hasattr(os, "killpg"):
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    else:  # Windows has no process groups
+        process.kill()
     process.wait()
 
 

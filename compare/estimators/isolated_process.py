@@ -48,6 +48,21 @@ KEPT = ("PATH", "PYTHONPATH", "VIRTUAL_ENV", "CONDA_PREFIX", "LANG", "LANGUAGE",
 KEPT_BEGINNINGS = ("LC_", "LD_", "DYLD_", "NUMBA_", "OPENBLAS_", "MKL_", "OMP_", "KMP_", "VECLIB_")
 
 
+def require_isolation(remedy: str) -> None:
+    """Refuse where this system cannot isolate user code.
+
+    Raises:
+        UserError: with the remedy.
+    """
+    if not can_isolate():
+        raise UserError(f"Windows cannot run user code in isolation; {remedy}")
+
+
+def can_isolate() -> bool:
+    """Return whether this system can isolate user code: it needs process groups, which Windows lacks."""
+    return hasattr(os, "killpg")
+
+
 class OverdueError(OwnCodeError):
     """People's code was not done in time."""
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import resource
 import shutil
 import signal
 import sys
@@ -47,9 +46,9 @@ def main() -> None:
     here, folder = Path.cwd(), Path.cwd().parent
     if here.name != HERE or not folder.name.startswith(FOLDERS):
         raise SystemExit("isolated_program: is started by slamgauge alone, in a folder that it will remove")
-    _limit(resource.RLIMIT_FSIZE, LARGEST_FILE)
+    _limit("RLIMIT_FSIZE", LARGEST_FILE)
     if sys.platform.startswith("linux"):  # elsewhere it does not count what is mapped, which is nearly all
-        _limit(resource.RLIMIT_DATA, MOST_MEMORY)
+        _limit("RLIMIT_DATA", MOST_MEMORY)
         with suppress(OSError):
             Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")  # where memory ends, this ends first
     signal.signal(signal.SIGTERM, _leave)
@@ -76,8 +75,13 @@ def _serve(requests: int, answers: int, folder: Path) -> None:
             _tell(out, _run(cast("Estimator", estimator), folder))
 
 
-def _limit(what: int, most: int) -> None:
+def _limit(name: str, most: int) -> None:
     """Limit this process and those that it starts, unless they are limited to less already."""
+    try:
+        import resource
+    except ImportError:  # a Python that was built without it
+        return
+    what = getattr(resource, name)
     least = min(each for each in (*resource.getrlimit(what), most) if each != resource.RLIM_INFINITY)
     resource.setrlimit(what, (least, least))
 
@@ -146,8 +150,8 @@ def _address(told: dict[str, Any]) -> Address:
 
 def _cpu_seconds() -> float:
     """Of this thread, and of programs that it has called."""
-    called = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return thread_time() + called.ru_utime + called.ru_stime
+    times = os.times()
+    return thread_time() + times.children_user + times.children_system
 
 
 def _follow_parent(parent: int, folder: Path, done: threading.Event) -> None:

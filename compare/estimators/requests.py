@@ -102,7 +102,15 @@ def ask(chosen: Chosen) -> list[Asked]:
 
 
 def isolated(asked: Sequence[Asked], isolation: Isolation | None) -> list[Asked]:
-    """People's own among them kept apart; the others are ours, or at hand in this process."""
+    """Isolate user code among the requests; built-in estimators and callables of this process are unchanged.
+
+    Raises:
+        UserError: this system cannot isolate user code.
+    """
+    from slamgauge.compare.estimators.isolated_process import require_isolation
+
+    if isolation is not None and any(each.where is not None for each in asked):
+        require_isolation("leave out --strict and --timeout for code that you trust")
     return [each if each.where is None else replace(each, isolation=isolation) for each in asked]
 
 

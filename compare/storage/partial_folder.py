@@ -1,103 +1,94 @@
-"""Folders for what is half done, and locks by which commands that write into the same place tell of each other.
+"""Folders for unfinished results, and the locks of commands that write to the same place.
 
-Whatever ends a process, its locks end with it: a partial folder whose lock is free was left by a killed command.
+A lock ends with its process. A partial folder with a free lock was left by a killed command and is removed.
 """
 
 from __future__ import annotations
 
-import fcntl
-import os
 import shutil
-import time
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from secrets import token_hex
 
+from filelock import FileLock, Timeout
+
 from slamgauge.errors import UserError
 
-OWNER = "owner"  # beside the files: says that the folder is ours, and is locked as long as somebody works in it
+MARK = "mark"  # proof that slamgauge made the folder
+OWNER = "owner"  # locked while a command works in the folder
 FILES = "files"
-PATIENCE = 10.0  # s; files are put in place in a fraction of that
+PUBLISHING = ".slamgauge.lock"
+PATIENCE = 10.0  # s; publishing takes a fraction of that
 
 
 @contextmanager
 def partial_folder(parent: Path) -> Generator[Path]:
-    """An empty folder below `parent`, on the same file system, which goes with all that is left in it.
+    """Yield an empty folder below `parent`, on the same file system; it is removed with its contents at the end.
 
-    Those that killed commands have left there are swept first. `parent` is made if it is not there.
+    Partial folders of killed commands are removed first. `parent` is created if it is missing.
     """
     parent.mkdir(parents=True, exist_ok=True)
-    _sweep(parent)
+    _remove_abandoned(parent)
     folder = parent / f".slamgauge.{token_hex(4)}.partial"
     folder.mkdir()
-    owner = -1
     try:
-        owner = os.open(folder / OWNER, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
-        lock(owner)
-        os.write(owner, _mark(folder))
-        (folder / FILES).mkdir()
-        yield folder / FILES
+        with FileLock(folder / OWNER, timeout=0):
+            try:
+                (folder / MARK).write_bytes(_mark(folder))
+                (folder / FILES).mkdir()
+                yield folder / FILES
+            finally:
+                shutil.rmtree(folder / FILES, ignore_errors=True)
     finally:
-        _remove(folder)
-        if owner >= 0:
-            os.close(owner)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager
 def publishing(folder: Path) -> Generator[None]:
-    """Be the only command that puts files into their places in `folder`, or changes its manifest.
+    """Be the only command that moves files into `folder` or changes its manifest.
 
     Raises:
-        UserError: another one does that, and does not come to an end.
-    """
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        begun = time.monotonic()
-        while not lock(descriptor):
-            if time.monotonic() - begun > PATIENCE:
-                raise UserError(
-                    f"{folder}: another command has been writing there for {PATIENCE:g} s; wait for it, "
-                    "and give the same command again"
-                )
-            time.sleep(0.02)
-        yield
-    finally:
-        os.close(descriptor)
-
-
-def lock(descriptor: int) -> bool:
-    """Take the lock on an open file or folder, until it is closed; False if another process has it.
-
-    File systems that know no locks give it to everybody.
+        UserError: another command does that and does not finish in time.
     """
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        return True
-    return True
+        with lock_file(folder / PUBLISHING, PATIENCE):
+            yield
+    except Timeout:
+        raise UserError(
+            f"{folder}: another command has been writing there for {PATIENCE:g} s; wait for it, "
+            "and give the same command again"
+        ) from None
 
 
-def _sweep(parent: Path) -> None:
-    """Remove partial folders in which nobody works any more; what is not provably ours stays."""
+@contextmanager
+def lock_file(path: Path, seconds: float = 0.0) -> Generator[None]:
+    """Hold a lock by a file at `path`, which is removed at the end.
+
+    Raises:
+        Timeout: another process still holds it after that many seconds.
+        OSError: the file cannot be written.
+    """
+    with FileLock(path, timeout=seconds):
+        try:
+            yield
+        finally:
+            with suppress(OSError):  # Windows removes no open file; its lock does that
+                path.unlink()
+
+
+def _remove_abandoned(parent: Path) -> None:
+    """Remove partial folders that no command works in; folders that are not provably ours stay."""
     for folder in parent.glob(".slamgauge.*.partial"):
-        with suppress(OSError):  # not ours, or another command is sweeping, too
-            owner = os.open(folder / OWNER, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-            try:
-                if not folder.is_symlink() and lock(owner) and os.read(owner, 100) == _mark(folder):
-                    _remove(folder)
-            finally:
-                os.close(owner)
-
-
-def _remove(folder: Path) -> None:
-    """Remove a partial folder, its proof last."""
-    for part in (folder / FILES, folder):
-        shutil.rmtree(part, ignore_errors=True)
+        with suppress(OSError, Timeout):  # foreign, in use, or being removed by another command
+            mark = folder / MARK
+            if folder.is_symlink() or mark.is_symlink() or not mark.is_file() or mark.read_bytes() != _mark(folder):
+                continue
+            with FileLock(folder / OWNER, timeout=0):
+                shutil.rmtree(folder / FILES, ignore_errors=True)
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _mark(folder: Path) -> bytes:
-    """What no folder of another name or place would hold: a copy has another inode."""
+    """Return content that no folder of another name or place has: a copy has another inode."""
     return f"{folder.name} {folder.stat().st_ino}\n".encode()

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import sqlite3
 from collections.abc import Generator
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
+from filelock import Timeout
+
 from slamgauge.compare.storage.files import explained
-from slamgauge.compare.storage.partial_folder import lock
+from slamgauge.compare.storage.partial_folder import lock_file
 from slamgauge.compare.storage.result_files import LOCK
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import UserError
@@ -27,26 +28,13 @@ def sole_use(path: Path) -> Generator[None]:
         UserError: another command adds to it.
     """
     file = path.with_name(f"{path.name}{LOCK}")
-    with explained(file, "written"):
-        descriptor = _locked(path, file)
-    try:
+    with ExitStack() as stack:
+        with explained(file, "written"):
+            try:
+                stack.enter_context(lock_file(file))
+            except Timeout:
+                raise UserError(f"{path}: another command is using it; wait for it, or give another --out") from None
         yield
-    finally:
-        with suppress(OSError):
-            file.unlink()
-        os.close(descriptor)
-
-
-def _locked(path: Path, file: Path) -> int:
-    while True:
-        descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
-        if not lock(descriptor):
-            os.close(descriptor)
-            raise UserError(f"{path}: another command is at work on it; wait for it, or give another --out")
-        with suppress(FileNotFoundError):
-            if file.stat().st_ino == os.fstat(descriptor).st_ino:
-                return descriptor
-        os.close(descriptor)  # the previous command has removed the lock file meanwhile
 
 
 @contextmanager

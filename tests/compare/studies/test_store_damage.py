@@ -119,7 +119,7 @@ def test_a_second_study_in_the_same_folder_is_refused_at_once(
     begun = time.monotonic()
     with (
         sole_use(whole),
-        pytest.raises(UserError, match=rf"^{whole}: another command is at work on it; wait for it, or give another"),
+        pytest.raises(UserError, match=rf"^{whole}: another command is using it; wait for it, or give another"),
     ):
         run_study(scenario, RUNS, 0, NAMES, whole.parent, thread)
     assert time.monotonic() - begun < 5.0

@@ -1,0 +1,100 @@
+"""How long commands take when nothing is compiled yet, and again afterwards: one table.
+
+    python benchmarks/compile_times.py [--only NAME] [--slowest 20]
+
+Each command runs twice in a new folder of machine code: the first time it compiles the kernels that it needs, the
+second time it loads them. Times are processor times of the command with its workers. `--slowest` also lists the kernels
+that took longest to compile, without the time of the kernels that they call.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+RUN = ["run", "q1-long-dense", "--estimators", "dead-reckoning,ekf,riekf,causal,batch", "--out", "run"]
+COMMANDS = {
+    "run q1-long-dense (README)": RUN,
+    "run, ekf alone": [*RUN[:3], "ekf", "--out", "ekf"],
+    "study q1-short-dense": ["study", "q1-short-dense", "--runs", "4", "--estimators", "ekf,riekf", "--out", "study"],
+    "run q2-long-dense, ekf": ["run", "q2-long-dense", "--estimators", "ekf", "--out", "q2"],
+    "run q4-ring, ekf": ["run", "q4-ring", "--estimators", "ekf", "--out", "q4"],
+    "--version": ["--version"],
+    "--help": ["--help"],
+    "a usage error": ["run", "nowhere"],
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", choices=COMMANDS, help="one of the commands")
+    parser.add_argument("--slowest", type=int, default=0, help="kernels to list")
+    parser.add_argument("--inside", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.inside is not None:
+        list_kernels(options.inside, options.slowest)
+        return
+    print(f"{'command':28}{'first [s]':>10}{'kernels':>9}{'again [s]':>11}")
+    for name, words in COMMANDS.items():
+        if options.only in (None, name):
+            with tempfile.TemporaryDirectory() as folder:
+                first, again = user_seconds(words, folder), user_seconds(words, folder)
+                kernels = len(list(Path(folder, "kernels").rglob("*.nbc")))
+                print(f"{name:28}{first:10.1f}{kernels:9d}{again:11.2f}", flush=True)
+            if options.slowest:
+                with tempfile.TemporaryDirectory() as folder:
+                    inside = [sys.executable, __file__, "--slowest", str(options.slowest), "--inside", *words]
+                    subprocess.run(inside, cwd=folder, env=environment(folder), check=False)
+
+
+def user_seconds(words: list[str], folder: str) -> float:
+    """Return the processor time [s] of a command that runs in `folder`."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    command = [sys.executable, "-m", "slamgauge", *words]
+    subprocess.run(command, cwd=folder, env=environment(folder), check=False, capture_output=True)
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+
+
+def environment(folder: str) -> dict[str, str]:
+    """Return the environment of a command whose machine code lies in `folder`."""
+    return {**os.environ, "NUMBA_CACHE_DIR": str(Path(folder, "kernels"))}
+
+
+def list_kernels(words: list[str], most: int) -> None:
+    """Run a command in this process and print the kernels that took longest to compile."""
+    from time import process_time
+
+    from numba.core import event
+
+    from slamgauge.compare.cli.main import main as command
+
+    rows: list[tuple[float, str]] = []
+    running: list[list[float]] = []  # start and time of called kernels
+
+    class Listener(event.Listener):
+        def on_start(self, event: Any) -> None:  # noqa: ARG002
+            running.append([process_time(), 0.0])
+
+        def on_end(self, event: Any) -> None:
+            start, called = running.pop()
+            spent = process_time() - start
+            if running:
+                running[-1][1] += spent
+            rows.append((spent - called, f"{event.data['dispatcher'].py_func.__qualname__}"))
+
+    with event.install_listener("numba:compile", Listener()):
+        command(words)
+    total = sum(spent for spent, _ in rows)
+    print(f"\n{len(rows)} specialisations of {len({name for _, name in rows})} kernels, {total:.1f} s")
+    for spent, name in sorted(rows, reverse=True)[:most]:
+        print(f"{spent:8.2f}  {name}")
+
+
+if __name__ == "__main__":
+    main()
