@@ -1,1 +1,1 @@
-"""What is compiled: the steps of landmark EKF-SLAM on preallocated arrays."""
+"""Compiled steps of landmark EKF-SLAM on preallocated arrays."""

@@ -1,4 +1,4 @@
-"""New landmarks appended to the state, compiled."""
+"""Augmentation: append new landmarks to the state, compiled."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from slamgauge.sensor_kernels import locate
 
 @kernel
 def augment(sensor: int, belief: Belief, values: Float, covs: Float) -> None:
-    """Append the landmarks of observations (m, 2) with covariances (m, 2, 2), in their order; the size stays."""
+    """Append the landmarks of observations (m, 2) with covariances (m, 2, 2), in this order.
+
+    The caller then increases the size of the belief.
+    """
     for i in range(len(values)):
         longer = resized(belief, belief.size + 2 * i)
         append_landmark(sensor, longer, belief.point, values[i], covs[i])
@@ -22,7 +25,8 @@ def augment(sensor: int, belief: Belief, values: Float, covs: Float) -> None:
 def append_landmark(sensor: int, belief: Belief, point: Float, z: Float, R: Float) -> None:
     """Append a landmark observed at z: P_l. = J_r P_r., P_ll = J_r P_rr J_r' + J_z R J_z'.
 
-    J_r = [I, J lever], where the lever reaches from the robot of `point` to the landmark. The size of the belief stays.
+    J_r = [I, J lever]; the lever is the vector from the robot's position in `point` to the landmark. The caller then
+    increases the size of the belief.
     """
     state, cov, size = belief.state, belief.cov, belief.size
     c, s = math.cos(state[2]), math.sin(state[2])

@@ -1,4 +1,4 @@
-"""What a filter believes: state, covariance and where Jacobians are taken, as one value that kernels take."""
+"""A filter's belief: state, covariance and the point at which Jacobians are taken, as one argument of kernels."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from slamgauge.arrays import Float, Marks
 from slamgauge.jit import kernel
 
 ROBOT = 3  # entries of the robot: x, y, heading
-AT_POINT = 0  # form of Jacobians: as they are at a belief's `point`
+AT_POINT = 0  # form of Jacobians: evaluated at a belief's `point`, without projection
 
 
 class Belief(NamedTuple):
-    """State and covariance of robot and landmarks, with room for more.
+    """State and covariance of robot and landmarks, with free capacity for new landmarks.
 
-    Landmark slot i takes up the entries 3 + 2i and 4 + 2i.
+    The landmark in slot i has the entries 3 + 2i and 4 + 2i.
     """
 
     state: Float  # (capacity,) robot x, y [m], heading [rad], then two entries for each slot
-    point: Float  # (capacity,) first estimates, at which Jacobians are taken; `state` itself in filters without them
-    cov: Float  # (capacity, capacity) upper triangle, and the whole of the robot's block
-    points: Marks  # (capacity // 2,) slots that hold a position in the plane, which turns with the map
+    point: Float  # (capacity,) first estimates, at which Jacobians are taken; the same array as `state` if not used
+    cov: Float  # (capacity, capacity) upper triangle; both triangles of the robot's block
+    points: Marks  # (capacity // 2,) True if the slot is a position in the plane, which rotates with the map
     size: int  # entries in use: 3 + 2L
-    form: int  # of the Jacobians of observations: AT_POINT, or another of `linearisation`
+    form: int  # form of the observation Jacobians: AT_POINT or `linearisation.PROJECTED`
 
 
 def allocate_belief(landmarks: int, *, first_estimates: bool = False, form: int = AT_POINT) -> Belief:
-    """A robot at the origin, known exactly, with room for that many landmarks."""
+    """Return a robot at the origin with zero covariance and capacity for the given number of landmarks."""
     capacity = ROBOT + 2 * landmarks
     state = np.zeros(capacity)
     point = state.copy() if first_estimates else state
@@ -37,7 +37,7 @@ def allocate_belief(landmarks: int, *, first_estimates: bool = False, form: int 
 
 
 def enlarged(belief: Belief, size: int) -> Belief:
-    """The same belief with room for `size` entries; untouched pages of the larger arrays cost no memory."""
+    """Return a copy of the belief with capacity for `2 * size` entries; unused pages of its arrays take no memory."""
     capacity, used = 2 * size, belief.size
     more = capacity - used
     state = np.pad(belief.state[:used], (0, more))
@@ -51,11 +51,11 @@ def enlarged(belief: Belief, size: int) -> Belief:
 
 @kernel
 def resized(belief: Belief, size: int) -> Belief:
-    """The same arrays with `size` entries in use."""
+    """Return a belief of the same arrays with `size` entries in use."""
     return Belief(belief.state, belief.point, belief.cov, belief.points, size, belief.form)
 
 
 @kernel
 def at_place(belief: Belief, place: Float) -> Belief:
-    """The same covariance about another place (capacity,), at which Jacobians are taken too."""
+    """Return a belief with the same covariance and the state `place` (capacity,), where Jacobians are taken too."""
     return Belief(place, place, belief.cov, belief.points, belief.size, AT_POINT)

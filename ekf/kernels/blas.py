@@ -1,7 +1,7 @@
 """BLAS and LAPACK routines as kernels.
 
-They are those that scipy brings, registered under names of our own, so that cached machine code finds them again in
-another process.
+The routines are part of scipy. They are registered under fixed names, so that cached machine code finds them in every
+process.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from slamgauge.jit import kernel
 
 
 def _fortran(library: str, routine: str, arguments: int) -> Callable[..., None]:
-    """A BLAS or LAPACK routine of scipy's, callable from kernels with `arguments` pointers."""
+    """Return a BLAS or LAPACK routine of scipy, callable from kernels with `arguments` pointers."""
     name = f"slamgauge_{routine}"
     llvm.add_symbol(name, get_cython_function_address(f"scipy.linalg.cython_{library}", routine))
     return cast("Callable[..., None]", ExternalFunction(name, types.void(*[types.voidptr] * arguments)))
@@ -39,12 +39,12 @@ _REALS = np.array([0.0, 1.0, -1.0])
 _ZERO, _ONE, _MINUS_ONE = range(3)
 _UNIT_STRIDE = np.array([1], dtype=np.int32)
 
-# Fortran reads our row-major matrices transposed: what is the upper triangle here is "L" there.
+# Fortran reads row-major matrices as their transposes: the upper triangle here is the lower one ("L") there.
 
 
 @kernel
 def cholesky(S: Float, rows: int) -> bool:
-    """Factor S[:rows, :rows] = U'U in place, upper triangle only; True if it is positive definite."""
+    """Factor S[:rows, :rows] = U'U in place, upper triangle only; return True if S is positive definite."""
     sizes = np.array([rows, S.shape[1], 0], dtype=np.int32)
     _dpotrf(_LETTERS[_L:].ctypes, sizes.ctypes, S.ctypes, sizes[1:].ctypes, sizes[2:].ctypes)
     return sizes[2] == 0
@@ -52,7 +52,7 @@ def cholesky(S: Float, rows: int) -> bool:
 
 @kernel
 def solve_factor(S: Float, W: Float, rows: int, size: int) -> None:
-    """W[:rows, :size] <- U'^-1 W for the factor U that `cholesky` left in S."""
+    """W[:rows, :size] <- U'^-1 W; S contains the factor U from `cholesky`."""
     sizes = np.array([size, rows, S.shape[1], W.shape[1]], dtype=np.int32)
     _dtrsm(
         _LETTERS[_R:].ctypes,

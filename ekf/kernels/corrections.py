@@ -1,27 +1,27 @@
-"""The corrections of the filters: how the innovations of a step correct the state and its covariance.
+"""The corrections of the filters: how the innovations of a step change the state and its covariance.
 
-All corrections start from the same additive one, which `kernels.joint_update` computes: dx = W'y and P <- P - W'W.
+All corrections start from the additive correction of `kernels.joint_update`: dx = W'y and P <- P - W'W.
 
-The first-estimates filter is the standard one with Jacobians at another `point`: the first estimate of each landmark,
-and the predicted pose. Turn and shift of the whole map then stay unobservable, because H F...F N = 0 for
-N = [I, J p; 0, 1; I, J l]. It depends on good first estimates.
+The first-estimates filter is the standard filter with Jacobians at another `point`: the first estimate of each landmark
+and the predicted pose. Rotation and translation of the whole map then stay unobservable, because H F...F N = 0 for
+N = [I, J p; 0, 1; I, J l]. Poor first estimates give poor Jacobians.
 
-The observability-constrained filter predicts with the same F, and so has the same N. It evaluates H at the newest
-estimate and projects it: the nearest matrix in Frobenius norm with H N = 0 (`linearisation.project_on_observable`).
+The observability-constrained filter predicts with the same F and therefore has the same N. It evaluates H at the newest
+estimate and replaces it by the nearest matrix (Frobenius norm) with H N = 0 (`linearisation.project_on_observable`).
 
 The iterated filter evaluates its Jacobians at the minimum of the cost of the step: see `kernels.iterated_update`.
 
-The right-invariant filter uses the same coordinates as the others. Its error xi, with
-theta = theta^ + xi_theta and p = R(xi_theta) p^ + V(xi_theta) xi_p (the same for landmarks), is
-xi = D^-1 (additive error), D = [I, J p; 0, 1] with landmark rows [I, J l]. It follows that
+The right-invariant filter uses the same coordinates as the others. Its error xi is defined by
+theta = theta^ + xi_theta and p = R(xi_theta) p^ + V(xi_theta) xi_p (the same for landmarks). To first order it is
+xi = D^-1 (additive error), D = [I, J p; 0, 1] with landmark rows [I, J l]. Therefore
 
-* prediction, Jacobians and new landmarks are those of the standard filter, D F D^-1 and so on;
+* prediction, Jacobians and augmentation are those of the standard filter, transformed by D: D F D^-1 and so on;
 * because V(t) t J = R(t) - I, the retraction exp(xi) moves every point by V(dtheta) dx;
 * D changes with the estimate, so the covariance is transformed after the correction:
   P <- T P T' with T = D(after) D(before)^-1 = I + u e_theta', u = J (after - before) for positions.
 
-The last step is a symmetric rank-2 change. It keeps shift and turn of the whole map unobservable; the standard filter
-does not transform P.
+The last step is a symmetric rank-2 change. It keeps translation and rotation of the whole map unobservable; the
+standard filter does not transform P.
 
 Sources: Huang, Mourikis and Roumeliotis, IJRR 29(5), 2010 (first estimates, observability constraints), with the
 projection of Hesch, Kottas, Bowman and Roumeliotis, IJRR 33(1), 2014; Bell and Cathey, IEEE
@@ -50,7 +50,7 @@ from slamgauge.se2_kernels import mean_rotation, wrap
 def update_standard(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
     """Correct with the first `count` observations of `work`: x <- x + dx, P <- P - W'W.
 
-    Returns the NIS and its degrees of freedom; when the NIS is not finite, nothing has changed.
+    Returns the NIS and its degrees of freedom. If the NIS is not finite, the belief is unchanged.
     """
     update = joint_update(sensor, belief, count, work)
     if math.isfinite(update.nis):
@@ -60,7 +60,7 @@ def update_standard(sensor: int, belief: Belief, count: int, work: Workspace) ->
 
 @kernel
 def update_right_invariant(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
-    """Correct: x <- exp(D^-1 dx) x, P <- T (P - W'W) T'; returns the same as `update_standard`."""
+    """Correct: x <- exp(D^-1 dx) x, P <- T (P - W'W) T'; return the same as `update_standard`."""
     update = joint_update(sensor, belief, count, work)
     if math.isfinite(update.nis):
         retract_right_invariant(belief, update.dx, work.deferred)
@@ -82,7 +82,7 @@ def retract_right_invariant(belief: Belief, dx: Float, deferred: Deferred) -> No
 
 @kernel
 def move_additively(state: Float, size: int, dx: Float) -> None:
-    """Move all entries by dx."""
+    """Add dx to all entries."""
     for i in range(size):
         state[i] += dx[i]
     state[2] = wrap(state[2])
@@ -90,7 +90,7 @@ def move_additively(state: Float, size: int, dx: Float) -> None:
 
 @kernel
 def move_invariantly(belief: Belief, dx: Float) -> Float:
-    """Move every point by V(dtheta) dx and all other entries by dx; returns u (size,) of T = I + u e_theta'."""
+    """Move every point by V(dtheta) dx and all other entries by dx; return u (size,) of T = I + u e_theta'."""
     state, turn, u = belief.state, dx[2], np.empty(belief.size)
     v_cos, v_sin = mean_rotation(turn)
     _move(state, dx, u, 0, v_cos, v_sin)
@@ -110,7 +110,7 @@ def move_invariantly(belief: Belief, dx: Float) -> Float:
 def transform_covariance(belief: Belief, u: Float, deferred: Deferred) -> None:
     """P <- T P T' = P + u a' + a u' with a = P e_theta + u P_theta,theta / 2, for T = I + u e_theta'.
 
-    Where rows are deferred, this change is deferred behind them.
+    If rows are deferred already, this change is deferred after them.
     """
     cov, size, a = belief.cov, belief.size, np.empty(belief.size)
     a[0], a[1] = cov[0, 2], cov[1, 2]
@@ -129,7 +129,7 @@ def transform_covariance(belief: Belief, u: Float, deferred: Deferred) -> None:
 
 @kernel
 def _move(state: Float, dx: Float, u: Float, i: int, v_cos: float, v_sin: float) -> None:
-    """Move the point at entry i by V dx, and set its entries of u to J times that move."""
+    """Move the point at entry i by V dx, and set its entries of u to J V dx."""
     move_x = v_cos * dx[i] - v_sin * dx[i + 1]
     move_y = v_sin * dx[i] + v_cos * dx[i + 1]
     state[i] += move_x

@@ -1,4 +1,4 @@
-"""Blocks and projections of the covariance, of which only the upper triangle is stored, compiled."""
+"""Blocks and projections of the covariance, compiled; only its upper triangle is stored."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from slamgauge.arrays import Float, Int
 from slamgauge.jit import kernel
 
-TILE = 64  # rows of `cov` that stay in the cache during a strided pass
-ROUNDING = 1e-8  # share of a correlation: ten times the limit of `slamgauge.validation`, whose results kernels accept
+TILE = 64  # rows of `cov` that fit into the processor's cache during a strided pass
+ROUNDING = 1e-8  # tolerance of a correlation: ten times that of `slamgauge.validation`
 
 
 @kernel
@@ -32,7 +32,7 @@ def mirror_robot_block(cov: Float) -> None:
 
 @kernel
 def project_covariance(cov: Float, size: int, slots: Int, jacobian: Float, W: Float) -> None:
-    """W[:2m, :size] = H P from the upper triangle of P."""
+    """Compute W[:2m, :size] = H P from the upper triangle of P."""
     for i in range(len(slots)):
         for k in (2 * i, 2 * i + 1):
             h0, h1, h2 = jacobian[k, 0], jacobian[k, 1], jacobian[k, 2]
@@ -63,7 +63,7 @@ def _project_landmark(cov: Float, tile: tuple[int, int], landmark: int, k: int, 
 
 @kernel
 def innovation_covariance(W: Float, slots: Int, jacobian: Float, observation_cov: Float, S: Float) -> None:
-    """Upper triangle of S = H P H' + R from W = H P."""
+    """Compute the upper triangle of S = H P H' + R from W = H P."""
     rows = 2 * len(slots)
     for a in range(rows):
         for b in range(a, rows):
@@ -87,7 +87,7 @@ def innovation_covariance(W: Float, slots: Int, jacobian: Float, observation_cov
 def noise(R: Float, second_row: Float) -> tuple[float, float, float]:
     """Return the entries (0, 0), (0, 1) and (1, 1) that an observation's covariance R (2, 2) adds to S.
 
-    The covariance (0, 1) is 0 where the bearing has no information: its Jacobian `second_row` (5,) is zero.
+    Entry (0, 1) is 0 if the bearing has no information, that is if its Jacobian `second_row` (5,) is zero.
     """
     informative = second_row[3] != 0.0 or second_row[4] != 0.0
     return R[0, 0], R[0, 1] if informative else 0.0, R[1, 1]
@@ -115,7 +115,7 @@ def projected(cov: Float, h: Float, landmark: int) -> tuple[float, float, float]
 
 @kernel
 def squared_distance(v0: float, v1: float, s00: float, s01: float, s11: float) -> float:
-    """Squared Mahalanobis distance v' S^-1 v; infinite where S is not positive definite."""
+    """Return the squared Mahalanobis distance v' S^-1 v, infinite if S is not positive definite."""
     determinant = s00 * s11 - s01 * s01
     if not determinant > 0.0:
         return math.inf

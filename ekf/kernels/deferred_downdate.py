@@ -1,10 +1,10 @@
-"""Deferred downdates: small changes of a large covariance, those of several scans applied in one pass, compiled.
+"""Deferred downdates: the small changes of several scans are applied to a large covariance in one pass, compiled.
 
 A scan changes P <- P - L'R: L = R = W in most filters; the right-invariant filter adds a change with L = [u; a],
-R = -[a; u]. Where L has few rows, reading and writing P costs more than the products. The robot's rows of P and the
-2 x 2 block of each landmark are therefore changed at once, because every step reads them. The covariances between
-landmarks are changed later: when the deferred rows fill their array, or when these covariances are read. The H P of a
-scan takes the deferred rows into account.
+R = -[a; u]. If L has few rows, reading and writing P takes longer than the products. Every step reads the robot's rows
+of P and the 2 x 2 block of each landmark, so these are changed immediately. The covariances between landmarks are
+changed later: when the array of deferred rows is full, or when these covariances are read. `subtract_deferred` corrects
+the product H P of a scan for the deferred rows.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from slamgauge.ekf.kernels.blas import subtract_gram, subtract_product
 from slamgauge.ekf.kernels.covariance import mirror_robot_block
 from slamgauge.jit import kernel
 
-ENTRIES = 100  # state entries per row of L; with fewer, P fits into the caches and deferring costs more than it saves
-PANEL = 128  # rows of P that are changed at a time where L and R differ
+ENTRIES = 100  # state entries per row of L; with fewer, P fits into the processor's caches and deferring is slower
+PANEL = 128  # rows of P that are changed in one product if L and R differ
 
 
 class Deferred(NamedTuple):
     """Rows of L and R that are not applied yet.
 
-    The columns of the robot are zero, and so are those of landmarks that were mapped after the row was deferred.
+    A row is zero in the columns of the robot and of landmarks that were mapped after the row was deferred.
     """
 
-    rows: Float  # (1 or 2, room, capacity) L, and R where it differs
+    rows: Float  # (1 or 2, room, capacity) L, and R if it differs
     used: Int  # (1,) number of deferred rows
 
 
 def allocate_deferred(sides: int, room: int, capacity: int) -> Deferred:
-    """Allocate `room` rows of L, and of R if there are two `sides`; nothing is deferred."""
+    """Allocate `room` rows of L, and the same of R if `sides` is 2."""
     return Deferred(np.zeros((sides, room, capacity)), np.zeros(1, dtype=np.int64))
 
 
@@ -42,7 +42,8 @@ def allocate_deferred(sides: int, room: int, capacity: int) -> Deferred:
 def may_defer(deferred: Deferred, rows: int, size: int) -> bool:
     """Return whether a scan with `rows` rows is deferred.
 
-    It is if it joins deferred rows, or if it is small compared with P and there is room for two such scans.
+    It is deferred if other rows are deferred and it fits after them, or if it is small compared with P and two such
+    scans fit.
     """
     used, room = deferred.used[0], deferred.rows.shape[1]
     return (0 < used <= room - rows) or (ENTRIES * rows <= size and 2 * rows <= room)
@@ -50,7 +51,7 @@ def may_defer(deferred: Deferred, rows: int, size: int) -> bool:
 
 @kernel
 def defer(cov: Float, size: int, deferred: Deferred, L: Float, R: Float) -> None:
-    """P <- P - L'R, where the covariances between landmarks are deferred."""
+    """P <- P - L'R; the covariances between landmarks are deferred."""
     if deferred.used[0] + len(L) > deferred.rows.shape[1]:
         apply_deferred(cov, size, deferred)
     own, cross = np.zeros(size), np.zeros(size)
@@ -76,7 +77,7 @@ def defer(cov: Float, size: int, deferred: Deferred, L: Float, R: Float) -> None
 
 @kernel
 def subtract_deferred(deferred: Deferred, size: int, slots: Int, jacobian: Float, W: Float) -> None:
-    """W[:2m, :size] <- W - H L'R, which corrects the H P of `project_covariance` for the deferred rows."""
+    """W[:2m, :size] <- W - H L'R: correct the H P of `project_covariance` for the deferred rows."""
     count, height = deferred.used[0], 2 * len(slots)
     L, LH, own = deferred.rows[0], np.empty((count, height)), np.empty((height, 2))
     for k in range(height):
@@ -87,12 +88,12 @@ def subtract_deferred(deferred: Deferred, size: int, slots: Int, jacobian: Float
     subtract_product(W, LH, deferred.rows[-1], count, height, size)
     for k in range(height):
         x = ROBOT + 2 * slots[k // 2]
-        W[k, x : x + 2] = own[k]  # a landmark's own block is never deferred
+        W[k, x : x + 2] = own[k]  # the 2 x 2 block of a landmark is never deferred
 
 
 @kernel
 def apply_deferred(cov: Float, size: int, deferred: Deferred) -> None:
-    """P <- P - L'R for the deferred rows; nothing is deferred afterwards."""
+    """P <- P - L'R for all deferred rows; none is deferred afterwards."""
     count = deferred.used[0]
     if count == 0:
         return

@@ -1,8 +1,8 @@
-"""Individual compatibility: the landmarks that each observation of a scan may be of, compiled.
+"""Individual compatibility: the candidate landmarks of each observation of a scan, compiled.
 
-An observation is individually compatible with a landmark when its squared Mahalanobis distance
-d^2 = v' S^-1 v is below a gate. Before S is computed, a lower bound of d^2 from four numbers of a landmark excludes
-the far ones; it never excludes one that passes the gate.
+An observation is individually compatible with a landmark if its squared Mahalanobis distance
+d^2 = v' S^-1 v is at most the gate. A lower bound of d^2 that needs only the positions and their variances excludes
+distant landmarks before S is computed. It never excludes a landmark that passes the gate.
 
 Source: Neira and Tardos, "Data association in stochastic mapping using the joint compatibility test",
 IEEE Transactions on Robotics and Automation 17(6), 2001.
@@ -29,9 +29,9 @@ class Pairs(NamedTuple):
     """Pairs of an observation and a landmark, ordered by observation, then by slot."""
 
     observation: Int  # (c,) index in the scan
-    slot: Int  # (c,) where the landmark is in the state
-    owner: Int  # (c,) the landmark: its slot, or a common number of several slots of one landmark
-    value: Float  # (c, 2) the observation itself, while `find_compatible` runs
+    slot: Int  # (c,) slot in the state
+    owner: Int  # (c,) number of the landmark: its slot, or one number for several slots of the same landmark
+    value: Float  # (c, 2) the observation; used only inside `find_compatible`
     innovation: Float  # (2c,)
     jacobian: Float  # (2c, 5) columns as in `kernels.linearise`
     distance: Float  # (c,) d^2
@@ -39,7 +39,7 @@ class Pairs(NamedTuple):
 
 
 def allocate_pairs(capacity: int) -> Pairs:
-    """Allocate room for that many pairs."""
+    """Allocate arrays for `capacity` pairs."""
     return Pairs(
         observation=np.zeros(capacity, dtype=np.int64),
         slot=np.zeros(capacity, dtype=np.int64),
@@ -56,7 +56,7 @@ def allocate_pairs(capacity: int) -> Pairs:
 def find_compatible(sensor: int, belief: Belief, values: Float, covs: Float, gate: float, pairs: Pairs) -> int:
     """Fill `pairs` with all pairs of an observation (m, 2), covariance (m, 2, 2), and a landmark with d^2 <= gate.
 
-    Returns their number, or -n when `pairs` needs room for n pairs.
+    Returns their number, or -n if `pairs` is too small and needs a capacity of n.
     """
     candidates = _find_near(sensor, belief, values, covs, gate, pairs)
     if candidates > len(pairs.slot):
@@ -82,7 +82,7 @@ def find_compatible(sensor: int, belief: Belief, values: Float, covs: Float, gat
 
 @kernel
 def _find_near(sensor: int, belief: Belief, values: Float, covs: Float, gate: float, pairs: Pairs) -> int:
-    """Fill `pairs` with pairs whose distances do not exclude d^2 <= gate; returns their number."""
+    """Fill `pairs` with all pairs that the lower bound of d^2 does not exclude; return their number."""
     point = belief.point
     candidates = 0
     for i in range(len(values)):
@@ -101,12 +101,12 @@ def _find_near(sensor: int, belief: Belief, values: Float, covs: Float, gate: fl
 
 
 class Reach(NamedTuple):
-    """Terms of the lower bound of a landmark's distance; see `is_within_reach`."""
+    """Terms of the lower bound of d^2; see `is_within_reach`."""
 
-    measured: float  # distance [m]; negative for a bearing-only sensor, which excludes nothing
-    noise: float  # upper bound of its variance [m^2]
+    measured: float  # measured distance [m]; negative for a bearing-only sensor, which excludes no landmark
+    noise: float  # upper bound of the variance of the measured distance [m^2]
     robot: float  # standard deviation of the robot's position [m]
-    heading: float  # standard deviation of the heading [rad], 0 if it does not change the measurement
+    heading: float  # standard deviation of the heading [rad], 0 if the measurement does not depend on it
 
 
 @kernel
@@ -117,16 +117,16 @@ def reach_of(sensor: int, z: Float, R: Float, cov: Float) -> Reach:
         return Reach(-1.0, 0.0, robot, 0.0)
     if HAS_RANGE[sensor]:
         return Reach(z[0], R[0, 0], robot, 0.0)
-    heading = math.sqrt(max(cov[2, 2], 0.0))  # the robot's turns move a position
+    heading = math.sqrt(max(cov[2, 2], 0.0))  # a position in the body frame depends on the heading
     return Reach(math.sqrt(z[0] ** 2 + z[1] ** 2), R[0, 0] + R[1, 1], robot, heading)
 
 
 @kernel
 def is_within_reach(reach: Reach, belief: Belief, landmark: int, lever: float, gate: float) -> bool:
-    """Return whether the distance of the landmark at that entry permits d^2 <= gate.
+    """Return whether the landmark at entry `landmark` may have d^2 <= gate.
 
-    Let s be the sum of the standard deviations of robot, landmark, and heading times `lever` [m]. No component of
-    H P H' exceeds s^2, and so d^2 >= (measured - expected distance)^2 / (s^2 + tr R).
+    Let s be the sum of the standard deviations of robot, landmark, and heading times `lever` [m]. The variance of the
+    expected distance is at most s^2, and so d^2 >= (measured - expected distance)^2 / (s^2 + noise).
     """
     if reach.measured < 0.0:
         return True
@@ -139,11 +139,11 @@ def is_within_reach(reach: Reach, belief: Belief, landmark: int, lever: float, g
 
 @kernel
 def find_located(cov: Float, covs: Float, pairs: Pairs, vagueness: float, recent: Marks) -> Int:
-    """Return the pairs (k,) whose landmark has a known place relative to the robot.
+    """Return the indices (k,) of the pairs whose landmark is accurately known relative to the robot.
 
-    The place is known if the landmark has a mark in `recent` (L,), or if the variance H P H' of the expected
-    observation, relative to the noise R, does not exceed `vagueness`: tr(R^-1 H P H') <= vagueness. For a landmark that
-    was observed once, from the present pose, it is 2.
+    This is so if the landmark is marked in `recent` (L,), or if the covariance H P H' of the expected observation is
+    small compared with the noise R: tr(R^-1 H P H') <= vagueness. The trace is 2 for a landmark that was observed once,
+    from the present pose.
     """
     expected = np.empty((2, 2))
     located = np.empty(len(pairs.slot), np.int64)
@@ -165,7 +165,7 @@ def first_pairs(pairs: Pairs, count: int) -> Pairs:
 
 
 def keep_pairs(pairs: Pairs, kept: Int) -> Pairs:
-    """Move the pairs `kept` (k,) to the front, in that order, and return them as views."""
+    """Move the pairs with the indices `kept` (k,) to the front, in this order, and return them as views."""
     count = len(kept)
     pairs.innovation[: 2 * count] = pairs.innovation.reshape(-1, 2)[kept].ravel()
     pairs.jacobian[: 2 * count] = pairs.jacobian.reshape(-1, 2, 5)[kept].reshape(-1, 5)
@@ -189,11 +189,11 @@ def _sort_by_distance(pairs: Pairs, count: int) -> None:
 
 @kernel
 def pair_covariance(cov: Float, pairs: Pairs, a: int, b: int, out: Float) -> None:
-    """Out (2, 2) = H_a P H_b', from the upper triangle of P."""
+    """Compute `out` (2, 2) = H_a P H_b' for the pairs a and b, from the upper triangle of P."""
     la, lb = 3 + 2 * pairs.slot[a], 3 + 2 * pairs.slot[b]
     for i in range(2):
         ha = pairs.jacobian[2 * a + i]
-        # H_a P, in b's columns
+        # `across` is an entry of H_a P, in the columns that H_b multiplies
         for j in range(2):
             hb = pairs.jacobian[2 * b + j]
             total = 0.0

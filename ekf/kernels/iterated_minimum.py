@@ -1,19 +1,19 @@
-"""The minimum of what a prior and a scan cost together, for the iterated filter.
+"""Minimum of the cost of a prior and a scan, for the iterated filter, compiled.
 
-With P = L L' and x = x^ + L u, half of the cost is f(u) = (u'u + r'r) / 2, where r = T v are the innovations in units
-of their noise (T'T = R^-1). P may be singular: L then has columns of zeros. With A = T H L the gradient is g = u - A'r,
-and
+With P = L L' and x = x^ + L u, half of the cost is f(u) = (u'u + r'r) / 2, where r = T v are the whitened innovations
+(T'T = R^-1). P may be singular: L then has columns of zeros. With A = T H L the gradient is g = u - A'r, and the
+Hessian is
 
     B = I + A'A - sum_k q_k L' (d^2 h_k / dx^2) L,    q = R^-1 v
 
-are all second derivatives; Gauss-Newton leaves out the last term. A pass goes from u by -(B + c I)^-1 g, without
-damping c if f then decreases by its due share, else with as much as that takes (Levenberg and Marquardt). The first
-passes are Gauss-Newton's. Where residuals are large that creeps or swings about the minimum: from there on the last
-term is taken along, and the digits double with each pass. The decrement sqrt(g' B^-1 g) is the length of a pass in
-standard deviations of what comes out, whatever the units are.
+Gauss-Newton omits the last term. A pass changes u by -(B + c I)^-1 g. The damping c is zero if f then decreases
+enough, else it grows until f does (Levenberg and Marquardt). The first passes are Gauss-Newton. With large residuals
+these converge slowly or oscillate about the minimum, so later passes include the last term and converge
+quadratically. The decrement sqrt(g' B^-1 g) is the length of a pass in standard deviations of the result, which does
+not depend on the units.
 
-The bearing of what is very close carries no information (see `models`), and a cost that jumps there has no minimum: a
-bearing that has once lost its information, where the robot was predicted or on the way, stays without.
+The bearing of a very close landmark has no information (see `slamgauge.sensor_kernels`). The cost would jump there and
+have no minimum. Therefore a bearing that has lost its information at one iterate is ignored in all later ones.
 
 Source: Nocedal and Wright, Numerical Optimization (2006), section 10.3.
 """
@@ -33,17 +33,17 @@ from slamgauge.ekf.kernels.linearisation import linearise
 from slamgauge.jit import kernel
 from slamgauge.sensor_kernels import HAS_BEARING
 
-GAUSS_NEWTON = 3  # passes at least before second derivatives are taken along,
-PATIENCE = 15  # and at most
-NEAR = 1.0  # standard deviations: a decrement at which second derivatives help
-SETTLED = 1e-10  # standard deviations: a decrement after which nothing is left to gain
-LAST_DIGITS = 1e-6  # standard deviations: below this, what no longer shrinks is rounding
-DUE = 1e-4  # share of the decrease that the slope promises
-FIRST_DAMPING = 1.0  # what the prior itself adds to B
+GAUSS_NEWTON = 3  # smallest number of Gauss-Newton passes
+PATIENCE = 15  # largest number of Gauss-Newton passes
+NEAR = 1.0  # decrement below which the full Hessian is used [standard deviations]
+SETTLED = 1e-10  # decrement at which the minimum is reached [standard deviations]
+LAST_DIGITS = 1e-6  # below this a decrement that no longer shrinks is rounding [standard deviations]
+DUE = 1e-4  # required share of the decrease that the slope predicts (Armijo's condition)
+FIRST_DAMPING = 1.0  # equal to the prior's part of B
 LEAST_DAMPING = 1.0
-LARGEST_DAMPING = 1e20  # nothing is gained with that
-FACTOR = 10.0  # of one damping to the next
-ROUNDING = 1e-10  # of costs, relative
+LARGEST_DAMPING = 1e20  # the search ends without a decrease
+FACTOR = 10.0  # ratio of one damping to the next
+ROUNDING = 1e-10  # relative rounding error of costs
 NOTHING_LEFT = 1e-14  # share of a variance that is rounding
 
 
@@ -54,27 +54,26 @@ class Seen(NamedTuple):
     slots: Int  # (m,)
     observation: Float  # (m, 2)
     observation_cov: Float  # (m, 2, 2)
-    blind: Marks  # (m,) whose bearing has no information
+    blind: Marks  # (m,) True if the bearing has no information
 
 
 class Terms(NamedTuple):
-    """What a pass works with; n entries, m observations."""
+    """Arrays of a pass, for n entries and m observations."""
 
     innovation: Float  # (2m,) v
     jacobian: Float  # (2m, 5) H
-    r: Float  # (2m,)
-    A: Float  # (2m, n)
+    r: Float  # (2m,) T v
+    A: Float  # (2m, n) T H L
     B: Float  # (n, n) upper triangle
-    F: Float  # (n, n) factor of B + damping
+    F: Float  # (n, n) Cholesky factor of B + damping I
     downhill: Float  # (n,) -g
 
 
 @kernel
 def find_minimum(place: Float, P: Float, seen: Seen, passes: int) -> bool:
-    """Move `place` (n,) of robot and landmarks, the prior's mean with covariance P (n, n), to the minimum.
+    """Move `place` (n,), robot and landmarks, from the prior's mean with covariance P (n, n) to the minimum.
 
-    Which bearings have lost their information on the way stands in `seen.blind`. Returns False where the minimum was
-    not reached.
+    Marks the bearings that lose their information in `seen.blind`. Returns False if the minimum was not reached.
     """
     size, rows = len(place), 2 * len(seen.slots)
     L, mean = square_root(P), place.copy()
@@ -114,7 +113,7 @@ def find_minimum(place: Float, P: Float, seen: Seen, passes: int) -> bool:
             damping = damping / FACTOR if damping > LEAST_DAMPING else 0.0
             last = math.inf
             continue
-        ahead = decrement * (decrement / last)  # of the next pass, where they shrink evenly
+        ahead = decrement * (decrement / last)  # next decrement if the convergence is linear
         if decrement < SETTLED or (last < math.inf and ahead < SETTLED and decrement < 0.1 * last):
             return True
         if exact and decrement < LAST_DIGITS and decrement > 0.25 * last:
@@ -125,7 +124,7 @@ def find_minimum(place: Float, P: Float, seen: Seen, passes: int) -> bool:
 
 @kernel
 def square_root(P: Float) -> Float:
-    """L (n, n), lower, with L L' = P; a column is zero where nothing but rounding is left of its variance."""
+    """Return lower triangular L (n, n) with L L' = P; a column is zero if its remaining variance is rounding."""
     size = len(P)
     L = np.zeros((size, size))
     for j in range(size):
@@ -145,7 +144,7 @@ def square_root(P: Float) -> Float:
 
 @kernel
 def misfit(place: Float, seen: Seen, terms: Terms) -> float:
-    """Linearise at a place; r in `terms`, and half of r'r."""
+    """Linearise at `place` and fill `terms`; return half of r'r."""
     marks = np.ones(len(place) // 2, dtype=np.bool_)
     there = Belief(place, place, terms.B, marks, len(place), AT_POINT)
     linearise(seen.sensor, there, seen.slots, seen.observation, terms.innovation, terms.jacobian)
@@ -161,7 +160,7 @@ def misfit(place: Float, seen: Seen, terms: Terms) -> float:
 
 @kernel
 def silence(blind: Marks, innovation: Float, jacobian: Float) -> None:
-    """Take the information from the bearings of the marked observations."""
+    """Set innovation and Jacobian of the bearings marked in `blind` to zero."""
     for i in range(len(blind)):
         if blind[i]:
             innovation[2 * i + 1] = 0.0
@@ -170,7 +169,7 @@ def silence(blind: Marks, innovation: Float, jacobian: Float) -> None:
 
 @kernel
 def _note_blind(seen: Seen, terms: Terms) -> None:
-    """Mark the observations whose bearing has no information where `misfit` has been."""
+    """Mark the observations whose bearing has no information at the place of the last `misfit`."""
     for i in range(len(seen.blind)):
         second_row = terms.jacobian[2 * i + 1]
         if second_row[3] == 0.0 and second_row[4] == 0.0:
@@ -179,7 +178,7 @@ def _note_blind(seen: Seen, terms: Terms) -> None:
 
 @kernel
 def _whitener(R: Float, second_row: Float) -> tuple[float, float, float]:
-    """T (2, 2), lower, with T'T = R^-1: its entries (0, 0), (1, 0) and (1, 1)."""
+    """Return entries (0, 0), (1, 0) and (1, 1) of lower triangular T (2, 2) with T'T = R^-1."""
     r00, r01, r11 = noise(R, second_row)
     u00 = math.sqrt(r00)
     u01 = r01 / u00
@@ -189,7 +188,7 @@ def _whitener(R: Float, second_row: Float) -> tuple[float, float, float]:
 
 @kernel
 def _move(place: Float, mean: Float, L: Float, u: Float) -> None:
-    """Place <- mean + L u."""
+    """Set `place` to mean + L u."""
     for i in range(len(place)):
         total = 0.0
         for j in range(i + 1):
@@ -199,7 +198,7 @@ def _move(place: Float, mean: Float, L: Float, u: Float) -> None:
 
 @kernel
 def _expand(place: Float, L: Float, u: Float, seen: Seen, terms: Terms, exact: bool) -> bool:
-    """B and -g in `terms` where `misfit` has been; False if they are not finite."""
+    """Fill B and -g of `terms` at the place of the last `misfit`; return False if they are not finite."""
     size, B, A = len(place), terms.B, terms.A
     _project(L, seen, terms)
     _add_gram(B, A)
@@ -216,7 +215,7 @@ def _expand(place: Float, L: Float, u: Float, seen: Seen, terms: Terms, exact: b
 
 @kernel
 def _direction(terms: Terms, damping: float, step: Float) -> float:
-    """Step <- -(B + damping I)^-1 g; returns the decrement, infinite where there is none."""
+    """Set `step` to -(B + damping I)^-1 g; return the decrement, infinite if the matrix is not positive definite."""
     size, F = len(step), terms.F
     F[:] = terms.B
     for j in range(size):
@@ -239,7 +238,7 @@ def _direction(terms: Terms, damping: float, step: Float) -> float:
 
 @kernel
 def _project(L: Float, seen: Seen, terms: Terms) -> None:
-    """A = T H L."""
+    """Compute A = T H L."""
     H, A = terms.jacobian, terms.A
     for i in range(len(seen.slots)):
         k, landmark = 2 * i, 3 + 2 * seen.slots[i]
@@ -255,7 +254,7 @@ def _project(L: Float, seen: Seen, terms: Terms) -> None:
 
 @kernel
 def _add_gram(B: Float, A: Float) -> None:
-    """B = I + A'A, its upper triangle."""
+    """Compute the upper triangle of B = I + A'A."""
     size = len(B)
     B[:] = 0.0
     for j in range(size):
@@ -270,8 +269,8 @@ def _add_gram(B: Float, A: Float) -> None:
 def _subtract_curvature(place: Float, L: Float, seen: Seen, terms: Terms) -> None:
     """B <- B - sum_k q_k L' (d^2 h_k / dx^2) L.
 
-    In e = landmark - robot and the heading alone: a range bends with e, a bearing too, and is linear in the heading; a
-    position in the body frame bends with the heading, and with heading and e.
+    The derivatives are those by the heading and by e = landmark - robot. For range and bearing only the derivatives by
+    e twice differ from zero; for a position in the body frame those by the heading twice, and by heading and e.
     """
     size, v = len(place), terms.innovation
     one, other, ex_row, ey_row = np.empty(size), np.empty(size), np.empty(size), np.empty(size)

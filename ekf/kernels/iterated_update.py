@@ -1,4 +1,4 @@
-"""The iterated update: the minimum of the cost of the prior and the observations of a step, and the gain there.
+"""The iterated update: a linear update with Jacobians at the minimum of the cost of prior and scan, compiled.
 
 The cost is c(x) = (x - x^)' P^-1 (x - x^) + v' R^-1 v, with innovations v = z - h(x). `kernels.iterated_minimum` finds
 its minimum x*. One linear update with Jacobians at x* follows: x^ + K (v + H (x* - x^)), P - K H P.
@@ -24,20 +24,20 @@ from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.jit import kernel
 from slamgauge.se2_kernels import wrap
 
-MAX_PASSES = 2000  # hundreds where rays contradict each other; rarely more than a dozen elsewhere
+MAX_PASSES = 2000  # hundreds are needed if the rays of bearings contradict each other, else rarely more than a dozen
 
 
 @kernel
 def update_iterated(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
-    """Correct with Jacobians at the minimum of the cost; returns as `update_standard`, the NIS that of the prior."""
+    """Correct with Jacobians at the minimum of the cost; return the NIS at the prior and its degrees of freedom."""
     return iterate(sensor, belief, count, work, MAX_PASSES)
 
 
 @kernel
 def iterate(sensor: int, belief: Belief, count: int, work: Workspace, passes: int) -> tuple[float, int]:
-    """Compute `update_iterated` with at most `passes` linearisations; a single one is the standard update.
+    """Compute `update_iterated` with at most `passes` linearisations; with one it is the standard update.
 
-    No update exists if a block of the workspace has no room for the whole scan.
+    The NIS is NaN if a block of the workspace is too small for the whole scan.
     """
     state, size = belief.state, belief.size
     slots, values, covs = work.slots[:count], work.observation[:count], work.observation_cov[:count]
@@ -70,7 +70,7 @@ def iterate(sensor: int, belief: Belief, count: int, work: Workspace, passes: in
     combine_rows(gain.W, gain.y, dx, 2 * count, size)
     for j in range(size):
         state[j] += dx[j]
-    if passes > 1:  # equal to x + dx up to rounding of the sums
+    if passes > 1:  # the minimum equals x + dx up to the rounding of sums
         state[entries] = minimum
     state[2] = wrap(state[2])
     subtract_gram(belief.cov, gain.W, 2 * count, size)

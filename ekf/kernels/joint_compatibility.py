@@ -1,8 +1,9 @@
-"""The joint compatibility test by branch and bound, and which of its associations are ambiguous.
+"""The joint compatibility test by branch and bound, and its ambiguous associations, compiled.
 
-A set of pairs has no landmark twice. It grows observation by observation, those with the fewest candidates first, while
-it is jointly compatible: its joint d^2 is below a chi-square quantile of its dimension. Of all sets that can grow like
-this, the search finds one with the most pairs, and among these one with the smallest joint d^2.
+A set of pairs contains no landmark twice. The search adds the observations one after the other, those with the fewest
+candidates first. The set must stay jointly compatible: its joint d^2 is at most a chi-square quantile for its
+dimension. Among all sets that can be built in this way, the search finds one with the most pairs, and among these one
+with the smallest joint d^2.
 
 Source: Neira and Tardos, "Data association in stochastic mapping using the joint compatibility test",
 IEEE Transactions on Robotics and Automation 17(6), 2001.
@@ -21,7 +22,7 @@ from slamgauge.jit import kernel
 
 
 class Joint(NamedTuple):
-    """The first n pairs of a set, and their joint innovation; n is up to the caller."""
+    """The first n pairs of a set, and their joint innovation; the caller stores n."""
 
     taken: Int  # (depths,) the pairs, in the order of the columns of U
     U: Float  # (2 depths, 2 depths) factor of the joint innovation covariance
@@ -29,12 +30,12 @@ class Joint(NamedTuple):
 
 
 class Branch(NamedTuple):
-    """The set of pairs that the search is at: one observation at each depth, with a landmark or without."""
+    """The present set of pairs of the search: one observation at each depth, with or without a landmark."""
 
     rows: Int  # (depths,) observation of each depth
-    first: Int  # (depths,) its range in `Pairs.by_distance`; `last` stands for no landmark
-    last: Int  # (depths,)
-    cursor: Int  # (depths,) candidate that is tried next
+    first: Int  # (depths,) start of its range in `Pairs.by_distance`
+    last: Int  # (depths,) end of this range; as a cursor it means no landmark
+    cursor: Int  # (depths,) candidate to try next
     chosen: Int  # (depths,) pair, or NONE
     placed: Int  # (depths + 1,) number of pairs before each depth
     total: Float  # (depths + 1,) joint d^2 before each depth
@@ -44,9 +45,9 @@ class Branch(NamedTuple):
 class Limits(NamedTuple):
     """Limits of the search for ambiguous observations."""
 
-    gate: float  # pairs with a larger d^2 are left out
-    margin: float  # joint d^2 by which an alternative may exceed that of the association
-    nodes: int  # pairs to try at most
+    gate: float  # pairs with a larger d^2 are ignored
+    margin: float  # an alternative may exceed the joint d^2 of the association by this
+    nodes: int  # largest number of pairs to try
 
 
 @kernel
@@ -59,13 +60,13 @@ def search_jointly(
         cov: the covariance P.
         covs: (m, 2, 2) of the observations.
         pairs: result of `find_compatible`.
-        gate: pairs with a larger d^2 are left out.
+        gate: pairs with a larger d^2 are ignored.
         quantiles: (m + 1,) largest joint d^2 for 0, 1, ... pairs.
-        node_limit: pairs to try at most; the best set so far is then the result. The first set is that of the
-            nearest neighbours that are jointly compatible, so a result always exists.
+        node_limit: largest number of pairs to try; at the limit the search returns the best set so far. The first
+            set contains the nearest neighbours that are jointly compatible, so a result always exists.
 
     Returns:
-        Slots (m,), NONE without a landmark, and the number of pairs that were tried.
+        Slots (m,), NONE for an observation without a landmark, and the number of pairs that were tried.
     """
     best = np.full(len(covs), NONE)
     branch = _root(pairs, gate, len(best))
@@ -79,7 +80,7 @@ def search_jointly(
             continue
         place = branch.cursor[depth]
         branch.cursor[depth] += 1
-        if place == branch.last[depth]:  # all landmarks have been tried: none
+        if place == branch.last[depth]:  # all landmarks have been tried: the observation stays without one
             _descend(branch, depth, NONE, total)
         else:
             c = int(pairs.by_distance[place])
@@ -110,13 +111,13 @@ def _root(pairs: Pairs, gate: float, observations: int) -> Branch:
 
 @kernel
 def _empty(most: int) -> Joint:
-    """Return room for `most` pairs."""
+    """Allocate arrays for `most` pairs."""
     return Joint(np.full(most, NONE), np.zeros((2 * most, 2 * most)), np.zeros(2 * most))
 
 
 @kernel
 def _descend(branch: Branch, depth: int, c: int, total: float) -> None:
-    """Choose pair c, or NONE, at this depth; the next depth starts with its nearest landmark."""
+    """Choose pair c, or NONE, at this depth, and start the next depth with the nearest landmark of its observation."""
     n = branch.placed[depth]
     branch.chosen[depth] = c
     if c != NONE:
@@ -129,7 +130,7 @@ def _descend(branch: Branch, depth: int, c: int, total: float) -> None:
 
 @kernel
 def _copy_slots(branch: Branch, depth: int, pairs: Pairs, best: Int) -> None:
-    """Copy the slots of the set down to this depth to `best`."""
+    """Copy the slots of the set, from depth 0 to this depth, to `best`."""
     best[:] = NONE
     for d in range(depth + 1):
         if branch.chosen[d] != NONE:
@@ -162,7 +163,7 @@ def _is_taken(pairs: Pairs, taken: Int, n: int, c: int) -> bool:
 
 @kernel
 def _extend(cov: Float, covs: Float, pairs: Pairs, joint: Joint, n: int, c: int) -> float:
-    """Add pair c to the first n pairs: two more columns of S = U'U and two more rows of y; returns its part of d^2."""
+    """Add pair c to the first n pairs: two columns of U and two rows of y; return the increase of the joint d^2."""
     taken, U, y = joint
     S, k = np.empty((2, 2)), 2 * n
     for b in range(n):
@@ -191,11 +192,12 @@ def _extend(cov: Float, covs: Float, pairs: Pairs, joint: Joint, n: int, c: int)
 
 @kernel
 def mark_ambiguous(cov: Float, covs: Float, pairs: Pairs, slots: Int, limits: Limits) -> tuple[Marks, int]:
-    """Mark the observations (m,) whose landmarks in `slots` (m,) another association explains nearly as well.
+    """Mark the observations (m,) whose landmark in `slots` (m,) has an alternative that is nearly as likely.
 
-    Alternatives give one observation a landmark that is free, or exchange the landmarks of two observations. An
-    alternative counts if its joint d^2 exceeds that of `slots` by at most the margin: it is at least exp(-margin / 2)
-    times as likely. Each alternative tries as many pairs as `slots` has; the search ends at the limit of pairs.
+    An alternative assigns an unused landmark to one observation, or exchanges the landmarks of two observations. It
+    makes the observation ambiguous if its joint d^2 exceeds that of `slots` by at most the margin: it is then at least
+    exp(-margin / 2) times as likely. Each alternative tries all pairs of `slots` and counts them; the search ends at
+    the limit of pairs.
 
     Returns:
         Marks (m,), and the number of pairs that were tried.
@@ -203,7 +205,7 @@ def mark_ambiguous(cov: Float, covs: Float, pairs: Pairs, slots: Int, limits: Li
     observations, count = len(slots), len(pairs.slot)
     ambiguous = np.zeros(observations, dtype=np.bool_)
     chosen = np.full(observations, NONE)  # pair of each observation
-    holder = np.full(count, NONE)  # of each pair's landmark: the pair in `slots` that has it
+    holder = np.full(count, NONE)  # (count,) the pair in `slots` that has the same landmark
     for c in range(count):
         if slots[pairs.observation[c]] == pairs.slot[c]:
             chosen[pairs.observation[c]] = c
@@ -236,7 +238,7 @@ def mark_ambiguous(cov: Float, covs: Float, pairs: Pairs, slots: Int, limits: Li
 
 @kernel
 def _crossed(pairs: Pairs, a: int, b: int) -> int:
-    """Return the pair of a's observation and b's landmark, NONE if they are not compatible."""
+    """Return the pair of a's observation and b's landmark, or NONE if they are not compatible."""
     for c in range(len(pairs.slot)):
         if pairs.observation[c] == pairs.observation[a] and pairs.owner[c] == pairs.owner[b]:
             return c

@@ -1,4 +1,4 @@
-"""The update that all corrections share: the gain of a scan and the covariance after it, compiled.
+"""The update that all corrections share: gain of a scan and updated covariance, compiled.
 
 The gain K = P H' S^-1 is never formed. With S = U'U, W = U'^-1 H P and y = U'^-1 v, the correction is K v = W'y and the
 covariance decreases by K S K' = W'W.
@@ -22,7 +22,7 @@ from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.jit import kernel
 from slamgauge.sensor_kernels import HAS_RANGE
 
-SAFE = 1e-3  # share of the information that exhausts double precision
+SAFE = 1e-3  # share of the information that would exhaust double precision; below it, no backup of P is needed
 
 
 class Gain(NamedTuple):
@@ -31,25 +31,25 @@ class Gain(NamedTuple):
     U: Float  # upper triangular factor of S = U'U in its first 2m rows and columns
     W: Float  # (2m, capacity) U'^-1 H P in its first `size` columns
     y: Float  # (2m,) whitened innovation U'^-1 v
-    nis: float  # y'y; not finite where no update exists
+    nis: float  # y'y; not finite if no update exists
 
 
 class JointUpdate(NamedTuple):
     """Result of `joint_update`."""
 
     dx: Float  # (size,) correction of the state
-    nis: float  # not finite where no update exists
+    nis: float  # not finite if no update exists
     dof: int  # degrees of freedom of the NIS
 
 
 @kernel
 def joint_update(sensor: int, belief: Belief, count: int, work: Workspace) -> JointUpdate:
-    """P <- P - W'W for the first `count` observations of `work`, and the correction dx of the state.
+    """P <- P - W'W for the first `count` observations of `work`; return the correction dx of the state.
 
-    The state itself is not changed. The observations are processed in blocks of the workspace, all with the same
-    Jacobians: for independent observations that equals one block, and it saves the triangular solve whose cost grows
-    with the square of a block. The downdate may be deferred (see `deferred_downdate`). When the NIS is not finite,
-    nothing has changed.
+    The state is not changed. The observations are processed in blocks of the workspace, all with Jacobians at the same
+    point. The result is that of a single block, because observations are independent, but the triangular solve is
+    cheaper: its cost grows with the square of the block. The downdate may be deferred (see `deferred_downdate`). If the
+    NIS is not finite, the belief is unchanged.
     """
     scan, informative = linearise_scan(sensor, belief, count, work)
     size, block, deferred = belief.size, len(work.W) // 2, work.deferred
@@ -88,8 +88,8 @@ def joint_update(sensor: int, belief: Belief, count: int, work: Workspace) -> Jo
 def whiten(belief: Belief, scan: Linearised, first: int, last: int, work: Workspace) -> Gain:
     """Return the gain of observations first..last of a scan, computed in the arrays W and S of `work`.
 
-    Their innovations become y. The NIS is not finite when S is not positive definite, when S is rounding
-    (`EXHAUSTED`), or when an observation is not finite.
+    Overwrites their innovations with y. The NIS is not finite if S is not positive definite, if a pivot of S is only
+    rounding (`EXHAUSTED`), or if an observation is not finite.
     """
     rows = 2 * (last - first)
     slots, jacobian = scan.slots[first:last], scan.jacobian[2 * first : 2 * last]
@@ -106,9 +106,9 @@ def whiten(belief: Belief, scan: Linearised, first: int, last: int, work: Worksp
 
 @kernel
 def divide_by_factor(S: Float, W: Float, y: Float, rows: int, size: int) -> float:
-    """S <- U of S = U'U, W <- U'^-1 W and y <- U'^-1 y; returns y'y.
+    """Factor S = U'U, S <- U, W <- U'^-1 W and y <- U'^-1 y; return y'y.
 
-    The result is NaN when S is not positive definite, and `EXHAUSTED` when a pivot is the rounding of its variance.
+    The result is NaN if S is not positive definite, and `EXHAUSTED` if a pivot is only rounding of its variance.
     """
     if not cholesky(S, rows):
         return math.nan
@@ -129,10 +129,11 @@ def divide_by_factor(S: Float, W: Float, y: Float, rows: int, size: int) -> floa
 
 @kernel
 def _backup(belief: Belief, scan: Linearised, block: int) -> Float:
-    """Return a copy of P if a block after the first might be refused, else an empty array.
+    """Return a copy of P if a block after the first might exhaust double precision, else an empty array.
 
-    A scan reduces no variance to less than 1 / (1 + tr(R^-1 H P H')) of itself, no pivot of S is smaller than R's, and
-    (H P H')_aa is at most five times the sum of h^2 P. If that is far from exhausting precision, no block is refused.
+    A scan reduces no variance to less than 1 / (1 + tr(R^-1 H P H')) of its value, no pivot of S is smaller than the
+    same pivot of R, and (H P H')_aa is at most five times the sum of h^2 P. If these bounds are far from exhausting
+    double precision, every block has an update.
     """
     information, count = 0.0, len(scan.slots)
     for i in range(count if count > block else 0):
@@ -152,9 +153,9 @@ def _backup(belief: Belief, scan: Linearised, block: int) -> Float:
 
 @kernel
 def are_sound(sensor: int, values: Float, covs: Float) -> bool:
-    """Return whether observations (m, 2) are acceptable.
+    """Return whether observations (m, 2) and their covariances (m, 2, 2) are valid.
 
-    Their size is limited, ranges are not negative, and covariances (m, 2, 2) are positive definite.
+    Values are below `LARGEST`, ranges are not negative, and covariances are positive definite.
     """
     for i in range(len(values)):
         R = covs[i]

@@ -1,6 +1,6 @@
-"""Measurements of any entries of the state, and new entries that depend on any entries, compiled.
+"""Updates and augmentations that may depend on any entries of the state, compiled.
 
-The caller passes their Jacobians: `jacobian` (r, c) contains the derivatives by the state entries `columns` (c,).
+The caller passes the Jacobians: `jacobian` (r, c) contains the derivatives by the state entries `columns` (c,).
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from slamgauge.jit import kernel
 
 @kernel
 def project_columns(cov: Float, size: int, columns: Int, jacobian: Float, W: Float) -> None:
-    """W[:rows, :size] = H P."""
+    """Compute W[:rows, :size] = H P."""
     W[: len(jacobian), :size] = 0.0
     for c in range(len(columns)):
         column = columns[c]
         for r in range(len(jacobian)):
             h = jacobian[r, c]
-            if h == 0.0:  # most entries, where each row is an observation of another landmark
+            if h == 0.0:  # true for most entries if each row is an observation of another landmark
                 continue
             for j in range(column):
                 W[r, j] += h * cov[j, column]
@@ -37,15 +37,15 @@ def project_columns(cov: Float, size: int, columns: Int, jacobian: Float, W: Flo
 class LinearUpdate(NamedTuple):
     """Result of `linear_update`."""
 
-    dx: Float  # (size,) correction of the state; undefined where no update exists
-    nis: float  # not finite where no update exists
+    dx: Float  # (size,) correction of the state; undefined if no update exists
+    nis: float  # not finite if no update exists
 
 
 @kernel
 def linear_update(belief: Belief, columns: Int, jacobian: Float, innovation: Float, noise_cov: Float) -> LinearUpdate:
-    """P <- P - W'W and dx = K v for innovations v (r,) with covariance H P H' + noise_cov (r, r).
+    """P <- P - W'W, and return dx = K v, for innovations v (r,) with covariance H P H' + noise_cov (r, r).
 
-    The state itself is not changed. When the NIS is not finite, nothing has changed.
+    The state is not changed. If the NIS is not finite, P is unchanged too.
     """
     cov, size, rows = belief.cov, belief.size, len(innovation)
     W, S, dx = np.empty((rows, size)), np.empty((rows, rows)), np.empty(size)
@@ -66,7 +66,7 @@ def linear_update(belief: Belief, columns: Int, jacobian: Float, innovation: Flo
 
 @kernel
 def append_linear(belief: Belief, columns: Int, jacobian: Float, own: Float) -> None:
-    """Append to P the rows of k new entries J x + noise, where `own` (k, k) is the covariance of the noise."""
+    """Append to P the columns of k new entries J x + noise; `own` (k, k) is the covariance of this noise."""
     cov, size, count = belief.cov, belief.size, len(own)
     for r in range(count):
         for j in range(size):

@@ -14,11 +14,11 @@ from slamgauge.ekf.kernels.workspace import Workspace
 from slamgauge.jit import kernel
 from slamgauge.sensor_kernels import observe, wrap_innovation
 
-PROJECTED = 1  # form of Jacobians (`Belief.form`): at the belief's state, then projected
+PROJECTED = 1  # form of Jacobians (`Belief.form`): evaluated at the belief's state, then projected
 
 
 class Linearised(NamedTuple):
-    """Observations (m,) of mapped landmarks, linearised."""
+    """Linearised observations (m,) of mapped landmarks."""
 
     slots: Int  # (m,)
     jacobian: Float  # (2m, 5) columns as in `linearise`
@@ -28,9 +28,9 @@ class Linearised(NamedTuple):
 
 @kernel
 def linearise_scan(sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[Linearised, int]:
-    """Linearise the first `count` observations of `work`; returns them and the number of rows with information.
+    """Linearise the first `count` observations of `work`; return them and the number of rows with information.
 
-    The arrays are views of the workspace.
+    The returned arrays are views of the workspace.
     """
     slots, jacobian, innovation = work.slots[:count], work.jacobian[: 2 * count], work.innovation[: 2 * count]
     informative = linearise(sensor, belief, slots, work.observation, innovation, jacobian)
@@ -39,11 +39,11 @@ def linearise_scan(sensor: int, belief: Belief, count: int, work: Workspace) -> 
 
 @kernel
 def linearise(sensor: int, belief: Belief, slots: Int, observation: Float, innovation: Float, jacobian: Float) -> int:
-    """Fill `innovation` (2m,) at the belief's state and the compact `jacobian` (2m, 5) of observations (m, 2).
+    """Fill `innovation` (2m,) and the compact `jacobian` (2m, 5) of observations (m, 2).
 
-    Columns: robot x, y, heading, landmark x, y; H = A R(heading)' [-I, -J (l - p), I], evaluated at the belief's
-    `point`, or at its state and then projected (see `project_on_observable`). Returns the number of rows with
-    information.
+    The innovation is taken at the belief's state. Columns of the Jacobian: robot x, y, heading, landmark x, y;
+    H = A R(heading)' [-I, -J (l - p), I], evaluated at the belief's `point`, or at its state and then projected (see
+    `project_on_observable`). Returns the number of rows with information.
     """
     state = belief.state
     at = state if belief.form == PROJECTED else belief.point
@@ -76,11 +76,11 @@ def linearise(sensor: int, belief: Belief, slots: Int, observation: Float, innov
 
 @kernel
 def project_on_observable(point: Float, landmark: int, h: Float) -> None:
-    """Replace h (5,) by the nearest row (Euclidean norm) with h N = 0: shift and turn of the map are unobservable.
+    """Replace h (5,) by the nearest row (Euclidean norm) with h N = 0: translation and rotation stay unobservable.
 
-    N = [I, J p; 0, 1; I, J l] at `point`, which the first-estimates prediction propagates from step to step. With the
-    turn about the middle of p and l, its third column n = [-J d / 2; 1; J d / 2], d = l - p, is orthogonal to the other
-    two columns, and every h is orthogonal to these: h <- h - (h n) n' / (n' n).
+    N = [I, J p; 0, 1; I, J l] at `point`, which the first-estimates prediction propagates from step to step. For a
+    rotation about the midpoint of p and l, the third column n = [-J d / 2; 1; J d / 2], d = l - p, is orthogonal to the
+    other two columns. Every h is already orthogonal to those two: h <- h - (h n) n' / (n' n).
     """
     dx, dy = point[landmark] - point[0], point[landmark + 1] - point[1]
     nx, ny = -0.5 * dy, 0.5 * dx
@@ -97,7 +97,7 @@ def project_on_observable(point: Float, landmark: int, h: Float) -> None:
 def innovations_of(
     sensor: int, belief: Belief, slots: Int, observation: Float, noise_cov: Float
 ) -> tuple[Float, Float]:
-    """Return the innovations (2m,) of observations (m, 2) and the innovation covariance S (m, 2, 2) of each by itself.
+    """Return the innovations (2m,) of observations (m, 2), and the innovation covariance S (m, 2, 2) of each.
 
     The landmark of each observation is in `slots` (m,); `noise_cov` is (m, 2, 2).
     """

@@ -1,8 +1,8 @@
-"""The right-invariant filter over a whole log with known association, and the likelihood of its innovations, compiled.
+"""Likelihood of a log with known association, from the innovations of the right-invariant filter, compiled.
 
-The prediction-error decomposition (Schweppe, IEEE Transactions on Information Theory 11(1), 1965): the likelihood of
-all observations is the product of the likelihoods of each given all before it, which the filter's innovations give. The
-first observation of a landmark maps it and has no likelihood.
+Prediction-error decomposition (Schweppe, IEEE Transactions on Information Theory 11(1), 1965): the likelihood of all
+observations is the product of the likelihood of each observation given all earlier ones, which is the likelihood of its
+innovation. The first observation of a landmark maps it and has no likelihood.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ WHOLE = -1
 class Order(NamedTuple):
     """Step and landmark of each observation of a log; slots are numbered by first observation."""
 
-    first: Int  # (N+2,) first observation of each step: those of mapped landmarks come first, then those of new ones
-    new: Int  # (N+1,) first observation of a new landmark in each step
+    first: Int  # (N+2,) index of each step's first observation; observations of new landmarks are last in their step
+    new: Int  # (N+1,) index of each step's first observation of a new landmark
     slots: Int  # (M,)
 
 
 class Measured(NamedTuple):
     """Measurements with their assumed noise."""
 
-    sensor: int  # see `models`
+    sensor: int  # see `slamgauge.sensor_kernels`
     increment: Float  # (N, 3) body frame [m, m, rad]
     increment_cov: Float  # (N, 3, 3)
     observation: Float  # (M, 2)
@@ -55,9 +55,9 @@ class Measured(NamedTuple):
 
 @kernel
 def run_log(belief: Belief, order: Order, measured: Measured, tails: Tails, work: Workspace, rows: Rows) -> int:
-    """Filter the log and fill `rows`; returns the step at which no update exists, or WHOLE.
+    """Filter the log and fill `rows`; return WHOLE, or the step at which no prediction or update exists.
 
-    The belief contains the prior, and has room for all landmarks.
+    The belief contains the prior and has capacity for all landmarks.
     """
     sensor, run, longest = measured.sensor, Run(0, -1), longest_run(tails)
     for step in range(len(order.new)):
@@ -89,9 +89,9 @@ def _load(order: Order, measured: Measured, start: int, end: int, work: Workspac
 
 @kernel
 def _update(sensor: int, belief: Belief, tails: Tails, is_lost: bool, work: Workspace, rows: Rows) -> bool:
-    """Correct with the first observations of `work` and fill `rows`, those of the observations; False if refused.
+    """Correct with the first observations of `work` and fill their `rows`; return False if no update exists.
 
-    The same as `joint_update` and `retract_right_invariant`, with a weight for every row.
+    Does the same as `joint_update` and `retract_right_invariant`, with a weight for every row.
     """
     count = len(rows.weight) // 2
     scan, _ = linearise_scan(sensor, belief, count, work)

@@ -1,7 +1,7 @@
-"""Changes of the map without observations: removing a landmark, merging two, and finding duplicates, compiled.
+"""Changes of the map without observations: remove a landmark, merge two, and find duplicate landmarks, compiled.
 
-Removing is marginalisation: the landmark's rows and columns are removed, all others stay. Two landmarks are merged by
-the exact observation l_a - l_b = 0, whose innovation covariance is P_aa + P_bb - P_ab - P_ba; then one of the two is
+Removing marginalises the landmark: its rows and columns are removed, all others stay. Two landmarks are merged by the
+noise-free observation l_a - l_b = 0, whose innovation covariance is P_aa + P_bb - P_ab - P_ba. Then one of them is
 removed.
 """
 
@@ -40,10 +40,9 @@ def remove_landmark(belief: Belief, slot: int) -> None:
 
 @kernel
 def equate_landmarks(belief: Belief, a: int, b: int) -> LinearUpdate:
-    """Update P with the exact observation l_a - l_b = 0 of the landmarks in slots a and b; returns dx and the NIS.
+    """Update P with the noise-free observation l_a - l_b = 0 of the landmarks in slots a and b; return dx and the NIS.
 
-    The NIS is not finite, and nothing has changed, when the covariance of their difference is singular: the two are
-    equal already.
+    If the covariance of the difference is singular, the two are equal already: P is unchanged and the NIS not finite.
     """
     la, lb = 3 + 2 * a, 3 + 2 * b
     columns = np.array([la, la + 1, lb, lb + 1])
@@ -54,11 +53,11 @@ def equate_landmarks(belief: Belief, a: int, b: int) -> LinearUpdate:
 
 @kernel
 def find_duplicates(belief: Belief, slots: Int, apart: Marks, gate: float) -> Int:
-    """Return pairs (p, 2) of a landmark in `slots` (s,) and another one that may be the same landmark.
+    """Return pairs (p, 2) of a landmark in `slots` (s,) and another landmark that may be a duplicate of it.
 
-    Their difference d, with covariance C, passes d' C^-1 d <= gate. Pairs with a mark in `apart` (s, L) are known to be
-    different landmarks. No eigenvalue of C exceeds the squared sum of both standard deviations; this bound excludes
-    most pairs before C is computed.
+    Their difference d, with covariance C, passes the test d' C^-1 d <= gate. Pairs marked in `apart` (s, L) are
+    different landmarks for certain and are skipped. No eigenvalue of C exceeds the squared sum of both standard
+    deviations; this bound excludes most pairs before C is computed.
     """
     state, cov = belief.state, belief.cov
     landmarks = (belief.size - 3) // 2

@@ -1,18 +1,19 @@
 """Likelihood of the rows of an innovation, with or without outliers, compiled.
 
-The rows of a scan are processed one after the other, each conditioned on those before it: Cholesky's elimination of
-S = U'U does that, and its pivot is the conditional variance v of the conditional innovation e. With outliers e is
+The rows of a scan are processed in order, each conditioned on all earlier rows: the Cholesky elimination of S = U'U
+computes the conditional innovation e, and its pivot is the conditional variance v of e. The distribution of e is
 
-* from a mixture: N(0, v), and N(0, v + spread^2) with probability `rate`, or
-* from Student's t with `dof` degrees of freedom and scale sqrt(v).
+* N(0, v) without outliers,
+* a mixture of N(0, v) and, with probability `rate`, N(0, v + spread^2), or
+* Student's t with `dof` degrees of freedom and scale sqrt(v).
 
-A row that may be an outlier corrects with a weight w, the probability that it is not an outlier (for Student's t
-(dof + 1) / (dof + e^2 / v), at most 1): its pivot is divided by w, and so the gain is multiplied by w. That keeps the
-mean of the mixture of posteriors, as probabilistic data association does, and leaves out the spread of its means
-(Bar-Shalom and Tse, Automatica 11(5), 1975).
+A row that may be an outlier corrects with a weight w: the probability that it is not an outlier, or for Student's t
+(dof + 1) / (dof + e^2 / v), at most 1. Its pivot is divided by w, which multiplies the gain by w. This keeps the mean
+of the mixture of posteriors, as probabilistic data association does, but not the spread of their means (Bar-Shalom and
+Tse, Automatica 11(5), 1975).
 
-A diverged filter would take all observations for outliers, and never recover. A run of outliers of different landmarks
-that is less likely than INCREDIBLE is therefore not believed: rows correct with full weight until one of them fits.
+A diverged filter would classify all observations as outliers and never recover. Therefore, after a run of outliers of
+different landmarks whose probability is below INCREDIBLE, rows correct with full weight until one of them fits.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ from slamgauge.jit import inner, kernel
 
 GAUSSIAN, MIXTURE, STUDENT_T = 0, 1, 2
 LEAST_WEIGHT = 1e-12
-DOUBTED = 0.5  # a row with less weight is more likely an outlier
-INCREDIBLE = 1e-9
+DOUBTED = 0.5  # a row with a smaller weight is more likely an outlier
+INCREDIBLE = 1e-9  # probability of a run of outliers below which the filter is taken as diverged
 HALF_LOG_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
@@ -35,21 +36,21 @@ class Tails(NamedTuple):
 
     law: Int  # (2,) GAUSSIAN, MIXTURE or STUDENT_T
     rate: Float  # (2,) share of outliers of the mixture
-    spread: Float  # (2,) additional standard deviation of outliers [m or rad]
+    spread: Float  # (2,) standard deviation that outliers add [m or rad]
     dof: Float  # (2,) degrees of freedom of Student's t
 
 
 class Run(NamedTuple):
-    """Consecutive observations that were all doubted."""
+    """Consecutive observations with a weight below DOUBTED."""
 
-    length: int  # 1 and how many times the landmark changed
-    slot: int  # newest landmark; -1 after an observation that was not doubted
+    length: int  # number of changes of landmark plus 1; 0 for an empty run
+    slot: int  # newest landmark of the run; -1 for an empty run
 
 
 class Rows(NamedTuple):
     """Results of every row of every observation; rows without information have variance 0 and likelihood 0."""
 
-    innovation: Float  # (2M,) e, conditional on all rows before [m or rad]
+    innovation: Float  # (2M,) e, conditional on all earlier rows [m or rad]
     variance: Float  # (2M,) v, without outliers
     weight: Float  # (2M,) w
     log_likelihood: Float  # (2M,)
@@ -57,7 +58,7 @@ class Rows(NamedTuple):
 
 @kernel
 def weigh(e: float, v: float, row: int, tails: Tails) -> tuple[float, float]:
-    """Return log-likelihood and weight of a conditional innovation e with variance v, in `row` 0 or 1."""
+    """Return log-likelihood and weight of a conditional innovation e with variance v, for `row` 0 or 1."""
     law, normal = tails.law[row], -0.5 * (math.log(v) + e * e / v) - HALF_LOG_TWO_PI
     if law == MIXTURE:
         wide = v + tails.spread[row] ** 2
@@ -76,10 +77,10 @@ def weigh(e: float, v: float, row: int, tails: Tails) -> tuple[float, float]:
 
 @kernel
 def factor_weighing(S: Float, y: Float, jacobian: Float, tails: Tails, is_lost: bool, rows: Rows) -> bool:
-    """S = U'U in place with pivots divided by weights, and y <- U'^-1 y; fills `rows`, which are those of y.
+    """Factor S = U'U in place with pivots divided by weights, y <- U'^-1 y, and fill the `rows` of y.
 
-    Upper triangle of S only, of as many rows as y has. A filter that is lost corrects with full weights. Returns False
-    if S is not positive definite.
+    Uses the upper triangle of the first len(y) rows of S. If the filter is lost, all pivots keep full weight. Returns
+    False if S is not positive definite.
     """
     count = len(y)
     for a in range(count):
@@ -113,8 +114,8 @@ def rows_between(rows: Rows, start: int, end: int) -> Rows:
 
 @kernel
 def longest_run(tails: Tails) -> float:
-    """Return how many landmarks in a row may all be outliers."""
-    longest = 1e9  # any number without a mixture
+    """Return the length of a run of outliers whose probability is INCREDIBLE."""
+    longest = 1e9  # no limit without a mixture
     for row in range(len(tails.law)):
         if tails.law[row] == MIXTURE:
             longest = min(longest, math.log(INCREDIBLE) / math.log(tails.rate[row]))
@@ -123,7 +124,7 @@ def longest_run(tails: Tails) -> float:
 
 @kernel
 def continued(run: Run, slots: Int, rows: Rows, start: int, end: int) -> Run:
-    """Return the run after the observations start..end."""
+    """Return the run of doubted observations after the observations start..end."""
     for i in range(start, end):
         informative = rows.variance[2 * i] + rows.variance[2 * i + 1] > 0.0
         if informative and min(rows.weight[2 * i], rows.weight[2 * i + 1]) >= DOUBTED:

@@ -1,6 +1,6 @@
 """The prediction step, compiled.
 
-Source: the practical, equations 1.1 (ROB312 practical 4, "SLAM using Extended Kalman Filter"); Sola, "Simultaneous
+Sources: the exercise, equations 1.1 (ENSTA, ROB312, TP4, "SLAM using Extended Kalman Filter"); Sola, "Simultaneous
 localization and mapping with the extended Kalman filter" (2014) for the block structure.
 """
 
@@ -22,8 +22,9 @@ from slamgauge.se2_kernels import wrap
 def predict(belief: Belief, increment: Float, increment_cov: Float) -> bool:
     """Move the robot by a body-frame increment: P_rr <- F P_rr F' + G Q G', P_rm <- F P_rm.
 
-    F = [I, J lever; 0, 1], where the lever reaches from the robot of `point` to the new position. `point` then takes
-    the predicted pose. Returns False, with nothing changed, when a number is of no believable size, or Q no covariance.
+    F = [I, J lever; 0, 1]; the lever is the vector from the robot's position in `point` to its new position. The
+    predicted pose is then copied to `point`. Returns False, with nothing changed, if a value exceeds its limit (see
+    `LARGEST`) or Q is not a covariance.
     """
     if not (np.abs(increment).max() < LARGEST and np.abs(increment_cov).max() < LARGEST * LARGEST):
         return False
@@ -39,7 +40,7 @@ def predict(belief: Belief, increment: Float, increment_cov: Float) -> bool:
     state[1] += moved_y
     state[2] = wrap(state[2] + increment[2])
     point[:3] = state[:3]
-    # the heading's row leaks into the position's rows
+    # F adds multiples of the heading's row to the position's rows
     for j in range(2, belief.size):
         cov[0, j] -= lever_y * cov[2, j]
         cov[1, j] += lever_x * cov[2, j]
@@ -52,10 +53,10 @@ def predict(belief: Belief, increment: Float, increment_cov: Float) -> bool:
 
 @kernel
 def is_semidefinite(Q: Float) -> bool:
-    """Whether Q (3, 3) is symmetric with no negative eigenvalue, but for rounding; zero is legal.
+    """Return whether Q (3, 3) is symmetric and positive semi-definite up to rounding; zero is valid.
 
-    The rule of `slamgauge.validation`, with more room for rounding: of the correlations, and of the entries themselves
-    where a variance is not positive, the smallest eigenvalue is at least -ROUNDING.
+    This is the rule of `slamgauge.validation` with a larger tolerance. Q is scaled to correlations, except for entries
+    whose variance is not positive; its smallest eigenvalue must then be at least -ROUNDING.
     """
     largest = 0.0
     for i in range(3):
@@ -73,7 +74,7 @@ def is_semidefinite(Q: Float) -> bool:
     xx, yy, tt = Q[0, 0] / (sx * sx) + ROUNDING, Q[1, 1] / (sy * sy) + ROUNDING, Q[2, 2] / (st * st) + ROUNDING
     if not xx > 0.0:
         return False
-    yy -= xy * xy / xx  # one variable eliminated after the other: all that is left must be positive
+    yy -= xy * xy / xx  # eliminate one variable after the other: all pivots must be positive
     yt -= xy * xt / xx
     tt -= xt * xt / xx
     return yy > 0.0 and tt - yt * yt / yy > 0.0
@@ -81,13 +82,13 @@ def is_semidefinite(Q: Float) -> bool:
 
 @kernel
 def _unit(variance: float) -> float:
-    """The standard deviation, 1 where there is none."""
+    """Return the standard deviation, or 1 if the variance is not positive."""
     return math.sqrt(variance) if variance > 0.0 else 1.0
 
 
 @kernel
 def _add_increment_noise(cov: Float, c: float, s: float, Q: Float) -> None:
-    """Add G Q G' with G = blkdiag(R(heading), 1) to the robot's block, and mirror that block."""
+    """Add G Q G' with G = blkdiag(R(heading), 1) to the robot's block, and mirror this block."""
     qx0, qx1, qx2 = c * Q[0, 0] - s * Q[1, 0], c * Q[0, 1] - s * Q[1, 1], c * Q[0, 2] - s * Q[1, 2]
     qy0, qy1, qy2 = s * Q[0, 0] + c * Q[1, 0], s * Q[0, 1] + c * Q[1, 1], s * Q[0, 2] + c * Q[1, 2]
     cov[0, 0] += qx0 * c - qx1 * s

@@ -1,8 +1,8 @@
-"""Tests for exhausted double precision, compiled: a difference that is only rounding.
+"""Tests whether the differences in an update are only rounding errors of double precision, compiled.
 
-A double has 16 digits. An update subtracts: rows of H P H' cancel where robot and landmark share most of their
-variance, a pivot of S is a conditional variance given the rows above, and P - W'W is the covariance after the update.
-Each must keep three digits. A singular covariance passes these tests: its zeros are not results of a subtraction.
+A double has 16 digits. An update computes three kinds of differences: in H P H', where the variances that robot and
+landmark share cancel; in the pivots of S, which are conditional variances given earlier rows; and in P - W'W. Each
+result must keep three digits. A singular prior covariance passes these tests, because its zeros are not differences.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.jit import kernel
 
-LARGEST = 1e50  # limit of measurements; a filter that starts with it is still finite after every sum of squares
+LARGEST = 1e50  # limit of measured values; sums of their squares stay finite
 LEAST = 1e-13  # smallest difference, relative to its minuend
 EXHAUSTED = math.inf  # NIS of an update that exhausts double precision
 NO_MINIMUM = -math.inf  # NIS of an iterated update that finds no minimum
@@ -21,7 +21,7 @@ NO_MINIMUM = -math.inf  # NIS of an iterated update that finds no minimum
 
 @kernel
 def are_pivots_lost(U: Float, cov: Float, slots: Int, jacobian: Float) -> bool:
-    """Return whether a pivot of S = U'U = H P H' + R is no more than the rounding of H P H'."""
+    """Return whether a pivot of S = U'U = H P H' + R is only rounding of H P H'."""
     for i in range(len(slots)):
         landmark = ROBOT + 2 * slots[i]
         for k in (2 * i, 2 * i + 1):
@@ -37,7 +37,7 @@ def are_pivots_lost(U: Float, cov: Float, slots: Int, jacobian: Float) -> bool:
 def are_variances_lost(cov: Float, slots: Int, W: Float, rows: int) -> bool:
     """Return whether P - W'W is only rounding for the robot's position, its heading or a landmark in `slots`.
 
-    Slots of -1 are ignored. The two variances of a position are added: one of them may be exact from the beginning.
+    Slots of -1 are ignored. The two variances of a position are added, because one of them may be zero from the start.
     """
     if _is_lost(cov, W, rows, 0, 2) or _is_lost(cov, W, rows, 2, 1):
         return True

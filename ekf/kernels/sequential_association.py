@@ -1,12 +1,12 @@
-"""The exercise's nearest neighbour: for each observation in turn, associate, then correct or map; compiled.
+"""Nearest-neighbour association as in the exercise: for each observation, associate, then correct or map; compiled.
 
-Every observation changes the state at once, but the covariance of the whole map only at the end of a block.
-Until then P = P0 - W'W is stored as P0 and the rows of W, two for each observation of the block, and only those
-entries of P are computed that the next observation needs. That is exact.
+Every observation changes the state immediately, but the covariance of the whole map only at the end of a block.
+Until then P = P0 - W'W is stored as P0 and the rows of W, two for each observation of the block. Only the entries of P
+that the next observation needs are computed. This is exact.
 
-For the right-invariant filter P = T (P0 - W'W) T' with T = I + u e_theta', u = J (state - anchor), where the
-anchor is the state at P0. All rows of W are in the coordinates of the anchor, where H becomes H T: only its
-column of the heading differs. The anchor of a new landmark is its first estimate.
+For the right-invariant filter P = T (P0 - W'W) T' with T = I + u e_theta', u = J (state - anchor); the anchor is the
+state to which P0 belongs. All rows of W are in the coordinates of the anchor, in which H becomes H T: only the column
+of the heading differs. The anchor of a new landmark is its first estimate.
 """
 
 from __future__ import annotations
@@ -44,41 +44,41 @@ NEW = -2  # landmark of an observation that maps a new one
 
 
 class Sequential(NamedTuple):
-    """How a filter corrects with one observation after the other."""
+    """Form of the correction with a single observation."""
 
-    invariant: bool = False  # whether it is the right-invariant filter
-    passes: int = 1  # linearisations of an observation at most; more than one for the iterated filter
+    invariant: bool = False  # True for the right-invariant filter
+    passes: int = 1  # largest number of linearisations of an observation; above 1 for the iterated filter
 
 
 class Gates(NamedTuple):
-    """Squared Mahalanobis distances of an observation and a landmark, and the tails of the observations' noise."""
+    """Gates on the squared Mahalanobis distance of an observation and a landmark, and the tails of the noise."""
 
     same: float  # largest distance of an association
-    new: float  # at least `same`; an observation within this of a landmark that the scan has not observed maps no other
+    new: float  # at least `same`; an observation this close to a landmark that the scan has not observed maps nothing
     tails: float = math.inf  # degrees of freedom of the noise (see `student_t_weights`)
 
 
 class SequentialUpdate(NamedTuple):
     """Result of `update_sequentially`."""
 
-    slots: Int  # (m,) landmark of each observation, NONE where it has none
-    nis: float  # not finite where no update exists
+    slots: Int  # (m,) landmark of each observation, or NONE
+    nis: float  # not finite if no update exists
     dof: int  # degrees of freedom of the NIS
-    size: int  # state entries with the new landmarks
+    size: int  # number of state entries, including new landmarks
 
 
 class Step(NamedTuple):
-    """An observation that is being processed, and the block that it belongs to."""
+    """The observation that is processed, and its block."""
 
     sensor: int
     form: Sequential
     work: Workspace
-    anchor: Float  # (capacity,) the state at P0, for the right-invariant filter
-    rows: int  # rows of W that the observations before this one fill
-    row: int  # this observation
+    anchor: Float  # (capacity,) the state to which P0 belongs, for the right-invariant filter
+    rows: int  # number of rows of W that earlier observations have filled
+    row: int  # index of this observation
     one: Int  # (1,) slot of the landmark that this observation is compared with
-    g: Float  # (2, rows) room for H W'
-    blind: Marks  # (1,) whether its bearing has lost its information on the way to a minimum
+    g: Float  # (2, rows) work space for H W'
+    blind: Marks  # (1,) True if the bearing lost its information in the search for a minimum
 
 
 class Compared(NamedTuple):
@@ -99,9 +99,9 @@ def update_sequentially(
 ) -> SequentialUpdate:
     """Associate, correct and map with the first `count` observations of `work`, one after the other.
 
-    An observation farther than `gates.same` from every landmark, but within `gates.new` of one that this scan has not
-    observed, may be an outlier of that landmark: it neither corrects nor maps. The belief needs room for `count` more
-    landmarks.
+    An observation may be an outlier if it is farther than `gates.same` from every landmark, but within `gates.new` of a
+    landmark that this scan has not observed. It then neither corrects nor maps. The belief needs capacity for `count`
+    new landmarks.
     """
     slots = np.full(count, NONE)
     if not are_sound(sensor, work.observation[:count], work.observation_cov[:count]):
@@ -139,7 +139,10 @@ def update_sequentially(
 
 @kernel
 def _apply_block(belief: Belief, rows: int, form: Sequential, anchor: Float, work: Workspace) -> bool:
-    """P <- T (P0 - W'W) T' for the first `rows` rows of W; False, with P unchanged, if a variance is only rounding."""
+    """P <- T (P0 - W'W) T' for the first `rows` rows of W.
+
+    Returns False, with P unchanged, if a variance of the robot would be only rounding.
+    """
     if rows == 0:
         return True
     if are_variances_lost(belief.cov, ROBOT_ALONE, work.W, rows):
@@ -153,7 +156,7 @@ def _apply_block(belief: Belief, rows: int, form: Sequential, anchor: Float, wor
 
 @kernel
 def _moved_from(anchor: Float, belief: Belief) -> Float:
-    """Return u (size,) = J (state - anchor) of every point."""
+    """Return u (size,) with J (state - anchor) for every point."""
     state, u = belief.state, np.empty(belief.size)
     u[0], u[1], u[2] = anchor[1] - state[1], state[0] - anchor[0], 0.0
     for j in range(3, belief.size, 2):
@@ -193,7 +196,7 @@ def _distance(pair: Compared) -> float:
 
 @kernel
 def _turn_to_anchor(state: Float, anchor: Float, landmark: int, h: Float) -> None:
-    """H <- H T, in the coordinates of the anchor."""
+    """H <- H T: transform H to the coordinates of the anchor."""
     for k in range(2):
         h[k, 2] += h[k, 0] * (anchor[1] - state[1]) + h[k, 1] * (state[0] - anchor[0])
         h[k, 2] += h[k, 3] * (anchor[landmark + 1] - state[landmark + 1])
@@ -204,11 +207,11 @@ def _turn_to_anchor(state: Float, anchor: Float, landmark: int, h: Float) -> Non
 def _nearest(step: Step, belief: Belief, gates: Gates, slots: Int) -> int:
     """Return the slot of the nearest landmark within the gate, NEW if no landmark is near, or NONE for an outlier.
 
-    `slots` (m,) contains the landmarks of the observations before this one.
+    `slots` (m,) contains the landmarks of earlier observations of the scan.
     """
     work, i, one = step.work, step.row, step.one
     reach = reach_of(step.sensor, work.observation[i], work.observation_cov[i], belief.cov)
-    if step.form.invariant:  # P0 is about the anchor, and turns with the heading there
+    if step.form.invariant:  # P0 belongs to the anchor: an error of its heading rotates the positions
         heading = math.sqrt(max(belief.cov[2, 2], 0.0))
         reach = Reach(reach.measured, reach.noise, reach.robot, heading)
     slot, least, doubtful = NONE, math.inf, False
@@ -229,7 +232,7 @@ def _nearest(step: Step, belief: Belief, gates: Gates, slots: Int) -> int:
 
 @kernel
 def _lever(step: Step, belief: Belief, landmark: int) -> float:
-    """Return the largest change of the measurement by the heading of P0 [m/rad]."""
+    """Return an upper bound of the change of the measurement with the heading of P0 [m/rad]."""
     lever = 0.0
     if step.form.invariant:
         state, anchor = belief.state, step.anchor
@@ -243,7 +246,7 @@ def _lever(step: Step, belief: Belief, landmark: int) -> float:
 
 @kernel
 def _is_among(slots: Int, i: int, slot: int) -> bool:
-    """Return whether one of the first i observations is of the landmark in `slot`."""
+    """Return whether one of the first i observations has the landmark in `slot`."""
     for k in range(i):  # noqa: SIM110 numba compiles no generator expressions
         if slots[k] == slot:
             return True
@@ -252,7 +255,7 @@ def _is_among(slots: Int, i: int, slot: int) -> bool:
 
 @kernel
 def _append(step: Step, belief: Belief) -> None:
-    """Map a landmark at the observation: its rows of P0 and its columns of W."""
+    """Map a new landmark at the observation: append its columns of P0 and of W."""
     work, state, x, y = step.work, belief.state, belief.size, belief.size + 1
     reference = step.anchor if step.form.invariant else belief.point
     append_landmark(step.sensor, belief, reference, work.observation[step.row], work.observation_cov[step.row])
@@ -265,7 +268,7 @@ def _append(step: Step, belief: Belief) -> None:
 
 @kernel
 def _update(step: Step, belief: Belief) -> tuple[float, int]:
-    """Correct the state with the observation of its landmark; two more rows of W. Returns NIS and its dof."""
+    """Correct the state with the observation and add two rows to W; return the NIS and its degrees of freedom."""
     if step.form.passes > 1:
         return _iterate(step, belief)
     dx = np.empty(belief.size)
@@ -284,7 +287,7 @@ def _update(step: Step, belief: Belief) -> tuple[float, int]:
 
 @kernel
 def _iterate(step: Step, belief: Belief) -> tuple[float, int]:
-    """Correct the state to a minimum of the cost of prior and observation; returns the same as `_update`."""
+    """Move the state to a minimum of the cost of prior and observation; return the same as `_update`."""
     work, i, state, dx = step.work, step.row, belief.state, np.empty(belief.size)
     nis, informative = _gain(step, belief, at_place(belief, state), dx)
     if not math.isfinite(nis):
@@ -311,7 +314,7 @@ def _iterate(step: Step, belief: Belief) -> tuple[float, int]:
 
 @kernel
 def _gain(step: Step, belief: Belief, there: Belief, dx: Float) -> tuple[float, int]:
-    """Fill two more rows of W, and the correction dx, by Jacobians of the belief `there`; returns NIS and its dof."""
+    """Add two rows to W and fill dx, with Jacobians of the belief `there`; return the NIS and its dof."""
     work, size, landmark = step.work, belief.size, 3 + 2 * step.one[0]
     W, pair = work.W[step.rows : step.rows + 2], _compare(step, there)
     v, h, s00, s01, s11 = pair.v, pair.h, pair.s00, pair.s01, pair.s11
@@ -342,7 +345,7 @@ def _gain(step: Step, belief: Belief, there: Belief, dx: Float) -> tuple[float, 
 
 @kernel
 def _refer_to_prior(state: Float, place: Float, landmark: int, h: Float, v: Float) -> None:
-    """Subtract H (state - place) from the innovation v, which was taken at `place`."""
+    """Subtract H (state - place) from the innovation v, which was computed at `place`."""
     for k in range(2):
         for j in range(3):
             v[k] -= h[k, j] * (state[j] - place[j])

@@ -1,4 +1,4 @@
-"""Where landmarks are in the state."""
+"""Slots of landmark ids in the state, compiled."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from slamgauge.jit import kernel
 
 @kernel
 def find_slots(sorted_ids: Int, sorted_slots: Int, ids: Int, slots: Int) -> int:
-    """Slot of each id by bisection, -1 for ids that are not mapped; returns how many are not."""
+    """Fill `slots` with the slot of each id by bisection, -1 for an unmapped id; return the number of unmapped ids."""
     unmapped = 0
     for i in range(len(ids)):
         low, high = 0, len(sorted_ids)

@@ -1,10 +1,11 @@
 """Weights of observations with heavy-tailed noise, compiled.
 
-Student's t distribution is a normal distribution whose covariance R / w is drawn for each observation: w has the Gamma
-distribution with parameters n/2, n/2. Given the squared distance d2 of an observation with d rows, the expectation of w
-is (n + d) / (n + d2); with this w the update is a Kalman update. The distance uses the innovation covariance
-S = H P H' + R, so that an observation of an uncertain landmark is not taken for an outlier. The weight w is at most 1:
-no observation gets a smaller covariance than R, so an update without outliers is conservative.
+Student's t distribution with n degrees of freedom is a normal distribution whose covariance R / w is drawn for each
+observation; w has the Gamma distribution with parameters n/2, n/2. Given the squared distance d2 of an observation with
+d rows, the expectation of w is (n + d) / (n + d2). With this w the update is a Kalman update. The distance uses the
+innovation covariance S = H P H' + R, so that an observation of an uncertain landmark is not treated as an outlier. The
+weight is limited to 1: the covariance of an observation is never smaller than R, and an update without outliers is
+conservative.
 
 Sources: Lange, Little and Taylor, Journal of the American Statistical Association 84(408), 1989 (the weights);
 Agamennoni, Nieto and Nebot, IEEE Transactions on Signal Processing 60(10), 2012 (in a Kalman filter); Chang, Journal of

@@ -1,4 +1,4 @@
-"""Compilation ahead of the first step, announced when it takes long."""
+"""Compilation before the first step, with a message if it takes long."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _compile_retractions(belief: Belief, work: Workspace) -> None:
 
 @functools.cache
 def compile_numpy_filters_once() -> None:
-    """Compile the kernels of filters that are written in numpy."""
+    """Compile the kernels that the numpy filters call."""
     with announced("kernels of numpy filters"):
         is_semidefinite(np.zeros((3, 3)))
         are_sound(0, np.ones((1, 2)), np.eye(2)[None])
@@ -98,7 +98,7 @@ def compile_numpy_filters_once() -> None:
 
 
 def _robot_and_landmark() -> tuple[Belief, Workspace]:
-    """Return a belief with one landmark and room for another, and a workspace with one observation."""
+    """Return a belief with one landmark and capacity for two, and a workspace with one observation."""
     belief, work = allocate_belief(2), allocate(1, 7, 1)
     belief.cov[:] = np.eye(7)
     work.observation[:] = 1.0, 0.0

@@ -1,4 +1,4 @@
-"""Arrays of an update that are allocated once and used again at every step."""
+"""Arrays of an update, allocated once and reused at every step."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from slamgauge.ekf.kernels.deferred_downdate import Deferred, allocate_deferred
 
 
 class Workspace(NamedTuple):
-    """A scan of up to m observations, and the large arrays of its update in blocks of up to b observations.
+    """Arrays for a scan of up to m observations, updated in blocks of up to b observations.
 
-    The caller of an update fills `slots`, `observation` and `observation_cov`. All other arrays are overwritten; what
-    an update computes in them is returned (see `linearisation.Linearised`, `joint_update.Gain`).
+    The caller of an update fills `slots`, `observation` and `observation_cov`. The update overwrites all other arrays
+    and returns its results as views of them (see `linearisation.Linearised`, `joint_update.Gain`).
     """
 
     ids: Int  # (m,)
@@ -29,9 +29,9 @@ class Workspace(NamedTuple):
 
 
 def allocate(observations: int, capacity: int, block: int, deferred: Deferred | None = None) -> Workspace:
-    """Allocate arrays for `observations`, at most `block` of them at a time, and a state of up to `capacity` entries.
+    """Allocate arrays for `observations`, updated in blocks of at most `block`, and a state of `capacity` entries.
 
-    Updates defer nothing without `deferred`.
+    Without `deferred`, updates defer no downdates.
     """
     rows, block_rows = 2 * observations, 2 * min(observations, block)
     return Workspace(
