@@ -1,4 +1,7 @@
-"""Kernels of the compressed filter: the effect of an area's updates on the rest of the map; see `compressed_filter`."""
+"""Kernels of the compressed filter: updates of an area, and their effect on the rest of the map, compiled.
+
+See `compressed_filter`.
+"""
 
 from __future__ import annotations
 
@@ -21,19 +24,19 @@ from slamgauge.se2_kernels import mean_rotation
 
 
 class Account(NamedTuple):
-    """Effect of all updates since the robot entered its area, by q rows of the covariance on entry."""
+    """Effect of all updates since the robot entered its area, in terms of q rows of the covariance on entry."""
 
     T: Float  # (size, q)
     C: Float  # (q, q) upper triangle
     g: Float  # (q,)
-    is_invariant: bool  # whether the filter is the right-invariant one; q is then twice the area's size on entry
+    is_invariant: bool  # True for the right-invariant filter; q is then twice the area's size on entry
 
 
 @kernel
 def update_area(sensor: int, belief: Belief, count: int, work: Workspace, account: Account) -> tuple[float, int]:
-    """Correct the area as `update_standard` or `update_right_invariant` do, and update the account.
+    """Correct the area like `update_standard` or `update_right_invariant`, and update the account.
 
-    The workspace must have room for the whole scan in one block.
+    A block of the workspace must be large enough for the whole scan.
     """
     scan, informative = linearise_scan(sensor, belief, count, work)
     if not are_sound(sensor, work.observation[:count], scan.noise_cov):
@@ -61,7 +64,7 @@ def update_area(sensor: int, belief: Belief, count: int, work: Workspace, accoun
 
 @kernel
 def _add_update(account: Account, scan: Linearised, gain: Gain, size: int) -> Float:
-    """Add an update to T (size, q) and C; returns its contribution N'y (q,) to g."""
+    """Add an update to T (size, q) and C; return its contribution N'y (q,) to g."""
     T, C = account.T, account.C
     width, rows = len(C), len(gain.y)
     N, move = np.empty((rows, width)), np.zeros(width)

@@ -1,4 +1,4 @@
-"""Exact measurement models for kernels: residuals of motions and of observations, and their Jacobians."""
+"""Exact residuals of motions and observations, and their Jacobians, compiled."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from slamgauge.sensors import SENSORS
 
 
 class Measured(NamedTuple):
-    """A recording in the form that kernels take; `slot` is -1 for an observation that is not in the problem."""
+    """A recording as arrays for kernels; `slot` is -1 for an observation that the problem does not use."""
 
     sensor: int
     start: Float  # (3,) prior mean
-    motion: Float  # (N+1, 3) increment that leads to pose k; 0 for the first
-    motion_turn: Float  # (N+1, 2) cosine and sine of its turn
-    motion_cov: Float  # (N+1, 3, 3) in the body frame; the prior's for the first
+    motion: Float  # (N+1, 3) increment that leads to pose k; 0 for pose 0
+    motion_turn: Float  # (N+1, 2) cosine and sine of the increment's turn
+    motion_cov: Float  # (N+1, 3, 3) covariance in the body frame; that of the prior for pose 0
     first: Int  # (N+2,) row of pose k's first observation
     value: Float  # (M, d)
     direction: Float  # (M, 2) cosine and sine of the bearing, (1, 0) of a position
@@ -33,22 +33,19 @@ class Measured(NamedTuple):
 
 
 class ObservationRow(NamedTuple):
-    """One observation as numbers; passing an array would take longer than computing the residual."""
+    """One observation as numbers, because passing arrays takes longer than computing the residual."""
 
     z0: float
     z1: float
-    cosine: float  # cosine and sine belong to the bearing
+    cosine: float  # cosine and sine of the bearing
     sine: float
-    w00: float  # w00, w10, w11 are the whitener's entries
+    w00: float  # w00, w10 and w11 are entries of the whitener
     w10: float
     w11: float
 
 
 def measured_of(recording: Recording) -> Measured:
-    """Return the recording in the form that kernels take; no observation has a slot yet.
-
-    All arrays are contiguous, because the kernels are compiled for contiguous arrays only.
-    """
+    """Return the recording as contiguous arrays for kernels; the slot of every observation is -1."""
     motion = np.concatenate([np.zeros((1, 3)), recording.odometry])
     model = SENSORS[recording.sensor]
     bearing = recording.observation[:, -1] if model.has_bearing else np.zeros(len(recording.observation))
@@ -68,7 +65,7 @@ def measured_of(recording: Recording) -> Measured:
 
 @inner
 def cosine_sine(pose: Float) -> tuple[float, float]:
-    """Return cosine and sine of the heading."""
+    """Return cosine and sine of the pose's heading."""
     return math.cos(pose[2]), math.sin(pose[2])
 
 
@@ -86,9 +83,9 @@ def angle_of(along: float, across: float) -> float:
 def step_residual(
     start: Float, heading: tuple[float, float], motion: Float, motion_turn: Float, end: Float
 ) -> tuple[float, float, float]:
-    """Return Log(measured^-1 between) of a step from pose `start` to `end`, in the frame of its end.
+    """Return Log(measured^-1 between) of a step from pose `start` to `end`, in the frame of `end`.
 
-    `heading` is cosine and sine of the heading of the start.
+    `heading` contains cosine and sine of the heading of `start`.
     """
     c, s = heading
     dx, dy = end[0] - start[0], end[1] - start[1]
@@ -101,7 +98,7 @@ def step_residual(
 
 @inner
 def observation_row(measured: Measured, row: int) -> ObservationRow:
-    """Return the observation in a row; with bearings only, the second number repeats the first."""
+    """Return an observation as numbers; for a bearing-only sensor, z1 repeats z0."""
     z, direction, whitener = measured.value[row], measured.direction[row], measured.whitener[row]
     return ObservationRow(z[0], z[-1], direction[0], direction[1], whitener[0, 0], whitener[-1, 0], whitener[-1, -1])
 
@@ -112,11 +109,11 @@ def observation_residual(
 ) -> tuple[float, float, float, float, float, float]:
     """Return the whitened residual h - z (2,) and its gradients (2, 2) by a landmark at (ex, ey) from the pose.
 
-    `heading` is cosine and sine of the pose's heading. With bearings only, the second row is zero.
+    `heading` contains cosine and sine of the pose's heading. The second row is zero for a bearing-only sensor.
 
-    With a bearing the model of `slamgauge.sensor_models.range_bearing` is evaluated in the frame that points along the
-    measured bearing. There the predicted bearing is the residual itself: small as a rule, so that a series replaces the
-    arc tangent. That takes half the time of `slamgauge.sensor_kernels.observe`.
+    A sensor with a bearing is evaluated in a frame whose x axis is the measured bearing. There the predicted bearing
+    equals the residual, which is usually small, so that a series replaces the arc tangent. This takes half the time of
+    `slamgauge.sensor_kernels.observe`.
     """
     w00, w10, w11 = observation.w00, observation.w10, observation.w11
     if not HAS_BEARING[sensor]:
@@ -142,7 +139,7 @@ def observation_residual(
 def _in_world(
     sensor: int, observation: ObservationRow, heading: tuple[float, float], ex: float, ey: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Return the residual h - z (2,) and its gradients (2, 2) of any sensor of two numbers."""
+    """Return the residual h - z (2,) and its gradients (2, 2) for any sensor with two values per observation."""
     c, s = heading
     z0, z1, a00, a01, a10, a11 = observe(sensor, c * ex + s * ey, c * ey - s * ex)
     r0, r1 = wrap_innovation(sensor, 0, z0 - observation.z0), wrap_innovation(sensor, 1, z1 - observation.z1)

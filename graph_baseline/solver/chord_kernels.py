@@ -1,12 +1,12 @@
 """Chord (simplified Newton) steps of an incremental optimum, compiled.
 
-A chord step uses the gradient of the exact cost at the current state, and the matrices from the time when each pose
-was added (`pose_elimination`). It costs a few hundred operations a pose instead of a product of L x L matrices.
-Where it converges the gradient is zero, so outdated matrices cost steps but no accuracy. The gradient by the poses
-would be infinite for zero variances. Instead the step uses the multipliers l_k of the motions, and the defect W_k
-l_k - w_k of each motion's noise w_k.
+A chord step uses the gradient of the exact cost at the current state, but each pose's matrices from the time when it
+was added (`pose_elimination`). It costs a few hundred operations per pose instead of a product of L x L matrices. At
+convergence the gradient is zero, so outdated matrices cost steps but no accuracy. With zero variances the gradient by
+the poses would be infinite. The step therefore uses the multipliers l_k of the motions, and the defect W_k l_k - w_k
+of each motion's noise w_k.
 
-Source: the step that keeps its matrix is Shamanskii's (1967).
+Source: Shamanskii (1967), Newton steps with a constant matrix.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Chord(NamedTuple):
 
 
 def allocate_chord(poses: int, landmarks: int, observations: int, dim: int) -> Chord:
-    """Allocate a step."""
+    """Allocate a chord step."""
     rhs, defect, mean = np.zeros((3, poses, 3))
     seen = np.zeros((observations, dim))
     return Chord(np.zeros((poses, 3)), np.zeros((landmarks, 2)), rhs, defect, mean, seen)
@@ -50,12 +50,12 @@ def allocate_chord(poses: int, landmarks: int, observations: int, dim: int) -> C
 
 @kernel
 def compute_defects(measured: Measured, linear: Linear, state: State, newest: int, chord: Chord) -> tuple[float, float]:
-    """Write to `chord` the defects of all motions and the gradient by the landmarks, of the exact cost at `state`.
+    """Compute the defects of all motions and the negative gradient by the landmarks, of the exact cost at `state`.
 
     Returns:
-        The relative change of Jacobians since their linearisation, of the observations by their landmarks or, if
-        larger, of the newest pose by the headings before; and the sum of squared residuals. The sum is exact where the
-        defects are zero: there the noise of a motion is W l, and its square l' W l.
+        The relative change of the Jacobians since their linearisation, and the sum of squared residuals. The change is
+        the larger one of two: observations by landmarks, and the newest pose by earlier headings. The sum is exact if
+        the defects are zero: the noise of a motion is then W l, and its weighted square l' W l.
     """
     poses, landmarks_at = state
     chord.landmark[:] = 0.0
@@ -64,7 +64,7 @@ def compute_defects(measured: Measured, linear: Linear, state: State, newest: in
     l0, l1, l2 = 0.0, 0.0, 0.0
     moved, norm, squares = 0.0, 0.0, 0.0
     turned, length = 0.0, 0.0
-    lever = np.zeros(2)  # from pose k - 1 to the newest, at their linearisation
+    lever = np.zeros(2)  # from pose k - 1 to the newest pose, at the linearisation point
     heading = cosine_sine(poses[newest])
     for k in range(newest, -1, -1):
         if k > 0:
@@ -96,7 +96,7 @@ def compute_defects(measured: Measured, linear: Linear, state: State, newest: in
         x, y, t = step_residual(start, heading_before, measured.motion[k], measured.motion_turn[k], poses[k])
         j00, j01, j02, j12 = right_jacobian(x, y, t)
         c, s = heading
-        b0, b1 = c * l0 + s * l1, c * l1 - s * l0  # the multipliers in the body frame, then those of the residual
+        b0, b1 = c * l0 + s * l1, c * l1 - s * l0  # b: multipliers in the body frame; t: multipliers of the residual
         t0, t1, t2 = j00 * b0 - j01 * b1, j01 * b0 + j00 * b1, j02 * b0 + j12 * b1 + l2
         Q = measured.motion_cov[k]
         q0 = Q[0, 0] * t0 + Q[0, 1] * t1 + Q[0, 2] * t2
@@ -112,7 +112,7 @@ def compute_defects(measured: Measured, linear: Linear, state: State, newest: in
 
 @kernel
 def smooth(linear: Linear, newest: int, chord: Chord) -> None:
-    """Write to `chord` the step of every pose for its defects and right-hand sides, the landmarks held fixed."""
+    """Compute the step of every pose for its defects and right-hand sides, with fixed landmarks."""
     mean, G, P, N = chord.mean, linear.G, linear.P, linear.N
     x, ahead, total = np.zeros(3), np.zeros(3), np.zeros(3)
     for k in range(newest + 1):
@@ -143,7 +143,7 @@ def smooth(linear: Linear, newest: int, chord: Chord) -> None:
 
 @kernel
 def subtract_pose_step(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
-    """Add -Hm' Hx step of the poses to the landmarks' gradient."""
+    """Subtract Hm' Hx dx, with the step dx of the poses, from the landmarks' right-hand side."""
     for k in range(newest + 1):
         for row in range(measured.first[k], measured.first[k + 1]):
             slot = measured.slot[row]
@@ -158,7 +158,7 @@ def subtract_pose_step(measured: Measured, linear: Linear, newest: int, chord: C
 
 @kernel
 def subtract_landmark_step(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
-    """Write -Hx' Hm step of the landmarks to the right-hand sides of the poses."""
+    """Set the right-hand sides of the poses to -Hx' Hm dm, with the step dm of the landmarks."""
     chord.rhs[: newest + 1] = 0.0
     for k in range(newest + 1):
         for row in range(measured.first[k], measured.first[k + 1]):
@@ -174,7 +174,7 @@ def subtract_landmark_step(measured: Measured, linear: Linear, newest: int, chor
 
 @kernel
 def predict_changes(measured: Measured, linear: Linear, newest: int, chord: Chord) -> None:
-    """Write to `chord` the change of every predicted observation."""
+    """Compute the change of every predicted observation by the step."""
     for k in range(newest + 1):
         for row in range(measured.first[k], measured.first[k + 1]):
             slot = measured.slot[row]
@@ -191,8 +191,8 @@ def predict_changes(measured: Measured, linear: Linear, newest: int, chord: Chor
 def move(measured: Measured, state: State, newest: int, landmarks: int, chord: Chord) -> None:
     """Move path and map by a chord step, each point by V(turn) step, V(t) = (R(t) - I) / (t J).
 
-    A common turn about any point then keeps all distances, which an additive step would stretch. A landmark turns
-    by the mean turn of the poses that observe it.
+    A rotation of all points about a common centre then keeps all distances; an additive step would stretch them. The
+    turn of a landmark is the mean turn of the poses that observe it.
     """
     turns, seen = np.zeros(landmarks), np.zeros(landmarks)
     for k in range(newest + 1):

@@ -1,4 +1,4 @@
-"""Compiled 3 x 3 matrix operations: numpy's routines take seconds to compile, and are slower."""
+"""Compiled operations on 3 x 3 matrices; numpy's routines are slower and take seconds to compile."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from slamgauge.jit import inner, kernel
 
 @inner
 def multiply(A: Float, x: Float, out: Float) -> None:
-    """`out` <- A x for A (3, 3), x (3,)."""
+    """Compute `out` = A x for A (3, 3) and x (3,)."""
     for i in range(3):
         out[i] = A[i, 0] * x[0] + A[i, 1] * x[1] + A[i, 2] * x[2]
 
 
 @inner
 def copy(A: Float, out: Float) -> None:
-    """`out` <- A; an assignment of arrays takes a second to compile."""
+    """Copy A to `out`; an assignment of arrays takes a second to compile."""
     for i in range(3):
         for j in range(3):
             out[i, j] = A[i, j]
@@ -28,7 +28,7 @@ def copy(A: Float, out: Float) -> None:
 
 @inner
 def product(A: Float, B: Float, out: Float) -> None:
-    """`out` <- A B, which may not be `out`."""
+    """Compute `out` = A B; `out` must not be A or B."""
     for i in range(3):
         for j in range(3):
             out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
@@ -36,7 +36,7 @@ def product(A: Float, B: Float, out: Float) -> None:
 
 @inner
 def product_transposed(A: Float, B: Float, out: Float) -> None:
-    """`out` <- A B'."""
+    """Compute `out` = A B'."""
     for i in range(3):
         for j in range(3):
             out[i, j] = A[i, 0] * B[j, 0] + A[i, 1] * B[j, 1] + A[i, 2] * B[j, 2]
@@ -44,7 +44,7 @@ def product_transposed(A: Float, B: Float, out: Float) -> None:
 
 @inner
 def add_product(A: Float, B: Float, out: Float) -> None:
-    """`out` <- out + A B for B (3, width)."""
+    """Add A B to `out`, for B (3, width)."""
     for i in range(3):
         for j in range(B.shape[1]):
             out[i, j] += A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
@@ -52,7 +52,7 @@ def add_product(A: Float, B: Float, out: Float) -> None:
 
 @inner
 def symmetrise(A: Float) -> None:
-    """A <- (A + A') / 2."""
+    """Replace A by (A + A') / 2."""
     for i in range(3):
         for j in range(i):
             A[i, j] = A[j, i] = 0.5 * (A[i, j] + A[j, i])
@@ -60,14 +60,14 @@ def symmetrise(A: Float) -> None:
 
 @inner
 def add_identity(A: Float) -> None:
-    """A <- A + I."""
+    """Add the identity to A."""
     for i in range(3):
         A[i, i] += 1.0
 
 
 @kernel
 def invert(A: Float, inverse: Float) -> None:
-    """`inverse` <- A^-1 by elimination with row exchanges, as LAPACK's; A is used up.
+    """Compute `inverse` = A^-1 by Gaussian elimination with partial pivoting; A is overwritten.
 
     Raises:
         numpy.linalg.LinAlgError: A is singular, or not finite.
@@ -99,7 +99,7 @@ def invert(A: Float, inverse: Float) -> None:
 
 @kernel
 def factorise(A: Float) -> None:
-    """A <- lower triangular L with L L' = A; above the diagonal A stays.
+    """Replace the lower triangle of A by the Cholesky factor L, L L' = A.
 
     Raises:
         numpy.linalg.LinAlgError: A is not positive definite, or not finite.
@@ -119,7 +119,7 @@ def factorise(A: Float) -> None:
 
 @inner
 def invert_factor(L: Float, inverse: Float) -> None:
-    """`inverse` <- L^-1 for lower triangular L (3, 3); what is above its diagonal is not looked at."""
+    """Compute `inverse` = L^-1 for lower triangular L (3, 3); entries above its diagonal are ignored."""
     for j in range(3):
         for i in range(3):
             rest = 1.0 if i == j else 0.0
@@ -130,5 +130,5 @@ def invert_factor(L: Float, inverse: Float) -> None:
 
 @inner
 def gram(rows: Float) -> Float:
-    """Sum of the outer products of the rows (n, width): (width, width)."""
+    """Return the sum (width, width) of the outer products of the rows (n, width)."""
     return np.dot(rows.T, rows)

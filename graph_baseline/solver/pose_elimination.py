@@ -1,16 +1,16 @@
-"""Elimination of the poses of an incremental optimum, compiled: the linear system on its landmarks.
+"""Elimination of the poses of an incremental optimum, which leaves a linear system of its landmarks, compiled.
 
-Given the landmarks, the poses are a Markov chain. Let x_k be the error of pose k (world, additive), N(., P_k) its
-distribution given the steps before, and M_k its sensitivity to the landmarks m. Then
+Given the landmarks, the poses are a Markov chain. Let x_k be the error of pose k (world frame, additive), P_k its
+covariance given the earlier steps, and M_k its sensitivity to the landmarks m. The recursion
 
     predict  M <- F M,  P <- F P F' + W;   scan  B = Hx M + Hm, S = I + Hx P Hx', Lambda <- Lambda + B' S^-1 B,
              M <- M - K B,  P <- P - K S K',  K = P Hx' S^-1
 
-leave the information Lambda of the landmarks, the Schur complement of the poses. No covariance is inverted, so that
-motions of zero variance and a fixed start are exact. Nothing is subtracted from Lambda except in scans of many
-observations of similar precision, whose precision exceeds that of the pose by a few orders of magnitude at most:
-there the information on the landmarks alone is Hm'Hm less the part that depends on the pose. Poses without a scan
-cost about ten times less than those with one.
+computes the information Lambda of the landmarks, the Schur complement of the poses. No pose covariance is inverted, so
+motions of zero variance and a fixed start are exact. Scans are reduced without subtracting information, except scans
+with many observations of similar precision that exceeds the pose's by a few orders of magnitude at most: their
+information about the landmarks is Hm'Hm minus the part that depends on the pose. A pose without a scan costs about a
+tenth of a pose with one.
 
 Source: the recursions are those of a fixed-interval smoother with unknown parameters (Bierman, "Factorization
 methods for discrete sequential estimation", 1977, chapter X).
@@ -38,10 +38,10 @@ from slamgauge.graph_baseline.solver.scan_reduction import reduce_by_projection,
 from slamgauge.jit import inner, kernel
 from slamgauge.se2_kernels import right_jacobian
 
-CHUNK = 384  # rows multiplied at once
-BLOCK = 128  # columns of Lambda added at once, from the diagonal down
+CHUNK = 384  # rows of B in one matrix product
+BLOCK = 128  # columns of Lambda in one matrix product
 MANY = 16  # observations; larger scans may be reduced by projection
-ALIKE = 1e6  # largest ratio of information between observations, and of pose variance to observation variance
+ALIKE = 1e6  # largest ratio of the information of two observations, and of pose variance to observation variance
 
 
 @kernel
@@ -50,9 +50,8 @@ def eliminate_poses(
 ) -> None:
     """Eliminate the poses steps[0]..steps[1]-1, linearised at `linear.at`, and add their scans to the information.
 
-    Writes to `linear.rhs` and `linear.pose_step` the right-hand side and the pose step of the last scan. Its
-    residuals are taken at `state` and carried to `before`, the prediction of its pose and of the map from the steps
-    before.
+    Writes right-hand side and pose step of the last scan to `linear.rhs` and `linear.pose_step`. The residuals of this
+    scan are computed at `state` and extrapolated to `before`: its pose and the map, predicted from earlier steps.
     """
     width = 2 * landmarks
     since, until = steps
@@ -83,7 +82,7 @@ def eliminate_poses(
 
 @inner
 def have_similar_information(measured: Measured, linear: Linear, k: int) -> bool:
-    """Return whether differences of the information of a scan leave at least ten digits."""
+    """Return whether the reduction by projection keeps at least ten digits of a scan's information."""
     sharpest, dullest = 0.0, math.inf
     for row in range(measured.first[k], measured.first[k + 1]):
         if measured.slot[row] >= 0:
@@ -95,7 +94,7 @@ def have_similar_information(measured: Measured, linear: Linear, k: int) -> bool
 
 @inner
 def correct(linear: Linear, scan: Float, slots: Int, B: Float, width: int, k: int) -> None:
-    """Correct M and P of pose k by the first three rows of its scan; write their whitened B (3, width)."""
+    """Correct M and P of pose k with the first three rows of its scan; write their whitened B (3, width)."""
     M, P = linear.M, linear.newest_cov
     T, y, gain, root = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
     for i in range(3):
@@ -109,7 +108,7 @@ def correct(linear: Linear, scan: Float, slots: Int, B: Float, width: int, k: in
         for n in range(len(slots)):
             B[i, 2 * slots[n]] += scan[i, 3 + 2 * n]
             B[i, 2 * slots[n] + 1] += scan[i, 4 + 2 * n]
-    for i in range(3):  # whiten: B, y and the gain by the root of S
+    for i in range(3):  # whiten B, y and the gain with the root of S
         for n in range(i):
             y[i] -= root[i, n] * y[n]
             for j in range(3):
@@ -134,7 +133,7 @@ def correct(linear: Linear, scan: Float, slots: Int, B: Float, width: int, k: in
 
 @inner
 def prepare(P: Float, T: Float, N: Float, G: Float, gain: Float, root: Float) -> None:
-    """N <- T'T, G <- (I + P N)^-1, the gain P T' not yet whitened, and the lower triangular root of S = I + T P T'."""
+    """Compute N = T'T, G = (I + P N)^-1, P T' (`gain`), and the lower triangular root of S = I + T P T'."""
     for i in range(3):
         for j in range(3):
             N[i, j] = T[0, i] * T[0, j] + T[1, i] * T[1, j] + T[2, i] * T[2, j]
@@ -149,7 +148,7 @@ def prepare(P: Float, T: Float, N: Float, G: Float, gain: Float, root: Float) ->
 
 @inner
 def add_information(linear: Linear, rows: Float, width: int) -> None:
-    """Add B'B of whitened rows B (n, width) to the information."""
+    """Add B'B to the information, for whitened rows B (n, width)."""
     columns = rows.T.copy()
     for first in range(0, width, BLOCK):
         last = min(first + BLOCK, width)
@@ -197,7 +196,7 @@ def predict(measured: Measured, linear: Linear, width: int, k: int) -> None:
 
 @kernel
 def newest_covariance(linear: Linear, factor: Float, cov: Float) -> None:
-    """`cov` (3, 3) <- of the newest pose, P + M Lambda^-1 M', given the factor L of Lambda = L L' (2L, 2L)."""
+    """Compute `cov` (3, 3) = P + M Lambda^-1 M' of the newest pose from the Cholesky factor (2L, 2L) of Lambda."""
     width = len(factor)
     spread = np.empty((3, width))  # M L'^-1
     for i in range(width):

@@ -1,4 +1,4 @@
-"""The recursions of the linearised graph from pose to pose, compiled; see `smoother`."""
+"""Recursions along the chain of poses of a linearised graph, compiled; see `smoother`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from slamgauge.jit import kernel
 
 
 class FilterCovariances(NamedTuple):
-    """Kalman filter of a pose given the unknowns, as far as it does not depend on the measurements."""
+    """Covariances and gains of the Kalman filter of a pose given the unknowns."""
 
     P: Float  # (N+1, 3, 3) predicted covariances
     updated: Float  # (N+1, 3, 3) updated covariances
@@ -34,8 +34,8 @@ class FilterCovariances(NamedTuple):
 def run_covariances(start: Float, F: Float, W: Float, G: Float, out: FilterCovariances) -> None:
     """Run the filter from the covariance `start` (3, 3) over scans G (N+1, 3, 3); fill `out`.
 
-    The last `carry` and `gain` are not filled. Gains are multiplied twice by the whitener. Multiplying once by S^-1
-    would lose the digits by which the innovation covariance S is larger in some directions than in others.
+    The last `carry` and `gain` are not filled. Gains are multiplied twice by the whitener, because the inverse of an
+    innovation covariance S with very different eigenvalues would lose digits.
     """
     P, updated, carry, gain, whitener = out
     PG, S, V, K = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
@@ -67,7 +67,7 @@ def run_covariances(start: Float, F: Float, W: Float, G: Float, out: FilterCovar
 
 @kernel
 def run_adjoints(carry: Float, adjoint: Float, adjoint_cov: Float) -> None:
-    """Carry what each scan says back to the poses before it (modified Bryson-Frazier)."""
+    """Propagate the adjoints of each scan back to earlier poses (modified Bryson-Frazier smoother)."""
     back, half = np.empty((3, 3)), np.empty((3, 3))
     for k in range(len(carry) - 2, -1, -1):
         for i in range(3):
@@ -80,6 +80,6 @@ def run_adjoints(carry: Float, adjoint: Float, adjoint_cov: Float) -> None:
 
 @kernel
 def run_maps(carry: Float, A: Float) -> None:
-    """Add to each predicted map the one before, carried along."""
+    """Add to each map A[k + 1] the propagated map carry[k] A[k]."""
     for k in range(len(A) - 1):
         add_product(carry[k], A[k], A[k + 1])

@@ -1,8 +1,8 @@
-"""A scan rotated so that three rows contain all its information on its pose, compiled, in two ways.
+"""Reduction of a scan to three rows with all its information about its pose, compiled.
 
-The other rows are information on its landmarks alone: both ways add it to the landmarks' information and right-hand
-side. They return rows [Hx, Hm of each observed landmark, residual], of which the first three remain to be
-processed. Reflections subtract nothing; projection needs far fewer operations.
+An orthogonal transformation of the rows [Hx, Hm of each observed landmark, residual] makes Hx zero from the fourth row
+on. Those rows are added to the landmarks' information and right-hand side; the caller processes the first three.
+There are two methods: Householder reflections subtract no information; projection needs far fewer operations.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from slamgauge.graph_baseline.solver.linear_problem import Linear, State
 from slamgauge.graph_baseline.solver.matrices_3x3 import gram
 from slamgauge.jit import inner
 
-DEPENDENT = 1e-24  # share of a squared column that counts as rounding after the others are subtracted
+DEPENDENT = 1e-24  # remaining share of a squared column that counts as rounding
 
 
 @inner
 def scan_slots(measured: Measured, k: int) -> Int:
-    """Return the slots of the landmarks of a scan that have one."""
+    """Return the slots (s,) of a scan's landmarks, without landmarks that have no slot."""
     slots, taken = np.empty(measured.first[k + 1] - measured.first[k], dtype=np.int64), 0
     for row in range(measured.first[k], measured.first[k + 1]):
         if measured.slot[row] >= 0:
@@ -33,18 +33,18 @@ def scan_slots(measured: Measured, k: int) -> Int:
 
 
 class ScanPose(NamedTuple):
-    """The pose of a scan, and the three states at which its observations are evaluated."""
+    """The pose of a scan, and the states at which its observations are evaluated."""
 
     k: int
-    state: State  # residuals
-    before: State  # the point that residuals are carried to
+    state: State  # residuals are computed here
+    before: State  # residuals are extrapolated linearly to this point
     heading: tuple[float, float]  # cosine and sine of pose k's heading at `state`
-    linear_heading: tuple[float, float]  # the same where it is linearised
+    linear_heading: tuple[float, float]  # the same at the linearisation point
 
 
 @inner
 def linearise_observation(measured: Measured, linear: Linear, scan: ScanPose, row: int, residual: Float) -> None:
-    """Write an observation's Jacobians to `linear`, and to `residual` (d,) its residual, carried to `scan.before`."""
+    """Write an observation's Jacobians to `linear`, and its residual (d,), extrapolated to `scan.before`."""
     k, state, before = scan.k, scan.state, scan.before
     slot, Hx, Hm = measured.slot[row], linear.Hx[row], linear.Hm[row]
     observation = observation_row(measured, row)
@@ -66,7 +66,7 @@ def linearise_observation(measured: Measured, linear: Linear, scan: ScanPose, ro
 
 @inner
 def reduce_by_reflections(measured: Measured, linear: Linear, state: State, before: State, slots: Int, k: int) -> Float:
-    """Rotate the rows of a scan by reflections, so that Hx is zero from the fourth row on."""
+    """Reduce a scan by Householder reflections; return its rows, with zero Hx from the fourth row on."""
     d, taken = measured.value.shape[1], len(slots)
     scan = np.zeros((max(3, d * taken), 4 + 2 * taken))
     pose = ScanPose(k, state, before, cosine_sine(state.poses[k]), cosine_sine(linear.at.poses[k]))
@@ -92,9 +92,12 @@ def reduce_by_reflections(measured: Measured, linear: Linear, state: State, befo
 
 @inner
 def reduce_by_projection(measured: Measured, linear: Linear, state: State, before: State, slots: Int, k: int) -> Float:
-    """Project a scan on its pose: three rows Q' times the scan, with Hx = Q R; the rest is all rows less these."""
+    """Reduce a scan by projection; return the three rows Q' times the scan, with Hx = Q R.
+
+    The information of all rows minus that of these three is added to the landmarks.
+    """
     d, taken = measured.value.shape[1], len(slots)
-    columns, n = np.empty((4, d * taken)), 0  # Hx, later Q, and the residuals
+    columns, n = np.empty((4, d * taken)), 0  # three columns of Hx, replaced by Q, and the residuals
     residual, R, scan = np.empty(2), np.zeros((3, 3)), np.zeros((3, 4 + 2 * taken))
     pose = ScanPose(k, state, before, cosine_sine(state.poses[k]), cosine_sine(linear.at.poses[k]))
     for row in range(measured.first[k], measured.first[k + 1]):
@@ -132,7 +135,10 @@ def reduce_by_projection(measured: Measured, linear: Linear, state: State, befor
 
 @inner
 def gram_schmidt(columns: Float, R: Float) -> None:
-    """Orthonormalise columns stored as rows (3, n), twice, to Q and R (3, 3); a dependent column becomes zero."""
+    """Orthonormalise columns, stored as rows (3, n), to Q and R (3, 3); a dependent column becomes zero.
+
+    Each column is orthogonalised twice for accuracy.
+    """
     for j in range(3):
         whole = np.dot(columns[j], columns[j])
         for _ in range(2):
@@ -149,7 +155,7 @@ def gram_schmidt(columns: Float, R: Float) -> None:
 
 @inner
 def subtract_scan(linear: Linear, scan: Float, slots: Int) -> None:
-    """Subtract the information of the first three rows of a scan on its landmarks."""
+    """Subtract the information about landmarks in the first three rows of a scan."""
     for n in range(len(slots)):
         for i in range(2):
             column = 3 + 2 * n + i
@@ -165,7 +171,7 @@ def subtract_scan(linear: Linear, scan: Float, slots: Int) -> None:
 
 @inner
 def reflect(rows: Float, column: int) -> None:
-    """Apply a Householder reflection that makes all entries of the column but the first zero."""
+    """Apply a Householder reflection that makes the column zero, except for its first entry."""
     v, along, squared = np.empty(len(rows)), np.zeros(rows.shape[1]), 0.0
     for i in range(len(rows)):
         v[i] = rows[i, column]
@@ -186,7 +192,7 @@ def reflect(rows: Float, column: int) -> None:
 
 @inner
 def add_landmarks_alone(linear: Linear, scan: Float, slots: Int) -> None:
-    """Add the information of a scan on its landmarks alone: its rows from the fourth on."""
+    """Add the information in the rows of a scan from the fourth on, which depends only on landmarks."""
     alone = np.empty((len(scan) - 3, scan.shape[1] - 3))
     for i in range(alone.shape[0]):
         for j in range(alone.shape[1]):

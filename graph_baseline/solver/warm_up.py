@@ -1,4 +1,4 @@
-"""Compilation before the first optimum, announced when it takes long."""
+"""Compilation before the first optimum, with a message if it takes long."""
 
 from __future__ import annotations
 

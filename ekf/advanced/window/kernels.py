@@ -1,24 +1,25 @@
 """Gauss-Newton passes over a window of poses, compiled.
 
-The unknowns are the first pose x_0 of the window, the noise w_i of each motion after it, and the rest: landmarks, then
-poses that are kept from before. The path follows from them, x_i = x_{i-1} (+) (u_i + w_i), so that a motion which
-cannot slip never does. Noise is stored by its multiplier m_i, w_i = Q_i m_i, which is finite where Q is singular.
+The unknowns are the first pose x_0 of the window, the noise w_i of each later motion, and the rest: landmarks, then
+older poses that are kept. The path is a function of these, x_i = x_{i-1} (+) (u_i + w_i), so that a motion without
+lateral noise never slips. Noise is stored by its multiplier m_i, w_i = Q_i m_i, which is finite even if Q is singular.
 
-A pass is an information filter forward through the window, all Jacobians where the window stands: A and b say
-1/2 d'A d - b'd of the step d of the newest pose so far and the rest. From a pose to the next, d_i = F d_{i-1} - G w_i +
-G w, the information is carried as A <- F^-T A F^-1, then w is eliminated: A <- A - A Z'Z A with Z = U'^-1 L'G', Q = LL'
-and U'U = I + L'G'A G L. What that needs stays behind, and leads back from the newest pose to the multipliers of every
-motion.
+A pass is an information filter that runs forward through the window, with all Jacobians at the present estimate. A and
+b define the cost 1/2 d'A d - b'd of a step d of the newest pose so far and of the rest. From one pose to the next,
+d_i = F d_{i-1} - G w_i + G w. The information is propagated, A <- F^-T A F^-1, then w is eliminated: A <- A - A Z'Z A
+with Z = U'^-1 L'G', Q = LL' and U'U = I + L'G'A G L. `Pass` stores the intermediate results, from which a backward pass
+computes the multipliers of all motions.
 
-What left the window is a prior on right-invariant errors xi of x_0 and the rest: p = R(xi_theta) p_ref + V(xi_theta)
-xi_p for the robot and every landmark, V(t) = (R(t) - I) / (t J), and heading - heading_ref = xi_theta; of kept poses
-xi_theta is what they have turned more than x_0. A shift and a turn of the whole map are the same in these errors
-wherever it is. They are counted from where x_0 and the rest are now: a step moves the reference, the information stays
-(`rebase`), as in the right-invariant filter. Whatever is linearised anew, nothing is learnt about such a shift or turn.
+The information of marginalised poses is a prior on right-invariant errors xi of x_0 and the rest:
+p = R(xi_theta) p_ref + V(xi_theta) xi_p for the robot and every landmark, V(t) = (R(t) - I) / (t J), and
+heading - heading_ref = xi_theta. For a kept pose, xi_theta is its rotation relative to x_0. A translation or rotation
+of the whole map has the same coordinates in these errors at every estimate. The errors refer to the present estimate
+of x_0 and the rest: a step moves the reference and keeps the information (`rebase`), as in the right-invariant filter.
+Therefore relinearisation adds no information about a translation or rotation of the whole map.
 
 Sources: Sibley, Matthies and Sukhatme, "Sliding window filter with application to planetary landing", Journal of Field
-Robotics 27(5), 2010; Barrau and Bonnabel, arXiv 1510.06263, for the errors; Dong-Si and Mourikis, "Motion tracking with
-fixed-lag smoothing: algorithm and consistency analysis", ICRA 2011, for what goes wrong without them.
+Robotics 27(5), 2010; Barrau and Bonnabel, arXiv 1510.06263 (the errors); Dong-Si and Mourikis, "Motion tracking with
+fixed-lag smoothing: algorithm and consistency analysis", ICRA 2011 (inconsistency without them).
 """
 
 from __future__ import annotations
@@ -38,36 +39,36 @@ from slamgauge.sensor_kernels import observe, wrap_innovation
 
 
 class Prior(NamedTuple):
-    """What is known from before the window, of n errors: of its first pose, of landmarks, of poses that are kept."""
+    """Prior from before the window on n errors: of its first pose, of landmarks, and of kept poses."""
 
     information: Float  # (n, n), both triangles
     gradient: Float  # (n,)
-    at: Float  # (n,) where the errors are zero
+    at: Float  # (n,) reference, at which the errors are zero
 
 
 class Observed(NamedTuple):
     """Observations of landmarks."""
 
     sensor: int  # its code in `slamgauge.sensors.SENSORS`
-    slot: Int  # (m,) landmark, -1 while it has no place
+    slot: Int  # (m,) landmark, -1 while its position is unknown
     value: Float  # (m, 2)
     root: Float  # (m, 2, 2) upper, root'root is the inverse covariance; the first row is zero for bearing-only sensors
 
 
 class ObservedByPose(NamedTuple):
-    """Observations of several poses: those of pose i are rows first[i] to first[i + 1]."""
+    """Observations of several poses: rows first[i] to first[i + 1] belong to pose i."""
 
     first: Int  # (poses + 1,)
     rows: Observed
 
 
 class Window(NamedTuple):
-    """Poses x_0, ..., x_k and what was measured from one to the next."""
+    """Poses x_0, ..., x_k and the motions between them; entry i is the motion from pose i - 1 to pose i."""
 
     pose: Float  # (k+1, 3)
     multiplier: Float  # (k+1, 3)
     increment: Float  # (k+1, 3)
-    root: Float  # (k+1, 3, 3) L of the increment's covariance Q = L L', with columns at right angles to each other
+    root: Float  # (k+1, 3, 3) L of the increment's covariance Q = L L', with orthogonal columns
 
 
 class Problem(NamedTuple):
@@ -75,32 +76,32 @@ class Problem(NamedTuple):
 
     prior: Prior
     window: Window
-    observed: ObservedByPose  # of the window's poses
-    kept: ObservedByPose  # of the poses that are kept
-    rest: Float  # (n-3,) landmarks (L, 2), then poses that are kept (K, 3)
+    observed: ObservedByPose  # observations of the window's poses
+    kept: ObservedByPose  # observations of the kept poses
+    rest: Float  # (n-3,) landmarks (L, 2), then kept poses (K, 3)
     landmarks: int  # L
 
 
 class Pass(NamedTuple):
-    """What a pass leaves behind of each motion, for the way back; room for the window's poses and n unknowns."""
+    """Intermediate results of the forward pass for each motion, for the backward pass; n unknowns."""
 
     row: Float  # (k+1, 3, n) the robot's rows of A before w is eliminated
-    pull: Float  # (k+1, 3) the robot's entries of b there
+    pull: Float  # (k+1, 3) the robot's entries of b before w is eliminated
     root: Float  # (k+1, 3, 3) Z
-    step: Float  # (k+1, 3) multipliers that are sought
+    step: Float  # (k+1, 3) resulting multipliers
 
 
 def allocate_pass(poses: int, unknowns: int) -> Pass:
-    """Room for a pass."""
+    """Allocate the arrays of a pass."""
     return Pass(np.zeros((poses, 3, unknowns)), np.zeros((poses, 3)), np.zeros((poses, 3, 3)), np.zeros((poses, 3)))
 
 
-# --- parts of the cost, each with its Jacobians ----------------------------------------------------
+# --- parts of the cost, with their Jacobians -------------------------------------------------------
 
 
 @kernel
 def prior_error(prior: Prior, pose: Float, rest: Float, landmarks: int, error: Float) -> None:
-    """Leave the errors (n,) of a first pose and the rest."""
+    """Fill `error` (n,) with the right-invariant errors of a first pose and the rest."""
     at = prior.at
     turn = wrap(pose[2] - at[2])
     c, s = math.cos(turn), math.sin(turn)
@@ -123,7 +124,7 @@ def prior_error(prior: Prior, pose: Float, rest: Float, landmarks: int, error: F
 
 @kernel
 def heading_lever(pose: Float, rest: Float, landmarks: int, lever: Float) -> None:
-    """Leave what a turn of the whole map moves (n,): J p of points, 1 of headings."""
+    """Fill `lever` (n,) with the derivatives by a rotation of the whole map: J p for points, 1 for headings."""
     points = ROBOT + 2 * landmarks
     lever[0], lever[1], lever[2] = -pose[1], pose[0], 1.0
     i = ROBOT
@@ -144,7 +145,7 @@ def observations_of(observed: ObservedByPose, pose: int) -> Observed:
 
 @kernel
 def observation_error(observed: Observed, row: int, pose: Float, landmark: Float, r: Float, H: Float) -> None:
-    """Set the residual r (2,) of an observation, in standard deviations, and its Jacobian H (2, 5).
+    """Fill the residual r (2,) of an observation, in standard deviations, and its Jacobian H (2, 5).
 
     The columns of H are x, y and heading of the pose, and x and y of the landmark: a step d changes r to r + H d.
     """
@@ -154,7 +155,7 @@ def observation_error(observed: Observed, row: int, pose: Float, landmark: Float
     dx, dy = c * east + s * north, c * north - s * east
     z0, z1, a00, a01, a10, a11 = observe(sensor, dx, dy)
     v0, v1 = z0 - value[0], wrap_innovation(sensor, 1, z1 - value[1])
-    if a10 == 0.0 and a11 == 0.0:  # too close for a bearing
+    if a10 == 0.0 and a11 == 0.0:  # the landmark is too close: its bearing has no information
         v1 = 0.0
     if a00 == 0.0 and a01 == 0.0:
         v0 = 0.0
@@ -194,7 +195,7 @@ def cost(problem: Problem) -> float:
 
 @inner
 def _squared(observed: Observed, row: int, pose: Float, rest: Float, r: Float, H: Float) -> float:
-    """Return the squared residual of an observation; 0 if the landmark has no place."""
+    """Return the squared residual of an observation, 0 if the landmark's position is unknown."""
     slot = observed.slot[row]
     if slot < 0:
         return 0.0
@@ -207,18 +208,18 @@ def _squared(observed: Observed, row: int, pose: Float, rest: Float, r: Float, H
 
 @kernel
 def add_prior(prior: Prior, pose: Float, rest: Float, landmarks: int, A: Float, b: Float) -> None:
-    """Set A (upper triangle) and b to what the prior says of steps of the first pose and the rest, from where it is."""
+    """Set A (upper triangle) and b to the prior's cost of a step of the first pose and the rest."""
     size = ROBOT + len(rest)
     lever = np.empty(size)
     heading_lever(pose, rest, landmarks, lever)
-    for i in range(size):  # an error is a step, less what the turn of the first pose moves
+    for i in range(size):  # an error is a step minus the displacement by the rotation of the first pose
         lever[i] = -lever[i] if i != 2 else 1.0
     by_heading(prior.information, prior.gradient, lever, A, b)
 
 
 @kernel
 def by_heading(information: Float, gradient: Float, lever: Float, A: Float, b: Float) -> None:
-    """A <- E' information E, b <- E' gradient, where E is the unit matrix with `lever` as the heading's column."""
+    """A <- E' information E, b <- E' gradient; E is the identity with `lever` as the heading's column."""
     size = len(lever)
     A[:size, :size] = information
     b[:size] = gradient
@@ -235,7 +236,7 @@ def by_heading(information: Float, gradient: Float, lever: Float, A: Float, b: F
 
 @kernel
 def rebase(prior: Prior, pose: Float, rest: Float, landmarks: int) -> None:
-    """Count the prior's errors from where a first pose and the rest are now."""
+    """Move the reference of the prior's errors to the present first pose and rest."""
     size = ROBOT + len(rest)
     error = np.empty(size)
     prior_error(prior, pose, rest, landmarks, error)
@@ -247,7 +248,7 @@ def rebase(prior: Prior, pose: Float, rest: Float, landmarks: int) -> None:
 
 @kernel
 def add_observations(observed: Observed, pose: Float, first: int, rest: Float, A: Float, b: Float) -> None:
-    """Add to A and b the observations of a pose whose entries begin at `first`."""
+    """Add the observations of a pose to A and b; `first` is the first entry of the pose."""
     r, H = np.empty(2), np.empty((2, 5))
     for row in range(len(observed.slot)):
         slot = observed.slot[row]
@@ -266,7 +267,7 @@ def add_observations(observed: Observed, pose: Float, first: int, rest: Float, A
 
 @kernel
 def add_kept(problem: Problem, A: Float, b: Float) -> None:
-    """Add the observations of kept poses, of landmarks that have a place by now."""
+    """Add the observations of kept poses to A and b."""
     kept, rest, landmarks = problem.kept, problem.rest, problem.landmarks
     for j in range(len(kept.first) - 1):
         place = 2 * landmarks + 3 * j
@@ -275,7 +276,7 @@ def add_kept(problem: Problem, A: Float, b: Float) -> None:
 
 @kernel
 def move_on(window: Window, i: int, size: int, A: Float, b: Float, work: Pass) -> None:
-    """Carry A and b from pose i - 1 to pose i, where the noise between them is eliminated."""
+    """Propagate A and b from pose i - 1 to pose i, and eliminate the noise of the motion between them."""
     before, after = window.pose[i - 1], window.pose[i]
     shear(after[0] - before[0], after[1] - before[1], size, A, b)
     shift, row, pull, Z = noise_at(window, i), work.row[i], work.pull[i], work.root[i]
@@ -300,7 +301,7 @@ def move_on(window: Window, i: int, size: int, A: Float, b: Float, work: Pass) -
 
 @inner
 def noise_at(window: Window, i: int) -> tuple[float, float, float]:
-    """The noise G L L'm of motion i as it stands, in the world frame."""
+    """Return the present noise G L L'm of motion i in the world frame."""
     L, m, heading = window.root[i], window.multiplier[i], window.pose[i - 1, 2]
     c, s = math.cos(heading), math.sin(heading)
     x, y, turn = 0.0, 0.0, 0.0
@@ -314,7 +315,7 @@ def noise_at(window: Window, i: int) -> tuple[float, float, float]:
 
 @inner
 def spent(window: Window, i: int) -> float:
-    """What the noise of motion i costs, m'Q m."""
+    """Return twice the cost of the noise of motion i, m'Q m."""
     L, m = window.root[i], window.multiplier[i]
     total = 0.0
     for a in range(3):
@@ -324,10 +325,10 @@ def spent(window: Window, i: int) -> float:
 
 @inner
 def divided_root(window: Window, i: int, row: Float, Z: Float) -> None:
-    """Leave Z = U'^-1 L'G', where U'U = I + L'G'A G L and A is that of the robot, in the first columns of `row`."""
+    """Compute Z = U'^-1 L'G' with U'U = I + L'G'A G L; the robot's block of A is in the first columns of `row`."""
     L, heading = window.root[i], window.pose[i - 1, 2]
     c, s = math.cos(heading), math.sin(heading)
-    for a in range(3):  # a row for each column of G L
+    for a in range(3):  # rows of Z are columns of G L
         Z[a, 0], Z[a, 1], Z[a, 2] = c * L[0, a] - s * L[1, a], s * L[0, a] + c * L[1, a], L[2, a]
     U = np.empty((3, 3))
     for a in range(3):
@@ -341,7 +342,7 @@ def divided_root(window: Window, i: int, row: Float, Z: Float) -> None:
                 U[a, d] -= U[e, a] * U[e, d]
             for d in range(3):
                 Z[a, d] -= U[e, a] * Z[e, d]
-        pivot = math.sqrt(max(U[a, a], 1.0))  # which rounding may undercut
+        pivot = math.sqrt(max(U[a, a], 1.0))  # at least 1, except for rounding
         for d in range(a, 3):
             U[a, d] /= pivot
         for d in range(3):
@@ -362,10 +363,9 @@ def shear(east: float, north: float, size: int, A: Float, b: Float) -> None:
 
 @kernel
 def sweep(problem: Problem, A: Float, b: Float, work: Pass) -> float:
-    """Leave in A and b what is known of steps of the newest pose and the rest.
+    """Run the forward pass: compute A and b of a step of the newest pose and the rest.
 
-    Returns by how much twice the cost falls by the noise that is eliminated on the way, and so without a step of what
-    is left.
+    Returns the decrease of twice the cost that the noise of the motions achieves without such a step.
     """
     prior, window, observed, _, rest, landmarks = problem
     size = ROBOT + len(rest)
@@ -388,10 +388,10 @@ def sweep(problem: Problem, A: Float, b: Float, work: Pass) -> float:
 
 @kernel
 def solve(size: int, A: Float, b: Float, step: Float, cov: Float) -> bool:
-    """Leave the step A^-1 b (size,) and the robot's covariance (3, 3); False if A is not positive definite.
+    """Compute the step A^-1 b (size,) and the robot's covariance (3, 3); overwrite A with its Cholesky factor.
 
-    Or if what is left of an entry of its diagonal is the rounding of what there was (see `precision`). A holds its
-    factor afterwards.
+    Returns False if A is not positive definite, or if a pivot is only rounding of its diagonal entry (see
+    `rounding_limits`).
     """
     before = np.diag(A)[:size].copy()
     if not cholesky(A, size):
@@ -420,7 +420,10 @@ def solve(size: int, A: Float, b: Float, step: Float, cov: Float) -> bool:
 
 @kernel
 def go_back(window: Window, size: int, step: Float, work: Pass) -> None:
-    """Leave the multipliers that a step of the newest pose and the rest asks for; its first three become x_0's step."""
+    """Run the backward pass: compute the multipliers that belong to a step of the newest pose and the rest.
+
+    The first three entries of `step` are then the step of x_0.
+    """
     open_, noise, asked = np.empty(3), np.empty(3), np.empty(3)
     for i in range(len(window.pose) - 1, 0, -1):
         row, Z, heading = work.row[i], work.root[i], window.pose[i - 1, 2]
@@ -447,7 +450,7 @@ def go_back(window: Window, size: int, step: Float, work: Pass) -> None:
 
 @kernel
 def chain(window: Window) -> None:
-    """Lay the path anew from its first pose."""
+    """Recompute the path from its first pose, the increments and their noise."""
     for i in range(1, len(window.pose)):
         before, u, noise = window.pose[i - 1], window.increment[i], noise_at(window, i)
         c, s = math.cos(before[2]), math.sin(before[2])
@@ -458,7 +461,7 @@ def chain(window: Window) -> None:
 
 @kernel
 def add_first(problem: Problem, A: Float, b: Float) -> None:
-    """Set A (upper triangle) and b to what prior and its own scan say of steps of the first pose and the rest."""
+    """Set A (upper triangle) and b to the cost of a step of the first pose and the rest: prior and first scan."""
     pose = problem.window.pose[0]
     add_prior(problem.prior, pose, problem.rest, problem.landmarks, A, b)
     add_observations(observations_of(problem.observed, 0), pose, 0, problem.rest, A, b)
@@ -466,7 +469,7 @@ def add_first(problem: Problem, A: Float, b: Float) -> None:
 
 @kernel
 def set_prior(pose: Float, rest: Float, landmarks: int, A: Float, b: Float, prior: Prior) -> None:
-    """Make a prior of what A (upper triangle) and b say of steps of a first pose and the rest, where these stand."""
+    """Convert A (upper triangle) and b of a step of a first pose and the rest to a prior, with these as reference."""
     size = ROBOT + len(rest)
     lever, whole, half = np.empty(size), np.empty((size, size)), np.empty((size, size))
     heading_lever(pose, rest, landmarks, lever)

@@ -1,4 +1,4 @@
-"""Compilation ahead of the first step of a sliding window, announced when it takes long."""
+"""Compilation before the first step of a sliding window, with a message if it takes long."""
 
 from __future__ import annotations
 
