@@ -1,1 +1,1 @@
-"""Filters beyond the fast EKF family: compressed map, sliding window, sigma points, robot-centred map."""
+"""Filters beyond the fast EKF family: compressed map, sliding window, sigma points, robocentric map."""

@@ -1,7 +1,7 @@
-"""Which filter a recording with many landmarks is better served by: the full one, or the compressed one.
+"""Choice between the full and the compressed filter for a recording with many landmarks.
 
-Both give the same estimate, to rounding. Which takes less time is told by their multiply-adds, along the path and on
-the map that dead reckoning makes: areas are small beside its drift's length.
+Both compute the same estimate, up to rounding. The faster one is chosen by the number of multiply-adds on the path and
+map of dead reckoning, whose drift is negligible over the length of an area.
 """
 
 from __future__ import annotations
@@ -15,23 +15,21 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 from slamgauge.sensors import SENSORS
 
-FEW = 300  # landmarks of a map that the caches hold: it is never compressed
-AREA = 1.5  # radius of an area over the farthest sight
-CLEARLY = 0.5  # of the full filter's work: less is worth another program
-ACCOUNT: dict[Correction, float] = {"standard": 4.0, "right-invariant": 9.0}  # work of a step with that of its area
-BASIS: dict[Correction, float] = {
-    "standard": 1.0,
-    "right-invariant": 2.0,
-}  # rows of an account for an entry of its area
-COPIED = 270.0  # multiply-adds in the time in which settling touches an entry of the covariance
+FEW = 300  # landmarks; the covariance of a smaller map fits into the processor's caches and is never compressed
+AREA = 1.5  # radius of an area, relative to the farthest observation
+CLEARLY = 0.5  # the compressed filter is chosen if its share of the full filter's work is smaller
+# Work of a step with its account, relative to the update of a map of the area alone.
+ACCOUNT: dict[Correction, float] = {"standard": 4.0, "right-invariant": 9.0}
+BASIS: dict[Correction, float] = {"standard": 1.0, "right-invariant": 2.0}  # rows of the account per entry of the area
+COPIED = 270.0  # cost of updating one entry of the whole covariance when the robot leaves an area, in multiply-adds
 
 
 def area_that_pays(recording: Recording, correction: Correction) -> float | None:
-    """Radius [m] of the areas with which a compressed filter does clearly less work than the full one, if any.
+    """Return the radius [m] of areas with which a compressed filter is clearly faster than the full one, or None.
 
     Args:
-        recording: known association; not of bearings alone.
-        correction: that of the filter; some have no compressed form.
+        recording: known association; not bearing-only.
+        correction: correction of the filter; without a compressed form there is no radius.
     """
     assert recording.landmark is not None
     if correction not in ACCOUNT or len(distinct(recording.landmark)) < FEW:
@@ -42,7 +40,7 @@ def area_that_pays(recording: Recording, correction: Correction) -> float | None
 
 
 def work(recording: Recording, correction: Correction, radius: float) -> tuple[float, float]:
-    """Multiply-adds of the full filter, and of the compressed one with areas of a radius [m]."""
+    """Return the multiply-adds of the full filter, and of the compressed filter with areas of the given radius [m]."""
     path, slot, positions, mapped = _dead_reckoned(recording)
     first = np.searchsorted(recording.observation_step, np.arange(recording.steps + 2))
     rows = recording.observation.shape[1] * np.diff(first)
@@ -63,13 +61,16 @@ def work(recording: Recording, correction: Correction, radius: float) -> tuple[f
 
 
 def _distances(recording: Recording) -> Float:
-    """(M,) [m] of the landmarks from the robot."""
+    """Return the measured distance [m] of each observation, (M,)."""
     z = recording.observation
     return z[:, 0] if SENSORS[recording.sensor].has_range else np.hypot(*z.T)
 
 
 def _dead_reckoned(recording: Recording) -> tuple[Float, Int, Float, Int]:
-    """Path (N+1, 3), landmark (M,) of each observation, their places (L, 2), and the steps (L,) that saw them first."""
+    """Return the path (N+1, 3) and map (L, 2) of dead reckoning, the slot (M,) of each observation, and first steps.
+
+    The order is path, slots, map, and the step (L,) of the first observation of each landmark.
+    """
     assert recording.landmark is not None
     path = chain(recording.prior_mean, recording.odometry)
     _, first, slot = np.unique(recording.landmark, return_index=True, return_inverse=True)

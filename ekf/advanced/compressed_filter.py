@@ -1,29 +1,30 @@
-"""The standard and the right-invariant filter on large maps: in an area, the rest of the map waits.
+"""The standard and the right-invariant filter on large maps: compressed updates of the robot's surroundings.
 
-Everything that happens in an area changes the rest B of the map only through the area's own entries A,
-as they were on entry (index 0). Three small matrices keep account of it, exactly:
+Steps in an area A change the rest B of the map only through the entries of A on entry (index 0). Three small matrices,
+the account, store this effect exactly:
 
     P_AB = T P_AB0,    P_BB = P_BB0 + P_BA0 C P_AB0,    x_B = x_B0 + P_BA0 g
 
 with T = I, C = 0, g = 0 on entry; T <- F T in a prediction; in an update with whitened Jacobian H
-(S = I) and innovation y: N = H T, C <- C - N'N, g <- g + N'y, T <- T - (H P)'N. A step costs what it
-would cost in a map that holds the area alone (some four times as much, because of the account), and the rest
-of the map is settled when the robot leaves the area, or sees a landmark outside it.
+(S = I) and innovation y: N = H T, C <- C - N'N, g <- g + N'y, T <- T - (H P)'N. With its account, a step costs about
+four times as much as in a map of the area alone. The account is applied to the rest of the map when the robot leaves
+the area, or observes a landmark outside it.
 
-The right-invariant filter also moves every landmark by V dx, V = v_cos I + v_sin J, and changes its errors by
-J V dx times that of the heading (see `kernels.corrections`). Both mix a landmark's x and y, and nothing else does: they
-leave V and J before the landmark's own rows of P_BA0. So the account is kept over twice as many rows,
+The right-invariant filter also moves every landmark by V dx, V = v_cos I + v_sin J, and changes its error by
+J V dx times that of the heading (see `kernels.corrections`). Both only mix x and y of a landmark: they multiply the
+landmark's rows of P_BA0 by V and J from the left. The account therefore uses twice as many rows,
 
-    Q = [P_AB0; P_AB0 J_B']  in place of P_AB0,  with T = [I, 0] on entry
+    Q = [P_AB0; P_AB0 J_B']  instead of P_AB0,  with T = [I, 0] on entry
 
-where J_B is J for each landmark. The formulas above hold as they stand. A row m = [m_1, m_2] over Q that moves
-the landmarks by Q'm' is turned by m J = [-m_2, m_1], and the retraction after an update is, with the correction's
-m = y'N, c = m V J, t = T's row of the heading, and u and P of the area after it (u as in `kernels.corrections`):
+where J_B is block diagonal with J for each landmark. The formulas above stay the same. A row m = [m_1, m_2] moves the
+landmarks by Q'm'; the row m J = [-m_2, m_1] moves them by the same vectors rotated by 90 degrees. With m = y'N of the
+correction, c = m V J, the heading's row t of T, and u and P of the area after the retraction (u as in
+`kernels.corrections`), the retraction after an update is
 
     g <- g + (m V)',    T <- T + u t + P_A,theta c,    C <- C + c't + t'c + P_theta,theta c'c
 
-Sources: Guivant and Nebot, IEEE Transactions on Robotics and Automation 17(3), 2001 (standard); the right-invariant
-account is our own.
+Source: Guivant and Nebot, IEEE Transactions on Robotics and Automation 17(3), 2001 (standard filter). The account of
+the right-invariant filter is derived here.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ from slamgauge.memory import require_memory
 from slamgauge.recording import Observations
 from slamgauge.sensors import PLACING, SENSORS
 
-ROWS = 128  # of the map's covariance that are updated together
+ROWS = 128  # rows of the map's covariance that are updated in one product
 
 
 class CompressedFilter(PointFilter):
@@ -65,14 +66,14 @@ class CompressedFilter(PointFilter):
     Args:
         sensor: `range-bearing` or `position` (see `slamgauge.Recording`).
         prior_mean: (3,) start pose.
-        prior_cov: (3, 3) its covariance.
-        area_radius: landmarks within this distance [m] of the robot form its area, which it leaves a
-            third of that distance away; one and a half times the sensor's range serves well.
+        prior_cov: (3, 3) covariance of the start pose.
+        area_radius: landmarks within this distance [m] of the robot form an area. The robot leaves it after moving a
+            third of this distance. Recommended: 1.5 times the sensor's range.
         correction: `standard` or `right-invariant` (see `kernels.corrections`).
-        robust: how updates are guarded against outliers.
+        robust: treatment of outliers.
 
     Raises:
-        UserError: a sensor or correction that does not exist or fit, or an invalid prior or radius.
+        UserError: an invalid sensor, correction, prior or radius.
     """
 
     def __init__(
@@ -117,13 +118,13 @@ class CompressedFilter(PointFilter):
 
     @property
     def landmarks(self) -> Float:
-        """(L, 2) their positions [m]; applies the account of the area."""
+        """(L, 2) landmark positions [m]; applies the account of the area."""
         self._update_map(self._local.landmark_ids)
         return self._mean[3:].reshape(-1, 2) + self._origin
 
     @property
     def landmark_covs(self) -> Float:
-        """(L, 2, 2) their covariances [m^2]; applies the account of the area."""
+        """(L, 2, 2) landmark covariances [m^2]; applies the account of the area."""
         self._update_map(self._local.landmark_ids)
         first = np.arange(3, len(self._mean), 2)[:, None, None]
         return self._cov[first + np.arange(2)[:, None], first + np.arange(2)]
@@ -136,7 +137,7 @@ class CompressedFilter(PointFilter):
 
     @property
     def _cov(self) -> Float:
-        """(3 + 2L, 3 + 2L) as it was on entry to the area; a view of all that there is room for."""
+        """(3 + 2L, 3 + 2L) covariance on entry to the area, a view of the allocated array."""
         return self._room[: len(self._mean), : len(self._mean)]
 
     def predict(self, increment: ArrayLike, cov: ArrayLike) -> None:
@@ -161,7 +162,7 @@ class CompressedFilter(PointFilter):
             self._update_map(ids)
         account = self._account
         known = np.isin(ids, self._local.landmark_ids).all() and len(np.unique(ids)) == len(ids)
-        if not known:  # a later part of the update may be refused
+        if not known:  # a later part of the update may raise
             self._account = Account(account.T.copy(), account.C.copy(), account.g.copy(), account.is_invariant)
         try:
             result = self._local.update(observations, gate)
@@ -173,11 +174,11 @@ class CompressedFilter(PointFilter):
 
     @property
     def associated(self) -> Int:
-        """(m,) ids of the current step's observations, -1 where one was left out."""
+        """(m,) ids of the current step's observations, -1 for a rejected observation."""
         return self._local.associated
 
     def _account_for_new_landmarks(self, pose: Float, landmarks: Float) -> None:
-        """Rows of T for landmarks (2L,) that have been mapped since: J_r times the robot's rows."""
+        """Append rows of T for newly mapped ones among the `landmarks` (2L,): J_r times the robot's rows."""
         T = self._account.T
         offsets = landmarks[len(T) - 3 :].reshape(-1, 2) - pose[:2]
         if len(offsets):
@@ -188,11 +189,11 @@ class CompressedFilter(PointFilter):
 
     def _update_local(self, sensor: int, belief: Belief, count: int, work: Workspace) -> tuple[float, int]:
         state, size = belief.state, belief.size
-        self._account_for_new_landmarks(state[:3], state[3:size])  # a step may see a new landmark twice
+        self._account_for_new_landmarks(state[:3], state[3:size])  # a scan may observe a new landmark twice
         return update_area(sensor, belief, count, work, self._account)
 
     def _enter_area(self, seen: Int) -> None:
-        """Start an account for the landmarks around the robot and those that it has just `seen`."""
+        """Start an account for the landmarks around the robot and the observed ids `seen`."""
         self._entry = self._mean[:3].copy()
         positions = self._mean[3:].reshape(-1, 2)
         distances = np.hypot(*(positions - self._mean[:2]).T)
@@ -218,13 +219,13 @@ class CompressedFilter(PointFilter):
         area, old = self._area, len(self._mean)
         added = self._local.landmark_ids[self._entered :]
         size = old + 2 * len(added)
-        self._grow(size, size + size // 4)  # is refused before anything changes
+        self._grow(size, size + size // 4)  # may raise, so it is called before any change
         now = np.concatenate([area, np.arange(old, size)])
         known = self._cov[area]
         if self._is_invariant:
             known = np.vstack([known, turned(known)])
         C = np.triu(self._account.C) + np.triu(self._account.C, 1).T
-        for first in range(0, old, ROWS):  # those of the area, too: they are overwritten
+        for first in range(0, old, ROWS):  # includes rows of the area, which are overwritten below
             rows = slice(first, min(first + ROWS, old))
             self._cov[rows] += (C @ known[:, rows]).T @ known
         mean = np.append(self._mean + known.T @ self._account.g, np.zeros(size - old))
@@ -238,12 +239,12 @@ class CompressedFilter(PointFilter):
         self._enter_area(seen)
 
     def reserve(self, landmarks: int) -> None:
-        """Make room for a map of that many landmarks; the filter grows by itself, with a copy of the covariance."""
+        """Allocate a map of `landmarks`; without this call the filter enlarges its arrays by copying the covariance."""
         size = 3 + 2 * require_room(landmarks)
         self._grow(size, size)
 
     def _grow(self, size: int, room: int) -> None:
-        """Make room for a covariance of `room` entries if there is none for `size`; unused room costs no memory."""
+        """Allocate a covariance with `room` entries if `size` exceeds the present one; unused pages take no memory."""
         if size > len(self._room):
             require_memory(8.0 * size * size, f"the covariance of {(size - 3) // 2} landmarks", "give fewer landmarks")
             before, used = self._cov, len(self._mean)
@@ -252,7 +253,7 @@ class CompressedFilter(PointFilter):
 
 
 def turned(rows: Float) -> Float:
-    """Rows (a, 3 + 2L) times J_B': (x, y) of each landmark becomes (-y, x). The robot's entries stay."""
+    """Return rows (a, 3 + 2L) times J_B': (x, y) of each landmark becomes (-y, x); the robot's entries stay."""
     result = rows.copy()
     result[:, 3::2], result[:, 4::2] = -rows[:, 4::2], rows[:, 3::2]
     return result

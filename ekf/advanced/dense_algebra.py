@@ -1,4 +1,4 @@
-"""Linear algebra of the filters that are written in numpy: whole covariances, blocks of a place's two entries."""
+"""Linear algebra of the numpy filters: dense covariances with 2 x 2 blocks of landmarks."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from slamgauge.se2 import rotation
 def kalman_step(
     cov: Float, cross: Float, innovation_cov: Float, innovation: Float, frames: int
 ) -> tuple[Float, Float, float]:
-    """What an innovation (m,) says: the correction (n,), the covariance (n, n) after it, and the NIS.
+    """Return the correction (n,) by an innovation, the updated covariance (n, n) and the NIS.
 
     Args:
-        cov: (n, n) P before.
+        cov: (n, n) covariance P before the update.
         cross: (m, n) covariance of innovation and state, H P in a linear model.
         innovation_cov: (m, m) S, positive definite.
         innovation: (m,).
-        frames: how many poses the state begins with; places follow.
+        frames: number of poses at the start of the state; positions follow.
 
     Raises:
-        LinAlgError: S is not positive definite, or what is left of a variance is no more than rounding.
+        LinAlgError: S is not positive definite, or an updated variance is only rounding.
     """
     root = np.linalg.cholesky(innovation_cov)
     whitened = solve_triangular(root, np.column_stack([cross, innovation]), lower=True, check_finite=False)
@@ -35,17 +35,19 @@ def kalman_step(
 
 
 def _by_place(variances: Float, frames: int) -> Float:
-    """Variances (n,) of headings, and of places both together: one alone may be rounding from the beginning."""
+    """Return the variances of headings, and the sums of both variances of positions, of which one may be zero."""
     poses, places = variances[: 3 * frames].reshape(-1, 3), variances[3 * frames :].reshape(-1, 2)
     return np.concatenate([poses[:, 2], poses[:, :2].sum(axis=1), places.sum(axis=1)])
 
 
 def place_jacobian(heading: float, offset: Float) -> Float:
-    """Jacobians (s, 2, 5) of places as a robot sees them, R(heading)' (l - p), by robot x, y, heading and place x, y.
+    """Return the Jacobians (s, 2, 5) of positions in the robot's frame, R(heading)' (l - p).
+
+    The columns are the derivatives by robot x, y, heading and position x, y.
 
     Args:
-        heading: of the robot [rad].
-        offset: (s, 2) the places in the robot's frame [m].
+        heading: heading of the robot [rad].
+        offset: (s, 2) positions in the robot's frame [m].
     """
     back = rotation(heading).T
     jacobian = np.empty((len(offset), 2, 5))
@@ -55,18 +57,18 @@ def place_jacobian(heading: float, offset: Float) -> Float:
 
 
 def times_rows(jacobian: Float, robot: Float, places: Float) -> Float:
-    """Products (2s, k) of Jacobians (s, 2, 5) and rows: the robot's (3, k), and two for each place (2s, k)."""
+    """Return products (2s, k) of Jacobians (s, 2, 5) with rows of the robot (3, k) and of the positions (2s, k)."""
     of_places = jacobian[:, :, 3:] @ places.reshape(-1, 2, places.shape[1])
     return (jacobian[:, :, :3] @ robot + of_places).reshape(places.shape)
 
 
 def pairs(slots: Int, first: int) -> Int:
-    """Both entries (2s,) of each slot (s,), if slot 0 begins at entry `first`."""
+    """Return both entries (2s,) of each slot (s,); slot 0 begins at entry `first`."""
     return (first + 2 * slots[:, None] + [0, 1]).ravel()
 
 
 def block_diagonal(blocks: Float) -> Float:
-    """Matrix (2m, 2m) of blocks (m, 2, 2)."""
+    """Return the block-diagonal matrix (2m, 2m) of blocks (m, 2, 2)."""
     count = len(blocks)
     whole = np.zeros((count, 2, count, 2))
     whole[np.arange(count), :, np.arange(count)] = blocks
@@ -74,5 +76,5 @@ def block_diagonal(blocks: Float) -> Float:
 
 
 def symmetric(matrices: Float) -> Float:
-    """The symmetric part of matrices (..., n, n): what is left out is rounding."""
+    """Return the symmetric part of matrices (..., n, n) that are symmetric up to rounding."""
     return (matrices + matrices.swapaxes(-1, -2)) / 2

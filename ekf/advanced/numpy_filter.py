@@ -1,7 +1,7 @@
-"""The online form of filters that are written in numpy: what they have in common is here, what they are is theirs.
+"""The common online form of filters that are written in numpy.
 
-A `MovingBelief` is such a filter's state, covariance and steps. `NumpyFilter` drives it with known ids, and refuses
-what cannot be taken in. Their linear algebra is in `dense`.
+A `MovingBelief` contains the filter's state, covariance and steps. `NumpyFilter` checks the input, finds the slots of
+the ids, and calls these steps. Their linear algebra is in `dense_algebra`.
 """
 
 from __future__ import annotations
@@ -34,10 +34,9 @@ from slamgauge.sensors import PLACING, SENSORS
 
 
 class MovingBelief(Protocol):
-    """State and covariance of robot and landmarks, and what steps do to them.
+    """State and covariance of robot and landmarks, with prediction, correction and augmentation.
 
-    `correct` and `add` put new arrays in the place of the old ones and never write into them: a copy of the belief
-    stays what it was.
+    `correct` and `add` replace the arrays and never write into them, so that a shallow copy of the belief is a backup.
     """
 
     @property
@@ -52,17 +51,17 @@ class MovingBelief(Protocol):
 
     @property
     def landmarks(self) -> Float:
-        """(L, 2) [m] in the world frame."""
+        """(L, 2) landmark positions [m] in the world frame."""
         ...
 
     @property
     def landmark_covs(self) -> Float:
-        """(L, 2, 2) their covariances [m^2]."""
+        """(L, 2, 2) landmark covariances [m^2]."""
         ...
 
     @property
     def cov(self) -> Float:
-        """(n, n) of the state, in its own coordinates."""
+        """(n, n) covariance of the state, in the belief's coordinates."""
         ...
 
     def move(self, increment: Float, cov: Float) -> None:
@@ -70,26 +69,26 @@ class MovingBelief(Protocol):
         ...
 
     def correct(self, slots: Int, values: Float, covs: Float) -> tuple[float, int]:
-        """Correct with sights (m, 2) of the landmarks in slots (m,); the NIS and its degrees of freedom."""
+        """Correct with observations (m, 2) of the landmarks in slots (m,); return the NIS and its dof."""
         ...
 
     def add(self, values: Float, covs: Float) -> None:
-        """Map the landmarks that are seen at values (k, 2), in the next slots."""
+        """Map the landmarks of observations (k, 2) with covariances (k, 2, 2), in the next slots."""
         ...
 
 
 class NumpyFilter(PointFilter):
-    """Landmark SLAM with known association, of any belief; a step is that of `SlamFilter`.
+    """Landmark SLAM with known association and any `MovingBelief`; steps have the form of `SlamFilter`.
 
     Args:
         sensor: `range-bearing` or `position` (see `slamgauge.Recording`).
-        belief: of the start.
+        belief: belief at the start.
 
     Attributes:
-        belief: as it is now.
+        belief: present belief.
 
     Raises:
-        UserError: a sensor that does not fit.
+        UserError: an invalid sensor.
     """
 
     def __init__(self, sensor: str, belief: MovingBelief) -> None:
@@ -118,12 +117,12 @@ class NumpyFilter(PointFilter):
 
     @property
     def landmarks(self) -> Float:
-        """(L, 2) their positions [m] in the world frame."""
+        """(L, 2) landmark positions [m] in the world frame."""
         return self.belief.landmarks
 
     @property
     def landmark_covs(self) -> Float:
-        """(L, 2, 2) their covariances [m^2]."""
+        """(L, 2, 2) landmark covariances [m^2]."""
         return self.belief.landmark_covs
 
     @property
@@ -135,25 +134,25 @@ class NumpyFilter(PointFilter):
         """Move by a body-frame increment (3,) [m, m, rad] with covariance (3, 3).
 
         Raises:
-            UserError: shapes that do not fit, a number that is not finite, or no covariance; the filter is unchanged.
+            UserError: invalid shapes, numbers that are not finite, or an invalid covariance; the filter is unchanged.
         """
         move, move_cov = self._increment, self._increment_cov
         load_increment(increment, cov, move, move_cov)
-        believable = np.abs(move).max() < LARGEST and np.abs(move_cov).max() < LARGEST**2
-        if not (believable and is_semidefinite(move_cov)):
+        is_valid = np.abs(move).max() < LARGEST and np.abs(move_cov).max() < LARGEST**2
+        if not (is_valid and is_semidefinite(move_cov)):
             raise explain_increment(move, move_cov)
         self.belief.move(move, move_cov)
         self._associated = np.zeros(0, np.int64)
 
     def update(self, observations: Observations) -> tuple[float, int]:
-        """Correct with all observations of one step, then map the landmarks that are new.
+        """Correct with all observations of one step, then map the new landmarks.
 
         Returns:
             The normalised innovation squared and its degrees of freedom (0, 0 without mapped landmarks).
 
         Raises:
-            UserError: no ids, shapes that do not fit, a negative range, a number that is not finite, a covariance that
-                is not positive definite, or no update in double precision; the filter is then unchanged.
+            UserError: no ids, invalid shapes, a negative range, a number that is not finite, a covariance that is not
+                positive definite, or no update in double precision; the filter is then unchanged.
         """
         given, given_covs = rows_of(observations, SENSORS[self._sensor].dim)
         values, covs = np.array(given, np.float64), np.array(given_covs, np.float64)
@@ -181,7 +180,10 @@ class NumpyFilter(PointFilter):
 
 
 def _in_turn(ids: Int, known: Collection[int]) -> list[tuple[Marks, bool]]:
-    """The parts of a scan (m,), and whether they map landmarks: mapped ones, new ones, and new ones seen again."""
+    """Return the parts of a scan as masks (m,) in processing order, and whether each part maps new landmarks.
+
+    The parts are observations of mapped landmarks, first observations of new landmarks, and their re-observations.
+    """
     if known and all(each in known for each in ids.tolist()):
         return [(np.ones(len(ids), dtype=np.bool_), False)] if len(ids) else []
     mapped, new, again = of_scan(ids, np.array([*known], dtype=np.int64))

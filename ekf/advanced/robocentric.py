@@ -1,18 +1,18 @@
-"""The robocentric EKF: the map is kept in the robot's own frame.
+"""The robocentric EKF: the map is estimated in the robot's frame.
 
 Source: Castellanos, Martinez-Cantin, Tardos and Neira, "Robocentric map joining: Improving the consistency of
 EKF-SLAM", Robotics and Autonomous Systems 55(1), 2007.
 
-The state is the last displacement of the robot u, the landmarks f and the frame of the world w, all seen from where the
-robot was before that displacement. A step has three parts:
+The state contains the last displacement u of the robot, the landmarks f and the world frame w, all in the robot's frame
+before that displacement. A step has three parts:
 
-1. Motion appends: u is the increment of the odometry with its own covariance, and nothing else changes.
-2. The update corrects u, f and w together: a landmark is seen at R(u)' (f - u).
-3. Composition turns and shifts f and w into the robot's new frame, with Jacobians at the corrected values.
+1. The prediction sets u to the odometry increment, with the increment's covariance. The rest is unchanged.
+2. The update corrects u, f and w together: the position of a landmark in the robot's new frame is R(u)' (f - u).
+3. The composition transforms f and w to the robot's new frame, with Jacobians at the corrected values.
 
-Whether a scan follows or not, part 3 is carried out before the next motion or a new landmark; poses are world (-) u at
-any time. No sight depends on w: where the world lies is never learnt from what the robot sees. The world's origin is
-here the place of the start, so that moving the whole world changes nothing but its own coordinates.
+Part 3 runs before the next prediction and before new landmarks are mapped. The robot's pose in the world is at any time
+the difference of u and w. No observation depends on w, so observations add no information about the world frame. The
+origin of the world frame is the start, so that a shift of the world coordinates changes no computation.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from slamgauge.se2_kernels import wrap
 from slamgauge.sensor_kernels import locate_all, observe_all
 from slamgauge.sensors import SENSORS, innovation
 
-WORLD = slice(ROBOT, 2 * ROBOT)  # entries of the world's frame; landmarks come after
+WORLD = slice(ROBOT, 2 * ROBOT)  # entries of the world frame; landmarks follow
 FIRST = 2 * ROBOT
 STILL = np.zeros(3)  # the displacement after composition
 
@@ -48,7 +48,7 @@ class RobocentricBelief:
     Args:
         sensor: `range-bearing` or `position`.
         prior_mean: (3,) start pose.
-        prior_cov: (3, 3) its covariance, world frame.
+        prior_cov: (3, 3) covariance of the start pose, world frame.
 
     Raises:
         UserError: an invalid prior.
@@ -59,7 +59,7 @@ class RobocentricBelief:
         self._sensor = sensor
         self._mean = np.concatenate([STILL, between(start, STILL)])  # x, y [m], heading [rad] of u and w; landmarks
         back = -np.eye(3)
-        back[:2, :2] = -rotation(start[2]).T  # the start lies at the origin: no lever turns with its heading
+        back[:2, :2] = -rotation(start[2]).T  # the start is the origin, so the lever of its heading is zero
         self._cov = np.zeros((FIRST, FIRST))
         self._cov[WORLD, WORLD] = symmetric(back @ cov @ back.T)
 
@@ -78,12 +78,12 @@ class RobocentricBelief:
 
     @property
     def landmarks(self) -> Float:
-        """(L, 2) [m] in the world frame."""
+        """(L, 2) landmark positions [m] in the world frame."""
         return self._origin + self._in_world()
 
     @property
     def landmark_covs(self) -> Float:
-        """(L, 2, 2) their covariances [m^2]."""
+        """(L, 2, 2) landmark covariances [m^2]."""
         jacobian = place_jacobian(float(self._mean[5]), self._in_world())
         own = pairs(np.arange(len(jacobian)), FIRST).reshape(-1, 2)
         entries = np.hstack([np.tile(np.arange(ROBOT, FIRST), (len(own), 1)), own])
@@ -92,21 +92,21 @@ class RobocentricBelief:
 
     @property
     def cov(self) -> Float:
-        """(n, n) of displacement, world and landmarks."""
+        """(n, n) covariance of displacement, world frame and landmarks."""
         return self._cov
 
     def _in_world(self) -> Float:
-        """Landmarks (L, 2) [m] in the world's frame, whose origin is the start."""
+        """Return the landmarks (L, 2) [m] in the world frame with the start as origin."""
         return (self._mean[FIRST:].reshape(-1, 2) - self._mean[3:5]) @ rotation(self._mean[5])
 
     def move(self, increment: Float, cov: Float) -> None:
-        """Append a body-frame increment (3,) [m, m, rad] with covariance (3, 3), its own alone."""
+        """Set the displacement to a body-frame increment (3,) [m, m, rad] with covariance (3, 3)."""
         self._compose()
         self._mean[:ROBOT] = increment
         self._cov[:ROBOT, :ROBOT] = cov
 
     def correct(self, slots: Int, values: Float, covs: Float) -> tuple[float, int]:
-        """Correct with sights (m, 2) of the landmarks in slots (m,); the NIS and its degrees of freedom."""
+        """Correct with observations (m, 2) of the landmarks in slots (m,); return the NIS and its dof."""
         heading, entries = float(self._mean[2]), pairs(slots, FIRST)
         offset = (self._mean[entries].reshape(-1, 2) - self._mean[:2]) @ rotation(heading)
         predicted, sight = observe_all(SENSORS[self._sensor].code, np.ascontiguousarray(offset))
@@ -124,7 +124,7 @@ class RobocentricBelief:
         return nis, int(informative.sum())
 
     def add(self, values: Float, covs: Float) -> None:
-        """Map the landmarks that are seen at values (k, 2), in the next slots: nothing else is correlated with them."""
+        """Map the landmarks of observations (k, 2), in the next slots; they are uncorrelated with the rest."""
         self._compose()
         deltas, jacobian = locate_all(SENSORS[self._sensor].code, values)
         size, more = len(self._mean), 2 * len(values)
@@ -134,7 +134,7 @@ class RobocentricBelief:
         self._mean, self._cov = np.concatenate([self._mean, deltas.ravel()]), whole
 
     def _compose(self) -> None:
-        """Turn and shift the world and all landmarks into the frame that the displacement leads to."""
+        """Transform the world frame and all landmarks to the robot's frame after the displacement."""
         displacement, heading = self._mean[:ROBOT], float(self._mean[2])
         places = np.vstack([self._mean[3:5], self._mean[FIRST:].reshape(-1, 2)])
         offset = (places - displacement[:2]) @ rotation(heading)
@@ -153,7 +153,10 @@ class RobocentricBelief:
 
 
 def pose_jacobian(displacement: Float, world: Float) -> Float:
-    """Jacobian (3, 6) of the robot's pose in the world by displacement and world, each (3,), seen from one frame."""
+    """Return the Jacobian (3, 6) of the robot's pose in the world by displacement (3,) and world frame (3,).
+
+    Displacement and world frame are given in the same frame.
+    """
     offset = (displacement[:2] - world[:2]) @ rotation(world[2])
     of_place = place_jacobian(float(world[2]), offset[None])[0]
     jacobian = np.zeros((3, 2 * ROBOT))

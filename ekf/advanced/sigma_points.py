@@ -3,23 +3,24 @@
 Source: Brossard, Barrau and Bonnabel, "A Code for Unscented Kalman Filtering on Manifolds (UKF-M)", ICRA 2020; the
 scaled unscented transform is Julier's (ACC 2002) with beta = 2.
 
-Robot (R, p) and landmarks l have the error xi of `riekf`, chi = exp(xi) chi^: heading t = xi_t, places
-x = R(t) x^ + V(t) xi_x. The covariance here is that of e = D xi, e_x = xi_x + J x^ t: since R(t) - I = V(t) J t,
+Robot (R, p) and landmarks l have the error xi of `riekf`, chi = exp(xi) chi^: heading t = xi_t, positions
+x = R(t) x^ + V(t) xi_x. The covariance is that of e = D xi, e_x = xi_x + J x^ t. Because R(t) - I = V(t) J t,
 
-    x = x^ + V(t) e_x    for the robot's place and for every landmark,
+    x = x^ + V(t) e_x    for the robot's position and every landmark,
 
-so that e is the additive error to first order, in the world frame, and what moves the robot alone leaves all other rows
-of the covariance as they are. Three steps have sigma points, each for the few coordinates that count there:
+so that e is the additive error in the world frame to first order, and a motion of the robot changes only the robot's
+rows of the covariance. Three steps use sigma points, each for the few coordinates that it depends on:
 
-* Motion: without noise it leaves xi as it is, exactly. Noise w of the increment gives t = w_t and
-  e_p = V(t)^-1 R w_d, which is linear but where heading and translation are correlated.
-* Sights: in the robot's frame a landmark lies at delta = delta^ + V(-t) c, c = R' (e_l - e_p) - J delta^ t. A scan
-  depends on the c of the landmarks seen, for which sigma points are drawn. What t has to do with c goes with them; the
-  rest of t would be a point at c = 0, where nothing seen changes: shift and turn of the whole map are never seen.
-* New landmarks: c is a matter of the sight's own noise; its rows otherwise copy the robot's.
+* Prediction: a motion without noise leaves xi unchanged, exactly. Noise w of the increment gives t = w_t and
+  e_p = V(t)^-1 R w_d. This is linear unless heading and translation are correlated.
+* Correction: the position of a landmark in the robot's frame is delta = delta^ + V(-t) c with
+  c = R' (e_l - e_p) - J delta^ t. A scan depends on c of the observed landmarks, for which sigma points are drawn. The
+  part of t that is correlated with c is drawn with them. The independent part of t changes no observation, because
+  translation and rotation of the whole map are unobservable.
+* Augmentation: sigma points are drawn for the noise of the observation; the other rows are copied from the robot's.
 
-Roots of covariances are symmetric where landmarks are concerned: then it does not matter in which order they come.
-Means of the first and last are those without noise, as in UKF-M, and the moments are taken about them.
+Roots of landmark covariances are symmetric, so that the result does not depend on the order of landmarks. As in UKF-M,
+the means of prediction and augmentation are the values without noise, and moments are taken about these.
 """
 
 from __future__ import annotations
@@ -44,18 +45,18 @@ from slamgauge.se2_kernels import wrap
 from slamgauge.sensor_kernels import locate_all, observe_all
 from slamgauge.sensors import SENSORS, innovation
 
-SPREAD = 3.0**0.5  # sigmas from the mean to a point: along it a normal distribution's first four moments are right
-WEIGHT = 0.5 / SPREAD**2  # of a sigma point
-BETA = 2.0  # what is best for a normal distribution
+SPREAD = 3.0**0.5  # sigmas from the mean to a sigma point: exact for the first four moments of a normal distribution
+WEIGHT = 0.5 / SPREAD**2  # weight of a sigma point
+BETA = 2.0  # optimal for a normal distribution
 
 
 class InvariantBelief:
-    """Robot and landmarks with their right-invariant error; see `numpy_filter.MovingBelief`.
+    """Robot and landmarks with a right-invariant error; see `numpy_filter.MovingBelief`.
 
     Args:
         sensor: `range-bearing` or `position`.
         prior_mean: (3,) start pose.
-        prior_cov: (3, 3) its covariance, world frame.
+        prior_cov: (3, 3) covariance of the start pose, world frame.
 
     Raises:
         UserError: an invalid prior.
@@ -78,25 +79,25 @@ class InvariantBelief:
 
     @property
     def landmarks(self) -> Float:
-        """(L, 2) [m] in the world frame."""
+        """(L, 2) landmark positions [m] in the world frame."""
         return self._origin + self._mean[ROBOT:].reshape(-1, 2)
 
     @property
     def landmark_covs(self) -> Float:
-        """(L, 2, 2) their covariances [m^2]."""
+        """(L, 2, 2) landmark covariances [m^2]."""
         count = len(self._mean) // 2 - 1
         return self._cov[ROBOT:, ROBOT:].reshape(count, 2, count, 2)[np.arange(count), :, np.arange(count)]
 
     @property
     def cov(self) -> Float:
-        """(n, n) of e: robot x, y, heading, then each landmark's place."""
+        """(n, n) covariance of e: robot x, y, heading, then landmark positions."""
         return self._cov
 
     def move(self, increment: Float, cov: Float) -> None:
         """Move by a body-frame increment (3,) [m, m, rad] with covariance (3, 3)."""
         turn = rotation(self._mean[2])
         step = turn @ increment[:2]
-        lever = _quarter_turned(step)  # D of the new place over D of the old
+        lever = _quarter_turned(step)  # D of the new position times D^-1 of the old one is I + lever e_theta'
         self._cov[:2] += np.outer(lever, self._cov[2])
         self._cov[:, :2] += np.outer(self._cov[:, 2], lever)
         self._cov[:ROBOT, :ROBOT] = symmetric(self._cov[:ROBOT, :ROBOT] + motion_noise(turn, cov))
@@ -104,7 +105,7 @@ class InvariantBelief:
         self._mean[2] = wrap(self._mean[2] + increment[2])
 
     def correct(self, slots: Int, values: Float, covs: Float) -> tuple[float, int]:
-        """Correct with sights (m, 2) of the landmarks in slots (m,); the NIS and its degrees of freedom."""
+        """Correct with observations (m, 2) of the landmarks in slots (m,); return the NIS and its dof."""
         seen, which = np.unique(slots, return_inverse=True)
         heading, entries = float(self._mean[2]), pairs(seen, ROBOT)
         offset = (self._mean[entries].reshape(-1, 2) - self._mean[:2]) @ rotation(heading)
@@ -128,12 +129,12 @@ class InvariantBelief:
         return nis, int(informative[which].sum())
 
     def _seen_from_sigma_points(self, offset: Float, factor: Float, turns: Float) -> tuple[Float, Float, Float]:
-        """Predictions (s, 2), which of them carry information, and by how much sigma points (4s,) change them.
+        """Return predictions (s, 2), whether each has information, and its changes at the sigma points (4s, s, 2).
 
         Args:
             offset: (s, 2) landmarks in the robot's frame.
             factor: (2s, 2s) root of the covariance of c.
-            turns: (2s,) t that goes with each of its columns.
+            turns: (2s,) part of t that belongs to each column of `factor`.
         """
         code = SENSORS[self._sensor].code
         points = SPREAD * np.vstack([factor.T, -factor.T]).reshape(4 * len(offset), -1, 2)
@@ -145,9 +146,9 @@ class InvariantBelief:
         return predicted, informative, innovation(self._sensor, values, predicted) * informative
 
     def add(self, values: Float, covs: Float) -> None:
-        """Map the landmarks that are seen at values (k, 2), in the next slots."""
+        """Map the landmarks of observations (k, 2), in the next slots."""
         code, turn, count = SENSORS[self._sensor].code, rotation(self._mean[2]), len(values)
-        roots = np.linalg.cholesky(covs).swapaxes(1, 2)  # rows are standard deviations
+        roots = np.linalg.cholesky(covs).swapaxes(1, 2)  # rows are columns of the Cholesky factor
         deltas = locate_all(code, values)[0]
         points = values[:, None] + SPREAD * np.concatenate([roots, -roots], axis=1)
         changes = locate_all(code, points.reshape(-1, 2))[0].reshape(count, 4, 2) - deltas[:, None]
@@ -162,10 +163,12 @@ class InvariantBelief:
 
 
 def symmetric_roots(cov: Float) -> tuple[Float, Float]:
-    """The symmetric root (d, d) of a covariance, and its inverse: unlike Cholesky's it knows no order of landmarks.
+    """Return the symmetric root (d, d) of a covariance and its inverse.
+
+    Unlike a Cholesky factor, the symmetric root does not depend on the order of landmarks.
 
     Raises:
-        LinAlgError: the covariance is singular, or so but for rounding.
+        LinAlgError: the covariance is singular up to rounding.
     """
     variances, axes = np.linalg.eigh(cov)
     if not variances[0] > LEAST * variances[-1]:
@@ -175,22 +178,23 @@ def symmetric_roots(cov: Float) -> tuple[Float, Float]:
 
 
 def moments(changes: Float) -> tuple[Float, Float]:
-    """Mean (m,) and covariance (m, m) of a function's changes (2d, m) from the mean point to the 2d sigma points."""
+    """Return mean (m,) and covariance (m, m) of a function from its changes (2d, m) at the 2d sigma points."""
     mean = WEIGHT * changes.sum(axis=0)
     alpha_squared = SPREAD**2 / (len(changes) // 2)
     return mean, WEIGHT * (changes.T @ changes) + (BETA - alpha_squared) * np.outer(mean, mean)
 
 
 def about_zero(changes: Float) -> Float:
-    """Second moments (m, m) of the same about the mean point itself."""
+    """Return the second moments (m, m) of a function about its value at the mean, from its changes (2d, m)."""
     mean, cov = moments(changes)
     return cov + np.outer(mean, mean)
 
 
 def motion_noise(turn: Float, cov: Float) -> Float:
-    """Second moments (3, 3) of the robot's e after an increment with covariance (3, 3), begun at R(heading) `turn`.
+    """Return the second moments (3, 3) that the noise of an increment, with covariance (3, 3), adds to the robot's e.
 
-    Of the noise, the translation that comes without turning moves the robot linearly: it needs no sigma points.
+    `turn` is R(heading) before the increment. The part of the translation noise that is independent of the heading
+    noise acts linearly and needs no sigma points.
     """
     heading_sigma = np.sqrt(max(cov[2, 2], 0.0))
     with_turn = cov[:2, 2] / heading_sigma if heading_sigma > 0.0 else np.zeros(2)
@@ -203,7 +207,7 @@ def motion_noise(turn: Float, cov: Float) -> Float:
 
 
 def moved(mean: Float, cov: Float, step: Float) -> tuple[Float, Float]:
-    """State (n,) after the correction e = `step` (n,), and the covariance (n, n) turned with it."""
+    """Return the state (n,) after the correction e = `step` (n,), and the transformed covariance (n, n)."""
     V = mean_rotation(step[2])
     robot, landmarks = V @ step[:2], step[ROBOT:].reshape(-1, 2) @ V.T
     lever = np.concatenate([_quarter_turned(robot), [0.0], _quarter_turned(landmarks).ravel()])
@@ -213,5 +217,5 @@ def moved(mean: Float, cov: Float, step: Float) -> tuple[Float, Float]:
 
 
 def _quarter_turned(vectors: Float) -> Float:
-    """J v of vectors (..., 2)."""
+    """Return J v for vectors v (..., 2)."""
     return np.stack([-vectors[..., 1], vectors[..., 0]], -1)

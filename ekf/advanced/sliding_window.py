@@ -1,15 +1,15 @@
-"""The sliding-window filter: its last steps are linearised anew at every scan, what is older is a Gaussian.
+"""The sliding-window filter: the last steps are relinearised at every scan; older ones are a Gaussian prior.
 
-A filter linearises each scan once, when it knows least. Bearings alone suffer most: a landmark whose distance is still
-open when it enters errs by that for ever. Here poses of the last steps stay unknowns beside the landmarks, and the
-whole window is solved again with each scan (`advanced.window.kernels`). A pose that leaves it is eliminated where the
-steps since have put it. With a window that holds everything this is the causal optimum; with ranges a few
-steps are enough.
+An EKF linearises each scan once, at its least accurate estimate. The error is largest in bearing-only SLAM, where a
+landmark may enter the state with a very uncertain distance. Here the poses of the last steps remain unknowns, like the
+landmarks, and every scan solves the whole window again (`advanced.window.kernels`). A pose that leaves the window is
+marginalised at its present estimate. If the window contains all steps, the result is the causal optimum; with ranges a
+few steps are enough.
 
-With bearings alone a landmark waits, with its bearings, until those of the window place it. A pose that leaves the
-window with bearings of such a landmark stays, as an unknown beside the landmarks: nothing of what was seen is lost when
-the robot comes back and sees the landmark again. There are half as many of these as the window holds at most; beyond
-that the oldest goes. What a step costs does not grow with time.
+A bearing-only landmark waits until the bearings in the window triangulate it. If a pose with bearings of a waiting
+landmark leaves the window, it is kept as an unknown, so that these bearings are used when the landmark is re-observed.
+At most half as many poses are kept as the window contains; then the oldest is marginalised. The cost of a step does
+not grow with time.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf.advanced.window import kernels as passes
 from slamgauge.ekf.advanced.window import marginal_prior
-from slamgauge.ekf.advanced.window.gauss_newton import NoMinimumError, descended, inverse, swept, symmetric
+from slamgauge.ekf.advanced.window.gauss_newton import NoMinimumError, forward_pass, inverse, minimise, symmetric
 from slamgauge.ekf.advanced.window.observations import (
     NOTHING,
     Bearings,
@@ -58,22 +58,22 @@ from slamgauge.sensors import MIN_BEARING_DISTANCE, SENSORS
 from slamgauge.validation import require_lag
 
 LAG = 100  # steps
-KEPT = 0.5  # of so many poses may be kept for landmarks that wait
-WAITING = -1  # slot of a landmark that has no place
+KEPT = 0.5  # largest number of kept poses, relative to the length of the window
+WAITING = -1  # slot of a landmark that is not triangulated yet
 
 
 class SlidingWindowFilter(PointFilter):
-    """Landmark SLAM with known association whose last steps are linearised anew at every scan.
+    """Landmark SLAM with known association that relinearises its last steps at every scan.
 
     Args:
         sensor: `range-bearing`, `position` or `bearing` (see `slamgauge.Recording`).
         prior_mean: (3,) start pose.
-        prior_cov: (3, 3) its covariance; zero is legal.
-        lag: steps that are linearised anew. A step's time grows with it, and with the square of the landmarks and of
-            the poses that are kept. With bearings alone a short one places landmarks too early: give some tens.
+        prior_cov: (3, 3) covariance of the start pose; may be zero.
+        lag: length of the window in steps. The time of a step is proportional to it, and to the square of the number of
+            landmarks and kept poses. A bearing-only sensor needs several tens; a shorter window places landmarks badly.
 
     Raises:
-        UserError: a sensor that does not exist, an invalid prior, or no lag.
+        UserError: an invalid sensor, prior or lag.
     """
 
     def __init__(self, sensor: str, prior_mean: ArrayLike, prior_cov: ArrayLike, lag: int = LAG) -> None:
@@ -83,18 +83,18 @@ class SlidingWindowFilter(PointFilter):
         self._sensor = sensor
         self._origin, start, self._pose_cov = start_of(prior_mean, prior_cov)
         self._window = passes.Window(start[None], np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
-        self._scans: list[Scan] = [NOTHING]  # of the window's poses
-        self._kept: list[Scan] = []  # of poses that have left it
+        self._scans: list[Scan] = [NOTHING]  # scans of the window's poses
+        self._kept: list[Scan] = []  # scans of kept poses
         self._rest = np.zeros(0)  # landmarks (L, 2), then poses of `_kept` (K, 3)
         self._prior = marginal_prior.of_start(start, self._pose_cov)
-        self._number_of: dict[int, int] = {}  # by id
-        self._slot_of: Int = np.zeros(0, np.int64)  # by number
-        self._ids: list[int] = []  # by slot
-        self._placed_at: list[int] = []  # step, by slot
+        self._number_of: dict[int, int] = {}  # number of a landmark by its id
+        self._slot_of: Int = np.zeros(0, np.int64)  # slot by number
+        self._ids: list[int] = []  # id by slot
+        self._placed_at: list[int] = []  # step of triangulation by slot
         self._step = 0
         self._associated: Int = np.zeros(0, np.int64)
 
-    # --- what is believed ------------------------------------------------------------------------
+    # --- estimate --------------------------------------------------------------------------------
 
     @property
     def pose(self) -> Float:
@@ -110,36 +110,36 @@ class SlidingWindowFilter(PointFilter):
 
     @property
     def landmark_ids(self) -> Int:
-        """(L,) ids of the landmarks that have a place, in the order in which they got it."""
+        """(L,) ids of the mapped landmarks, in the order in which they were mapped."""
         return np.array(self._ids, dtype=np.int64)
 
     @property
     def landmarks(self) -> Float:
-        """(L, 2) their positions [m] in the world frame."""
+        """(L, 2) landmark positions [m] in the world frame."""
         return self._rest[: 2 * len(self._ids)].reshape(-1, 2) + self._origin
 
     @property
     def landmark_covs(self) -> Float:
-        """(L, 2, 2) their covariances [m^2], linearised where the window stands now.
+        """(L, 2, 2) landmark covariances [m^2], linearised at the present estimate.
 
         Raises:
-            UserError: double precision does not hold them.
+            UserError: double precision is not sufficient for them.
         """
         if not self._ids:
             return np.zeros((0, 2, 2))
-        with self._all_or_nothing("landmark_covs: there are none"):
-            cov = inverse(symmetric(swept(self._problem()).A))
+        with self._rollback_on_error("landmark_covs: cannot be computed"):
+            cov = inverse(symmetric(forward_pass(self._problem()).A))
         block = ROBOT + np.arange(2 * len(self._ids)).reshape(-1, 2)
         return cov[block[:, :, None], block[:, None, :]]
 
     @property
     def provisional(self) -> dict[int, int]:
-        """Landmarks that wait for a place; they have no members."""
+        """Ids of waiting landmarks, with 0 members each."""
         return {name: 0 for name, number in self._number_of.items() if self._slot_of[number] == WAITING}
 
     @property
     def kept_poses(self) -> Float:
-        """(K, 3) poses that have left the window, and stay for landmarks that wait; as `pose`."""
+        """(K, 3) poses that are kept for waiting landmarks after they left the window; world frame."""
         poses = self._rest[2 * len(self._ids) :].reshape(-1, 3).copy()
         poses[:, :2] += self._origin
         return poses
@@ -150,7 +150,7 @@ class SlidingWindowFilter(PointFilter):
         return self._associated.copy()
 
     def standing(self, ids: Int) -> Int:
-        """What has become of ids given earlier: -1 for those of landmarks that bearings do not place."""
+        """Return the ids (m,) of earlier observations with -1 for landmarks that still wait."""
         return np.where(np.isin(ids, self.landmark_ids), ids, WAITING)
 
     # --- steps -----------------------------------------------------------------------------------
@@ -159,16 +159,16 @@ class SlidingWindowFilter(PointFilter):
         """Move by a body-frame increment (3,) [m, m, rad] with covariance (3, 3).
 
         Raises:
-            UserError: shapes that do not fit, a number that is not finite, no covariance, or no solution in double
+            UserError: invalid shapes, numbers that are not finite, an invalid covariance, or no solution in double
                 precision; the filter is unchanged.
         """
         move, move_cov = np.empty(3), np.empty((3, 3))
         load_increment(increment, cov, move, move_cov)
-        believable = np.abs(move).max() < LARGEST and np.abs(move_cov).max() < LARGEST**2
-        if not (believable and is_semidefinite(move_cov)):
+        is_valid = np.abs(move).max() < LARGEST and np.abs(move_cov).max() < LARGEST**2
+        if not (is_valid and is_semidefinite(move_cov)):
             raise explain_increment(move, move_cov)
         if len(self._scans) > self._lag:
-            with self._all_or_nothing("increment: no window is left without its first pose"):
+            with self._rollback_on_error("increment: cannot marginalise the window's first pose"):
                 self._slide()
         last = self._window.pose[-1]
         pose = compose(last, move)
@@ -185,14 +185,14 @@ class SlidingWindowFilter(PointFilter):
         self._associated = np.zeros(0, np.int64)
 
     def update(self, observations: Observations) -> tuple[float, int]:
-        """Take in all observations of one step, and solve the window anew.
+        """Add all observations of one step and solve the window again.
 
         Returns:
-            (0, 0): a window that is solved as a whole has no innovations.
+            (0, 0), because a window that is solved as a whole has no innovations.
 
         Raises:
-            UserError: no ids, shapes that do not fit, a negative range, a number that is not finite, a covariance that
-                is not positive definite, or no solution in double precision; the filter is then unchanged.
+            UserError: no ids, invalid shapes, a negative range, a number that is not finite, a covariance that is not
+                positive definite, or no solution in double precision; the filter is then unchanged.
         """
         given, given_covs = rows_of(observations, SENSORS[self._sensor].dim)
         ids = ids_of(observations, len(given))
@@ -201,14 +201,14 @@ class SlidingWindowFilter(PointFilter):
         if not are_sound(self._code, values, covs):
             raise explain_scan(self._sensor, given, given_covs, np.nan, np.diagonal(self._pose_cov))
         if len(ids):
-            with self._all_or_nothing("observation: no update exists for this scan"):
+            with self._rollback_on_error("observation: no update exists for this scan"):
                 self._update(ids, values, covs)
         self._associated = ids.copy()
         return 0.0, 0
 
     @contextmanager
-    def _all_or_nothing(self, what: str) -> Generator[None]:
-        """Leave the filter as it was if what is done within raises; what precision does not hold is said in a line."""
+    def _rollback_on_error(self, problem: str) -> Generator[None]:
+        """Restore the filter if the body raises; turn a failed solution into a UserError that names the `problem`."""
         before = {name: each.copy() if isinstance(each, list | dict) else each for name, each in vars(self).items()}
         try:
             with np.errstate(all="ignore"):
@@ -217,7 +217,7 @@ class SlidingWindowFilter(PointFilter):
             vars(self).update(before)
             if isinstance(reason, np.linalg.LinAlgError | NoMinimumError):
                 why = WHY[NO_MINIMUM if isinstance(reason, NoMinimumError) else EXHAUSTED]
-                raise UserError(f"{what}; {why}") from None
+                raise UserError(f"{problem}; {why}") from None
             raise
 
     def _update(self, ids: Int, values: Float, covs: Float) -> None:
@@ -236,18 +236,21 @@ class SlidingWindowFilter(PointFilter):
             self._solve()
 
     def _place_seen(self, ids: Int, values: Float) -> None:
-        """Give a place to new landmarks where ranges or positions (m, 2) put them.
+        """Map new landmarks at their observations (m, 2), which have ranges or positions.
 
-        One at the sensor waits for another sight: there its direction says nothing.
+        A landmark very close to the sensor waits for another observation, because its bearing has no information.
         """
         deltas, _ = locate_all(self._code, values)
         pose = self._window.pose[-1]
-        says = (np.hypot(*deltas.T) >= MIN_BEARING_DISTANCE) | (not SENSORS[self._sensor].has_bearing)
-        for row in np.flatnonzero(says).tolist():
+        is_informative = (np.hypot(*deltas.T) >= MIN_BEARING_DISTANCE) | (not SENSORS[self._sensor].has_bearing)
+        for row in np.flatnonzero(is_informative).tolist():
             self._place(int(ids[row]), pose[:2] + rotation(pose[2]) @ deltas[row])
 
     def _place_waiting(self, ids: Int) -> bool:
-        """Give a place to landmarks of a scan that bearings of the window, or all there are, place; whether to any."""
+        """Map waiting landmarks of a scan that their bearings triangulate; return whether any landmark was mapped.
+
+        The bearings of the window are tried first, then these together with those of kept poses.
+        """
         waiting = [name for name in ids.tolist() if self._slot_of[self._number_of[name]] == WAITING]
         if not waiting:
             return False
@@ -258,13 +261,13 @@ class SlidingWindowFilter(PointFilter):
             seen, before = (each.of_landmark(self._number_of[name]) for each in (in_window, kept))
             place = seen.place()
             if place is None and len(before.pose):
-                place = before.with_those(seen).place()
+                place = before.joined_with(seen).place()
             if place is not None:
                 self._place(name, place)
         return len(self._ids) > mapped
 
     def _place(self, name: int, place: Float) -> None:
-        """Make a landmark an unknown, unless it is one."""
+        """Map a landmark at `place` (2,), unless it is mapped."""
         number, mapped = self._number_of[name], len(self._ids)
         if self._slot_of[number] != WAITING:
             return
@@ -282,25 +285,25 @@ class SlidingWindowFilter(PointFilter):
         return SENSORS[self._sensor].code
 
     def _problem(self, scans: list[Scan] | None = None) -> passes.Problem:
-        """Where the window stands; with some of its scans, if only these are asked for."""
+        """Return the present problem, with the given scans or all scans of the window."""
         scans = self._scans if scans is None else scans
         observed, kept = (observed_by_pose(self._code, each, self._slot_of) for each in (scans, self._kept))
         return passes.Problem(self._prior, self._window, observed, kept, self._rest, len(self._ids))
 
     def _solve(self) -> None:
-        solved, self._pose_cov = descended(self._problem())
+        solved, self._pose_cov = minimise(self._problem())
         self._window, self._rest, self._prior = solved.window, solved.rest, solved.prior
 
     def _slide(self) -> None:
-        """Eliminate the first pose of the window, or keep it for the landmarks that wait with its bearings.
+        """Marginalise the first pose of the window, or keep it if landmarks wait with its bearings.
 
-        Kept poses go when all that they have seen has had a place for as long as the window is.
+        A kept pose is marginalised when all its landmarks have been mapped for the length of the window.
         """
         first_step = self._step - len(self._scans) + 1
         for which in reversed(range(len(self._kept))):
             slots = self._slot_of[self._kept[which].number]
             if all(slot != WAITING and self._placed_at[slot] < first_step for slot in slots.tolist()):
-                self._let_go(which)
+                self._marginalise_kept(which)
         first = self._scans[0]
         waiting = first.rows(np.flatnonzero(self._slot_of[first.number] == WAITING))
         if not len(waiting.number):
@@ -311,9 +314,9 @@ class SlidingWindowFilter(PointFilter):
         self._window = passes.Window(*(each[1:] for each in self._window))
         del self._scans[0]
         if len(self._kept) > KEPT * self._lag:
-            self._let_go(0)
+            self._marginalise_kept(0)
 
-    def _let_go(self, which: int) -> None:
-        """Eliminate a kept pose; bearings with which landmarks still wait are lost."""
+    def _marginalise_kept(self, which: int) -> None:
+        """Marginalise a kept pose; its bearings of waiting landmarks are lost."""
         self._prior, self._rest = marginal_prior.without_kept(self._problem([]), which)
         del self._kept[which]

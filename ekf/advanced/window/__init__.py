@@ -1,1 +1,1 @@
-"""A window of poses that is linearised anew: its scans, the way to its minimum, and what leaves it."""
+"""Parts of the sliding-window filter: observations, minimum and prior of a window of poses."""

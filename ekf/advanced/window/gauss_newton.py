@@ -1,4 +1,4 @@
-"""Gauss-Newton steps to where the cost of a window is least."""
+"""Gauss-Newton steps to the minimum of a window's cost."""
 
 from __future__ import annotations
 
@@ -11,97 +11,98 @@ from slamgauge.ekf.advanced.window import kernels as passes
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.se2 import mean_rotation, wrap
 
-CLOSE = 0.01  # squared standard deviations between twice the cost and what a step was to make of it: it was the last
-MOST = 20  # steps
-BESIDE = 1.0  # squared standard deviations that twice the cost may still have to fall by after the last of them
-MOST_HALVINGS = 20  # of one
+# Costs are compared as twice the cost, in squared standard deviations.
+CLOSE = 0.01  # largest difference of actual and predicted cost after the last step
+MAX_STEPS = 20
+ACCEPTED_DECREASE = 1.0  # largest predicted decrease that may remain after MAX_STEPS
+MAX_HALVINGS = 20  # halvings of one step
 
 
 class NoMinimumError(Exception):
-    """Steps do not end where the cost is least."""
+    """The steps do not converge to a minimum."""
 
 
-class Swept(NamedTuple):
-    """What the window says of steps of its newest pose and the rest (see `advanced.window.kernels.sweep`)."""
+class ForwardPass(NamedTuple):
+    """Quadratic model of a step of the newest pose and the rest (see `advanced.window.kernels.sweep`)."""
 
     A: Float  # (n, n) upper triangle
     b: Float  # (n,)
     work: passes.Pass
-    fallen: float  # by so much twice the cost falls by the noise of motions
+    decrease: float  # decrease of twice the cost by the noise of motions, without such a step
 
 
-def swept(problem: passes.Problem) -> Swept:
-    """A pass over the window where it stands."""
+def forward_pass(problem: passes.Problem) -> ForwardPass:
+    """Run the forward pass over the window at the present estimate."""
     size = ROBOT + len(problem.rest)
     A, b, work = np.zeros((size, size)), np.zeros(size), passes.allocate_pass(len(problem.window.pose), size)
-    return Swept(A, b, work, passes.sweep(problem, A, b, work))
+    return ForwardPass(A, b, work, passes.sweep(problem, A, b, work))
 
 
 def symmetric(A: Float) -> Float:
-    """Both triangles of what is given by its upper one."""
+    """Return the symmetric matrix with the upper triangle of A."""
     upper = np.triu(A)
     return upper + np.triu(upper, 1).T
 
 
 def inverse(A: Float) -> Float:
-    """A^-1 of a covariance or its inverse, symmetric; scaled to ones on the diagonal in between."""
+    """Return the symmetric inverse of a covariance or information matrix, computed with a unit diagonal."""
     scale = 1.0 / np.sqrt(np.diag(A))
     scaled = np.asarray(np.linalg.inv(A * np.outer(scale, scale)), np.float64)
     return 0.5 * (scaled + scaled.T) * np.outer(scale, scale)
 
 
-def descended(problem: passes.Problem) -> tuple[passes.Problem, Float]:
-    """The problem where its cost is least, and the covariance (3, 3) of its newest pose.
+def minimise(problem: passes.Problem) -> tuple[passes.Problem, Float]:
+    """Return the problem at the minimum of its cost, and the covariance (3, 3) of its newest pose.
 
-    A step that raises the cost, by more than does not matter, is halved. The last is one that does what its linear
-    model says, and so ends where that model's cost is least; or, of many, one that lacks less than a deviation.
+    A step that increases the cost by more than CLOSE is halved. Steps end when the cost after a step is close to that
+    predicted by the linear model, or after MAX_STEPS if the predicted decrease is small.
 
     Raises:
-        numpy.linalg.LinAlgError: what is known does not determine everything, in double precision.
-        NoMinimumError: the steps do not end.
+        numpy.linalg.LinAlgError: the measurements do not determine all unknowns in double precision.
+        NoMinimumError: the steps do not converge.
     """
     size, cov = ROBOT + len(problem.rest), np.zeros((3, 3))
-    step, cost, to_fall = np.zeros(size), passes.cost(problem), np.inf
-    for _ in range(MOST):
-        A, b, work, fallen = swept(problem)
+    step, cost, remaining = np.zeros(size), passes.cost(problem), np.inf
+    for _ in range(MAX_STEPS):
+        A, b, work, decrease = forward_pass(problem)
         if not passes.solve(size, A, b, step, cov):
             raise np.linalg.LinAlgError
-        expected = cost - fallen - float(b @ step)
+        predicted = cost - decrease - float(b @ step)
         of_rest = step[ROBOT:].copy()
         passes.go_back(problem.window, size, step, work)
-        for halvings in range(MOST_HALVINGS):
+        for halvings in range(MAX_HALVINGS):
             moved = _moved(problem, 0.5**halvings, step[:ROBOT], of_rest, work.step)
-            cost_there = passes.cost(moved)
-            if cost_there <= cost + CLOSE:
+            cost_after = passes.cost(moved)
+            if cost_after <= cost + CLOSE:
                 break
         else:
-            to_fall = cost - expected
+            remaining = cost - predicted
             break
-        problem, to_fall = _rebased(moved), cost - expected
-        if abs(cost_there - expected) < CLOSE:
+        problem, remaining = _rebased(moved), cost - predicted
+        if abs(cost_after - predicted) < CLOSE:
             return problem, cov
         cost = passes.cost(problem)
-    if to_fall < BESIDE:
+    if remaining < ACCEPTED_DECREASE:
         return problem, cov
     raise NoMinimumError
 
 
 def _rebased(problem: passes.Problem) -> passes.Problem:
-    """The same with the prior's errors counted from where it stands."""
+    """Return the problem with the present estimate as reference of the prior's errors."""
     prior = passes.Prior(*(each.copy() for each in problem.prior))
     passes.rebase(prior, problem.window.pose[0], problem.rest, problem.landmarks)
     return problem._replace(prior=prior)
 
 
 def _moved(problem: passes.Problem, part: float, of_first: Float, of_rest: Float, multipliers: Float) -> passes.Problem:
-    """A step taken, or part of it: all points turn with the first pose, as errors of the prior do.
+    """Return the problem after a step: all points turn with the first pose, as in the errors of the prior.
 
     Args:
-        problem: where it stands.
-        part: how much of the step.
-        of_first: (3,) the step of the first pose.
-        of_rest: (n-3,) the step of landmarks and kept poses.
-        multipliers: (k+1, 3) that are sought.
+        problem: before the step.
+        part: fraction of the step.
+        of_first: (3,) step of the first pose.
+        of_rest: (n-3,) step of landmarks and kept poses.
+        multipliers: (k+1, 3) multipliers after a full step.
     """
     window, count = problem.window, problem.landmarks
     turn, of_poses = part * float(of_first[2]), part * of_rest[2 * count :].reshape(-1, 3)
@@ -119,5 +120,5 @@ def _moved(problem: passes.Problem, part: float, of_first: Float, of_rest: Float
 
 
 def _turned(steps: Float, turn: float) -> Float:
-    """V(turn) step, (k, 2), of steps (k, 2): what is moved and turned so keeps its distances."""
+    """Return V(turn) step (k, 2) for steps (k, 2): a common rotation keeps the distances between points."""
     return steps @ mean_rotation(turn).T

@@ -1,6 +1,6 @@
-"""What is known from before a window: a prior on its first pose and the rest, and what changes it.
+"""Prior of a window on its first pose and the rest: landmarks and kept poses.
 
-Each of these returns a new prior and leaves the one that it is given as it was.
+All functions return a new prior and leave their arguments unchanged.
 """
 
 from __future__ import annotations
@@ -13,33 +13,34 @@ from slamgauge.ekf.advanced.window.gauss_newton import inverse, symmetric
 from slamgauge.ekf.kernels.belief import ROBOT
 from slamgauge.se2 import rotation
 
-LENT = 1e-6  # m or rad, standard deviation lent to what is known exactly where its information is needed,
-SLIP = 1e-3  # or this share of the other noise of a motion, if that is more
+# Regularising noise where the inverse of a singular covariance is needed: for a motion the larger of both.
+REGULARISING_SIGMA = 1e-6  # standard deviation [m or rad]
+REGULARISING_SHARE = 1e-3  # share of the other noise of the motion
 
 
 def of_start(pose: Float, cov: Float) -> passes.Prior:
-    """The prior of a start pose (3,) with covariance (3, 3), which may be singular."""
-    return _prior_of(pose, np.zeros(0), 0, inverse(cov + LENT**2 * np.eye(3)), np.zeros(3))
+    """Return the prior of a start pose (3,) with covariance (3, 3), which may be singular."""
+    return _prior_of(pose, np.zeros(0), 0, inverse(cov + REGULARISING_SIGMA**2 * np.eye(3)), np.zeros(3))
 
 
 def with_landmark(prior: passes.Prior, landmarks: int, place: Float) -> passes.Prior:
-    """The prior with a landmark (2,) more, the last of them, of which it says nothing."""
+    """Return the prior with an additional last landmark at `place` (2,), about which it has no information."""
     rows = [ROBOT + 2 * landmarks] * 2
     information = np.insert(np.insert(prior.information, rows, 0.0, axis=0), rows, 0.0, axis=1)
     return passes.Prior(information, np.insert(prior.gradient, rows, 0.0), np.insert(prior.at, rows[0], place))
 
 
 def without_first(problem: passes.Problem) -> passes.Prior:
-    """The prior of the second pose and the rest: the first is eliminated, with its scan and its motion."""
+    """Return the prior of the second pose and the rest: the first pose, its scan and its motion are marginalised."""
     A, b = _known_of_first(problem)
     passes.move_on(problem.window, 1, len(b), A, b, passes.allocate_pass(2, len(b)))
     return _prior_of(problem.window.pose[1], problem.rest, problem.landmarks, A, b)
 
 
 def with_first_kept(problem: passes.Problem) -> tuple[passes.Prior, Float]:
-    """The prior of the second pose and the rest, the first among the rest (n,), which is returned, too.
+    """Return the prior of the second pose and the rest, and the rest (n,): the first pose is kept as its last entry.
 
-    Where the motion between them has no noise some is lent to it.
+    Directions of the motion without noise get regularising noise.
     """
     A, b = _known_of_first(problem)
     size, (before, after) = len(b), problem.window.pose[:2]
@@ -47,8 +48,9 @@ def with_first_kept(problem: passes.Problem) -> tuple[passes.Prior, Float]:
     F[:2, 2] = before[1] - after[1], after[0] - before[0]
     G[:2, :2] = rotation(before[2])
     Q = problem.window.root[1] @ problem.window.root[1].T
-    lent = np.maximum(SLIP**2 * np.array([Q[0, 0] + Q[1, 1], Q[0, 0] + Q[1, 1], Q[2, 2]]), LENT**2)
-    weight = inverse(G @ Q @ G.T + np.diag(lent))
+    variances = np.array([Q[0, 0] + Q[1, 1], Q[0, 0] + Q[1, 1], Q[2, 2]])
+    regularising = np.maximum(REGULARISING_SHARE**2 * variances, REGULARISING_SIGMA**2)
+    weight = inverse(G @ Q @ G.T + np.diag(regularising))
     tie = np.zeros((3, size + 3))  # d_1 - F d_0
     tie[:, :3], tie[:, size:] = np.eye(3), -F
     order = np.r_[size : size + 3, 3:size, 0:3]  # the second pose, the rest, the first pose
@@ -61,7 +63,7 @@ def with_first_kept(problem: passes.Problem) -> tuple[passes.Prior, Float]:
 
 
 def without_kept(problem: passes.Problem, which: int) -> tuple[passes.Prior, Float]:
-    """The prior with what the kept pose `which` has seen, and without that pose; and the rest (n,) without it."""
+    """Return the prior and the rest (n,) after the kept pose `which` and its observations are marginalised."""
     pose, first = problem.window.pose[0], 2 * problem.landmarks + 3 * which
     size = ROBOT + len(problem.rest)
     A, b = np.zeros((size, size)), np.zeros(size)

@@ -59,8 +59,8 @@ def test_equals_the_textbook(sensor: str, lag: int, monkeypatch: pytest.MonkeyPa
 
     The steps to each minimum are not the same, and errors are counted from where each ends: that is of third order.
     """
-    monkeypatch.setattr(marginal_prior, "LENT", 0.0)
-    monkeypatch.setattr(marginal_prior, "SLIP", 0.0)
+    monkeypatch.setattr(marginal_prior, "REGULARISING_SIGMA", 0.0)
+    monkeypatch.setattr(marginal_prior, "REGULARISING_SHARE", 0.0)
     recording = replace(recording_of(sensor, 3).first(11), prior_mean=np.array([0.0, 0.0, 0.4]))
     actual, expected = sliding_window(recording, lag), textbook_sliding_window(recording, lag)
     assert actual.landmark_ids is not None
@@ -273,7 +273,7 @@ def test_what_its_first_pose_leaves_behind_is_all_or_nothing(monkeypatch: pytest
 
     for name in ("without_first", "with_first_kept", "without_kept"):
         monkeypatch.setattr(marginal_prior, name, exhausted)
-    with pytest.raises(UserError, match=r"^increment: no window is left without its first pose; its standard dev"):
+    with pytest.raises(UserError, match=r"^increment: cannot marginalise the window's first pose; its standard dev"):
         slam.predict([0.1, 0.0, 0.0], 0.01 * np.eye(3))
     after = (slam.pose, slam.pose_cov, slam.landmarks, slam.kept_poses, slam.provisional)
     for was, has in zip(before, after, strict=True):
@@ -294,7 +294,7 @@ def test_steps_that_do_not_end_are_refused_while_landmarks_wait(monkeypatch: pyt
     before = pickle.dumps(vars(slam))
     assert 77 in slam.provisional
     with monkeypatch.context() as patch:
-        patch.setattr(gauss_newton, "MOST", 0)
+        patch.setattr(gauss_newton, "MAX_STEPS", 0)
         with pytest.raises(UserError, match=r"^observation: no update exists for this scan; [^\n]*$"):
             slam.update(scans[-1])
     assert pickle.dumps(vars(slam)) == before
