@@ -1,4 +1,4 @@
-"""Factor-graph estimators: GTSAM's own, and the exact optima; README.md lists the modules."""
+"""Factor-graph estimators: GTSAM's solvers and the exact optima; README.md lists the modules."""
 
 from slamgauge.graph_baseline.bound import causal_bound, hindsight_bound
 from slamgauge.graph_baseline.causal import causal

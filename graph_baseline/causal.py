@@ -28,42 +28,42 @@ from slamgauge.sensors import SENSORS
 
 @relative_to_start
 def causal(recording: Recording, association: Int | None = None) -> Estimate:
-    """Return the newest pose of the exact optimum of all measurements up to each step (`incremental`).
+    """Return at each step the newest pose of the exact optimum of the measurements up to this step (`incremental`).
 
-    Like iSAM2 (Kaess et al., IJRR 31(2), 2012) it smooths incrementally with relinearisation, but it converges to
-    the minimum of the exact cost. Tests compare it with `isam2` and with `batch` on the first steps. Its last pose
-    is always compared with the optimum of the whole recording: the minimum that `batch` finds from its path and
-    map, or a lower one if noise does not explain that (`Estimate.optimum_check`).
+    Like iSAM2 (Kaess et al., IJRR 31(2), 2012), `causal` is an incremental smoother that relinearises, but it converges
+    to the minimum of the exact cost. `Estimate.optimum_check` compares the last pose with the optimum of the whole
+    recording: the minimum that `batch` finds from the final path and map, or a lower one if noise does not explain the
+    cost of that minimum.
 
-    A bearing-only landmark waits until its bearings place it; one that they never place is not in the map, and its
-    `association` is -1.
+    A bearing-only landmark enters when its bearings place it. A landmark that they never place is not in the map, and
+    its `association` is -1.
 
     Args:
         recording: measurements.
-        association: (M,) ids that replace the recording's own, for instance an `Estimate.association`; -1 leaves an
-            observation out.
+        association: (M,) ids that replace those of the recording, for instance an `Estimate.association`; -1 excludes
+            an observation.
 
     Raises:
         UserError: the association is unknown, or the measurements leave a variable undetermined.
     """
     problem = prepare(recording, association)
     require_memory_for(problem, "causal", dense=True)
-    growing = IncrementalOptimum(problem)
+    incremental = IncrementalOptimum(problem)
     steps = problem.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
     map_changes: list[_PathAndMap] = []
     for k in range(steps + 1):
         start = perf_counter()
-        growing.add_step()
-        poses[k], pose_covs[k] = growing.newest_pose(), growing.newest_cov()
+        incremental.add_step()
+        poses[k], pose_covs[k] = incremental.newest_pose(), incremental.newest_cov()
         seconds[k] = perf_counter() - start
         if not SENSORS[problem.sensor].places_landmarks and steps <= SHORT:
-            map_changes.append(_path_and_map(growing))
-    growing.finish()
+            map_changes.append(_path_and_map(incremental))
+    incremental.finish()
     estimate = Estimate(
         kind="filtered", poses=poses, pose_covs=without_negative_eigenvalues(pose_covs), seconds=seconds
     )
-    return with_association(_with_map(problem, estimate, growing, map_changes), association)
+    return with_association(_with_map(problem, estimate, incremental, map_changes), association)
 
 
 class _PathAndMap(NamedTuple):
@@ -74,15 +74,15 @@ class _PathAndMap(NamedTuple):
     switches: int
 
 
-def _path_and_map(growing: IncrementalOptimum) -> _PathAndMap:
-    return _PathAndMap(growing.path_and_map()[0], growing.landmark_ids, len(growing.switches))
+def _path_and_map(incremental: IncrementalOptimum) -> _PathAndMap:
+    return _PathAndMap(incremental.path_and_map()[0], incremental.landmark_ids, len(incremental.switches))
 
 
 def _with_map(
-    recording: Problem, estimate: Estimate, growing: IncrementalOptimum, map_changes: list[_PathAndMap]
+    recording: Problem, estimate: Estimate, incremental: IncrementalOptimum, map_changes: list[_PathAndMap]
 ) -> Estimate:
-    """Add the map of the last step and the comparison with `batch`; without a map, take batch's."""
-    if not growing.converged:
+    """Add the map of the last step and the comparison with `batch`; without a minimum, add the map of `batch`."""
+    if not incremental.converged:
         last = batch(recording)
         return replace(
             last,
@@ -92,39 +92,39 @@ def _with_map(
             seconds=estimate.seconds,
             optimum_check=np.inf,
         )
-    path, landmarks = growing.path_and_map()
+    path, landmarks = incremental.path_and_map()
     ids = recording.landmark
-    association = np.where(np.isin(ids, growing.landmark_ids), ids, -1)
+    association = np.where(np.isin(ids, incremental.landmark_ids), ids, -1)
     chi_square, freedom = chi_square_of(recording.associated(association), path, landmarks)
     return replace(
         estimate,
-        landmark_ids=growing.landmark_ids,
-        landmarks=growing.landmarks(),
-        landmark_covs=growing.landmark_covs(),
+        landmark_ids=incremental.landmark_ids,
+        landmarks=incremental.landmarks(),
+        landmark_covs=incremental.landmark_covs(),
         association=association,
         chi_square=chi_square,
         chi_square_dof=freedom,
         optimum_check=np.inf
-        if growing.unconverged_steps
-        else _largest_distance(recording, estimate, growing, map_changes),
+        if incremental.unconverged_steps
+        else _largest_distance(recording, estimate, incremental, map_changes),
     )
 
 
 def _largest_distance(
-    recording: Problem, estimate: Estimate, growing: IncrementalOptimum, map_changes: list[_PathAndMap]
+    recording: Problem, estimate: Estimate, incremental: IncrementalOptimum, map_changes: list[_PathAndMap]
 ) -> float:
-    """Return the largest distance (see `_distance`) of the last pose and of poses before another minimum.
+    """Return the largest distance (see `_distance`) of some poses from the optimum of the same measurements.
 
-    These are the poses before a switch to another minimum, and in short bearing-only recordings those before a
-    change of the map. A missing optimum counts as infinitely far. Only before a change of the map it is ignored,
-    because where a landmark is about to be placed there may be none.
+    The poses are the last pose, poses before a switch to another minimum, and in short bearing-only recordings poses
+    before a change of the map. The distance is infinite if the optimum does not exist. Before a change of the map such
+    a pose is ignored, because an optimum need not exist just before a landmark is placed.
     """
-    path, landmarks = growing.path_and_map()
+    path, landmarks = incremental.path_and_map()
     if not SENSORS[recording.sensor].places_landmarks:
         farthest = _distance_if_any(estimate, lambda: optimum_from(recording, path))
     else:
         farthest = _distance_if_any(estimate, lambda: optimum_near(recording, path, landmarks))
-    for path_after, landmark_ids in growing.switches:
+    for path_after, landmark_ids in incremental.switches:
         if len(landmark_ids):
             part = recording.first(len(path_after) - 2)
             part = part.only(np.isin(part.landmark, landmark_ids))
@@ -136,13 +136,13 @@ def _largest_distance(
             with suppress(UndeterminedError):
                 farthest = max(farthest, _distance(optimum_from(part, after.path[:-1]), estimate))
             with suppress(UndeterminedError):
-                growing_start = bearing_only_optimum(part, lambda before=before: before.path)
-                farthest = max(farthest, _distance(growing_start, estimate))
+                optimum = bearing_only_optimum(part, lambda before=before: before.path)
+                farthest = max(farthest, _distance(optimum, estimate))
     return farthest
 
 
 def _distance_if_any(estimate: Estimate, optimum: Callable[[], Estimate]) -> float:
-    """Return `_distance` from an optimum; infinite if it does not exist."""
+    """Return `_distance` from an optimum, infinite if it does not exist."""
     try:
         return _distance(optimum(), estimate)
     except UndeterminedError:
@@ -150,12 +150,12 @@ def _distance_if_any(estimate: Estimate, optimum: Callable[[], Estimate]) -> flo
 
 
 def _distance(optimum: Estimate, estimate: Estimate) -> float:
-    """Return the distance of an optimum's last pose and sigmas from those of an estimate, in sigmas of the optimum."""
+    """Return the largest difference of pose or sigma at the last pose of an optimum, in sigmas of the optimum."""
     last = len(optimum.poses) - 1
     assert optimum.pose_covs is not None and estimate.pose_covs is not None
-    sigma, own = (np.sqrt(np.diag(covs[last])) for covs in (optimum.pose_covs, estimate.pose_covs))
-    apart = estimate.poses[last] - optimum.poses[last]
-    apart[2] = wrap(apart[2])
-    known = sigma > 1e-9  # m or rad
-    off = np.concatenate([np.abs(apart[known]) / sigma[known], np.abs(own[known] / sigma[known] - 1.0)])
-    return float(off.max(initial=0.0))
+    expected, sigma = (np.sqrt(np.diag(covs[last])) for covs in (optimum.pose_covs, estimate.pose_covs))
+    difference = estimate.poses[last] - optimum.poses[last]
+    difference[2] = wrap(difference[2])
+    free = expected > 1e-9  # m or rad; smaller sigmas are zero up to rounding
+    distances = [np.abs(difference[free]) / expected[free], np.abs(sigma[free] / expected[free] - 1.0)]
+    return float(np.concatenate(distances).max(initial=0.0))

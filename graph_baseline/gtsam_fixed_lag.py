@@ -1,7 +1,7 @@
 """GTSAM's incremental fixed-lag smoother on a recording, step by step.
 
-It is iSAM2 that marginalises what is older than the lag, by time stamps: here the step numbers. Landmarks get the
-newest stamp at every step, so they stay.
+This smoother is iSAM2 with marginalisation of variables whose time stamp is older than the lag. The time stamps are
+step numbers. Landmarks get the newest stamp at every step, so they are never marginalised.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from slamgauge.se2 import compose
 from slamgauge.validation import require_lag
 
 LAG = 20  # steps
-RELINEARIZE_THRESHOLD = 1e-3  # m or rad, at every step
-UPDATES = 2  # per step, each one Gauss-Newton step; the matrices of the first are those from before the new scan
+RELINEARIZE_THRESHOLD = 1e-3  # m or rad, checked at every step
+UPDATES = 2  # Gauss-Newton steps per scan; the first one uses the linearisation from before the scan
 
 
 @relative_to_start
@@ -32,12 +32,12 @@ def fixed_lag(recording: Recording, association: Int | None = None, lag: int = L
     """Return the newest pose of GTSAM's fixed-lag smoother at every step, and the final map.
 
     Poses in the window are relinearised; a marginalised pose keeps its last linearisation point. A bearing-only
-    landmark enters the graph when the bearings of the window place it; its bearings from before the window are lost.
-    Directions of zero variance get regularising noise (`gtsam_graph`).
+    landmark is added to the graph when its bearings in the window place it; its older bearings are lost. Directions of
+    zero variance get regularising noise (`gtsam_graph`).
 
     Args:
         recording: measurements.
-        association: (M,) ids that replace the recording's own; -1 leaves an observation out.
+        association: (M,) ids that replace those of the recording; -1 excludes an observation.
         lag: length of the window in steps, at least 1.
 
     Raises:
@@ -67,7 +67,7 @@ def fixed_lag(recording: Recording, association: Int | None = None, lag: int = L
 
 
 class FixedLagSmoother:
-    """GTSAM's fixed-lag smoother, fed with the steps of a recording.
+    """GTSAM's fixed-lag smoother, run step by step on a recording.
 
     Args:
         recording: known association.
@@ -86,7 +86,7 @@ class FixedLagSmoother:
 
     @property
     def used(self) -> Marks:
-        """(M,) whether each observation is or was in the graph."""
+        """(M,) True for observations that are or were in the graph."""
         return self._graph.used
 
     def add_step(self, k: int) -> tuple[Float, Float]:

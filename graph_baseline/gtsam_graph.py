@@ -5,10 +5,10 @@ Variables are poses X(k), k = 0..N, and landmarks L(id). Factors are GTSAM's bui
 
 Two parts of a recording have no direct counterpart in GTSAM:
 
-- The `position` sensor has no planar built-in factor. An observation enters as its range and bearing, with the
-  covariance J R J' that the conversion has at the measured point. On small recordings the optimum of this graph is
-  0.01 to 0.06 standard deviations away from the optimum of the position model.
-- A variance of zero, as for a robot that cannot slip sideways, becomes a constrained noise model. GTSAM's damped and
+- GTSAM has no planar factor for the `position` sensor. An observation becomes a range and a bearing with the
+  covariance J R J', where J is the Jacobian of the conversion at the measured point. On small recordings the optimum of
+  this graph is 0.01 to 0.06 standard deviations away from the optimum of the position model.
+- A variance of zero, for example of a robot without lateral slip, becomes a constrained noise model. GTSAM's damped and
   incremental solvers do not converge well with constraints, so they use regularising noise (`REGULARISING_NOISE`).
 """
 
@@ -33,8 +33,8 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import rotation
 from slamgauge.sensors import SENSORS
 
-# Standard deviation in a direction of zero variance, as a share of the largest standard deviation of the same step:
-# 0.1 mm for the exercise's robot, whose steps have 30 mm along the heading.
+# Standard deviation in a direction of zero variance, relative to the largest standard deviation of the same step:
+# 0.1 mm for the robot of the exercise, with 30 mm along the heading.
 REGULARISING_NOISE = 1.0 / 300.0
 
 
@@ -42,12 +42,12 @@ class GraphBuilder:
     """Factors of a recording with known association.
 
     Args:
-        recording: bearing-only landmarks must be those that their bearings can place (see `are_placed`).
-        regularising: standard deviation that replaces a zero, as a share of the largest of its step (for the prior:
+        recording: its bearings must place all bearing-only landmarks (see `are_placed`).
+        regularising: standard deviation that replaces zero, relative to the largest of the same step (for the prior:
             the largest of the prior and the first step); 0 keeps zero variances as constraints.
 
     Raises:
-        UserError: the association is unknown, or the observations leave a landmark undetermined.
+        UserError: the association is unknown, or the observations do not determine a landmark.
     """
 
     def __init__(self, recording: Recording, regularising: float = 0.0) -> None:
@@ -67,7 +67,7 @@ class GraphBuilder:
             X(0), gtsam.Pose2(*recording.prior_mean), _noise_model(prior_cov, regularising * largest)
         )
         self._odometry_noise = noise_models(recording.odometry_cov, regularising)
-        # GTSAM's order is bearing, range
+        # GTSAM's order is bearing, then range
         self._observation_noise = noise_models(polar_cov[:, ::-1, ::-1].copy())
         self._bounds = np.searchsorted(recording.observation_step, np.arange(recording.steps + 2)).tolist()
 
@@ -83,7 +83,7 @@ class GraphBuilder:
         return [(self._landmark[row], row) for row in range(self._bounds[k], self._bounds[k + 1])]
 
     def observation_factor(self, row: int) -> gtsam.NonlinearFactor:
-        """Return the factor of one row of the observations."""
+        """Return the factor of the observation in `row`."""
         pose, landmark = X(self._step[row]), L(self._landmark[row])
         polar, noise = self._polar[row], self._observation_noise(row)
         if len(polar) == 1:
@@ -94,8 +94,8 @@ class GraphBuilder:
 class IncrementalGraph:
     """Factors and initial values that each step of a recording adds, for GTSAM's incremental solvers.
 
-    A landmark enters the graph with its first observation. Bearing-only landmarks enter later, with all their bearings,
-    as soon as these place them (`triangulation`).
+    A landmark is added with its first observation. A bearing-only landmark is added later, with all its bearings, as
+    soon as they place it (`triangulation`).
 
     Args:
         recording: known association.
@@ -103,13 +103,13 @@ class IncrementalGraph:
 
     Attributes:
         mapped: ids of the landmarks in the graph.
-        used: (M,) whether each observation is in the graph.
+        used: (M,) True for observations in the graph.
     """
 
     def __init__(self, recording: Recording, regularising: float = REGULARISING_NOISE) -> None:
         self._recording = recording
         self._builder = GraphBuilder(recording, regularising)
-        self._waiting: dict[int, list[int]] = {}  # rows of each landmark that bearings do not place yet
+        self._waiting: dict[int, list[int]] = {}  # rows by id, for landmarks that their bearings do not place yet
         self.mapped: set[int] = set()
         self.used = np.zeros(len(recording.observation), dtype=np.bool_)
 
@@ -129,9 +129,9 @@ class IncrementalGraph:
         return graph, values
 
     def waiting(self, k: int, oldest: int = 0) -> dict[int, Int]:
-        """Return the landmarks observed at step k that wait to be placed, and rows of their bearings.
+        """Return the rows of the bearings of each waiting landmark that is observed at step k, by id.
 
-        Bearings of steps before `oldest` are forgotten.
+        Bearings of steps before `oldest` are dropped.
         """
         steps, waiting = self._recording.observation_step, dict[int, Int]()
         for name in sorted({name for name, _ in self._builder.observations(k)} & self._waiting.keys()):
@@ -140,7 +140,7 @@ class IncrementalGraph:
         return waiting
 
     def add_waiting(self, waiting: dict[int, Int], path: Float) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-        """Return factors and initial values of the waiting landmarks that their bearings place from `path` (k+1, 3)."""
+        """Return factors and initial values of waiting landmarks that their bearings from `path` (k+1, 3) place."""
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         for name, rows in waiting.items():
             landmark, sigma = triangulate_one(self._recording, rows, path)
@@ -191,9 +191,9 @@ def pose_array(pose: gtsam.Pose2) -> Float:
 
 
 def covariance_in_world(heading: float, covariance: Float) -> Float:
-    """Return a pose covariance (3, 3), additive in world coordinates, from GTSAM's, which is in the pose's own frame.
+    """Return the covariance (3, 3) of the additive pose error in the world frame, T C T' with T = blkdiag(R, 1).
 
-    It is T C T' with T = blkdiag(R(heading), 1).
+    GTSAM's `covariance` C is in the frame of the pose; R is its rotation by `heading`.
     """
     turn = np.eye(3)
     turn[:2, :2] = rotation(heading)
@@ -203,7 +203,7 @@ def covariance_in_world(heading: float, covariance: Float) -> Float:
 def noise_models(covariances: Float, regularising: float = 0.0) -> Callable[[int], gtsam.noiseModel.Base]:
     """Return a function from row to noise model of `covariances` (n, d, d); equal covariances share one model.
 
-    A standard deviation of zero becomes a constraint, or the share `regularising` of the row's largest one.
+    A standard deviation of zero becomes a constraint, or `regularising` times the largest one of its row.
     """
     models: dict[bytes, gtsam.noiseModel.Base] = {}
 
@@ -219,7 +219,7 @@ def noise_models(covariances: Float, regularising: float = 0.0) -> Callable[[int
 def _noise_model(covariance: Float, minimum_sigma: float) -> gtsam.noiseModel.Base:
     """Return the noise model of a covariance (d, d) whose standard deviations are raised to `minimum_sigma`."""
     sigmas = np.sqrt(np.diag(covariance))
-    correlated = np.abs(covariance) > 1e-12 * np.outer(sigmas, sigmas)  # smaller is rounding of a rotated frame
+    correlated = np.abs(covariance) > 1e-12 * np.outer(sigmas, sigmas)  # smaller entries are rounding of a rotation
     if not (correlated & ~np.eye(len(covariance), dtype=bool)).any():
         return gtsam.noiseModel.Diagonal.Sigmas(np.maximum(sigmas, minimum_sigma))
     scale = np.where(sigmas > 0, sigmas, 1.0)

@@ -1,6 +1,6 @@
 """GTSAM's iSAM2 on a recording, step by step: the newest pose and its covariance after every step.
 
-iSAM2 keeps the square-root information matrix as a Bayes tree and updates the part that a new scan touches. Every
+iSAM2 stores the square-root information matrix as a Bayes tree and updates the part that a new scan affects. Every
 `relinearize_skip` updates it relinearises the variables that have moved by more than `relinearize_threshold`.
 
 Source: Kaess et al., "iSAM2: Incremental smoothing and mapping using the Bayes tree", IJRR 31(2), 2012.
@@ -29,7 +29,8 @@ from slamgauge.graph_baseline.problem.undetermined import explained
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose
 
-RELINEARIZE_THRESHOLD = 0.1  # m or rad; this and the next are GTSAM's defaults
+# GTSAM's defaults
+RELINEARIZE_THRESHOLD = 0.1  # m or rad
 RELINEARIZE_SKIP = 10  # updates
 
 
@@ -44,14 +45,14 @@ def isam2(
 
     `causal` computes the same quantity at the minimum of the exact cost; iSAM2 stops at its relinearisation threshold.
 
-    What GTSAM cannot do: directions of zero variance get regularising noise, and positions enter as range and bearing
-    (`gtsam_graph`). A bearing-only landmark enters the graph when its bearings place it; the `association` of one that
-    they never place is -1.
+    Because of limits of GTSAM, directions of zero variance get regularising noise, and observed positions become range
+    and bearing (`gtsam_graph`). A bearing-only landmark is added when its bearings place it; the `association` of a
+    landmark that they never place is -1.
 
     Args:
         recording: measurements.
-        association: (M,) ids that replace the recording's own; -1 leaves an observation out.
-        relinearize_threshold: a variable that has moved by more is relinearised, m or rad.
+        association: (M,) ids that replace those of the recording; -1 excludes an observation.
+        relinearize_threshold: a variable that has moved by more than this is relinearised, m or rad.
         relinearize_skip: number of updates from one relinearisation to the next, at least 1.
 
     Raises:
@@ -61,9 +62,8 @@ def isam2(
     parameters = gtsam.ISAM2Params()
     parameters.setRelinearizeThreshold(relinearize_threshold)
     parameters.relinearizeSkip = relinearize_skip
-    parameters.setFactorization(
-        "QR"
-    )  # Cholesky loses the digits of regularising noise: q1-long-sparse fails at step 297
+    # Cholesky loses the digits of regularising noise: q1-long-sparse would fail at step 297.
+    parameters.setFactorization("QR")
     solver, steps = Isam2Solver(problem, parameters), problem.steps
     poses, pose_covs, seconds = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3)), np.zeros(steps + 1)
     with explained():
@@ -88,15 +88,15 @@ def isam2(
 
 
 class Isam2Solver:
-    """GTSAM's iSAM2, fed with the steps of a recording.
+    """GTSAM's iSAM2, run step by step on a recording.
 
     Args:
         recording: known association.
         parameters: GTSAM's settings.
-        regularising: replaces zero variances, as for `GraphBuilder`.
+        regularising: as for `GraphBuilder`.
 
     Attributes:
-        isam: the solver itself, for marginals and estimates.
+        isam: GTSAM's solver, for marginals and estimates.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class Isam2Solver:
 
     @property
     def association(self) -> Int:
-        """(M,) landmark of each observation in the graph, -1 for the others."""
+        """(M,) landmark id of each observation, -1 if it is not in the graph."""
         return np.where(self._graph.used, self._recording.landmark, -1)
 
     def add_step(self, k: int) -> Float:

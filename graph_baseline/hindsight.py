@@ -1,15 +1,14 @@
-"""The hindsight optimum: all measurements at once, every pose and landmark with its covariance.
+"""The hindsight optimum: all poses and landmarks with their covariances, given all measurements.
 
-1. GTSAM's Levenberg-Marquardt starts from a path, dead reckoning by default, with regularising noise on zero variances.
-2. Damped steps (`levenberg_marquardt`) approach a minimum of the recording's own cost, with exact zero variances.
-3. If the stated noise explains the cost (chi-square of its degrees of freedom), the search ends. Otherwise other starts
-   are tried: inflated observation noise, the causal optimum's path, a start that grows portion by portion, and dead
-   reckoning itself.
+1. GTSAM's Levenberg-Marquardt starts from a path, by default dead reckoning, with regularising noise on zero variances.
+2. Damped steps (`levenberg_marquardt`) approach a minimum of the exact cost, in which zero variances are constraints.
+3. If the stated noise explains the cost (chi-square test), the search ends. Otherwise other starts are tried: inflated
+   observation noise, the path of the causal optimum, a start that adds the recording in portions, and dead reckoning.
 4. Gauss-Newton steps converge to the lowest minimum.
 
-A bearing-only landmark is added when bearings place it from the optimum without it, and removed when the optimum
-with it no longer places it. Unless all are placed, the search starts again with the path of the causal optimum,
-which places more of them than dead reckoning does.
+A bearing-only landmark is added if its bearings place it from the optimum without it, and removed if the optimum with
+it no longer places it. Unless all landmarks are placed, the search is repeated from the path of the causal optimum,
+which places more landmarks than dead reckoning.
 """
 
 from __future__ import annotations
@@ -53,8 +52,8 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
 
     Args:
         recording: measurements.
-        association: (M,) ids that replace the recording's own, for instance an `Estimate.association`; -1 leaves an
-            observation out.
+        association: (M,) ids that replace those of the recording, for instance an `Estimate.association`; -1 excludes
+            an observation.
 
     Raises:
         UserError: the association is unknown, the measurements leave a variable undetermined, or no minimum was found.
@@ -70,7 +69,7 @@ def batch(recording: Recording, association: Int | None = None) -> Estimate:
 
 
 def bearing_only_optimum(recording: Problem, incremental_path: Callable[[], Float]) -> Estimate:
-    """Return `batch` of a bearing-only recording; `incremental_path` computes the causal optimum's path (N+1, 3)."""
+    """Return `batch` of a bearing-only recording; `incremental_path` computes the path (N+1, 3) of `causal`."""
     path = recording.dead_reckoning
     with suppress(UndeterminedError):
         taken, found = placed_minimum(recording, path, _starts)
@@ -82,12 +81,12 @@ def bearing_only_optimum(recording: Problem, incremental_path: Callable[[], Floa
 
 
 def optimum_from(recording: Problem, path: Float) -> Estimate:
-    """Return `batch` with a path (N+1, 3) as first start."""
+    """Return `batch` with the path (N+1, 3) as first start."""
     return _estimate(recording, *placed_minimum(recording, path, _starts))
 
 
 def optimum_near(recording: Problem, path: Float, landmarks: Float) -> Estimate:
-    """Return `batch` with a path (N+1, 3) and a map (L, 2) of all landmarks, ids increasing, as first start."""
+    """Return `batch` with the path (N+1, 3) and map (L, 2) of all landmarks, ids increasing, as first start."""
     starts = itertools.chain([lambda: (path, landmarks)], _starts(recording, path))
     return _estimate(recording, recording.landmark, lowest_minimum(recording, starts))
 
@@ -108,27 +107,27 @@ def _estimate(recording: Problem, taken: Int, found: Minimum) -> Estimate:
 
 def incremental_start(recording: Problem) -> tuple[Float, Float]:
     """Return poses and landmarks of the incremental optimum."""
-    growing = IncrementalOptimum(recording)
+    incremental = IncrementalOptimum(recording)
     for _ in range(recording.steps + 1):
-        growing.add_step()
-        if not growing.converged:
-            raise UndeterminedError("batch: the first steps have no minimum of their own; check ids and covariances")
-    return start_of(growing, recording)
+        incremental.add_step()
+        if not incremental.converged:
+            raise UndeterminedError("batch: the first steps alone have no minimum; check ids and covariances")
+    return start_of(incremental, recording)
 
 
-def start_of(growing: IncrementalOptimum, recording: Problem) -> tuple[Float, Float]:
+def start_of(incremental: IncrementalOptimum, recording: Problem) -> tuple[Float, Float]:
     """Return poses (N+1, 3) and landmarks (L, 2) of an incremental optimum.
 
     Inactive landmarks are at their first observation.
     """
-    poses, found = growing.path_and_map()
+    poses, found = incremental.path_and_map()
     landmarks = landmarks_at_first_observation(recording, poses)
-    landmarks[np.isin(recording.landmark_ids, growing.landmark_ids)] = found
+    landmarks[np.isin(recording.landmark_ids, incremental.landmark_ids)] = found
     return poses, landmarks
 
 
 def _starts(recording: Problem, path: Float) -> Iterator[Start]:
-    """Yield functions that return starting poses (N+1, 3) and landmarks (L, 2), the most likely first."""
+    """Yield functions that return starting poses (N+1, 3) and landmarks (L, 2), the most promising first."""
     odometry = recording.dead_reckoning
     yield lambda: descent_start(recording, path)
     yield lambda: inflated_noise_start(recording, path)

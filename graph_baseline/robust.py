@@ -1,8 +1,8 @@
 """The hindsight optimum without outliers.
 
 GTSAM's graduated non-convexity with truncated least squares (Yang, Antonante, Tzoumas and Carlone, "Graduated
-non-convexity for robust spatial perception", RA-L 5(2), 2020) decides which observations are inliers; prior and
-odometry always are. `batch` solves for the inliers exactly.
+non-convexity for robust spatial perception", RA-L 5(2), 2020) selects the inliers among the observations. Prior and
+odometry are inliers. `batch` then computes the optimum of the inliers.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def robust_batch(recording: Recording, association: Int | None = None) -> Estima
 
     Args:
         recording: measurements.
-        association: (M,) ids that replace the recording's own; -1 leaves an observation out.
+        association: (M,) ids that replace those of the recording; -1 excludes an observation.
 
     Raises:
         UserError: as `batch`.

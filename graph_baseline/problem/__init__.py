@@ -1,1 +1,1 @@
-"""The optimisation problem of a recording: exact residuals, Jacobians, and how a solution moves."""
+"""The optimisation problem of a recording: exact residuals, Jacobians and retractions."""

@@ -1,8 +1,8 @@
-"""Motion noise of a recording, in the directions that have noise.
+"""Motion noise of a recording; directions of zero variance are constraints.
 
-A direction of zero variance in a motion's residual is a constraint. The residual xi = Log(measured^-1 between) of
-SE(2) is then D V c, where the columns of V span the range of the noise's correlation matrix, and D contains its
-standard deviations. The start counts as a motion from the prior mean.
+The residual of a motion is xi = Log(measured^-1 between) in SE(2). It is written as xi = D V c: D contains the standard
+deviations of the noise, and the columns of V span the range of its correlation matrix. The start is treated as a motion
+from the prior mean.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from slamgauge.graph_baseline.problem.preparation import prior_cov_in_body
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, compose, exp, log
 
-SINGULAR = 1e-12  # smaller eigenvalues of a correlation matrix count as zero
+SINGULAR = 1e-12  # smaller eigenvalues of a correlation matrix are treated as zero
 
 
 class MotionNoise:
-    """Residuals of the start and of the motions, in the directions that have noise."""
+    """Residuals of the start and of the motions in the directions with noise."""
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
@@ -30,15 +30,15 @@ class MotionNoise:
         self._root = np.sqrt(np.where(self._free, weights, 1.0))
 
     def cost(self, poses: Float) -> float:
-        """Return half the sum of squared residuals of poses (N+1, 3), without constrained directions."""
+        """Return half the sum of squared whitened residuals of poses (N+1, 3), without constrained directions."""
         return 0.5 * float(np.square(self._coordinates(self.residuals(poses)) / self._root).sum())
 
     def satisfying_constraints(self, poses: Float) -> Float:
-        """Return the poses (N+1, 3) with the residuals of `poses`, constrained directions set to zero."""
+        """Return poses (N+1, 3) with the residuals of `poses`, but zero residuals in constrained directions."""
         return poses if self._free.all() else self.path(self.residuals(poses))
 
     def path(self, residuals: Float) -> Float:
-        """Return the poses (N+1, 3) with these residuals (N+1, 3), constrained directions set to zero."""
+        """Return poses (N+1, 3) with the given residuals (N+1, 3), but zero residuals in constrained directions."""
         recording = self._recording
         increments = exp(np.einsum("nij,nj->ni", self._axes, self._coordinates(residuals)) * self._scale)
         return chain(compose(recording.prior_mean, increments[0]), compose(recording.odometry, increments[1:]))

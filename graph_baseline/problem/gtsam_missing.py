@@ -1,4 +1,4 @@
-"""Estimators that need GTSAM, on a system that does not have it."""
+"""Substitutes for estimators that need GTSAM, if it is not installed."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from slamgauge.errors import UserError
 
 
 def unavailable(name: str, alternative: str, error: ImportError) -> Callable[..., NoReturn]:
-    """Return a function called `name` that raises a UserError of one line, which names an `alternative` estimator."""
+    """Return a function `name` that raises a UserError with the import `error` and an `alternative` estimator."""
     reason = str(error).splitlines()[0]
 
     def missing(*_: object, **__: object) -> NoReturn:
-        raise UserError(f"needs GTSAM, which cannot be had here ({reason}); {alternative} does without it")
+        raise UserError(f"needs GTSAM, which cannot be imported ({reason}); use {alternative}, which does not need it")
 
     missing.__name__ = name
     return missing

@@ -1,8 +1,8 @@
-"""The recording's exact model linearised at a solution, as plain arrays in world coordinates.
+"""The exact model of a recording, linearised at a solution, as arrays in world coordinates.
 
-Unknowns are additive: dx_k = (x, y, heading) of pose k, dm = landmark positions. Motion noise enters as
-GTSAM's between factor has it, Log(measured^-1 between) ~ N(0, Q) with the logarithm of SE(2), so a
-linearised step reads dx_{k+1} = F dx_k + c + w, w ~ N(0, W), and W may be singular.
+Unknowns are additive: dx_k = (x, y, heading) of pose k, dm = landmark positions. The model of motion noise is that of
+GTSAM's between factor, Log(measured^-1 between) ~ N(0, Q) with the logarithm of SE(2). The linearised step is
+dx_{k+1} = F dx_k + c + w, w ~ N(0, W), and W may be singular.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class LinearModel(NamedTuple):
 
 
 def linearise(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> LinearModel:
-    """Linearise at `poses` (N+1, 3) and `landmarks` (L, 2); `slot` (M,) is the landmark of each observation."""
+    """Return the model linearised at `poses` (N+1, 3) and `landmarks` (L, 2); observations have slots `slot` (M,)."""
     prior_residual = log(between(recording.prior_mean, poses[0])[None])
     residual = log(between(recording.odometry, between(poses[:-1], poses[1:])))
     turn = np.zeros((len(poses), 3, 3))
@@ -59,7 +59,7 @@ def linearise(recording: Recording, slot: Int, poses: Float, landmarks: Float) -
     )
 
 
-@np.errstate(divide="ignore", invalid="ignore")  # a landmark on a pose gives nan; callers check the step
+@np.errstate(divide="ignore", invalid="ignore")  # a landmark at the position of a pose gives NaN, which callers check
 def _observations(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Float]:
     """Return whitened Jacobians by pose (M, d, 3) and landmark (M, d, 2), and whitened residuals h - z (M, d)."""
     offset, to_body, delta = _in_body(recording, slot, poses, landmarks)
@@ -71,13 +71,13 @@ def _observations(recording: Recording, slot: Int, poses: Float, landmarks: Floa
 
 
 def whitened_residuals(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> Float:
-    """Return residuals h - z (M, d) of the observations in standard deviations."""
+    """Return whitened residuals h - z (M, d) of the observations."""
     delta = _in_body(recording, slot, poses, landmarks)[2]
     return np.einsum("mij,mj->mi", inverse_cholesky(recording.observation_cov), _residuals(recording, delta))
 
 
 def _in_body(recording: Recording, slot: Int, poses: Float, landmarks: Float) -> tuple[Float, Float, Float]:
-    """Return offsets (M, 2) of observed landmarks, rotations (M, 2, 2) to the body frame, offsets there (M, 2)."""
+    """Return landmark minus robot position (M, 2), rotations (M, 2, 2) to the body frame, and their products (M, 2)."""
     pose = poses[recording.observation_step]
     offset = landmarks[slot] - pose[:, :2]
     to_body = rotation(pose[:, 2]).swapaxes(1, 2)
@@ -85,7 +85,7 @@ def _in_body(recording: Recording, slot: Int, poses: Float, landmarks: Float) ->
 
 
 def _residuals(recording: Recording, delta: Float) -> Float:
-    """Return predicted less measured observations (M, d) for landmarks at `delta` (M, 2) in the body frame."""
+    """Return predicted minus measured observations (M, d) for landmarks at `delta` (M, 2) in the body frame."""
     return innovation(recording.sensor, predict(recording.sensor, delta), recording.observation)
 
 
@@ -103,10 +103,10 @@ def inverse_cholesky(covariance: Float) -> Float:
 
 
 def cost(recording: Recording, poses: Float, landmark_ids: Int, landmarks: Float) -> float:
-    """Return half the sum of squared whitened residuals: GTSAM's error, on the recording's exact model.
+    """Return half the sum of squared whitened residuals of the exact model, which GTSAM calls the error.
 
-    It is infinite where a motion violates a zero variance by more than 1e-6 (m or rad). `landmark_ids` must contain
-    every landmark of the recording.
+    It is infinite if a motion violates a zero variance by more than 1e-6 (m or rad). `landmark_ids` must contain every
+    landmark of the recording.
     """
     order = np.argsort(landmark_ids)
     slot = order[np.searchsorted(landmark_ids, require_known_landmarks(recording), sorter=order)]
@@ -118,7 +118,7 @@ def cost(recording: Recording, poses: Float, landmark_ids: Int, landmarks: Float
 
 
 def _mahalanobis(residual: Float, covariance: Float) -> float:
-    """Return the sum of r' C^-1 r over rows; infinite where r leaves the range of C."""
+    """Return the sum of r' C^-1 r over rows, infinite if an r is not in the range of its C."""
     variance, axes = np.linalg.eigh(covariance)
     along = np.einsum("nij,ni->nj", axes, residual)
     free = variance > 1e-12 * variance[:, -1:]

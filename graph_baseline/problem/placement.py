@@ -1,4 +1,4 @@
-"""Triangulation of bearing-only landmarks from a path, and which landmarks it determines."""
+"""Triangulation of bearing-only landmarks from a path."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from slamgauge.arrays import Float, Int
 from slamgauge.recording import Recording
 from slamgauge.triangulation import triangulate
 
-SURE = 0.3  # a landmark counts as placed below this standard deviation over distance
-TRACK_BREAK = 1.0  # s without observation, after which drift of the path ends a track
+SURE = 0.3  # largest standard deviation of a placed landmark, relative to its distance
+TRACK_BREAK = 1.0  # time without observation that ends a track [s], because the path drifts meanwhile
 
 
 def tracks(recording: Recording, rows: Int) -> list[Int]:
-    """Return the rows of a landmark's observations, split at long absences."""
+    """Return the rows of a landmark's observations, split into tracks without long gaps."""
     stamps = recording.stamps[recording.observation_step[rows]]
     return np.split(rows, np.flatnonzero(np.diff(stamps) > TRACK_BREAK) + 1)
 
@@ -21,8 +21,8 @@ def tracks(recording: Recording, rows: Int) -> list[Int]:
 def triangulate_all(recording: Recording, poses: Float) -> tuple[Int, Float, Float]:
     """Return ids (L,), landmarks (L, 2) and sigmas (L,) [m] of a bearing-only recording observed from `poses`.
 
-    Ids are increasing. A landmark is triangulated from the first track that places it, or from all its bearings;
-    sigma is infinite if neither does.
+    Ids are increasing. A landmark is triangulated from the first track that places it, or else from all its bearings.
+    Its sigma is infinite if these do not place it.
     """
     assert recording.landmark is not None
     ids = np.unique(recording.landmark)
@@ -33,7 +33,7 @@ def triangulate_all(recording: Recording, poses: Float) -> tuple[Int, Float, Flo
 
 
 def do_not_meet(recording: Recording, rows: Int, poses: Float) -> bool:
-    """Return whether the bearings in `rows` are precise enough to place a landmark from `poses` but inconsistent."""
+    """Return whether the bearings in `rows` from `poses` are inconsistent, though precise enough for a landmark."""
     seen_from = poses[recording.observation_step[rows]]
     found = triangulate(seen_from, recording.observation[rows, 0], recording.observation_cov[rows, 0, 0], SURE)
     distance = float(np.hypot(*(found.landmark - seen_from[:, :2]).T).min())

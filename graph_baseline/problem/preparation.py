@@ -1,4 +1,4 @@
-"""Preparation of a recording for graphs: known ids, landmarks that can be placed, the frame of the start."""
+"""Preparation of a recording for factor graphs: ids, placed landmarks, and the frame of the start."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from slamgauge.validation import require_type
 Rest = ParamSpec("Rest")
 
 POLAR = "range-bearing"
-NEAREST = 1e-6  # m; a landmark at the sensor has no bearing
-MAX_LANDMARK_SIGMA = 3e5  # m; larger values hide in the rounding of a millimetre's information
+NEAREST = 1e-6  # smallest distance of an observed position [m]; a landmark at the sensor has no bearing
+MAX_LANDMARK_SIGMA = 3e5  # m; the information of a larger value is rounding, relative to that of a millimetre
 
 
 @dataclass(frozen=True, eq=False)
 class Problem(Recording):
-    """A recording with known association, and the tables of its landmarks. `prepare` makes one."""
+    """A recording with known association and tables of its landmarks; `prepare` returns it."""
 
     landmark: Int
 
@@ -44,17 +44,17 @@ class Problem(Recording):
 
     @cached_property
     def slot(self) -> Int:
-        """(M,) place of each observation's landmark among `landmark_ids`."""
+        """(M,) index of each observation's landmark in `landmark_ids`."""
         return np.searchsorted(self.landmark_ids, self.landmark)
 
     @cached_property
     def dead_reckoning(self) -> Float:
-        """(N+1, 3) path of the odometry alone."""
+        """(N+1, 3) path of dead reckoning."""
         return chain(self.prior_mean, self.odometry)
 
 
 def prepare(recording: Recording, association: Int | None = None) -> Problem:
-    """Return the problem of a recording, with the ids of `association` (M,) in place of its own unless it is None.
+    """Return the problem of a recording; `association` (M,) replaces its ids unless it is None.
 
     Raises:
         UserError: unknown association.
@@ -74,7 +74,7 @@ def require_known_landmarks(recording: Recording) -> Int:
         UserError: unknown association.
     """
     if recording.landmark is None:
-        raise UserError("landmark: the graph needs known association; give ids, or run it under a filter's: batch@ekf")
+        raise UserError("landmark: the graph needs known association; give ids, or use those of a filter, as batch@ekf")
     return recording.landmark
 
 
@@ -89,16 +89,16 @@ def as_range_bearing(recording: Recording) -> tuple[Float, Float]:
 
 
 def prior_cov_in_body(recording: Recording) -> Float:
-    """Return the prior covariance (3, 3) in the body frame of its mean, as GTSAM takes it."""
+    """Return the prior covariance (3, 3) in the frame of the prior mean, which is GTSAM's convention."""
     turn = np.eye(3)
     turn[:2, :2] = rotation(recording.prior_mean[2])
     return turn.T @ recording.prior_cov @ turn
 
 
 def least_known_landmark(recording: Problem) -> tuple[int, float]:
-    """Return the least certain landmark, seen from dead reckoning, and its largest sigma [m].
+    """Return the id of the least certain landmark, observed from dead reckoning, and its largest sigma [m].
 
-    It is (-1, 0.0) for a recording without observations.
+    Returns (-1, 0.0) for a recording without observations.
     """
     if not SENSORS[recording.sensor].places_landmarks:
         ids, _, sigmas = triangulate_all(recording, recording.dead_reckoning)
@@ -108,7 +108,7 @@ def least_known_landmark(recording: Problem) -> tuple[int, float]:
     if len(polar) == 0:
         return -1, 0.0
     path = recording.dead_reckoning
-    H = rotation(path[recording.observation_step, 2] + polar[:, 1]).swapaxes(1, 2)  # along the ray, and across it
+    H = rotation(path[recording.observation_step, 2] + polar[:, 1]).swapaxes(1, 2)  # rows: along and across the ray
     H[:, 1] /= np.maximum(polar[:, :1], 1e-6)
     information = np.zeros((len(recording.landmark_ids), 2, 2))
     np.add.at(information, recording.slot, H.swapaxes(1, 2) @ np.linalg.inv(polar_cov) @ H)
@@ -118,10 +118,10 @@ def least_known_landmark(recording: Problem) -> tuple[int, float]:
 
 
 def require_placeable(recording: Problem) -> None:
-    """Raise if ranges and bearings leave a landmark so uncertain that rounding hides the rest.
+    """Require that observations determine each landmark well enough for double precision.
 
     Raises:
-        UserError: names the landmark.
+        UserError: the sigma of a landmark exceeds MAX_LANDMARK_SIGMA.
     """
     if SENSORS[recording.sensor].places_landmarks:
         landmark, sigma = least_known_landmark(recording)
@@ -130,10 +130,10 @@ def require_placeable(recording: Problem) -> None:
 
 
 def are_placed(recording: Problem, path: Float) -> Marks:
-    """Return which observations (M,) belong to landmarks that can be placed from a path (N+1, 3); with ranges, all.
+    """Return a mask (M,) of the observations whose landmark can be placed from a path (N+1, 3).
 
-    A bearing-only landmark with one observation or without parallax cannot be placed; it has next to no information
-    about the path.
+    Sensors with ranges or positions place all landmarks. A bearing-only landmark with one observation or without
+    parallax cannot be placed, and has almost no information about the path.
     """
     if SENSORS[recording.sensor].places_landmarks:
         return np.ones(len(recording.observation), dtype=bool)
@@ -142,18 +142,19 @@ def are_placed(recording: Problem, path: Float) -> Marks:
 
 
 def are_placed_best(recording: Problem, path: Float, among: Marks) -> Marks:
-    """Return which observations (M,) belong to the better placed half, rounded down, of the landmarks `among` (M,).
+    """Return a mask (M,) of the observations of the best placed half of bearing-only landmarks.
 
-    For bearings taken from a path (N+1, 3).
+    The half is rounded down. Only landmarks with observations in the mask `among` (M,) count; their bearings are
+    observed from the path (N+1, 3).
     """
     ids, _, sigmas = triangulate_all(recording.only(among), path)
     return np.isin(recording.landmark, ids[np.argsort(sigmas, kind="stable")[: len(ids) // 2]])
 
 
 def are_inconsistent(recording: Problem, path: Float, among: Marks) -> Marks:
-    """Return which observations (M,) belong to landmarks with precise but inconsistent bearings from a path (N+1, 3).
+    """Return a mask (M,) of the observations of landmarks with precise but inconsistent bearings from a path (N+1, 3).
 
-    Only landmarks with observations `among` (M,) are checked.
+    Only landmarks with observations in the mask `among` (M,) are checked.
     """
     ids = recording.landmark
     found = [name for name in np.unique(ids[among]) if do_not_meet(recording, np.flatnonzero(ids == name), path)]
@@ -161,14 +162,14 @@ def are_inconsistent(recording: Problem, path: Float, among: Marks) -> Marks:
 
 
 def are_reobserved(recording: Problem) -> Marks:
-    """Return which observations (M,) belong to landmarks that several poses observe."""
+    """Return a mask (M,) of the observations of landmarks that several poses observe."""
     slot = recording.slot
     pairs = np.unique(np.column_stack([slot, recording.observation_step]), axis=0)
     return np.bincount(pairs[:, 0])[slot] > 1
 
 
 def with_association(estimate: Estimate, association: Int | None) -> Estimate:
-    """Return the estimate of `prepare(recording, association)` with its association for all rows of the recording."""
+    """Return an estimate of the associated observations with an association (M,) for all rows of the recording."""
     if association is None:
         return estimate
     full = np.full(len(association), -1)
@@ -177,7 +178,7 @@ def with_association(estimate: Estimate, association: Int | None) -> Estimate:
 
 
 def in_frame_of_start(recording: Recording) -> Recording:
-    """Return the recording moved so that its prior mean is the origin."""
+    """Return the recording in the frame of its prior mean."""
     if not recording.prior_mean.any():
         return recording
     return replace(recording, prior_mean=np.zeros(3), prior_cov=prior_cov_in_body(recording))
@@ -186,9 +187,9 @@ def in_frame_of_start(recording: Recording) -> Recording:
 def relative_to_start(
     estimator: Callable[Concatenate[Recording, Rest], Estimate],
 ) -> Callable[Concatenate[Recording, Rest], Estimate]:
-    """Return the estimator, computing in the frame of the start.
+    """Wrap an estimator so that it computes in the frame of the start.
 
-    No digits are lost far from the origin, and results do not depend on the initial heading.
+    It then loses no digits far from the origin, and its results do not depend on the initial heading.
     """
 
     @wraps(estimator)
@@ -213,7 +214,7 @@ def relative_to_start(
 
 
 def landmarks_at_first_observation(recording: Problem, poses: Float) -> Float:
-    """Return landmarks (L, 2), ids increasing, where their first observations from `poses` put them."""
+    """Return landmarks (L, 2), ids increasing, at their first observations from `poses`, or triangulated."""
     if not SENSORS[recording.sensor].places_landmarks:
         return triangulate_all(recording, poses)[1]
     rows = recording.first_row

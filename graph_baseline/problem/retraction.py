@@ -1,7 +1,7 @@
-"""Two retractions of a linear step. They agree to first order.
+"""Two retractions of a linear step, equal to first order.
 
-For small turns they are equivalent. Where a step bends the path strongly, `retract_pointwise` moves each pose by
-its own step, `retract_by_motions` changes each motion a little. The solver takes the cheaper result.
+They differ if a step bends the path strongly: `retract_pointwise` moves each pose by its step, `retract_by_motions`
+changes each motion by a small amount. The solver uses the result with the lower cost.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ def retract_pointwise(
 ) -> tuple[Float, Float]:
     """Return path and map after a step (N+1, 3), (L, 2): each point moves by V(turn) step, V(t) = (R(t) - I) / (t J).
 
-    A common turn about any point then keeps all distances, which an additive step would stretch. A landmark turns
-    by the mean turn of the poses that observe it.
+    A rotation of all points about a common centre then keeps all distances; an additive step would stretch them. The
+    turn of a landmark is the mean turn of the poses that observe it.
     """
     turn = dx[:, 2]
     seen = np.maximum(np.bincount(model.slot, minlength=len(dm)), 1)
@@ -34,8 +34,8 @@ def retract_by_motions(
 ) -> tuple[Float, Float]:
     """Return path and map after a step (N+1, 3), (L, 2) that changes the residuals of the motions.
 
-    The turn of one motion turns all poses after it. A landmark moves with the pose of its first observation, plus
-    its own step relative to that pose.
+    A turn of one motion rotates all later poses. A landmark moves with the pose of its first observation, plus its step
+    relative to this pose.
     """
     change = dx.copy()
     change[1:] -= np.einsum("nij,nj->ni", model.F, dx[:-1])

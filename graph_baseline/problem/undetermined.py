@@ -1,4 +1,4 @@
-"""Errors that name the undetermined landmark or pose, and the remedy."""
+"""Errors that name an undetermined landmark or pose and the remedy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class UndeterminedError(UserError):
     """The measurements do not determine the optimum, or it was not reached.
 
     Attributes:
-        path: (N+1, 3) where a search ended, if it did.
+        path: (N+1, 3) last path of a search that did not converge.
     """
 
     path: Float | None = None
@@ -22,7 +22,7 @@ class UndeterminedError(UserError):
 
 @contextmanager
 def explained() -> Generator[None]:
-    """Turn GTSAM's report of an indeterminate system into one line that names variable and remedy."""
+    """Convert GTSAM's error about an indeterminate system to an UndeterminedError with variable and remedy."""
     try:
         yield
     except RuntimeError as error:

@@ -1,4 +1,4 @@
-"""The landmarks in an incremental optimum: their slots, and which of them bearings may no longer place."""
+"""The active landmarks of an incremental optimum, and their slots."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from slamgauge.graph_baseline.problem.residuals import Measured
 from slamgauge.graph_baseline.solver.linear_problem import State
 from slamgauge.sensors import SENSORS
 
-CERTAIN = SURE / 2  # sigma over distance; a landmark below it is not checked again
+CERTAIN = SURE / 2  # sigma over distance; a landmark with a smaller value is not checked again
 
 
 class ActiveLandmarks:
@@ -20,8 +20,8 @@ class ActiveLandmarks:
 
     Args:
         recording: known association.
-        measured: the recording in the form that kernels take; its `slot` is written here.
-        state: current path and map; a landmark's position is written here when it becomes active.
+        measured: the recording as arrays for kernels; this class writes its `slot`.
+        state: current path and map; this class writes the position of a landmark that becomes active.
     """
 
     def __init__(self, recording: Problem, measured: Measured, state: State) -> None:
@@ -43,7 +43,7 @@ class ActiveLandmarks:
         return self._state.landmarks[: len(self)].copy()
 
     def map_scan(self, newest: int) -> None:
-        """Assign slots to the newest scan's observations; new bearing-only landmarks wait without one."""
+        """Assign slots to the observations of the newest scan; new bearing-only landmarks wait without a slot."""
         first, last = self._measured.first[newest : newest + 2]
         for row in range(first, last):
             name = int(self._ids[row])
@@ -52,7 +52,7 @@ class ActiveLandmarks:
             self._measured.slot[row] = self._slot.get(name, -1)
 
     def map_waiting(self, newest: int, but: set[int]) -> set[int]:
-        """Assign slots to waiting landmarks, except `but`, that bearings place from the path; return their ids."""
+        """Assign slots to waiting landmarks, except `but`, that their bearings place; return these ids."""
         rows = np.arange(self._measured.first[newest + 1])
         found, ids = set[int](), self._ids[: len(rows)]
         for name in sorted({*ids[self._measured.slot[rows] < 0].tolist()} - but):
@@ -64,18 +64,18 @@ class ActiveLandmarks:
         return found
 
     def waiting_in_scan(self, newest: int) -> list[int]:
-        """Return the ids of landmarks that the newest pose observes and that have no slot."""
+        """Return the ids of waiting landmarks that the newest pose observes."""
         rows = slice(*self._measured.first[newest : newest + 2])
         return self._ids[rows][self._measured.slot[rows] < 0].tolist()
 
     def any_placed(self, newest: int, names: list[int], path: Float) -> bool:
-        """Return whether bearings from a path (newest+1, 3) place any of these landmarks."""
+        """Return whether bearings from a path (newest+1, 3) place any of the landmarks `names`."""
         ids = self._ids[: self._measured.first[newest + 1]]
         rows = (np.flatnonzero(ids == name) for name in names)
         return any(np.isfinite(triangulate_one(self._recording, each, path)[1]) for each in rows)
 
     def remove_unplaced(self, newest: int) -> bool:
-        """Remove landmarks that their bearings no longer place; return whether there were any."""
+        """Remove landmarks that their bearings no longer place; return whether any was removed."""
         kept = {name for name in self._slot if name not in self._uncertain or self._is_placed(newest, name)}
         ids = self.ids
         if len(kept) == len(ids):
@@ -86,7 +86,7 @@ class ActiveLandmarks:
         return True
 
     def set_mapped(self, newest: int, ids: Int, landmarks: Float) -> None:
-        """Assign slots to landmarks (L, 2) with these ids, and to no others."""
+        """Assign slots to exactly the landmarks (L, 2) with the given ids (L,)."""
         self._slot = {name: slot for slot, name in enumerate(ids.tolist())}
         self._state.landmarks[: len(ids)] = landmarks
         rows = self._measured.first[newest + 1]
@@ -97,12 +97,12 @@ class ActiveLandmarks:
         self._uncertain = set(self._slot)
 
     def _map(self, name: int, landmark: Float) -> None:
-        """Assign the next slot to a landmark at (2,)."""
+        """Assign the next slot to a landmark at the position (2,)."""
         slot = self._slot[name] = len(self._slot)
         self._state.landmarks[slot] = landmark
 
     def _is_placed(self, newest: int, name: int) -> bool:
-        """Return whether bearings place a landmark; one that they place well is not checked again."""
+        """Return whether its bearings place a landmark; mark a landmark with a small sigma as certain."""
         rows = np.flatnonzero(self._ids[: self._measured.first[newest + 1]] == name)
         if np.isfinite(triangulate_one(self._recording, rows, self._state.poses, CERTAIN)[1]):
             self._uncertain.remove(name)

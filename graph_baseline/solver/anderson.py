@@ -1,9 +1,10 @@
 """Anderson acceleration of a fixed-point iteration.
 
-Gauss-Newton steps leave out second derivatives times residuals. Where residuals are large, the steps shrink slowly by a
-constant factor or diverge. The same holds for chord steps, whose matrices belong to another point (`chord_descent`).
-Anderson acceleration combines the last moves so that, if the iteration were linear, the next step would be zero.
-Source: Anderson (J. ACM 12(4), 1965); Walker & Ni (SIAM J. Numer. Anal. 49(4), 2011).
+Gauss-Newton neglects the second derivatives of residuals. With large residuals its steps converge slowly or diverge.
+The same happens to chord steps, whose matrices were computed at another point (`chord_descent`). Anderson acceleration
+combines the last moves so that the next step would be smallest if the iteration were linear.
+
+Sources: Anderson (J. ACM 12(4), 1965); Walker & Ni (SIAM J. Numer. Anal. 49(4), 2011).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from slamgauge.arrays import Float
 
 MEMORY = 10  # stored moves
-FAST = 0.3  # a step that is smaller than this share of the step before needs no acceleration
+FAST = 0.3  # a step below this share of the previous step is not accelerated
 RESOLVED = 1e-10  # singular values below this share of the largest are rounding
 
 
@@ -31,8 +32,8 @@ class AndersonAcceleration:
         """Return the accelerated move (n,) for a proposed `step` (n,).
 
         Args:
-            step: in the iteration's own coordinates.
-            scaled: (m,) a linear function of the step, in standard deviations; its size is minimised.
+            step: step of the iteration, in its coordinates.
+            scaled: (m,) a linear function of the step in standard deviations, whose norm is minimised.
         """
         self._steps.append(step)
         self._scaled.append(scaled)

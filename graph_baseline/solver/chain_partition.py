@@ -1,9 +1,9 @@
-"""A chain of poses cut into pieces, each with the few landmarks that its scans observe.
+"""Partition of a chain of poses into pieces, each with the few landmarks that its scans observe.
 
-A piece starts with a pose that is an unknown, like its landmarks, and ends with the first pose of the next piece. The
-first piece starts with the prior. The information of a piece about its last pose must have a covariance of full rank.
-A chain is therefore cut only where the motions since the last cut leave noise in every direction of the pose, and
-enough of it that its inverse does not hide the rest in rounding.
+The first pose of a piece is an unknown, like its landmarks; its last pose is the first pose of the next piece. The
+first piece starts with the prior. The covariance of a piece's last pose given its unknowns must have full rank, and its
+inverse must not dominate other information in double precision. Therefore a chain is cut only at poses where the
+motions since the last cut have added enough noise in every direction.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from slamgauge.graph_baseline.solver.motion_elimination import Between, Chain, p
 from slamgauge.graph_baseline.solver.multifrontal import Front, multiply_adds, nested_dissection
 
 LANDMARKS = 64  # a piece ends with the scan that exceeds this number
-LEAST = 1e-8  # smallest variance of a piece in any direction, as a share of the variance since the start
+LEAST = 1e-8  # smallest variance of a piece in any direction, relative to the variance since the start
 OVERHEAD = 1.5e7  # fixed cost of a piece, in multiply-adds
 
 
 class Piece(NamedTuple):
     """Keys of a chain from one cut to the next, both included; the scan of the last key belongs to the next piece."""
 
-    chain: Chain  # its own numbering of keys and landmarks; `key` has the poses of the whole path
-    slots: Int  # (l,) its landmarks
-    begins: bool  # whether its first pose is an unknown
-    ends: bool
-    columns: Int  # indices of its unknowns: landmarks, first pose, last pose
+    chain: Chain  # keys and landmarks are numbered within the piece; `key` contains pose numbers of the whole path
+    slots: Int  # (l,) landmarks of the piece
+    begins: bool  # True if the first pose is an unknown
+    ends: bool  # True if the last pose is an unknown
+    columns: Int  # indices of the piece's unknowns: landmarks, first pose, last pose
 
 
 class Plan(NamedTuple):
@@ -50,12 +50,12 @@ def plan(chain: Chain, landmarks: int) -> Plan:
 
 def work(planned: Plan) -> float:
     """Return the number of multiply-adds, up to a small factor."""
-    alone = sum(6.0 * len(each.chain.key) * len(each.columns) ** 2 + OVERHEAD for each in planned.pieces)
-    return alone + multiply_adds(planned.front)
+    recursions = sum(6.0 * len(each.chain.key) * len(each.columns) ** 2 + OVERHEAD for each in planned.pieces)
+    return recursions + multiply_adds(planned.front)
 
 
 def cuts(chain: Chain) -> Int:
-    """Return the keys (J,) at which to cut, without the first and the last."""
+    """Return the keys (J,) at which to cut; the first and the last key are not among them."""
     first = np.searchsorted(chain.model.step, np.arange(len(chain.key) + 1)).tolist()
     slot = chain.model.slot.tolist()
     found: list[int] = []
@@ -66,7 +66,7 @@ def cuts(chain: Chain) -> Int:
             seen = set()
         seen.update(slot[first[k] : first[k + 1]])
     cut = np.array(found, dtype=np.int64)
-    while not (noisy := _is_noisy(chain, cut)).all():  # keep every second of consecutive invalid cuts
+    while not (noisy := _is_noisy(chain, cut)).all():  # remove every second one of consecutive invalid cuts
         number = np.arange(len(cut))
         in_row = number - np.maximum.accumulate(np.where(noisy, number, -1))
         cut = cut[in_row % 2 == 0]
@@ -74,7 +74,7 @@ def cuts(chain: Chain) -> Int:
 
 
 def _is_noisy(chain: Chain, cut: Int) -> Marks:
-    """Return whether the motions since the cut before leave noise in every direction of the pose at each cut (J,)."""
+    """Return for each cut (J,) whether the motions since the previous cut add enough noise in every direction."""
     model = chain.model
     key = np.concatenate([[0], cut, [len(model.F)]])
     segment = np.searchsorted(key, np.arange(1, len(model.F) + 1)) - 1
@@ -86,7 +86,7 @@ def _is_noisy(chain: Chain, cut: Int) -> Marks:
 
 
 def plan_of(chain: Chain, landmarks: int, cut: Int) -> Plan:
-    """Return the pieces of a chain that is cut at the keys (J,)."""
+    """Return the pieces of a chain that is cut at the keys `cut` (J,)."""
     ends = np.concatenate([[0], cut, [len(chain.key) - 1]])
     if len(cut) == 0:
         pieces = [Piece(chain, np.arange(landmarks), False, False, np.arange(2 * landmarks))]
@@ -103,7 +103,7 @@ def _piece(chain: Chain, landmarks: int, ends: Int, number: int) -> Piece:
     rows = slice(*np.searchsorted(model.step, [first, last if finishes else last + 1]).tolist())
     slots, slot = np.unique(model.slot[rows], return_inverse=True)
     moves = slice(first, last)
-    own = model._replace(
+    part = model._replace(
         F=model.F[moves],
         c=model.c[moves],
         W=model.W[moves],
@@ -114,13 +114,13 @@ def _piece(chain: Chain, landmarks: int, ends: Int, number: int) -> Piece:
         slot=slot,
     )
     if begins:
-        own = own._replace(start=np.zeros(3), start_cov=np.zeros((3, 3)))
+        part = part._replace(start=np.zeros(3), start_cov=np.zeros((3, 3)))
     places = slice(*np.searchsorted(chain.between.key, [first + 1, last + 1]).tolist())
     pose, key, lever_from, lever_to, c, W = chain.between
     between = Between(pose[places], key[places] - first, lever_from[places], lever_to[places], c[places], W[places])
     poses = np.arange(2 * landmarks + 3 * (number - 1), 2 * landmarks + 3 * (number + 1))
     return Piece(
-        Chain(own, chain.key[first : last + 1], between),
+        Chain(part, chain.key[first : last + 1], between),
         slots,
         begins,
         finishes,

@@ -1,10 +1,9 @@
-"""Path and map of an incremental optimum with their matrices, moved to the minimum by chord steps.
+"""Chord steps to the minimum of an incremental optimum.
 
-Chord (simplified Newton) steps use the matrices from the time when each pose was added (`pose_elimination`) and the
-gradient at the current state (`chord_kernels`), so they still end where the gradient of the exact cost is zero.
-Where they shrink too slowly, everything is relinearised. In a large map a relinearisation costs as much as many
-chord steps. There the steps are accelerated (`anderson`), and so are those of any map after they have needed a
-relinearisation.
+Chord (simplified Newton) steps use each pose's matrices from the time when it was added (`pose_elimination`) and the
+gradient at the current state (`chord_kernels`). They converge to a point where the gradient of the exact cost is zero.
+If they converge too slowly, all matrices are relinearised. Steps are accelerated (`anderson`) in large maps, where a
+relinearisation costs as much as many chord steps, and in any map after a relinearisation was necessary.
 """
 
 from __future__ import annotations
@@ -24,15 +23,15 @@ from slamgauge.graph_baseline.solver.smoother import own_blocks_of_inverse
 
 factorise, solved = get_lapack_funcs(("potrf", "potrs"), dtype=np.float64)
 
-CONVERGED = 0.003  # sigmas of the newest pose and of the predicted observations: largest remaining step
+CONVERGED = 0.003  # largest remaining step, in sigmas of the newest pose and of the predicted observations
 RATE = 0.2  # smallest assumed ratio of consecutive chord steps
-SLOW = 0.6  # relinearise if a step is larger than this share of the one before (accelerated: of the second before)
-STALE = 0.1  # relinearise if the relative change of Jacobians times `_reach` exceeds it
-LARGE = 100  # landmarks; from here on a few accelerated steps cost less than a relinearisation
-GROWN = 10.0  # times the smallest step: chord steps diverge
+SLOW = 0.6  # relinearise if a step exceeds this share of the previous one (accelerated steps: the one before that)
+STALE = 0.1  # relinearise if the relative change of Jacobians times `_reach` exceeds this
+LARGE = 100  # landmarks; in larger maps a few accelerated steps cost less than a relinearisation
+GROWN = 10.0  # chord steps diverge if a step exceeds the smallest one by this factor
 MAX_STEPS = 20
 PASSES = 2  # Gauss-Newton steps on the newest scan
-EXACT = 1e-9  # m or rad: a smaller standard deviation counts as exact
+EXACT = 1e-9  # a smaller standard deviation is treated as zero [m or rad]
 
 
 class ChordDescent:
@@ -40,7 +39,7 @@ class ChordDescent:
 
     Args:
         measured: known association.
-        state: current poses and landmarks; updated here.
+        state: current poses and landmarks, which this class changes.
         mapped: the active landmarks.
 
     Attributes:
@@ -56,7 +55,7 @@ class ChordDescent:
         self._before = linear_problem.allocate_state(*sizes[:2])  # prediction of the newest pose and the map
         self._step = chord_kernels.allocate_chord(*sizes)
         self._acceleration: AndersonAcceleration | None = None  # None: steps are not accelerated
-        self._sizes: list[float] = []  # sizes of the steps since then
+        self._sizes: list[float] = []  # sizes of the steps since the last relinearisation
         self._factor: Float = np.zeros((0, 0))  # (2L, 2L) lower triangular factor of the landmarks' information
         self._newest_cov: Float | None = None  # computed on request
         self.newest = -1
@@ -113,9 +112,8 @@ class ChordDescent:
             size = self._chord_step()
             if not size < GROWN * smallest:
                 return False
-            rate = max(
-                size / before, RATE if self._acceleration is None else SLOW
-            )  # accelerated steps have no rate of their own
+            # The ratio of accelerated steps varies, so a large one is assumed.
+            rate = max(size / before, RATE if self._acceleration is None else SLOW)
             if (size * rate / (1.0 - rate) if before < np.inf and rate < 1.0 else size) < CONVERGED:
                 return True
             self._sizes.append(size)
@@ -128,11 +126,11 @@ class ChordDescent:
         return False
 
     def _chord_step(self) -> float:
-        """Take one chord step, accelerated if that is in use.
+        """Take one chord step, accelerated if acceleration is in use.
 
         Returns:
-            Size of the step before acceleration: the larger of the change of the newest pose and of the predicted
-            observations, in standard deviations; nan if the step is not finite.
+            Size of the step before acceleration in standard deviations: the larger change of the newest pose and of the
+            predicted observations; NaN if the step is not finite.
         """
         measured, linear, state, step = self._measured, self._linear, self._state, self._step
         k, count = self.newest, len(self._mapped)
@@ -165,15 +163,14 @@ class ChordDescent:
             part[:] = moved.reshape(part.shape)
 
     def _reach(self) -> float:
-        """Return how many sigmas a standard deviation of the newest pose moves its predicted observations, at least 1.
+        """Return the standard deviation of predicted observations due to the newest pose, in sigmas of R, at least 1.
 
-        Observations know each other's relative geometry better than the world's by this factor. Matrices whose
-        Jacobians are wrong by its inverse confuse the two.
+        A relative error of a Jacobian times this factor is an error of the observation in sigmas.
         """
         return max(1.0, float(np.sqrt(np.sum(self._linear.N[self.newest] * self.newest_cov()))))
 
     def relinearise(self) -> bool:
-        """Eliminate all poses again at the current state; return whether that determines all landmarks."""
+        """Eliminate all poses again at the current state; return whether the result determines all landmarks."""
         self._sizes, self._acceleration = [], None if self._acceleration is None else AndersonAcceleration()
         k, count, at = self.newest, len(self._mapped), self._linear.at
         at.poses[: k + 1] = self._state.poses[: k + 1]
@@ -182,13 +179,13 @@ class ChordDescent:
         return self._eliminate_poses(self._state, 0) and self._factorise()
 
     def add_newest_pose(self) -> bool:
-        """Add the newest pose and its scan at the current state; return whether that is possible."""
+        """Add the newest pose and its scan at the current state; return False if that is impossible."""
         return self._eliminate_poses(self._state, self.newest)
 
     def _eliminate_poses(self, before: State, since: int) -> bool:
-        """Eliminate the poses from number `since` on; `before` has the prediction of the newest pose and the map.
+        """Eliminate the poses from number `since` on; `before` contains the predicted newest pose and map.
 
-        Returns whether that is possible: a landmark on the pose that observes it has no Jacobians.
+        Returns False if it is impossible, because a landmark at the pose that observes it has no Jacobian.
         """
         landmarks, until = len(self._mapped), self.newest + 1
         self._newest_cov = None
@@ -201,7 +198,7 @@ class ChordDescent:
         return True
 
     def _factorise(self) -> bool:
-        """Factorise the landmarks' information; return whether the factor is more than rounding."""
+        """Factorise the landmarks' information; return False if it is indefinite or only rounding."""
         width = 2 * len(self._mapped)
         information = self._linear.information[:width, :width]
         upper, indefinite = factorise(information.T) if width else (information, 0)

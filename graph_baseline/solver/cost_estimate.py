@@ -11,18 +11,19 @@ from slamgauge.graph_baseline.solver.motion_elimination import eliminate_motions
 from slamgauge.graph_baseline.solver.multifrontal import largest, numbers_kept
 from slamgauge.memory import free_memory, require_memory
 
-MAPS, KEPT_MAPS = 10.0, 2.0  # arrays in memory at once: maps of a piece's poses, maps of all pieces' poses
+# Largest number of arrays in memory at the same time.
+MAPS, KEPT_MAPS = 10.0, 2.0  # maps of one piece's poses, and of all poses
+MATRICES = 6.0  # information of one front, or of all landmarks
 KEYS, ROWS = 150.0, 20.0  # numbers per pose with a scan, and per measured value
-MATRICES = 6.0  # arrays in memory at once: information of a front, or of all landmarks
 
 
 def require_memory_for(recording: Problem, name: str, *, dense: bool = False) -> None:
-    """Raise if a recording does not fit in memory.
+    """Require enough free memory for an optimum of a recording.
 
     Args:
         recording: known association.
         name: name of the optimum.
-        dense: whether the information (2L, 2L) of all landmarks is one matrix, whatever their number.
+        dense: True if the optimum always needs the dense information (2L, 2L) of all landmarks.
 
     Raises:
         UserError: there is not enough memory.
@@ -31,11 +32,15 @@ def require_memory_for(recording: Problem, name: str, *, dense: bool = False) ->
     needed = 8.0 * (MAPS * 3 * scans * 2 * landmarks + MATRICES * (2 * landmarks) ** 2)
     if not dense and needed > free_memory():
         needed = bytes_of(_plan_of(recording))
-    require_memory(needed, f"{name} of {landmarks} landmarks in {scans} scans", "leave it out or give a part of them")
+    require_memory(
+        needed,
+        f"{name} of {landmarks} landmarks in {scans} scans",
+        "exclude this estimator or give a part of the recording",
+    )
 
 
 def bytes_of(planned: Plan) -> float:
-    """Return the bytes for solving a linear problem with all covariances."""
+    """Return the number of bytes for the solution of a linear problem with all covariances."""
     maps = [3.0 * len(piece.chain.key) * (len(piece.columns) + 1) for piece in planned.pieces]
     working = MAPS * max(maps) + MATRICES * largest(planned.front) ** 2
     small = sum(KEYS * len(piece.chain.key) + ROWS * piece.chain.model.r.size for piece in planned.pieces)

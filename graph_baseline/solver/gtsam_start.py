@@ -1,7 +1,7 @@
-"""GTSAM's Levenberg-Marquardt and graduated non-convexity as starting points of the exact solver.
+"""Starting points of the exact solver from GTSAM's Levenberg-Marquardt, and inliers from graduated non-convexity.
 
-Both run on the graph with regularising noise. Exact steps (`levenberg_marquardt`) then lead to the minimum of the
-recording's own cost.
+Both run on the graph with regularising noise. From there `levenberg_marquardt` converges to the minimum of the exact
+cost.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from slamgauge.graph_baseline.problem.undetermined import explained
 
 
 def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, iterations: int = 100) -> gtsam.Values:
-    """Return the minimum that GTSAM's Levenberg-Marquardt reaches from `values`, to a relative error of 1e-5."""
+    """Return the result of GTSAM's Levenberg-Marquardt from `values`, with a relative tolerance of 1e-5."""
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setRelativeErrorTol(1e-5)
     parameters.setMaxIterations(iterations)
@@ -24,19 +24,19 @@ def levenberg_marquardt(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values,
 
 
 def descend(recording: Problem, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
-    """Return poses (N+1, 3) and landmarks (L, 2) where Levenberg-Marquardt ends; landmarks in increasing id order."""
+    """Return poses (N+1, 3) and landmarks (L, 2), ids increasing, after GTSAM's Levenberg-Marquardt."""
     values = make_values(poses, recording.landmark_ids, landmarks)
     with explained():
         return read_values(levenberg_marquardt(build_graph(recording, REGULARISING_NOISE), values, iterations))
 
 
 def find_inliers(recording: Problem, poses: Float, landmarks: Float, probability: float) -> Marks:
-    """Return which observations (M,) graduated non-convexity accepts, starting at poses (N+1, 3), landmarks (L, 2).
+    """Return a mask (M,) of the inliers of graduated non-convexity from poses (N+1, 3) and landmarks (L, 2).
 
-    It truncates the cost at the value that a correct observation stays below with this `probability`.
+    The cost of an observation is truncated. The cost of a correct observation is below this limit with `probability`.
     """
     graph = build_graph(recording, REGULARISING_NOISE)
-    rows = recording.observation_step + 1 + np.arange(len(recording.observation))  # after each step's motion
+    rows = recording.observation_step + 1 + np.arange(len(recording.observation))  # factors follow those of motions
     parameters = gtsam.GncLMParams()
     parameters.setLossType(gtsam.GncLossType.TLS)
     parameters.setKnownInliers(np.setdiff1d(np.arange(graph.size()), rows).tolist())

@@ -1,12 +1,12 @@
-"""The optimum of a growing recording: incremental smoothing with chord steps (`chord_descent`).
+"""The optimum of the measurements so far: incremental smoothing with chord steps (`chord_descent`).
 
-A step adds its scan and moves the newest pose and the map by the linear system of all steps so far. This does not
-move the older poses and does not see the error of linearisation. Chord steps over the whole path correct both and
-end where the gradient of the exact cost is zero. They run at every scan while the path is short, later as often as
-needed to keep the error small, which grows with the square of the motion of the newest pose. If they find no
+Each step adds its scan, and moves the newest pose and the map by the linear system of all steps so far. It neither
+moves older poses nor corrects the linearisation error. Chord steps over the whole path correct both; they converge to a
+point where the gradient of the exact cost is zero. They run at every scan while the path is short. Later they run when
+the expected error, which grows with the square of the motion of the newest pose, exceeds its limit. If they find no
 minimum, or if the cost rises by more than noise explains, several starts are tried (`multistart`).
 
-Bearing-only landmarks enter when the optimum places them, and leave when it no longer does.
+Bearing-only landmarks are added when the optimum places them, and removed when it no longer places them.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import chain, compose, wrap
 from slamgauge.sensors import SENSORS
 
-SHORT = 100  # poses; a shorter path converges at every scan
-MAX_SCANS = 64  # scans between two convergences
-MAX_ERROR = 0.003  # sigmas of the newest pose, largest expected error between them
-PATIENCE = 0.7  # smallest factor on the expected error after a convergence that found a smaller one
-LOWER = 1.0 - 1e-6  # times the squared residuals: below it lies another minimum
-NEXT_SEARCH = 1.2  # times the step of a failed search: step of the next one
-NEXT_LOWER_SEARCH = 2.0  # the same for a lower minimum of a path that is not short
+SHORT = 100  # poses; up to this length chord steps run at every scan
+MAX_SCANS = 64  # largest number of scans between two convergences
+MAX_ERROR = 0.003  # largest expected error of the newest pose between two convergences [sigmas]
+PATIENCE = 0.7  # smallest ratio of the expected error rates after and before a convergence
+LOWER = 1.0 - 1e-6  # another minimum counts as lower if its squared residuals are below this share
+NEXT_SEARCH = 1.2  # step of the next search, relative to the step of a failed one
+NEXT_LOWER_SEARCH = 2.0  # the same for searches of a lower minimum after SHORT poses
 
 
 class MinimumSwitch(NamedTuple):
@@ -60,8 +60,8 @@ class IncrementalOptimum:
         recording: known association.
 
     Attributes:
-        converged: whether the last search for the minimum found it.
-        unconverged_steps: number of steps without; their pose is dead reckoning from the last one with a minimum.
+        converged: whether the minimum was found at the last step.
+        unconverged_steps: number of steps without a minimum; their poses are dead reckoning from the last minimum.
         switches: switches to another minimum so far.
     """
 
@@ -73,7 +73,7 @@ class IncrementalOptimum:
         self._state = allocate_state(poses, landmarks)
         self._mapped = ActiveLandmarks(recording, self._measured, self._state)
         self._descent = ChordDescent(self._measured, self._state, self._mapped)
-        self._scans, self._squared_motion = 0, 0.0  # since the last convergence; squared sigmas
+        self._scans, self._squared_motion = 0, 0.0  # since the last convergence; motion in squared sigmas
         self._error_rate = np.inf  # error of the newest pose [sigmas] per squared motion
         self.converged = True
         self.unconverged_steps = 0
@@ -117,7 +117,7 @@ class IncrementalOptimum:
     def add_step(self) -> None:
         """Add the next pose and its scan.
 
-        While there is no minimum, scans are only stored. The next search follows when the path is a fifth longer.
+        Without a minimum, scans are only stored until the next search, when the path is a fifth longer.
         """
         k = self._newest + 1
         last = self._state.poses[k - 1]
@@ -131,9 +131,9 @@ class IncrementalOptimum:
         self.unconverged_steps += not self.converged
 
     def finish(self) -> None:
-        """Converge to the minimum, and relinearise everything there."""
+        """Converge to the minimum, and relinearise all poses there."""
         if self.converged:
-            self._converge(anew=True)
+            self._converge(relinearise=True)
         else:
             self._search()
         if not SENSORS[self._recording.sensor].places_landmarks:
@@ -149,7 +149,7 @@ class IncrementalOptimum:
         self._mapped.map_scan(k)
         step = self._descent.add_newest_scan(mapped)
         if step is None:
-            self._converge(anew=True)
+            self._converge(relinearise=True)
         else:
             self._scans += 1
             self._squared_motion += float(np.max(np.square(step / self._descent.sigma)))
@@ -159,39 +159,39 @@ class IncrementalOptimum:
             self._converge_with_placed_landmarks()
 
     def _converge_with_placed_landmarks(self) -> None:
-        """Converge to the minimum with the landmarks that bearings place from it, as `placed_minimum` does.
+        """Converge to the minimum with the landmarks that their bearings place from it, like `placed_minimum`.
 
-        Each landmark is added once at most, because a search may remove it again.
+        Each landmark is added at most once, because a search may remove it again.
         """
         if self.converged and self._newest >= self._next_search and self._may_map_more():
             self._search_more_landmarks()
-        taken_in = set[int]()
-        while self.converged and (placed := self._mapped.map_waiting(self._newest, taken_in)):
-            taken_in |= placed
+        tried = set[int]()
+        while self.converged and (placed := self._mapped.map_waiting(self._newest, tried)):
+            tried |= placed
             self._mapped.recheck_all()
-            self._converge(anew=True)
+            self._converge(relinearise=True)
         if self._newest <= SHORT:
             self._mapped.recheck_all()
         if self.converged and self._mapped.remove_unplaced(self._newest):
-            self._converge(anew=True)
+            self._converge(relinearise=True)
 
-    def _converge(self, *, anew: bool = False) -> None:
-        """Go to the minimum of the exact cost by chord steps or else by a search; keep the state if both fail."""
+    def _converge(self, *, relinearise: bool = False) -> None:
+        """Go to the minimum of the exact cost by chord steps, or else by a search; keep the state if both fail."""
         k, count, state = self._newest, len(self._mapped), self._state
         start = state.poses[: k + 1].copy(), state.landmarks[:count].copy()
         last_chi_square = self._descent.chi_square
-        self.converged = (not anew or self._descent.relinearise()) and self._descent.converge()
+        self.converged = (not relinearise or self._descent.relinearise()) and self._descent.converge()
         if not self.converged:
             state.poses[: k + 1], state.landmarks[:count] = start
             self._search()
         elif self._is_cost_unlikely(last_chi_square):
             self._search_lower()
         self._freedom = self._degrees_of_freedom()
-        apart = state.poses[k] - start[0][k]
-        apart[2] = wrap(apart[2])
-        missed = float(np.max(np.abs(apart) / self._descent.sigma))
+        change = state.poses[k] - start[0][k]
+        change[2] = wrap(change[2])
+        error = float(np.max(np.abs(change) / self._descent.sigma))
         expected = PATIENCE * self._error_rate if np.isfinite(self._error_rate) else 0.0
-        self._error_rate = max(missed / max(self._squared_motion, 1e-6), expected)
+        self._error_rate = max(error / max(self._squared_motion, 1e-6), expected)
         self._scans, self._squared_motion = 0, 0.0
 
     def _is_cost_unlikely(self, last_chi_square: float) -> bool:
@@ -202,21 +202,21 @@ class IncrementalOptimum:
         return not explained_by_noise(self._descent.chi_square - last_chi_square, max(freedom - self._freedom, 1))
 
     def _degrees_of_freedom(self) -> int:
-        """Return the number of measured values of active landmarks, less the unknowns of these."""
+        """Return the number of measured values of active landmarks, minus the number of their coordinates."""
         taken = self._measured.slot[: self._measured.first[self._newest + 1]] >= 0
         return int(taken.sum()) * self._recording.observation.shape[1] - 2 * len(self._mapped)
 
     def _search(self) -> None:
-        """Search for a minimum; after a failure, do not search for a while."""
+        """Search for a minimum; a failure delays the next search."""
         found = self._search_result()
         self.converged = found is not None and self._move_to(*found)
         if not self.converged:
             self._next_search = int(NEXT_SEARCH * self._newest) + 1
 
     def _may_map_more(self) -> bool:
-        """Return whether nothing is mapped, or dead reckoning places a waiting landmark of the newest scan.
+        """Return whether no landmark is mapped, or dead reckoning places a waiting landmark of the newest scan.
 
-        Dead reckoning is precise enough for that while the path is short.
+        Dead reckoning is precise enough for this only while the path is short.
         """
         if not len(self._mapped):
             return True
@@ -226,7 +226,7 @@ class IncrementalOptimum:
         return bool(waiting) and self._mapped.any_placed(self._newest, waiting, self._dead_reckoned())
 
     def _search_more_landmarks(self) -> None:
-        """Search for a minimum with more landmarks; after a failure, do not search for a while."""
+        """Search for a minimum with more landmarks; a failure delays the next search."""
         found = self._search_result()
         if found is not None and len(found[1].landmarks) > len(self._mapped):
             self.converged = self._move_to(*found)
@@ -234,7 +234,7 @@ class IncrementalOptimum:
             self._next_search = int(NEXT_SEARCH * self._newest) + 1
 
     def _search_lower(self) -> None:
-        """Search for a lower minimum; after a failure, do not search for a while."""
+        """Search for a lower minimum; a failure delays the next search."""
         found = self._search_result()
         if found is None or 2.0 * found[1].cost > LOWER * self._descent.chi_square:
             again = NEXT_SEARCH if self._newest <= SHORT else NEXT_LOWER_SEARCH
@@ -243,7 +243,7 @@ class IncrementalOptimum:
             self.converged = self._move_to(*found)
 
     def _search_result(self) -> tuple[Int, Minimum] | None:
-        """Return the association (M,), -1 for none, and minimum that a search finds without the current one, if any."""
+        """Return association (M,) and minimum of a search from several starts, or None; -1 is an unused observation."""
         k = self._newest
         part, here = self._recording.first(k), self._state.poses[: k + 1].copy()
 
@@ -259,11 +259,11 @@ class IncrementalOptimum:
             return None
 
     def _dead_reckoned(self) -> Float:
-        """Return the path (k+1, 3) of the odometry alone."""
+        """Return the path (k+1, 3) of dead reckoning."""
         return chain(self._recording.prior_mean, self._recording.odometry[: self._newest])
 
     def _move_to(self, taken: Int, found: Minimum) -> bool:
-        """Go to the minimum of a search; return whether its matrices determine all landmarks."""
+        """Go to the minimum of a search; return whether the matrices there determine all landmarks."""
         self.switches.append(MinimumSwitch(found.poses, self._mapped.ids))
         self._state.poses[: self._newest + 1] = found.poses
         self._mapped.set_mapped(self._newest, np.unique(taken[taken >= 0]), found.landmarks)

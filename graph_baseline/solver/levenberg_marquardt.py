@@ -1,7 +1,7 @@
-"""From a start to the minimum of a recording's exact cost: Levenberg-Marquardt steps, then Gauss-Newton steps.
+"""Minimisation of the exact cost of a recording from a start: Levenberg-Marquardt steps, then Gauss-Newton steps.
 
-A step is computed by the Schur complement (`smoother`), where zero variances are exact constraints. A step fulfils them
-to first order; the path is then projected back on the constraints (`constrained_motion`).
+The Schur complement (`smoother`) gives the steps; zero variances are constraints. A step satisfies them to first
+order, then the path is projected on the constraints (`constrained_motion`).
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from slamgauge.se2 import wrap
 from slamgauge.sensors import SENSORS
 
 MAX_STEPS = 200
-NEAR = 1e-6  # decrease of the cost, relative to its expected value, at which damped steps stop
-TOO_NEAR = 1e-4  # m
-RISEN = 1e-3  # relative increase of the cost at which Gauss-Newton has left for another stationary point
-NEGLIGIBLE = 1e-8  # standard deviations: size of a step that ends the iteration
-RESOLVED = 1e-3  # standard deviations: largest last step that counts as rounding, where residuals are as stated
-MISFIT = 10.0  # largest factor on RESOLVED where residuals are larger than stated, since rounding grows with them
-PATIENCE = 6  # number of steps that may be longer than the smallest before
-HOPELESS = 1e6  # standard deviations: the steps diverge
-EXACT = 1e-9  # m or rad
+NEAR = 1e-6  # damped steps stop at this decrease of the cost, relative to its expected value
+TOO_NEAR = 1e-4  # smallest distance of a landmark and a pose that observes it [m]
+RISEN = 1e-3  # relative increase of the cost that shows that Gauss-Newton converged to another stationary point
+NEGLIGIBLE = 1e-8  # size of a step that ends the iteration [standard deviations]
+RESOLVED = 1e-3  # largest last step that counts as rounding, if residuals fit the noise [standard deviations]
+MISFIT = 10.0  # largest factor on RESOLVED for residuals larger than the noise, because rounding grows with them
+PATIENCE = 6  # largest number of steps without a new smallest step
+HOPELESS = 1e6  # size of a step at which the iteration diverges [standard deviations]
+EXACT = 1e-9  # a smaller standard deviation is treated as zero [m or rad]
 MAX_NEWTON_STEPS = 60
 GENTLE, STRONGER, WEAKER, UNDAMPED = 1e-4, 10.0, 0.1, 1e-8  # damping relative to the mean information of a scan
 
@@ -57,14 +57,14 @@ class NearMinimum(NamedTuple):
 
 
 class Merit:
-    """The cost of paths and maps of a recording that fulfil the constraints of zero variances."""
+    """Cost of paths and maps of a recording that satisfy the constraints of zero variances."""
 
     def __init__(self, recording: Problem) -> None:
         self._recording = recording
         self.noise = MotionNoise(recording)
 
     def __call__(self, poses: Float, landmarks: Float) -> float:
-        """Return half the sum of squares; infinite where it is not defined."""
+        """Return half the sum of squared whitened residuals, infinite if it is undefined."""
         with np.errstate(all="ignore"):
             seen = whitened_residuals(self._recording, self._recording.slot, poses, landmarks)
             cost = self.noise.cost(poses) + 0.5 * float(np.square(seen).sum())
@@ -72,12 +72,12 @@ class Merit:
 
 
 def damped_descent(recording: Problem, poses: Float, landmarks: Float, most: int = MAX_STEPS) -> NearMinimum:
-    """Take Levenberg-Marquardt steps until the cost no longer decreases by much.
+    """Take Levenberg-Marquardt steps until the decrease of the cost is small.
 
     Args:
         recording: known association.
-        poses: (N+1, 3).
-        landmarks: (L, 2).
+        poses: (N+1, 3) starting path.
+        landmarks: (L, 2) starting map.
         most: largest number of steps.
     """
     merit = Merit(recording)
@@ -101,7 +101,7 @@ def damped_descent(recording: Problem, poses: Float, landmarks: Float, most: int
 
 
 def descend(recording: Problem, poses: Float, landmarks: Float, iterations: int = 100) -> tuple[Float, Float]:
-    """Do what GTSAM's Levenberg-Marquardt does (`gtsam_start`), by own damped steps with exact zero variances."""
+    """Return path and map after damped steps; replaces GTSAM's optimiser (`gtsam_start`) if it is not installed."""
     require_placeable(recording)
     found = damped_descent(recording, poses, landmarks, iterations)
     return found.poses, found.landmarks
@@ -110,7 +110,7 @@ def descend(recording: Problem, poses: Float, landmarks: Float, iterations: int 
 def _damped_trial(
     model: LinearModel, merit: Merit, poses: Float, landmarks: Float, scale: Damping, factor: float
 ) -> tuple[float, tuple[Float, Float]]:
-    """Return cost, path and map after a damped step and the cheaper retraction; infinite cost without a step."""
+    """Return cost, path and map after a damped step with the better retraction; infinite cost if no step exists."""
     damping = Damping(factor * scale.pose, factor * scale.landmark, factor * scale.motion)
     try:
         step = damped_step(model, len(landmarks), damping)
@@ -121,7 +121,7 @@ def _damped_trial(
 
 
 def _mean_information(model: LinearModel, landmarks: int) -> Damping:
-    """Return the mean information of a scan about its pose and motion, and of all scans about a landmark."""
+    """Return the mean information of a scan about its pose and its motion, and of all scans about a landmark."""
     poses = max(len(np.unique(model.step)), 1)
     by_pose = np.square(model.Hx).sum(axis=(0, 1)) / poses
     by_pose[:2] = by_pose[:2].mean()
@@ -133,11 +133,11 @@ def _mean_information(model: LinearModel, landmarks: int) -> Damping:
 def gauss_newton_minimum(recording: Problem, start: NearMinimum) -> Minimum:
     """Take Gauss-Newton steps until they are negligible or limited by rounding; return the minimum.
 
-    Gauss-Newton leaves out the second derivatives of the residuals. Where residuals are large, steps shrink slowly or
-    not at all, so Anderson acceleration is used.
+    Gauss-Newton neglects the second derivatives of residuals. With large residuals it converges slowly or not at all,
+    so its steps are accelerated (`anderson`).
 
     Raises:
-        UndeterminedError: no minimum exists, or rounding hides it.
+        UndeterminedError: no minimum exists, or rounding prevents convergence.
     """
     poses, landmarks, cost, merit = start
     _refuse_landmarks_at_poses(recording, poses, landmarks)
@@ -170,15 +170,15 @@ def gauss_newton_minimum(recording: Problem, start: NearMinimum) -> Minimum:
     ended = merit(*best)
     if ended > cost + RISEN * (1.0 + cost):
         raise UndeterminedError(
-            f"batch: no minimum, the last steps lead {ended - cost:.2g} nats uphill: the measurements leave a "
-            "direction all but undetermined; add observations with smaller covariances or from other places"
+            f"batch: no minimum, the last steps increase the cost by {ended - cost:.2g} nats: the measurements hardly "
+            "determine a direction; add observations with smaller covariances or from other places"
         )
     return Minimum(*best, solve_at(recording, *best), ended)
 
 
 def _apart(point: tuple[Float, Float], other: tuple[Float, Float]) -> Float:
-    """Return the difference of two points, poses and landmarks (3N+3+2L,)."""
-    poses, landmarks = (mine - theirs for mine, theirs in zip(point, other, strict=True))
+    """Return the difference (3N+3+2L,) of two points, which contain poses and landmarks."""
+    poses, landmarks = (a - b for a, b in zip(point, other, strict=True))
     poses[:, 2] = wrap(poses[:, 2])
     return np.concatenate([poses.ravel(), landmarks.ravel()])
 
@@ -192,35 +192,35 @@ def _displaced(point: tuple[Float, Float], move: Float, noise: MotionNoise) -> t
 
 
 def _sigmas(solution: Solution) -> tuple[Float, Float]:
-    """Return standard deviations of poses (N+1, 3) and landmarks (L, 2); infinite for exactly known ones."""
+    """Return standard deviations of poses (N+1, 3) and landmarks (L, 2); zeros are replaced by infinity."""
     covs = (solution.pose_covs, solution.landmark_covs)
     poses, landmarks = (np.sqrt(np.maximum(np.diagonal(each, axis1=1, axis2=2), 0.0)) for each in covs)
     return np.where(poses > EXACT, poses, np.inf), np.where(landmarks > EXACT, landmarks, np.inf)
 
 
 def _refuse_landmarks_at_poses(recording: Problem, poses: Float, landmarks: Float) -> None:
-    """Raise if a landmark lies on a pose that observes it: there range and bearing are not smooth."""
+    """Raise if a landmark is at a pose that observes it, where range and bearing are not smooth."""
     if not SENSORS[recording.sensor].has_bearing or not len(recording.slot):
         return
     distance = np.hypot(*(landmarks[recording.slot] - poses[recording.observation_step, :2]).T)
     row = int(np.argmin(distance))
     if distance[row] < TOO_NEAR:
         raise UndeterminedError(
-            f"batch: no minimum, landmark {recording.landmark[row]} comes to lie {distance[row]:.2g} m "
-            f"from pose {recording.observation_step[row]} that sees it, where range and bearing are not smooth; "
+            f"batch: no minimum, landmark {recording.landmark[row]} moves to {distance[row]:.2g} m "
+            f"from pose {recording.observation_step[row]} that observes it, where range and bearing are not smooth; "
             "check ids and covariances"
         )
 
 
 def _why_no_minimum(recording: Problem, poses: Float, landmarks: Float, size: float) -> str:
-    """Return one line on the largest residual where the descent ended."""
+    """Return a message with the last step and the largest residual at the end of the iteration."""
     with np.errstate(all="ignore"):
         misfit = np.sqrt(np.square(whitened_residuals(recording, recording.slot, poses, landmarks)).sum(axis=1))
     opening = f"batch: no minimum, the last step is of {size:.2g} sigma"
     worst = int(np.argmax(np.nan_to_num(misfit, nan=np.inf))) if len(misfit) else -1
     if worst >= 0 and not misfit[worst] < 6.0:
         return (
-            f"{opening}; observation {worst} of landmark {recording.landmark[worst]} is {misfit[worst]:.2g} sigma off, "
-            "most of all: check ids and covariances, or run robust-batch"
+            f"{opening}; observation {worst} of landmark {recording.landmark[worst]} has the largest residual, "
+            f"{misfit[worst]:.2g} sigma: check ids and covariances, or run robust-batch"
         )
-    return f"{opening}: double precision cannot resolve these covariances; bring their sizes nearer to each other"
+    return f"{opening}: double precision cannot resolve these covariances; reduce the ratio of largest and smallest"

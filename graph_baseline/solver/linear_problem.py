@@ -10,7 +10,7 @@ from slamgauge.arrays import Float
 
 
 class State(NamedTuple):
-    """A path and a map; entries in use come first."""
+    """A path and a map; used entries come first."""
 
     poses: Float  # (N+1, 3)
     landmarks: Float  # (L, 2)
@@ -20,16 +20,16 @@ class Linear(NamedTuple):
     """Matrices of the eliminated poses, linearised at `at`."""
 
     at: State
-    lever: Float  # (N+1, 2) of F = [I, lever; 0, 1], the motion to pose k
-    P: Float  # (N+1, 3, 3) predicted
+    lever: Float  # (N+1, 2) lever of F = [I, lever; 0, 1], the motion to pose k
+    P: Float  # (N+1, 3, 3) predicted covariance
     N: Float  # (N+1, 3, 3) Hx' Hx of the scan
     G: Float  # (N+1, 3, 3) (I + P N)^-1
     Hx: Float  # (M, d, 3) whitened
     Hm: Float  # (M, d, 2) whitened
-    M: Float  # (3, 2L) sensitivity of the newest pose to the landmarks, with its scan
-    newest_cov: Float  # (3, 3) covariance of the newest pose given the landmarks, with its scan
+    M: Float  # (3, 2L) sensitivity of the newest pose to the landmarks, after its scan
+    newest_cov: Float  # (3, 3) covariance of the newest pose given the landmarks, after its scan
     information: Float  # (2L, 2L) Lambda, lower triangle
-    rhs: Float  # (2L,) right-hand side of the landmarks from the newest scan's residuals
+    rhs: Float  # (2L,) right-hand side of the landmarks from residuals of the newest scan
     pose_step: Float  # (3,) step of the newest pose, given the landmarks
 
 

@@ -1,8 +1,8 @@
-"""Elimination of the motion between scans: poses without observations are affine maps of the others.
+"""Elimination of poses without observations, in closed form.
 
-With F_k = [I, f_k; 0, 1] products are sums: the error from pose j to pose b is multiplied by [I, e_jb; 0, 1] with
-e_jb = f_j + ... + f_{b-1}. So the steps from a scan to the next make one step, and the poses in between follow from
-it in closed form, without any recursion.
+Products of matrices F_k = [I, f_k; 0, 1] are sums of levers: the error is propagated from pose j to pose b by
+[I, e_jb; 0, 1] with e_jb = f_j + ... + f_{b-1}. The steps from one scan to the next are therefore combined to one step
+without a recursion, and the poses between the scans are affine maps of the poses with scans.
 """
 
 from __future__ import annotations
@@ -21,33 +21,33 @@ from slamgauge.se2 import between, chain, compose, rotation
 
 
 class Between(NamedTuple):
-    """The J poses j that lie between two keys a and b, in increasing order."""
+    """The J poses without observations, in increasing order; pose j is between the keys a and b."""
 
-    pose: Int  # (J,) number of pose j among all
-    key: Int  # (J,) place of b among the keys
+    pose: Int  # (J,) number of pose j
+    key: Int  # (J,) index of key b
     lever_from: Float  # (J, 2) e_aj
     lever_to: Float  # (J, 2) e_jb
     c: Float  # (J, 3) sum of the steps from a to j
-    W: Float  # (J, 3, 3) covariance of their noise
+    W: Float  # (J, 3, 3) covariance of the noise of these steps
 
 
 class Chain(NamedTuple):
-    """A linear model on the key poses: the first, the last, and all with observations."""
+    """A linear model on the key poses: the first pose, the last, and all with observations."""
 
-    model: LinearModel  # its `step` counts keys
-    key: Int  # (K,) poses
+    model: LinearModel  # `step` contains indices of keys
+    key: Int  # (K,) numbers of the key poses
     between: Between
 
 
 def eliminate_motions(model: LinearModel) -> Chain:
-    """Eliminate the poses without observations, exactly."""
+    """Return the model without the poses that have no observations; this is exact."""
     steps = len(model.F)
     key = np.union1d(model.step, [0, steps])
     if len(key) == steps + 1:
         none = np.zeros(0, dtype=np.int64)
         return Chain(model, key, Between(none, none, *(np.zeros((0, *shape)) for shape in ((2,), (2,), (3,), (3, 3)))))
     segment = np.searchsorted(key, np.arange(1, steps + 1)) - 1  # segment of the step to pose 1, 2, ...
-    lever = sums_within(segment, key, model.F[:, :2, 2])  # (N, 2): from the key before to pose 1, 2, ...
+    lever = sums_within(segment, key, model.F[:, :2, 2])  # (N, 2): from the previous key to pose 1, 2, ...
     c = _carried(segment, key, lever, model.c)
     W = propagated_covariances(segment, key, lever, model.W)
     last = key[1:] - 1  # the steps that lead to keys
@@ -62,7 +62,7 @@ def eliminate_motions(model: LinearModel) -> Chain:
 
 
 def sums_within(segment: Int, key: Int, rows: Float) -> Float:
-    """Return running sums (N, ...) of the rows (N, ...), restarted after every key."""
+    """Return running sums (N, ...) of the rows (N, ...) that restart at every key."""
     total = np.concatenate([np.zeros((1, *rows.shape[1:])), np.cumsum(rows, axis=0)])
     return total[1:] - total[key[segment]]
 
@@ -79,7 +79,7 @@ def propagated_covariances(segment: Int, key: Int, lever: Float, W: Float) -> Fl
 
     With e_kj = lever_j - lever_k it is a polynomial in lever_j, whose coefficients are running sums.
     """
-    back = W.copy()  # carried back to the key
+    back = W.copy()  # propagated back to the key
     shear(back, -lever)
     sums = sums_within(segment, key, back)
     shear(sums, lever)
@@ -93,9 +93,9 @@ def shear(P: Float, lever: Float) -> None:
 
 
 def reduce_to_key_poses(recording: Problem) -> tuple[Problem, Int]:
-    """Return the recording with one motion from each key pose to the next, and the keys (K,) among its poses.
+    """Return the recording with a single motion from each key pose to the next, and the numbers (K,) of these poses.
 
-    The covariances are propagated along the measured path: exact to first order in their noise.
+    The covariances are propagated along the measured path, which is correct to first order in the noise.
     """
     steps = recording.steps
     key = np.union1d(recording.observation_step, [0, steps])
@@ -120,7 +120,7 @@ def reduce_to_key_poses(recording: Problem) -> tuple[Problem, Int]:
 
 
 def restore_poses(recording: Recording, key: Int, poses: Float) -> Float:
-    """Return poses (N+1, 3) from key poses (K, 3); between them they follow the odometry from the key before."""
+    """Return poses (N+1, 3) from key poses (K, 3); the others follow the odometry from the previous key pose."""
     path = chain([0.0, 0.0, 0.0], recording.odometry)
     at = np.searchsorted(key, np.arange(len(path)), side="right") - 1
     full = compose(poses[at], between(path[key[at]], path))

@@ -1,17 +1,17 @@
 """Multifrontal Cholesky factorisation of the information of many unknowns, with solution and covariance roots.
 
-A leaf of the tree is a piece of the recording with its few unknowns. A front joins two parts. It eliminates the
-unknowns that no piece outside uses; the Schur complement is information about the unknowns that it shares with others.
-Pieces near each other are joined first, so that few unknowns are shared: nested dissection (George, SIAM J. Numer.
-Anal. 10(2), 1973). The fronts follow Duff & Reid (ACM TOMS 9(3), 1983).
+A leaf of the elimination tree is a piece of the recording with its few unknowns. A front joins two parts. It eliminates
+the unknowns that no other piece uses; the Schur complement is information about the unknowns that it shares with other
+pieces. Neighbouring pieces are joined first, so that few unknowns are shared: nested dissection (George, SIAM J. Numer.
+Anal. 10(2), 1973). Fronts are those of Duff & Reid (ACM TOMS 9(3), 1983).
 
-From the last front to the pieces, each front receives a root R of the covariance RR' of its unknowns,
+From the root of the tree to the leaves, each front computes a root R of the covariance RR' of its unknowns,
 
     R = [L^-T, -L^-T K'S; 0, S]    L: factor of the eliminated unknowns, K: their coupling with the shared unknowns,
-                                   S: root of the shared unknowns, from the front above,
+                                   S: root of the shared unknowns, from the parent front.
 
-which is the selected inversion of Takahashi, Fagan & Chin (1973) without subtracting covariances: very uncertain
-unknowns do not cost the others their digits.
+This is the selected inversion of Takahashi, Fagan & Chin (1973) without subtraction of covariances, so that very
+uncertain unknowns do not reduce the accuracy of the others.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from scipy.linalg import solve_triangular
 
 from slamgauge.arrays import Float, Int
 
-EXHAUSTED = 1e-12  # a smaller share of a landmark's information is rounding
+EXHAUSTED = 1e-12  # a pivot below this share of a landmark's information is rounding
 ASSEMBLY = 300.0  # cost of assembling one number of a front, in multiply-adds
 
 
@@ -32,8 +32,8 @@ class Front(NamedTuple):
     """Unknowns of a piece, or the shared unknowns of two parts."""
 
     parts: tuple[Front, ...]  # empty for a piece
-    piece: int  # number of the (first) piece
-    columns: Int  # (n,) indices of the unknowns, the eliminated ones first
+    piece: int  # number of the first piece
+    columns: Int  # (n,) indices of the unknowns; eliminated unknowns come first
     eliminated: int  # f, the number of unknowns that no other piece uses
     places: tuple[Int, ...]  # position in `columns` of a piece's unknowns, or of the unknowns that each part shares
 
@@ -48,13 +48,13 @@ class Factor(NamedTuple):
 
 
 def nested_dissection(columns: list[Int], place: Float) -> Front:
-    """Return the tree of pieces with unknowns `columns` each, at positions `place` (pieces, 2)."""
+    """Return the elimination tree of pieces with the unknowns `columns`, at positions `place` (pieces, 2)."""
     uses = np.bincount(np.concatenate(columns))
     return _joined(columns, place, uses, np.arange(len(columns)))[0]
 
 
 def _joined(columns: list[Int], place: Float, uses: Int, pieces: Int) -> tuple[Front, Int]:
-    """Return the front of some pieces, and how many of these use each unknown that it shares with others."""
+    """Return the front of some pieces, and how many of these pieces use each shared unknown of the front."""
     parts: tuple[Front, ...] = ()
     if len(pieces) == 1:
         shared = [columns[pieces[0]]]
@@ -74,18 +74,18 @@ def _joined(columns: list[Int], place: Float, uses: Int, pieces: Int) -> tuple[F
 
 
 def _halves(place: Float, pieces: Int) -> tuple[Int, Int]:
-    """Split pieces into two halves across the longer side of their bounding box."""
+    """Split pieces into two halves along the longer side of their bounding box."""
     at = place[pieces]
     order = np.argsort(at[:, np.argmax(np.ptp(at, axis=0))], kind="stable")
     return pieces[order[: len(order) // 2]], pieces[order[len(order) // 2 :]]
 
 
 def multiply_adds(front: Front) -> float:
-    """Return the multiply-adds of factor and roots, all parts included, up to a small factor."""
+    """Return the multiply-adds of factor and roots of a front and all its parts, up to a small factor."""
     size = len(front.columns)
     shared = size - front.eliminated
-    alone = size**2 * front.eliminated + shared**2 * size + ASSEMBLY * size**2
-    return alone + sum(map(multiply_adds, front.parts))
+    of_front = size**2 * front.eliminated + shared**2 * size + ASSEMBLY * size**2
+    return of_front + sum(map(multiply_adds, front.parts))
 
 
 def largest(front: Front) -> int:
@@ -94,24 +94,24 @@ def largest(front: Front) -> int:
 
 
 def numbers_kept(front: Front) -> float:
-    """Return how many numbers the factor stores, all parts included."""
+    """Return how many numbers the factor of a front and all its parts stores."""
     return len(front.columns) * float(front.eliminated) + sum(map(numbers_kept, front.parts))
 
 
 def factorise(
     front: Front, information_of: Callable[[int], Float], damping_of: Float, own_information_of: Float
 ) -> tuple[Factor, Float]:
-    """Return the factor, and the information (s + 1, s + 1) that remains on shared unknowns and constant.
+    """Return the factor, and the remaining information (s + 1, s + 1) about shared unknowns and the constant.
 
     Args:
-        front: of n unknowns.
-        information_of: function from the number of a piece to the information (n + 1, n + 1) of its unknowns and the
+        front: front with n unknowns.
+        information_of: function from the number of a piece to the information (n + 1, n + 1) about its unknowns and the
             constant.
         damping_of: (all unknowns,) information that is added to each.
-        own_information_of: (all unknowns,) information of each if the others are known; 0 skips the check for rounding.
+        own_information_of: (all unknowns,) information of each unknown given all others; 0 skips the rounding check.
 
     Raises:
-        numpy.linalg.LinAlgError: an unknown is not determined, or (a landmark's) only by rounding.
+        numpy.linalg.LinAlgError: the information does not determine an unknown, or its pivot is only rounding.
     """
     parts: list[Factor] = []
     size, count = len(front.columns), front.eliminated
@@ -134,7 +134,7 @@ def factorise(
 
 
 def minimise(factor: Factor, unknowns: Float) -> None:
-    """Fill `unknowns` (all, followed by the constant 1) with the minimum, from the last front to the pieces."""
+    """Fill `unknowns` (all unknowns and the constant 1) with the minimum, from the root of the tree to the pieces."""
     front = factor.front
     shared = np.append(front.columns[front.eliminated :], len(unknowns) - 1)
     rhs = factor.rest @ unknowns[shared]
@@ -146,13 +146,13 @@ def minimise(factor: Factor, unknowns: Float) -> None:
 
 
 def covariance_roots(factor: Factor, shared: Float) -> Iterator[tuple[int, Int, Float]]:
-    """Yield each piece's number, the places of its unknowns in its front, and the front's root R (n, n).
+    """Yield each piece's number, the positions of its unknowns in its front, and the front's root R (n, n).
 
     R is upper triangular, and RR' is the covariance of the front's unknowns.
 
     Args:
         factor: factor of a front.
-        shared: (s, s) root of its shared unknowns; (0, 0) for the last front.
+        shared: (s, s) root of its shared unknowns; (0, 0) for the root of the tree.
     """
     front, eliminated = factor.front, factor.front.eliminated
     right = np.hstack([np.eye(eliminated), -factor.rest[:, :-1] @ shared])

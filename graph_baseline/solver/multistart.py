@@ -1,4 +1,4 @@
-"""Starts for the search of a minimum, and the lowest of the minima that they lead to."""
+"""Search for the lowest minimum from several starts."""
 
 from __future__ import annotations
 
@@ -35,33 +35,34 @@ try:
 except ImportError:  # GTSAM has no wheels for Windows
     from slamgauge.graph_baseline.solver.levenberg_marquardt import descend
 
-PORTIONS = 8  # number of portions in the growing start
+PORTIONS = 8  # number of portions in `growing_start`
 INFLATION = (100.0, 10.0)  # factors on the standard deviation of observations
-UNLIKELY = 5e-4  # probability that true noise makes a cost that counts as too high
+UNLIKELY = 5e-4  # probability of a cost that counts as too high, under the stated noise
 
 Start = Callable[[], tuple[Float, Float]]  # poses (N+1, 3), and landmarks (L, 2) in increasing id order
 Starts = Callable[[Problem, Float], Iterable[Start]]  # from a problem and a path (N+1, 3)
 
 
 def placed_minimum(recording: Problem, path: Float, starts: Starts) -> tuple[Int, Minimum]:
-    """Return the lowest minimum with all landmarks that bearings place: from a path (N+1, 3), then from the minimum.
+    """Return the lowest minimum with the landmarks that their bearings place, first from a path (N+1, 3).
 
-    Bearings that are inconsistent at a minimum without them may agree in a distant minimum with them: that is
-    tried. If no landmark is placed at all, all re-observed landmarks are tried, then the most observed one.
+    Landmarks with inconsistent bearings at this minimum are added and tried, because a distant minimum with them may
+    fit all bearings. If the minimum places no landmark, all re-observed landmarks are tried, then the most observed
+    one.
 
     Returns:
-        Association (M,), -1 for landmarks that bearings do not place, and the minimum without these.
+        Association (M,), -1 for landmarks that their bearings do not place, and the minimum without these landmarks.
     """
     taken, found = _minimum_of_placed(recording, are_placed(recording, path), path, starts)
     if taken.any():
-        hopes = [are_inconsistent(recording, found.poses, ~taken)]
+        candidates = [are_inconsistent(recording, found.poses, ~taken)]
     else:
-        again = are_reobserved(recording)
-        hopes = [again, of_most_observed(recording.landmark, again)]
-    for hopeful in hopes:
-        if (hopeful & ~taken).any():
+        reobserved = are_reobserved(recording)
+        candidates = [reobserved, of_most_observed(recording.landmark, reobserved)]
+    for added in candidates:
+        if (added & ~taken).any():
             with suppress(UndeterminedError):
-                more, other = _minimum_of_placed(recording, taken | hopeful, found.poses, starts)
+                more, other = _minimum_of_placed(recording, taken | added, found.poses, starts)
                 likely = is_low(recording.only(more), other.cost) or not is_low(recording.only(taken), found.cost)
                 if likely and more.sum() > taken.sum():
                     taken, found = more, other
@@ -69,10 +70,11 @@ def placed_minimum(recording: Problem, path: Float, starts: Starts) -> tuple[Int
 
 
 def _minimum_of_placed(recording: Problem, taken: Marks, path: Float, starts: Starts) -> tuple[Marks, Minimum]:
-    """Return the lowest minimum of observations `taken` (M,), adjusted to those (M,) that it places itself.
+    """Return the lowest minimum and its observations (M,), starting with the observations `taken` (M,).
 
-    Landmarks are added, each once at most, until no more are placed; then those that are not placed are removed.
-    After a failed search, landmarks that its end does not place are removed, or else the half that it places worst.
+    Landmarks that the minimum places are added, each at most once, until there are no more. Then landmarks that it does
+    not place are removed. If a search fails, landmarks that its last path does not place are removed, or else the worst
+    placed half.
     """
 
     def minimum(taken: Marks, path: Float) -> tuple[Marks, Minimum]:
@@ -95,7 +97,7 @@ def _minimum_of_placed(recording: Problem, taken: Marks, path: Float, starts: St
 
 
 def _placed_after_failure(error: UndeterminedError, recording: Problem, taken: Marks) -> Marks:
-    """Return which observations (M,) remain after a failed search with `taken` (M,); raise if none do."""
+    """Return a mask (M,) of the observations to keep after a failed search with `taken` (M,); raise if it is empty."""
     if error.path is None:
         raise error
     left = taken & are_placed(recording, error.path)
@@ -107,16 +109,16 @@ def _placed_after_failure(error: UndeterminedError, recording: Problem, taken: M
 
 
 def of_most_observed(landmark: Int, among: Marks) -> Marks:
-    """Return which observations (M,) belong to the landmark (M,) with the most observations `among` (M,)."""
+    """Return a mask (M,) of the observations of the landmark that occurs most often in the mask `among` (M,)."""
     ids, count = np.unique(landmark[among], return_counts=True)
     return landmark == ids[np.argmax(count)] if len(ids) else among
 
 
 def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
-    """Return the lowest minimum of several starts; stop at the first that noise explains.
+    """Return the lowest minimum of several starts, or the first minimum whose cost noise explains.
 
     Raises:
-        UndeterminedError: no start leads to a minimum; states the problem at the lowest end.
+        UndeterminedError: no start leads to a minimum; the message is that of the start with the lowest cost.
     """
     near: list[NearMinimum] = []
     mistakes: list[UndeterminedError] = []
@@ -139,7 +141,7 @@ def lowest_minimum(recording: Problem, starts: Iterable[Start]) -> Minimum:
 
 
 def _gauss_newton_minimum(recording: Problem, near: NearMinimum) -> Minimum:
-    """Call `gauss_newton_minimum`; its error carries the path that was reached."""
+    """Return `gauss_newton_minimum`; its error gets the path from which it started."""
     try:
         return gauss_newton_minimum(recording, near)
     except UndeterminedError as error:
@@ -148,17 +150,17 @@ def _gauss_newton_minimum(recording: Problem, near: NearMinimum) -> Minimum:
 
 
 def is_low(recording: Problem, cost: float) -> bool:
-    """Return whether noise explains half the squared residuals `cost`: then no lower minimum is expected."""
+    """Return whether noise explains the cost (half the squared residuals), so that no lower minimum is expected."""
     return explained_by_noise(2.0 * cost, degrees_of_freedom(recording))
 
 
 def explained_by_noise(chi_square: float, freedom: int) -> bool:
-    """Return whether squared residuals with these degrees of freedom are no larger than those of true noise."""
+    """Return whether squared residuals pass a chi-square test with `freedom` degrees of freedom."""
     return bool(chdtr(freedom, chi_square) < 1.0 - UNLIKELY) if freedom > 0 else chi_square < 2e-6
 
 
 def degrees_of_freedom(recording: Problem) -> int:
-    """Return the number of measured values less two for every landmark."""
+    """Return the number of measured values minus two for every landmark."""
     return recording.observation.size - 2 * len(recording.landmark_ids)
 
 
@@ -168,9 +170,9 @@ def chi_square_of(recording: Problem, poses: Float, landmarks: Float) -> tuple[f
 
 
 def descent_start(recording: Problem, path: Float) -> tuple[Float, Float]:
-    """Return where Levenberg-Marquardt ends from a path (N+1, 3), on the poses with observations.
+    """Return poses and landmarks after Levenberg-Marquardt from a path (N+1, 3), on the poses with observations.
 
-    It is GTSAM's where that is installed, else our own.
+    The optimiser is GTSAM's, or `levenberg_marquardt.descend` if GTSAM is not installed.
     """
     short, key = reduce_to_key_poses(recording)
     poses, landmarks = descend(short, path[key], landmarks_at_first_observation(recording, path))
@@ -178,20 +180,19 @@ def descent_start(recording: Problem, path: Float) -> tuple[Float, Float]:
 
 
 def first_guess(recording: Problem) -> tuple[Float, Float]:
-    """Return poses (N+1, 3) and landmarks (L, 2): the lower minimum from dead reckoning and from the growing start."""
+    """Return poses (N+1, 3) and landmarks (L, 2): the better start from dead reckoning or `growing_start`."""
     merit = Merit(recording)
     found = descent_start(recording, recording.dead_reckoning)
-    return (
-        found
-        if is_low(recording, merit(*found))
-        else min(found, growing_start(recording), key=lambda each: merit(*each))
-    )
+    if is_low(recording, merit(*found)):
+        return found
+    return min(found, growing_start(recording), key=lambda each: merit(*each))
 
 
 def inflated_noise_start(recording: Problem, path: Float) -> tuple[Float, Float]:
-    """Descend from a path (N+1, 3) with observation noise that is inflated at first, then less.
+    """Return poses and landmarks after damped steps from a path (N+1, 3) with inflated observation noise.
 
-    Steps on the true cost diverge if observations are sharper than the path's uncertainty by orders of magnitude.
+    The inflation is reduced once. Steps on the exact cost diverge if observations are more precise than the path by
+    orders of magnitude.
     """
     landmarks = landmarks_at_first_observation(recording, path)
     for times in INFLATION:
@@ -201,7 +202,7 @@ def inflated_noise_start(recording: Problem, path: Float) -> tuple[Float, Float]
 
 
 def growing_start(recording: Problem) -> tuple[Float, Float]:
-    """Take a few iterations on the first portion of the recording, then on more and more of it."""
+    """Return poses and landmarks after a few iterations on each of 1, 2, ..., PORTIONS portions of the recording."""
     short, key = reduce_to_key_poses(recording)
     poses, known = short.prior_mean[None], dict[int, Float]()
     for portion in range(1, PORTIONS + 1):

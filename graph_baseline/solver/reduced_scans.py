@@ -1,7 +1,7 @@
-"""Scans reduced to three equations of their pose, and the recursions over a chain of them.
+"""Scans reduced to three equations of their pose, and the recursions over a chain of scans.
 
-A scan of m observations depends on its pose through three numbers only, so it is first compressed to three equations
-G dx + X (dm, 1) = unit noise. The rest of its information is about its landmarks alone.
+A scan of m observations depends on only three numbers of its pose. It is reduced to three equations
+G dx + X (dm, 1) = unit noise; its other equations do not contain the pose.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.graph_baseline.problem.linearisation import LinearModel
 from slamgauge.graph_baseline.solver.recursions import FilterCovariances, run_covariances, run_maps
 
-CHUNK = 128  # steps; their rows take a few megabytes
+CHUNK = 128  # steps that are processed together; their rows take a few megabytes
 
 
 class Damping(NamedTuple):
@@ -31,13 +31,13 @@ NOT_DAMPED = Damping(np.zeros(3), 0.0, 0.0)
 def compressed_scans(model: LinearModel, landmarks: int, damping: Damping, unknowns: int) -> tuple[Float, Float]:
     """Return three equations per scan, G dx + X (u, 1) = unit noise: G (N+1, 3, 3), X (N+1, 3, n+1).
 
-    A QR decomposition rotates the equations of a scan so that all but the first three are free of the pose; damping
-    adds three equations. The n unknowns u are dm, followed by unknowns that scans do not observe.
+    A QR decomposition removes the pose from all but the first three equations of a scan; damping adds three equations.
+    The n unknowns u are dm, followed by unknowns that scans do not observe.
     """
     poses, (count, dim) = len(model.F) + 1, model.r.shape
     first = np.searchsorted(model.step, np.arange(poses + 1))
-    place = np.arange(count) - first[model.step]  # within the scan
-    held = np.diag(np.sqrt(damping.pose))
+    place = np.arange(count) - first[model.step]  # index within the scan
+    damped = np.diag(np.sqrt(damping.pose))
     G, X = np.empty((poses, 3, 3)), np.zeros((poses, 3, unknowns + 1))
     by_landmark = X[:, :, : 2 * landmarks].reshape(poses, 3, landmarks, 2).swapaxes(1, 2)
     for part in chunks(poses):
@@ -46,7 +46,8 @@ def compressed_scans(model: LinearModel, landmarks: int, damping: Damping, unkno
         step, at = model.step[rows], (model.step[rows] - part.start, place[rows])
         by_pose = np.zeros((scans, int(place[rows].max(initial=-1)) + 1, dim, 3))
         by_pose[at] = model.Hx[rows]
-        Q, G[part] = np.linalg.qr(np.concatenate([np.tile(held, (scans, 1, 1)), by_pose.reshape(scans, -1, 3)], axis=1))
+        rows_of_scan = np.concatenate([np.tile(damped, (scans, 1, 1)), by_pose.reshape(scans, -1, 3)], axis=1)
+        Q, G[part] = np.linalg.qr(rows_of_scan)
         to_rows = transposed(Q[:, 3:].reshape(by_pose.shape)[at])
         np.add.at(by_landmark, (step, model.slot[rows]), to_rows @ model.Hm[rows])
         X[part, :, -1:] = _sum_by(at[0], to_rows @ model.r[rows, :, None], scans)
@@ -54,7 +55,7 @@ def compressed_scans(model: LinearModel, landmarks: int, damping: Damping, unkno
 
 
 def landmarks_alone(model: LinearModel, landmarks: int, unknowns: int) -> Float:
-    """Return the information (n+1, n+1) of all observations on (u, 1), the poses held fixed."""
+    """Return the information (n+1, n+1) of all observations about (u, 1), for fixed poses."""
     joint = np.zeros((unknowns + 1, unknowns + 1))
     width = 2 * landmarks
     own = joint[:width, :width].reshape(landmarks, 2, landmarks, 2)
@@ -66,12 +67,12 @@ def landmarks_alone(model: LinearModel, landmarks: int, unknowns: int) -> Float:
 
 
 def own_information(model: LinearModel, landmarks: int) -> Float:
-    """Return the information of each landmark coordinate (2L,), all else held fixed."""
+    """Return the information (2L,) about each landmark coordinate, given all other unknowns."""
     return _sum_by(model.slot, np.square(model.Hm).sum(axis=1)[:, :, None], landmarks).ravel()
 
 
 def subtract_scans(joint: Float, X: Float, model: LinearModel) -> None:
-    """Subtract X'X chunk by chunk, on the columns of the landmarks that the chunk observes."""
+    """Subtract X'X from `joint` in chunks, on the columns of the landmarks that each chunk observes."""
     for steps in chunks(len(X)):
         begin, end = np.searchsorted(model.step, [steps.start, steps.stop])
         seen = np.unique(model.slot[begin:end])
@@ -80,14 +81,14 @@ def subtract_scans(joint: Float, X: Float, model: LinearModel) -> None:
 
 
 def filter_covariances(model: LinearModel, G: Float) -> FilterCovariances:
-    """Run the Kalman filter's covariances over scans G (N+1, 3, 3)."""
+    """Return covariances and gains of the Kalman filter over scans G (N+1, 3, 3)."""
     filtered = FilterCovariances(*np.empty((5, len(G), 3, 3)))
     run_covariances(np.array(model.start_cov), model.F, model.W, np.ascontiguousarray(G), filtered)
     return filtered
 
 
 def filter_maps(start: Float, c: Float, X: Float, carry: Float, gain: Float) -> Float:
-    """Return predicted poses as affine maps A (N+1, 3, n+1) of (u, 1), the first of them `start`."""
+    """Return predicted poses as affine maps A (N+1, 3, n+1) of (u, 1); the first is `start` (3, n+1)."""
     A = np.empty_like(X)
     A[0] = start
     np.matmul(-gain[:-1], X[:-1], out=A[1:])
@@ -97,7 +98,7 @@ def filter_maps(start: Float, c: Float, X: Float, carry: Float, gain: Float) -> 
 
 
 def chunks(steps: int) -> list[slice]:
-    """Return slices of CHUNK steps."""
+    """Return slices of up to CHUNK steps."""
     return [slice(first, first + CHUNK) for first in range(0, steps, CHUNK)]
 
 

@@ -1,17 +1,17 @@
-"""Solution of the linearised graph by the Schur complement: the step, and all covariances.
+"""Solution of the linearised graph by its Schur complement: the step and all covariances.
 
-Given the landmarks m, the poses are a Markov chain, and each pose is an affine function of m. One pass forward (a
-Kalman filter whose mean is the 3 x (2L + 1) matrix of that affine map) sums up the landmarks' information Lambda,
-the Schur complement of the poses. One pass back (modified Bryson-Frazier, which inverts no covariance) smooths the
-chain. Then cov(m) = Lambda^-1 and cov(x_k) = P_k + A_k Lambda^-1 A_k'. Singular motion noise and a fixed start are
-exact, because no covariance of a pose is ever inverted.
+Given the landmarks m, the poses are a Markov chain, and each pose is an affine function of m. A forward pass (a Kalman
+filter whose mean is the 3 x (2L + 1) matrix of this affine map) computes the landmarks' information Lambda, the Schur
+complement of the poses. A backward pass (modified Bryson-Frazier, which inverts no covariance) smooths the chain. Then
+cov(m) = Lambda^-1 and cov(x_k) = P_k + A_k Lambda^-1 A_k'. Singular motion noise and a fixed start are exact, because
+no pose covariance is inverted.
 
-Cost: O(N L^2) in two symmetric products, and recursions of 3 x 3 matrices; no matrix larger than (3N, 2L).
+Cost: O(N L^2) in two symmetric products, and recursions of 3 x 3 matrices; no matrix is larger than (3N, 2L).
 Source: Bierman, "Factorization methods for discrete sequential estimation" (1977), chapter X.
 
-A long path through a large map is cut into pieces (`chain_partition`) with few landmarks each. The poses at the
-cuts are then unknowns like the landmarks. A piece observes its last pose as a scan without noise would. Lambda is
-sparse, and is factorised as such (`multifrontal`).
+A long path through a large map is cut into pieces (`chain_partition`) with few landmarks each. The poses at the cuts
+are then unknowns, like the landmarks. The last pose of a piece is treated as a noise-free observation of the unknown.
+Lambda is sparse and is factorised by `multifrontal`.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 
 
 class Solution(NamedTuple):
-    """Gauss-Newton step and covariances of the linearised problem, additive world coordinates."""
+    """Gauss-Newton step and covariances of the linearised problem, additive, in the world frame."""
 
     dx: Float  # (N+1, 3)
     dm: Float  # (L, 2)
@@ -58,13 +58,13 @@ class Solution(NamedTuple):
 
 
 class KeyMaps(NamedTuple):
-    """The key poses of a piece as affine maps of (u, 1), where u are its n unknowns."""
+    """The key poses of a piece as affine maps of (u, 1); u are its n unknowns."""
 
-    A: Float  # (K, 3, n+1) predicted
-    P: Float  # (K, 3, 3) their covariances, given the unknowns
-    updated: Float  # (K, 3, 3) the same with the key's own scan
-    adjoint: Float  # (K, 3, n+1) smoothed A: A - P adjoint
-    adjoint_cov: Float  # (K, 3, 3) smoothed P: P - P adjoint_cov P
+    A: Float  # (K, 3, n+1) predicted maps
+    P: Float  # (K, 3, 3) predicted covariances, given the unknowns
+    updated: Float  # (K, 3, 3) covariances after the scan of the key
+    adjoint: Float  # (K, 3, n+1) smoothed A is A - P adjoint
+    adjoint_cov: Float  # (K, 3, 3) smoothed P is P - P adjoint_cov P
 
 
 class Eliminated(NamedTuple):
@@ -73,11 +73,11 @@ class Eliminated(NamedTuple):
     pieces: list[Piece]
     keys: list[KeyMaps]
     factor: Factor
-    unknowns: Float  # (n+1,) where the cost is least: landmarks (L, 2), poses at cuts (J, 3), and the constant 1
+    unknowns: Float  # (n+1,) at the minimum: landmarks (L, 2), poses at cuts (J, 3), and the constant 1
 
 
 def solve_at(recording: Problem, poses: Float, landmarks: Float) -> Solution:
-    """Solve the exact model, linearised at `poses` (N+1, 3) and `landmarks` (L, 2), ids increasing.
+    """Solve the exact model linearised at `poses` (N+1, 3) and `landmarks` (L, 2), ids increasing.
 
     Raises:
         UndeterminedError: the observations do not determine the landmarks.
@@ -107,9 +107,9 @@ def solve(model: LinearModel, landmarks: int) -> Solution:
 
 
 def damped_step(model: LinearModel, landmarks: int, damping: Damping) -> tuple[Float, Float]:
-    """Return the step (N+1, 3), (L, 2) alone, damped by `damping`; raises as `solve`.
+    """Return the damped step (N+1, 3), (L, 2); errors as in `solve`.
 
-    |w + dw|^2 + d |dw|^2 is (1 + d) |dw + w / (1 + d)|^2 but for a constant: a motion of smaller noise.
+    Up to a constant, |w + dw|^2 + d |dw|^2 is (1 + d) |dw + w / (1 + d)|^2: damping d of a motion reduces its noise.
     """
     share = 1.0 / (1.0 + damping.motion)
     chain = eliminate_motions(
@@ -143,13 +143,13 @@ def _eliminate(chain: Chain, landmarks: int, damping: Damping) -> Eliminated:
 
 
 def _poses_eliminated(piece: Piece, damping: Damping) -> tuple[KeyMaps, Float]:
-    """Eliminate the poses of a piece; return their maps, and the information (n+1, n+1) on unknowns and constant."""
+    """Eliminate the poses of a piece; return their maps, and the information (n+1, n+1) about unknowns and constant."""
     model, width = piece.chain.model, 2 * len(piece.slots)
     first, last = slice(width, width + 3 * piece.begins), slice(len(piece.columns) - 3 * piece.ends, -1)
     G, X = compressed_scans(model, len(piece.slots), damping, len(piece.columns))
     joint = landmarks_alone(model, len(piece.slots), len(piece.columns))
     subtract_scans(joint, X, model)
-    if piece.ends:  # its last pose is seen as it is
+    if piece.ends:  # the last pose equals an unknown
         G[-1], X[-1, :, last] = np.eye(3), -np.eye(3)
     P, updated, carry, gain, whitener = filter_covariances(model, G)
     if piece.ends:
@@ -178,7 +178,7 @@ def _newton_step(eliminated: Eliminated, poses: int, landmarks: int) -> tuple[Fl
 
 
 def _move_poses(chain: Chain, keys: KeyMaps, at: Float, dx: Float) -> None:
-    """Fill `dx` (N+1, 3) for a piece's poses, where (u, 1) is `at`."""
+    """Fill `dx` (N+1, 3) for the poses of a piece, with (u, 1) = `at`."""
     predicted, adjoint = keys.A @ at, keys.adjoint @ at
     dx[chain.key] = predicted - np.einsum("kij,kj->ki", keys.P, adjoint)
     between = chain.between
@@ -192,7 +192,7 @@ def _move_poses(chain: Chain, keys: KeyMaps, at: Float, dx: Float) -> None:
 
 
 def _smoothed_maps(chain: Chain, keys: KeyMaps) -> Iterator[tuple[Int, Float, Float]]:
-    """Yield poses (n,) by chunks, their smoothed maps (n, 3, n_u+1), covariances (n, 3, 3) given the unknowns."""
+    """Yield poses (n,) in chunks, with smoothed maps (n, 3, n_u+1) and covariances (n, 3, 3) given the unknowns."""
     for part in chunks(len(chain.key)):
         P, adjoint = keys.P[part], keys.adjoint[part]
         later = _carried_back(chain.model.F, keys.adjoint_cov, part)
@@ -214,7 +214,7 @@ def _smoothed_maps(chain: Chain, keys: KeyMaps) -> Iterator[tuple[Int, Float, Fl
 
 
 def _carried_back(F: Float, adjoint_cov: Float, part: slice) -> Float:
-    """Return the information (n, 3, 3) of later scans on each pose."""
+    """Return the information (n, 3, 3) of later scans about each pose."""
     back = np.zeros_like(adjoint_cov[part])
     move = F[part]
     back[: len(move)] = transposed(move) @ adjoint_cov[part.start + 1 : part.start + 1 + len(move)] @ move
@@ -227,7 +227,7 @@ def _smoothed_covariances(P: Float, adjoint_cov: Float) -> Float:
 
 
 def _predicted_between(chain: Chain, keys: KeyMaps, part: slice) -> Float:
-    """Return covariances (n, 3, 3) of poses between keys, predicted from the key before."""
+    """Return covariances (n, 3, 3) of poses between keys, predicted from the previous key."""
     between = chain.between
     P = keys.updated[between.key[part] - 1]
     shear(P, between.lever_from[part])

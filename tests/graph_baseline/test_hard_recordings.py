@@ -209,6 +209,6 @@ def test_a_landmark_on_the_robot_is_named() -> None:
         prior_cov=np.diag([0.01, 0.01, 0.001]),
     )
     with pytest.raises(
-        UndeterminedError, match=r"^batch: no minimum, landmark 7 comes to lie .* m from pose 5 that sees it"
+        UndeterminedError, match=r"^batch: no minimum, landmark 7 moves to .* m from pose 5 that observes it"
     ):
         batch(through)

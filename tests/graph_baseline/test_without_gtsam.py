@@ -91,7 +91,7 @@ def test_all_but_four_estimators_run_and_those_say_why(tmp_path: Path) -> None:
         ("fixed-lag", "causal"),
         ("isam2", "causal"),
     ):
-        said = f"estimator {name}: needs GTSAM, which cannot be had here (there is no gtsam); {other} does"
+        said = f"estimator {name}: needs GTSAM, which cannot be imported (there is no gtsam); use {other}"
         assert said in done.stdout
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
