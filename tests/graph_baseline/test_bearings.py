@@ -1,9 +1,8 @@
-"""The optimum of bearings alone: triangulation, what bearings place, and the minimum itself."""
+"""The bearing-only optimum: triangulation, placed landmarks, and the minimum."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -23,49 +22,21 @@ from slamgauge.graph_baseline.solver.smoother import solve_at
 from slamgauge.recording import Recording
 from slamgauge.se2 import between, chain, log, wrap
 from slamgauge.triangulation import triangulate
-from slamgauge.truth import Truth
-from tests.reference.random_recordings import random_recording
+from tests.reference.random_recordings import random_recording, recording_of
+from tests.reference.small_problems import answer, cost_of
 
 OPTIMA = pytest.mark.parametrize("optimum", [batch, causal])
 
 
-def bearings_alone(recording: Recording) -> Recording:
-    return replace(
-        recording,
-        sensor="bearing",
-        observation=recording.observation[:, 1:],
-        observation_cov=recording.observation_cov[:, 1:, 1:],
-    )
-
-
-def small(seed: int = 0) -> tuple[Truth, Recording]:
-    truth, recording = random_recording(seed, steps=60, landmarks=5)
-    return truth, bearings_alone(recording)
-
-
-def arrays(estimate: Estimate) -> tuple[Float, Float]:
-    return estimate.poses, estimate.landmarks
-
-
-def test_exact_bearings_meet_in_the_landmark():
-    poses = np.array([[0.0, 0.0, 0.3], [1.0, -0.5, 1.0], [2.0, 0.5, -2.0]])
-    landmark = np.array([3.0, 4.0])
-    offset = landmark - poses[:, :2]
-    bearings = wrap(np.arctan2(offset[:, 1], offset[:, 0]) - poses[:, 2])
-    found = triangulate(poses, bearings, np.full(3, 1e-4), SURE)
-    assert found.placed
-    np.testing.assert_allclose(found.landmark, landmark, atol=1e-9)
-
-
 def pseudolinear(poses: Float, bearings: Float, variances: Float) -> Float:
-    """Least squares on the distances from the lines of sight: linear, and biased towards the robot."""
+    """Return the least-squares distance from all rays: a linear estimate, biased towards the robot."""
     angle = poses[:, 2] + bearings
     across = np.column_stack([-np.sin(angle), np.cos(angle)]) / np.sqrt(variances)[:, None]
     return np.linalg.lstsq(across, (across * poses[:, :2]).sum(axis=1), rcond=None)[0]
 
 
-def noisy_sights(seed: int) -> tuple[Float, Float, Float, Float]:
-    """Poses, bearings, variances, and the landmark: 8 m abeam of a winding way of 5 m, seen within about 3 degrees."""
+def noisy_bearings(seed: int) -> tuple[Float, Float, Float, Float]:
+    """Return poses, bearings, variances and landmark: 8 m beside a winding path of 5 m, noise about 3 degrees."""
     rng = np.random.default_rng(seed)
     x = np.linspace(0.0, 5.0, 30)
     poses = np.column_stack([x, 0.3 * np.sin(x), rng.uniform(-np.pi, np.pi, 30)])
@@ -77,8 +48,8 @@ def noisy_sights(seed: int) -> tuple[Float, Float, Float, Float]:
 
 @pytest.mark.parametrize("seed", range(10))
 def test_triangulation_minimises_the_squared_residuals_of_bearings(seed: int):
-    """From wherever scipy starts, unless it ends higher; sigma is that of the solution's information."""
-    poses, bearings, variances, landmark = noisy_sights(seed)
+    """The minimum and its sigma are those that scipy finds from several starts."""
+    poses, bearings, variances, landmark = noisy_bearings(seed)
 
     def residual(at: Float) -> Float:
         offset = at - poses[:, :2]
@@ -96,11 +67,11 @@ def test_triangulation_minimises_the_squared_residuals_of_bearings(seed: int):
     assert found.sigma == pytest.approx(sigmas[0], rel=1e-3)
 
 
-def test_triangulation_is_not_drawn_towards_the_robot():
-    """Mean of 400 errors away from the robot, in deviations: zero within four of its own, but not pseudolinear."""
+def test_triangulation_is_not_biased_towards_the_robot():
+    """Mean of 400 errors away from the robot, in sigmas: zero within four sigmas of the mean; not so pseudolinear."""
     ours, linear = [], []
     for seed in range(400):
-        poses, bearings, variances, landmark = noisy_sights(seed)
+        poses, bearings, variances, landmark = noisy_bearings(seed)
         found = triangulate(poses, bearings, variances, SURE)
         assert found.placed
         ours.append((found.landmark - landmark)[1] / found.sigma)
@@ -112,19 +83,19 @@ def test_triangulation_is_not_drawn_towards_the_robot():
 @pytest.mark.parametrize(
     ("poses", "bearings"),
     [
-        (np.zeros((1, 3)), np.zeros(1)),  # seen once
-        (np.zeros((5, 3)), np.zeros(5)),  # from one place
-        (np.array([[0.0, 0, 0], [1, 0, 0]]), np.zeros(2)),  # driving straight at it
-        (np.array([[0.0, 0, 0], [0, 0.01, 0]]), np.array([0.0, 0.0])),  # lines that meet nowhere
-        (np.array([[0.0, 0, 0], [0, 1, 0]]), np.array([0.1, -0.1]) + np.pi),  # behind
+        (np.zeros((1, 3)), np.zeros(1)),  # a single bearing
+        (np.zeros((5, 3)), np.zeros(5)),  # no motion
+        (np.array([[0.0, 0, 0], [1, 0, 0]]), np.zeros(2)),  # motion towards the landmark
+        (np.array([[0.0, 0, 0], [0, 0.01, 0]]), np.array([0.0, 0.0])),  # parallel rays
+        (np.array([[0.0, 0, 0], [0, 1, 0]]), np.array([0.1, -0.1]) + np.pi),  # rays that intersect behind the robot
     ],
 )
-def test_bearings_that_place_nothing(poses: Float, bearings: Float):
+def test_bearings_without_a_usable_intersection_place_no_landmark(poses: Float, bearings: Float):
     assert not triangulate(poses, bearings, np.full(len(poses), np.deg2rad(5.0) ** 2), SURE).placed
 
 
 def residuals(recording: Recording, unknowns: Float) -> Float:
-    """Whitened residuals written here again: prior, motion in GTSAM's chart, bearings."""
+    """Return whitened residuals, implemented independently: prior, motion with the logarithm of SE(2), bearings."""
     assert recording.landmark is not None
     poses = unknowns[: 3 * (recording.steps + 1)].reshape(-1, 3)
     landmarks = unknowns[3 * (recording.steps + 1) :].reshape(-1, 2)
@@ -142,14 +113,12 @@ def residuals(recording: Recording, unknowns: Float) -> Float:
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_the_minimum_is_scipys(seed: int):
-    _, recording = random_recording(seed, steps=25, landmarks=4)
-    recording = replace(recording, prior_cov=np.diag([0.1, 0.1, 0.02]) ** 2)
-    recording = bearings_alone(recording)
+def test_the_minimum_is_that_of_scipy(seed: int):
+    recording = recording_of("bearing", seed, steps=25, landmarks=4)
     estimate = batch(recording)
     assert estimate.association is not None
     recording = recording.associated(estimate.association)
-    start = np.concatenate([each.ravel() for each in arrays(estimate)])
+    start = np.concatenate([estimate.poses.ravel(), estimate.landmarks.ravel()])
     rng = np.random.default_rng(seed)
     nearby = start + 1e-3 * rng.normal(size=len(start))
     solution = least_squares(partial(residuals, recording), nearby, xtol=1e-14, gtol=1e-12)
@@ -158,33 +127,32 @@ def test_the_minimum_is_scipys(seed: int):
     assert estimate.pose_covs is not None
     ours = np.sqrt(np.diagonal(estimate.pose_covs, axis1=1, axis2=2)).ravel()
     np.testing.assert_allclose(ours, sigmas[: len(ours)], rtol=1e-4)
-    assert cost(recording, estimate.poses, np.asarray(estimate.landmark_ids), arrays(estimate)[1]) == pytest.approx(
-        solution.cost, rel=1e-6
-    )
+    assert cost_of(recording, answer(estimate)) == pytest.approx(solution.cost, rel=1e-6)
 
 
 @OPTIMA
-def test_a_landmark_seen_once_is_left_out_and_said_so(optimum):  # pyright: ignore[reportMissingParameterType]
-    _, recording = small()
+def test_a_landmark_with_a_single_bearing_is_ignored_and_its_association_is_minus_one(
+    optimum: Callable[[Recording], Estimate],
+):
+    recording = recording_of("bearing", 0, steps=60, landmarks=5)
     assert recording.landmark is not None
-    lonely = int(recording.landmark.max())
-    rows = np.flatnonzero(recording.landmark == lonely)
+    single = int(recording.landmark.max())
+    rows = np.flatnonzero(recording.landmark == single)
     kept = np.ones(len(recording.landmark), dtype=bool)
     kept[rows[1:]] = False
     once = recording.only(kept)
     estimate = optimum(once)
-    assert lonely not in np.asarray(estimate.landmark_ids).tolist()
+    assert single not in estimate.landmark_ids
     assert once.landmark is not None
     association = np.asarray(estimate.association)
-    assert (association[once.landmark == lonely] == -1).all()
+    assert (association[once.landmark == single] == -1).all()
     assert (association >= 0).sum() > len(association) / 3
     kept[rows[0]] = False
     np.testing.assert_allclose(estimate.poses, optimum(recording.only(kept)).poses, atol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_no_other_start_ends_lower(seed: int):
-    """From the truth itself, the exact Newton steps end where batch ended."""
+def test_the_truth_as_start_leads_to_no_lower_minimum(seed: int):
     truth, recording = simulate(load_scenario("q4-ring", ["start=sampled", "trajectory.duration=70"]), seed)
     estimate = batch(recording)
     assert truth.poses is not None
@@ -193,11 +161,10 @@ def test_no_other_start_ends_lower(seed: int):
     ids = problem.landmark_ids
     near = damped_descent(problem, truth.poses, truth.landmarks[ids])
     poses, landmarks = gauss_newton_minimum(problem, near)[:2]
-    ours = cost(recording, estimate.poses, np.asarray(estimate.landmark_ids), arrays(estimate)[1])
-    assert ours <= cost(recording, poses, ids, landmarks) * (1 + 1e-6)
+    assert cost_of(recording, answer(estimate)) <= cost(recording, poses, ids, landmarks) * (1 + 1e-6)
 
 
-def test_the_causal_optimum_ends_at_the_hindsight_one():
+def test_the_last_causal_pose_is_that_of_the_hindsight_optimum():
     _, recording = simulate(load_scenario("q4-ring", ["start=sampled", "trajectory.duration=70"]), 0)
     newest, hindsight = causal(recording), batch(recording)
     assert hindsight.pose_covs is not None
@@ -205,8 +172,8 @@ def test_the_causal_optimum_ends_at_the_hindsight_one():
     assert (np.abs(newest.poses[-1] - hindsight.poses[-1]) < 0.2 * sigma).all()
 
 
-def test_causal_goes_through_the_first_metres_of_any_run():
-    """Runs in which it failed when landmarks entered as soon as batch can use them (a share of 0.3)."""
+def test_causal_places_landmarks_in_short_runs():
+    """Regression test: these runs failed when landmarks were added at a sigma of 0.3 of their distance."""
     scenario = load_scenario("q4-ring", ["start=sampled", "trajectory.duration=8"])
     for run in (4, 5, 18, 38):
         estimate = causal(simulate(scenario, run_seed(0, run))[1])
@@ -214,42 +181,42 @@ def test_causal_goes_through_the_first_metres_of_any_run():
 
 
 @pytest.mark.parametrize("optimum", [batch, causal, robust_batch])
-def test_a_given_association_may_name_landmarks_that_bearings_do_not_place(
+def test_a_given_association_may_contain_landmarks_that_bearings_do_not_place(
     optimum: Callable[[Recording, Int], Estimate],
 ):
-    _, recording = small()
+    recording = recording_of("bearing", 0, steps=60, landmarks=5)
     assert recording.landmark is not None
-    lonely = int(recording.landmark.max())
+    single = int(recording.landmark.max())
     association = np.array(recording.landmark)
-    association[np.flatnonzero(association == lonely)[1:]] = -1
+    association[np.flatnonzero(association == single)[1:]] = -1
     estimate = optimum(recording, association)
-    assert lonely not in np.asarray(estimate.landmark_ids).tolist()
+    assert single not in estimate.landmark_ids
     given = np.asarray(estimate.association)
-    assert not (given == lonely).any()
+    assert not (given == single).any()
     assert (given[given >= 0] == association[given >= 0]).all()
     assert (given >= 0).sum() > len(given) / 3
 
 
-def test_landmarks_that_searches_leave_out_in_turn_are_taken_in_once(monkeypatch: pytest.MonkeyPatch):
-    """Each of two landmarks is placed by the minimum with the other; a search with both ends without the last one."""
+def test_the_search_adds_each_landmark_at_most_once(monkeypatch: pytest.MonkeyPatch):
+    """Each of two landmarks is placed by the minimum with the other; a search with both removes one of them."""
     recording = prepare(random_recording(0, steps=10, landmarks=2)[1])
     landmark = recording.landmark
     first, second = np.unique(landmark)
     path = chain(recording.prior_mean, recording.odometry)
-    ended = UndeterminedError("in vain")
-    ended.path = path + 1.0
+    failure = UndeterminedError("no minimum")
+    failure.path = path + 1.0
     found: list[int] = []
 
     def placed(_: Problem, at: Float) -> Marks:
         if not found:
             return landmark == first
-        return landmark != found[-1] if at is ended.path else np.ones(len(landmark), dtype=bool)
+        return landmark != found[-1] if at is failure.path else np.ones(len(landmark), dtype=bool)
 
     def lowest(part: Problem, _: object) -> Minimum:
         if len(part.landmark_ids) == 2:
-            raise ended
+            raise failure
         found.append(part.landmark_ids[0])
-        assert len(found) < 10, "it goes on for ever"
+        assert len(found) < 10, "the search does not end"
         positions = np.ones((1, 2))
         return Minimum(path, positions, solve_at(part, path, positions), 1.0)
 

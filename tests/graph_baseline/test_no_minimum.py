@@ -1,4 +1,4 @@
-"""What optima do where there is no minimum, or only later, and with a landmark at the sensor."""
+"""Optima of recordings whose steps have no minimum or change it, and of a landmark at the sensor."""
 
 from __future__ import annotations
 
@@ -26,46 +26,46 @@ def does_not_converge(_: ChordDescent) -> bool:
     return False
 
 
-def test_steps_without_a_minimum_are_flagged_though_the_last_has_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_optimum_check_is_infinite_if_some_steps_have_no_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = random_recording(3, steps=30)[1]
-    lost = range(10, 13)
+    failing = range(10, 13)
     add_step = IncrementalOptimum.add_step
     converged: list[bool] = []
 
     def search_fails(_: IncrementalOptimum) -> None:
         pass
 
-    def noted(growing: IncrementalOptimum) -> None:
+    def failing_step(incremental: IncrementalOptimum) -> None:
         with monkeypatch.context() as patch:
-            if len(converged) in lost:
+            if len(converged) in failing:
                 patch.setattr(ChordDescent, "converge", does_not_converge)
                 patch.setattr(IncrementalOptimum, "_search_result", search_fails)
-            add_step(growing)
-        converged.append(growing.converged)
+            add_step(incremental)
+        converged.append(incremental.converged)
 
-    monkeypatch.setattr(IncrementalOptimum, "add_step", noted)
+    monkeypatch.setattr(IncrementalOptimum, "add_step", failing_step)
     check = causal(recording).optimum_check
-    assert [k for k in range(31) if not converged[k]] == [*lost]
+    assert [k for k in range(31) if not converged[k]] == [*failing]
     assert check == np.inf
 
 
-def test_a_minimum_is_not_sought_at_every_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    sought: list[int] = []
+def test_failed_searches_for_a_minimum_are_not_repeated_at_every_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    searches: list[int] = []
 
-    def search_fails(growing: IncrementalOptimum) -> None:
-        sought.append(len(growing.landmark_ids))
+    def search_fails(incremental: IncrementalOptimum) -> None:
+        searches.append(len(incremental.landmark_ids))
 
     monkeypatch.setattr(IncrementalOptimum, "_search_result", search_fails)
     monkeypatch.setattr(ChordDescent, "converge", does_not_converge)
-    growing = IncrementalOptimum(random_recording(0, steps=300)[1])
+    incremental = IncrementalOptimum(random_recording(0, steps=300)[1])
     for _ in range(301):
-        growing.add_step()
-    assert growing.unconverged_steps > 290
-    assert len(sought) < 30
+        incremental.add_step()
+    assert incremental.unconverged_steps > 290
+    assert len(searches) < 30
 
 
 @pytest.mark.parametrize("optimum", [batch, causal])
-def test_a_range_of_zero_at_first_sight_is_a_mistake_in_one_line_or_none(optimum: Callable[..., Estimate]) -> None:
+def test_a_first_range_of_zero_gives_an_estimate_or_a_one_line_error(optimum: Callable[..., Estimate]) -> None:
     recording = random_recording(2, steps=30)[1]
     observation = recording.observation.copy()
     observation[0, 0] = 0.0
@@ -76,7 +76,7 @@ def test_a_range_of_zero_at_first_sight_is_a_mistake_in_one_line_or_none(optimum
 
 
 @pytest.mark.parametrize("optimum", [batch, causal])
-def test_a_position_of_zero_is_as_good_as_any(optimum: Callable[..., Estimate]) -> None:
+def test_an_observed_position_of_zero_is_valid(optimum: Callable[..., Estimate]) -> None:
     recording = random_recording(2, steps=30, sensor="position")[1]
     observation = recording.observation.copy()
     observation[0] = 0.0
@@ -85,7 +85,7 @@ def test_a_position_of_zero_is_as_good_as_any(optimum: Callable[..., Estimate]) 
     np.testing.assert_allclose(optimum(changed).poses, optimum(near).poses, atol=1e-4)
 
 
-def test_a_damped_step_holds_motions_that_nothing_sees() -> None:
+def test_damping_limits_motions_between_poses_without_observations() -> None:
     recording = random_recording(1, steps=20)[1]
     recording = recording.only((recording.observation_step < 5) | (recording.observation_step > 15))
     assert recording.landmark is not None
@@ -99,45 +99,45 @@ def test_a_damped_step_holds_motions_that_nothing_sees() -> None:
     assert np.abs(free[0]).max() > 1e-3
 
 
-def test_the_causal_optimum_leaves_a_minimum_whose_cost_leaps(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unlikely_increase_of_the_cost_starts_a_search_for_a_lower_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = random_recording(3, steps=30)[1]
-    growing = IncrementalOptimum(recording)
+    incremental = IncrementalOptimum(recording)
     for _ in range(recording.steps):
-        growing.add_step()
+        incremental.add_step()
 
-    def ends_elsewhere(descent: ChordDescent) -> bool:
+    def converge_with_high_cost(descent: ChordDescent) -> bool:
         descent.chi_square = 1e6
         return True
 
-    monkeypatch.setattr(ChordDescent, "converge", ends_elsewhere)
-    growing.add_step()
+    monkeypatch.setattr(ChordDescent, "converge", converge_with_high_cost)
+    incremental.add_step()
     optimum = batch(recording)
     assert optimum.pose_covs is not None
     sigma = np.sqrt(np.diag(optimum.pose_covs[-1]))
-    assert np.abs(growing.newest_pose() - optimum.poses[-1]).max() < 1e-6 * sigma.min()
+    assert np.abs(incremental.newest_pose() - optimum.poses[-1]).max() < 1e-6 * sigma.min()
 
 
-@pytest.mark.parametrize(("wrong", "flagged"), [(0.0, False), (3.0, True)])
-def test_a_step_before_a_leap_is_flagged_where_its_pose_was_off(
-    monkeypatch: pytest.MonkeyPatch, wrong: float, flagged: bool
+@pytest.mark.parametrize("error", [0.0, 3.0])
+def test_optimum_check_includes_the_pose_before_a_switch_of_minimum(
+    monkeypatch: pytest.MonkeyPatch, error: float
 ) -> None:
-    """The pose of step 20 is put off by some sigmas, and a search leads to the right path at step 21."""
+    """The pose of step 20 has an error [sigmas]; at step 21 the estimator switches to the right minimum."""
     recording = random_recording(3, steps=30)[1]
     ids = np.unique(require_known_landmarks(recording))
     add_step, newest_pose = IncrementalOptimum.add_step, IncrementalOptimum.newest_pose
 
-    def leaping(growing: IncrementalOptimum) -> None:
-        add_step(growing)
-        path = growing.path_and_map()[0]
+    def switching_step(incremental: IncrementalOptimum) -> None:
+        add_step(incremental)
+        path = incremental.path_and_map()[0]
         if len(path) == 22:
-            growing.switches.append(MinimumSwitch(path, ids))
+            incremental.switches.append(MinimumSwitch(path, ids))
 
-    def off(growing: IncrementalOptimum) -> Float:
-        is_wrong = len(growing.path_and_map()[0]) == 21
-        return newest_pose(growing) + is_wrong * wrong * np.sqrt(np.diag(growing.newest_cov()))
+    def wrong_pose(incremental: IncrementalOptimum) -> Float:
+        is_wrong = len(incremental.path_and_map()[0]) == 21
+        return newest_pose(incremental) + is_wrong * error * np.sqrt(np.diag(incremental.newest_cov()))
 
-    monkeypatch.setattr(IncrementalOptimum, "add_step", leaping)
-    monkeypatch.setattr(IncrementalOptimum, "newest_pose", off)
+    monkeypatch.setattr(IncrementalOptimum, "add_step", switching_step)
+    monkeypatch.setattr(IncrementalOptimum, "newest_pose", wrong_pose)
     check = causal(recording).optimum_check
     assert check is not None
-    assert (check == pytest.approx(wrong, abs=0.05)) if flagged else check < 0.02
+    assert (check == pytest.approx(error, abs=0.05)) if error else check < 0.02

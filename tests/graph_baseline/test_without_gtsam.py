@@ -1,4 +1,4 @@
-"""Where GTSAM cannot be had: the same optima, by own steps alone, and everything that does not need it."""
+"""Without GTSAM: the exact optima are the same, and everything that does not need GTSAM runs."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ BLOCKED = ROOT / "tests/without_gtsam"
 SELECTED = (
     *("tests/graph_baseline/test_given_associations.py", "tests/graph_baseline/test_bound.py"),
     *("tests/compare/studies/test_bound_in_studies.py", "tests/compare/scoring/test_scores.py"),
-)  # all of them: CONTRIBUTING.md
+)  # CONTRIBUTING.md describes how to run all tests without GTSAM
 SHORT = "not given_ids and not shrinks"
 
 
 def both_ways(recording: Recording, path: np.ndarray | None, monkeypatch: pytest.MonkeyPatch) -> list[Estimate]:
-    """The optimum by GTSAM's search and by ours, from a path, or from what `batch` begins with."""
+    """Return the optimum with starts of GTSAM's optimiser and of ours, from a path or from the default of `batch`."""
     found: list[Estimate] = []
     for descend in (multistart.descend, levenberg_marquardt.descend):
         with monkeypatch.context() as context:
@@ -43,7 +43,7 @@ def both_ways(recording: Recording, path: np.ndarray | None, monkeypatch: pytest
 @pytest.mark.parametrize("sensor", ["range-bearing", "position", "bearing"])
 @pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])
 @pytest.mark.parametrize("of_filter", [False, True], ids=["dead-reckoning", "filter"])
-def test_own_steps_lead_to_the_same_minimum(
+def test_the_built_in_optimiser_leads_to_the_same_minimum(
     sensor: str, slip: bool, of_filter: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for seed in range(2):
@@ -54,28 +54,30 @@ def test_own_steps_lead_to_the_same_minimum(
 
 
 @pytest.mark.parametrize("name", ["q1-short-dense", "q1-long-sparse", "q4-three-landmarks"])
-def test_so_they_do_on_the_practical(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_built_in_optimiser_leads_to_the_same_minimum_on_scenarios(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     theirs, ours = both_ways(simulate(load_scenario(name, ["start=sampled"]), 3)[1], None, monkeypatch)
     np.testing.assert_allclose(ours.poses, theirs.poses, rtol=0, atol=1e-9)
     assert ours.chi_square == pytest.approx(theirs.chi_square, rel=1e-9)
 
 
 def without_gtsam(*words: str) -> subprocess.CompletedProcess[str]:
-    """A Python program, and all that it starts, for which there is no gtsam."""
+    """Run Python with `words`; it and its child processes cannot import gtsam."""
     path = os.pathsep.join([str(BLOCKED), *filter(None, [os.environ.get("PYTHONPATH")])])
     return subprocess.run(
         [sys.executable, *words], cwd=ROOT, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True
     )
 
 
-def test_tests_of_what_does_not_need_it_pass() -> None:
+def test_tests_that_do_not_need_gtsam_pass() -> None:
     done = without_gtsam("-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "-k", SHORT, *SELECTED)
     assert done.returncode == 0, done.stdout
-    looked = without_gtsam("-c", "import slamgauge.graph_baseline.solver.multistart as s; print(s.descend.__module__)")
-    assert looked.stdout == "slamgauge.graph_baseline.solver.levenberg_marquardt\n"
+    used = without_gtsam("-c", "import slamgauge.graph_baseline.solver.multistart as s; print(s.descend.__module__)")
+    assert used.stdout == "slamgauge.graph_baseline.solver.levenberg_marquardt\n"
 
 
-def test_all_but_four_estimators_run_and_those_say_why(tmp_path: Path) -> None:
+def test_the_four_estimators_of_gtsam_name_an_alternative_and_all_others_run(tmp_path: Path) -> None:
     words = (
         "run",
         "q1-short-dense",
@@ -91,8 +93,8 @@ def test_all_but_four_estimators_run_and_those_say_why(tmp_path: Path) -> None:
         ("fixed-lag", "causal"),
         ("isam2", "causal"),
     ):
-        said = f"estimator {name}: needs GTSAM, which cannot be imported (there is no gtsam); use {other}"
-        assert said in done.stdout
+        reason = f"estimator {name}: needs GTSAM, which cannot be imported (there is no gtsam); use {other}"
+        assert reason in done.stdout
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     rows = {line.split()[0]: line.split()[1] for line in done.stdout.splitlines() if line}

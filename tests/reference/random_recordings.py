@@ -20,14 +20,19 @@ def random_covariances(rng: np.random.Generator, count: int, sigmas: Float) -> F
     return A @ A.swapaxes(1, 2)
 
 
-def recording_of(sensor: str, seed: int = 3, *, slip: bool = True) -> Recording:
-    """A random recording of any sensor: bearings are those of ranges and bearings."""
-    if sensor != "bearing":
-        return random_recording(seed, sensor=sensor, slip=slip)[1]
-    both = random_recording(seed, slip=slip)[1]
-    return replace(
-        both, sensor="bearing", observation=both.observation[:, 1:], observation_cov=both.observation_cov[:, 1:, 1:]
-    )
+def bearing_only(recording: Recording) -> Recording:
+    """Return a range-bearing recording without its ranges."""
+    values, covs = recording.observation[:, 1:], recording.observation_cov[:, 1:, 1:]
+    return replace(recording, sensor="bearing", observation=values, observation_cov=covs)
+
+
+def recording_of(
+    sensor: str, seed: int = 3, *, slip: bool = True, noise: float = 1.0, steps: int = 40, landmarks: int = 6
+) -> Recording:
+    """Return a random recording of any sensor; bearing-only recordings are range-bearing ones without ranges."""
+    kind = "range-bearing" if sensor == "bearing" else sensor
+    recording = random_recording(seed, sensor=kind, slip=slip, noise=noise, steps=steps, landmarks=landmarks)[1]
+    return bearing_only(recording) if sensor == "bearing" else recording
 
 
 def random_recording(

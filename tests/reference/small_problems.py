@@ -74,7 +74,7 @@ def assert_same_covariances(actual: Float, expected: Float, tolerance: float) ->
     np.testing.assert_allclose(actual / unit, expected / unit, rtol=0, atol=tolerance)
 
 
-def sights_from_the_start(prior_mean: list[float], prior_cov: Float) -> Recording:
+def one_observation_at_start(prior_mean: list[float], prior_cov: Float) -> Recording:
     return Recording(
         stamps=np.zeros(1),
         prior_mean=np.array(prior_mean),

@@ -1,4 +1,4 @@
-"""The optimum's linear model against central differences of its residual functions."""
+"""The linear model of the optimum compared with central differences of its residuals."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ TURNS = [0.0, 1e-12, -1e-7, 5e-5, 0.99e-4, 1.01e-4, -3e-4, 1e-2, 0.7, -2.0, 3.0,
 PLACES = [[0.0, 0.0], [0.3, -0.1], [-40.0, 25.0]]
 
 
-# --- the logarithm beside GTSAM's ------------------------------------------------------------
+# --- the logarithm of SE(2) ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("turn", [*TURNS, PI])
 @pytest.mark.parametrize("place", PLACES)
 def test_logarithm_equals_gtsams(place: list[float], turn: float) -> None:
-    """GTSAM 4.3 itself is off by 4.6e-10 of the distance at -1e-7 rad, by 1e-12 at 1e-4, by rounding above 0.1."""
+    """GTSAM 4.3 has relative errors of 4.6e-10 at -1e-7 rad and 1e-12 at 1e-4 rad, and rounding above 0.1 rad."""
     expected = gtsam.Pose2.Logmap(gtsam.Pose2(place[0], place[1], turn))
     tolerance = 5e-10 if abs(turn) < 1e-5 else 2e-12 if abs(turn) < 0.1 else 1e-14
     distance = 1 + math.hypot(*place)
@@ -37,17 +37,17 @@ def test_logarithm_equals_gtsams(place: list[float], turn: float) -> None:
 
 
 def problem(seed: int, sensor: str, *, far: bool) -> tuple[Recording, Float, Float, Int, LinearModel]:
-    """A recording, poses and landmarks away from its optimum, and the model there.
+    """Return a recording, poses and landmarks away from its optimum, their slots, and the model linearised there.
 
     Args:
-        far: headings all round the circle and residuals up to nearly a half turn.
+        far: headings cover the whole circle, and residuals reach almost half a turn.
     """
     _, recording = random_recording(seed, sensor=sensor, steps=12, landmarks=4)
     rng = np.random.default_rng(seed)
     sigmas = [2.0, 2.0, 2.5] if far else [0.05, 0.05, 0.02]
     poses = chain(recording.prior_mean, recording.odometry)
     poses = compose(poses, rng.uniform(-1, 1, poses.shape) * sigmas)
-    if far:  # the cut itself, from both sides
+    if far:  # both sides of the cut at pi
         poses[3, 2], poses[4, 2], poses[5, 2] = PI, -PI + 1e-12, PI - 1e-12
     assert recording.landmark is not None
     slot: Int = np.searchsorted(np.unique(recording.landmark), recording.landmark).astype(np.int64)
@@ -63,7 +63,7 @@ CASES = pytest.mark.parametrize(
 
 @CASES
 def test_prior(seed: int, sensor: str, far: bool) -> None:
-    """Residual Log(mean^-1 x_0): its root's covariance and place in additive coordinates."""
+    """Residual Log(mean^-1 x_0): mean and covariance of the additive error of x_0."""
     recording, poses, _, _, model = problem(seed, sensor, far=far)
 
     def residual(pose: Float) -> Float:
@@ -76,7 +76,7 @@ def test_prior(seed: int, sensor: str, far: bool) -> None:
 
 @CASES
 def test_motion(seed: int, sensor: str, far: bool) -> None:
-    """From r(x, x') = Log(u^-1 between(x, x')): F = -r_x'^-1 r_x, c = -r_x'^-1 r, W = r_x'^-1 Q r_x'^-T."""
+    """With r(x, x') = Log(u^-1 between(x, x')): F = -r_x'^-1 r_x, c = -r_x'^-1 r, W = r_x'^-1 Q r_x'^-T."""
     recording, poses, _, _, model = problem(seed, sensor, far=far)
     for k in range(recording.steps):
 
@@ -95,7 +95,7 @@ def test_motion(seed: int, sensor: str, far: bool) -> None:
 
 @CASES
 def test_observations(seed: int, sensor: str, far: bool) -> None:
-    """Residual h(x, l) - z, whitened so that its covariance is the unit matrix."""
+    """Residual h(x, l) - z, whitened so that its covariance is the identity."""
     recording, poses, landmarks, slot, model = problem(seed, sensor, far=far)
     assert len(slot) > 10
     for i, k in enumerate(recording.observation_step):
@@ -111,7 +111,7 @@ def test_observations(seed: int, sensor: str, far: bool) -> None:
         distance = float(np.hypot(*(both[3:] - both[:2])))
         step = [1e-3 * distance, 1e-3 * distance, 1e-3, 1e-3 * distance, 1e-3 * distance]
         jacobian = differentiate(residual, both, step, angles=[1] if sensor == "range-bearing" else [])
-        # whitening is judged by what it must achieve, not by which square root it takes
+        # any square root of the covariance is valid, so the whitened covariance is compared
         H = np.column_stack([model.Hx[i], model.Hm[i]])
         whitener = H @ np.linalg.pinv(jacobian)
         np.testing.assert_allclose(whitener @ recording.observation_cov[i] @ whitener.T, np.eye(2), atol=1e-7)

@@ -1,9 +1,8 @@
-"""The compiled models: angles at the ends of their series, residuals and gradients by differences."""
+"""Compiled residuals: the series of the arc tangent, residuals, and gradients compared with differences."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from slamgauge.graph_baseline.problem.residuals import Measured, ObservationRow,
 from slamgauge.se2 import between, log
 from slamgauge.sensors import SENSORS
 from tests.reference.jacobians import assert_jacobian
-from tests.reference.random_recordings import random_recording
+from tests.reference.random_recordings import recording_of
 
 SMALL = [0.0, 1e-300, 1e-9, 1e-3, 0.0499, 0.0501]
 ANGLES = [*SMALL, 0.7, 1.6, 3.0, math.pi]
@@ -51,14 +50,8 @@ def test_angle_of_a_vector(angle: float, length: float) -> None:
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_a_recordings_steps_and_observations(sensor: str):
-    _, recording = random_recording(2, sensor="range-bearing" if sensor == "bearing" else sensor)
-    if sensor == "bearing":
-        bearings = {
-            "observation": recording.observation[:, 1:],
-            "observation_cov": recording.observation_cov[:, 1:, 1:],
-        }
-        recording = replace(recording, sensor=sensor, **bearings)
+def test_arrays_and_step_residuals_of_a_recording(sensor: str) -> None:
+    recording = recording_of(sensor, 2)
     measured = measured_of(recording)
     for row in range(3):
         z, L = recording.observation[row], np.linalg.inv(measured.whitener[row])
@@ -76,7 +69,7 @@ def test_a_recordings_steps_and_observations(sensor: str):
 @pytest.mark.parametrize("heading", [0.4, -2.9])
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_residual_of_an_observation_and_its_gradient(sensor: str, heading: float) -> None:
-    """The bearing that is measured is far from the true one, and near it."""
+    """The measured bearing is far from the predicted one in the first case and near it in the second."""
     turn, root = (math.cos(heading), math.sin(heading)), np.array([[2.0, 0.0], [-0.7, 5.0]])
     for bearing in (2.5, 0.62 - heading):
         z = (1.5, -0.4) if sensor == "position" else (1.5, bearing) if sensor == "range-bearing" else (bearing, bearing)

@@ -1,4 +1,4 @@
-"""Steps of the linear model, taken in either way."""
+"""Both retractions of a step of the linear model."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ WAYS = [retract_pointwise, retract_by_motions]
 
 
 def at_start(*, slip: bool = True) -> tuple[Recording, LinearModel, Float, Float]:
-    """A recording, its linear model off dead reckoning, path (N+1, 3) and map (L, 2) there."""
+    """Return a recording, its linear model near dead reckoning, and path (N+1, 3) and map (L, 2) of the model."""
     recording = prepare(random_recording(5, slip=slip)[1])
     noise = 0.05 * np.random.default_rng(1).normal(size=(recording.steps, 3)) * [1.0, slip, 1.0]
     path = chain(recording.prior_mean, recording.odometry + noise)
@@ -44,7 +44,7 @@ def apart(one: Float, other: Float) -> Float:
 
 
 @pytest.mark.parametrize("move", WAYS)
-def test_a_small_step_is_the_linear_one(move: Move):
+def test_a_small_step_is_additive(move: Move):
     recording, model, path, points = at_start()
     dx, dm = some_step(path, points)
     noise, h = MotionNoise(recording), 1e-5
@@ -54,7 +54,7 @@ def test_a_small_step_is_the_linear_one(move: Move):
 
 
 @pytest.mark.parametrize("move", WAYS)
-def test_a_robot_that_cannot_slip_does_not(move: Move):
+def test_a_step_satisfies_the_constraint_of_no_slip(move: Move):
     recording, model, path, points = at_start(slip=False)
     dx, dm = some_step(path, points)
     noise = MotionNoise(recording)
@@ -62,7 +62,7 @@ def test_a_robot_that_cannot_slip_does_not(move: Move):
     assert np.abs(noise.residuals(moved)[1:, 1]).max() < 1e-12
 
 
-def test_displacing_keeps_the_distances_of_what_turns_as_one():
+def test_a_pointwise_retraction_of_a_common_rotation_keeps_all_distances():
     recording, model, path, points = at_start()
     centre, turn = np.array([3.0, -2.0]), 2.0
     across = np.array([[0.0, -1.0], [1.0, 0.0]])
@@ -75,7 +75,7 @@ def test_displacing_keeps_the_distances_of_what_turns_as_one():
     np.testing.assert_allclose(mapped, centre + (points - centre) @ turned.T, atol=1e-12)
 
 
-def test_driving_moves_the_residuals_along_a_line():
+def test_a_retraction_by_motions_changes_the_residuals_linearly():
     recording, model, path, points = at_start()
     dx, dm = some_step(path, points)
     noise = MotionNoise(recording)

@@ -1,6 +1,6 @@
-"""The linear problem cut into pieces is the linear problem: the same step, the same covariances.
+"""The partition into pieces does not change step and covariances of the linear problem.
 
-Differences are in standard deviations. Problems are small and their seeds fixed: the bars hold for each of them.
+Differences are in standard deviations. Problems are small and seeds are fixed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slamgauge.arrays import Float
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch
 from slamgauge.graph_baseline.problem.linearisation import LinearModel, linearise
@@ -27,12 +26,13 @@ from slamgauge.recording import Recording
 from slamgauge.se2 import chain
 from tests.reference.fields import lanes
 from tests.reference.random_recordings import random_recording
+from tests.reference.small_problems import assert_same_covariances
 
-BAR = 1e-9  # of a standard deviation, and of a variance
+TOLERANCE = 1e-9  # in standard deviations, and in variances
 
 
 def model_of(recording: Recording) -> tuple[LinearModel, int]:
-    """Linearised at dead reckoning, landmarks drawn about it."""
+    """Return the model linearised at dead reckoning with random landmarks near it, and their number."""
     assert recording.landmark is not None
     ids, slot = np.unique(recording.landmark, return_inverse=True)
     path = chain(recording.prior_mean, recording.odometry)
@@ -47,14 +47,14 @@ def pieces_of(model: LinearModel, landmarks: int) -> int:
 
 @pytest.fixture
 def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pieces of a handful of landmarks, in small maps too."""
+    """Cut small maps too, into pieces of few landmarks."""
     monkeypatch.setattr(chain_partition, "LANDMARKS", 5)
     monkeypatch.setattr(chain_partition, "OVERHEAD", 0.0)
     monkeypatch.setattr("slamgauge.graph_baseline.solver.multifrontal.ASSEMBLY", 0.0)
 
 
 def whole(monkeypatch: pytest.MonkeyPatch, model: LinearModel, landmarks: int, damping: Damping) -> Solution:
-    """Covariances without damping, and the step with it, in one piece."""
+    """Return undamped covariances and the damped step of a single piece."""
     with monkeypatch.context() as patch:
         patch.setattr(chain_partition, "LANDMARKS", landmarks)
         assert pieces_of(model, landmarks) == 1
@@ -66,24 +66,24 @@ def assert_same(found: Solution, expected: Solution) -> None:
     sigmas = [np.sqrt(np.diagonal(covs, axis1=1, axis2=2)) for covs in expected[2:]]
     for mine, other, sigma in zip(found[:2], expected[:2], sigmas, strict=True):
         scale = np.where(sigma > 0.0, sigma, 1.0)
-        np.testing.assert_allclose((mine - other) / scale / max(1.0, np.abs(other / scale).max()), 0.0, atol=BAR)
+        np.testing.assert_allclose((mine - other) / scale / max(1.0, np.abs(other / scale).max()), 0.0, atol=TOLERANCE)
     for mine, other, sigma in zip(found[2:], expected[2:], sigmas, strict=True):
         scale = np.where(sigma > 0.0, sigma, 1.0)
-        np.testing.assert_allclose((mine - other) / scale[:, :, None] / scale[:, None], 0.0, atol=BAR)
+        np.testing.assert_allclose((mine - other) / scale[:, :, None] / scale[:, None], 0.0, atol=TOLERANCE)
 
 
-# --- the same answer -----------------------------------------------------------------------------
+# --- same solution -------------------------------------------------------------------------------
 
 
 @pytest.mark.usefixtures("small_pieces")
 @pytest.mark.parametrize("sensor", ["range-bearing", "position", "bearing"])
 @pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])
 @pytest.mark.parametrize("damping", [NOT_DAMPED, Damping(np.array([1.0, 1.0, 9.0]), 0.5, 0.1)], ids=["free", "damped"])
-def test_pieces_of_a_field_give_what_the_whole_gives(
+def test_the_solution_of_a_field_in_pieces_is_that_of_a_single_piece(
     sensor: str, slip: bool, damping: Damping, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recording = lanes(sensor=sensor, slip=slip)
-    if sensor == "bearing":  # a landmark seen once is nowhere
+    if sensor == "bearing":  # a single bearing does not determine a landmark
         assert recording.landmark is not None
         often = np.bincount(recording.landmark)[recording.landmark] > 2
         recording = recording.only(often)
@@ -97,17 +97,17 @@ def test_pieces_of_a_field_give_what_the_whole_gives(
 @pytest.mark.usefixtures("small_pieces")
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("slip", [True, False], ids=["slip", "no-slip"])
-def test_pieces_of_a_random_recording_give_what_the_whole_gives(
+def test_the_solution_of_a_random_recording_in_pieces_is_that_of_a_single_piece(
     seed: int, slip: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Full covariances; and landmarks that are seen at any time, here and there."""
+    """The covariances have correlations, and landmarks are observed at random times."""
     recording = random_recording(seed, sensor="position", steps=120, landmarks=40, slip=slip)[1]
     recording = recording.only(np.random.default_rng(seed).random(len(recording.observation)) < 0.1)
 
-    def few(planned: chain_partition.Plan) -> int:
+    def prefer_pieces(planned: chain_partition.Plan) -> int:
         return -len(planned.pieces)
 
-    monkeypatch.setattr(chain_partition, "work", few)
+    monkeypatch.setattr(chain_partition, "work", prefer_pieces)
     model, landmarks = model_of(recording)
     assert pieces_of(model, landmarks) > 5
     assert_same(solve(model, landmarks), whole(monkeypatch, model, landmarks, NOT_DAMPED))
@@ -115,7 +115,7 @@ def test_pieces_of_a_random_recording_give_what_the_whole_gives(
 
 @pytest.mark.usefixtures("small_pieces")
 @pytest.mark.parametrize("fixed", [True, False], ids=["fixed", "prior"])
-def test_poses_that_see_nothing_are_smoothed_across_cuts(fixed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_poses_without_observations_are_smoothed_across_cuts(fixed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     recording = lanes(slip=False)
     recording = recording.only(recording.observation_step % 3 == 1)
     if fixed:
@@ -126,7 +126,7 @@ def test_poses_that_see_nothing_are_smoothed_across_cuts(fixed: bool, monkeypatc
 
 
 @pytest.mark.usefixtures("small_pieces")
-def test_a_chain_is_not_cut_where_its_motions_are_all_but_known(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_chain_is_not_cut_after_motions_with_little_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = lanes()
     still = np.zeros_like(recording.odometry_cov)
     for covs, cut in ((still, False), (1e-12 * recording.odometry_cov, False), (recording.odometry_cov, True)):
@@ -139,7 +139,7 @@ def test_a_chain_is_not_cut_where_its_motions_are_all_but_known(monkeypatch: pyt
 
 
 @pytest.mark.usefixtures("small_pieces")
-def test_what_does_not_determine_a_landmark_is_said_of_pieces_too() -> None:
+def test_an_undetermined_landmark_raises_in_pieces_too() -> None:
     recording = lanes(sensor="bearing")
     model, landmarks = model_of(recording)
     assert pieces_of(model, landmarks) > 10
@@ -147,7 +147,7 @@ def test_what_does_not_determine_a_landmark_is_said_of_pieces_too() -> None:
         solve(model, landmarks)
 
 
-def test_a_large_map_is_cut_by_itself_and_a_small_or_dense_one_is_not() -> None:
+def test_a_large_map_is_cut_but_a_small_or_dense_one_is_not() -> None:
     for recording, cut in ((lanes(lanes=8, length=40), True), (lanes(lanes=2), False)):
         model, landmarks = model_of(recording)
         assert (pieces_of(model, landmarks) > 1) == cut
@@ -155,12 +155,12 @@ def test_a_large_map_is_cut_by_itself_and_a_small_or_dense_one_is_not() -> None:
     assert pieces_of(*model_of(dense)) == 1
 
 
-# --- the tree of fronts --------------------------------------------------------------------------
+# --- elimination tree ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_roots_are_those_of_the_blocks_of_the_inverse(seed: int) -> None:
-    """Pieces that speak of unknowns drawn at random, each with information of full rank."""
+def test_covariance_roots_belong_to_blocks_of_the_inverse(seed: int) -> None:
+    """The pieces have random unknowns, each with information of full rank."""
     rng = np.random.default_rng(seed)
     columns = [np.sort(rng.choice(40, rng.integers(3, 12), replace=False)) for _ in range(13)]
     columns[0] = np.union1d(columns[0], np.setdiff1d(np.arange(40), np.concatenate(columns)))
@@ -193,7 +193,7 @@ def test_roots_are_those_of_the_blocks_of_the_inverse(seed: int) -> None:
 
 
 def peak_of_solving(model: LinearModel, landmarks: int) -> float:
-    """Bytes."""
+    """Return the peak memory of `solve` in bytes."""
     tracemalloc.start()
     solve(model, landmarks)
     peak = tracemalloc.get_traced_memory()[1]
@@ -201,22 +201,20 @@ def peak_of_solving(model: LinearModel, landmarks: int) -> float:
     return float(peak)
 
 
-def test_memory_grows_with_the_map_and_is_foreseen() -> None:
-    """To a factor of ten, and never too low; as one piece it would grow with the square of the map, and does not."""
+def test_memory_grows_linearly_with_the_map_and_its_estimate_is_an_upper_bound() -> None:
+    """The estimate is at most ten times too large. Memory of a single piece would grow with the square of the map."""
     compile_graphs_once()
     peaks: list[float] = []
     for size in (4, 8, 16):
         model, landmarks = model_of(lanes(lanes=size, length=40))
-        foreseen, peak = (
-            cost_estimate.bytes_of(plan(eliminate_motions(model), landmarks)),
-            peak_of_solving(model, landmarks),
-        )
-        assert 0.1 * foreseen < peak < foreseen
+        estimate = cost_estimate.bytes_of(plan(eliminate_motions(model), landmarks))
+        peak = peak_of_solving(model, landmarks)
+        assert 0.1 * estimate < peak < estimate
         peaks.append(peak)
     assert peaks[0] < peaks[1] < peaks[2] < 3.0 * peaks[1]
 
 
-def test_a_map_that_fits_in_pieces_alone_is_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_map_that_fits_into_memory_only_in_pieces_is_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = lanes(lanes=8, length=40)
     monkeypatch.setattr(cost_estimate, "free_memory", lambda: 3e7)
     monkeypatch.setattr("slamgauge.memory.free_memory", lambda: 3e7)
@@ -229,7 +227,7 @@ def test_a_map_that_fits_in_pieces_alone_is_not_refused(monkeypatch: pytest.Monk
 
 
 @pytest.mark.usefixtures("small_pieces")
-def test_the_optimum_is_that_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_optimum_in_pieces_is_that_of_a_single_piece(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = lanes(slip=False)
     assert pieces_of(*model_of(recording)) > 5
     found = batch(recording)
@@ -244,9 +242,4 @@ def test_the_optimum_is_that_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> No
     assert found.landmark_covs is not None
     sigma = np.sqrt(np.diagonal(expected.pose_covs, axis1=1, axis2=2))
     np.testing.assert_allclose((found.poses - expected.poses) / sigma, 0.0, atol=1e-7)
-    assert_close(found.pose_covs, expected.pose_covs)
-
-
-def assert_close(found: Float, expected: Float) -> None:
-    sigma = np.sqrt(np.diagonal(expected, axis1=1, axis2=2))
-    np.testing.assert_allclose((found - expected) / sigma[:, :, None] / sigma[:, None], 0.0, atol=1e-7)
+    assert_same_covariances(found.pose_covs, expected.pose_covs, 1e-7)

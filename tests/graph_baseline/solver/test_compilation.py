@@ -1,4 +1,4 @@
-"""The compiled kernels of the graphs: announced, compiled for one type each, and as accurate as LAPACK."""
+"""Compiled kernels of the graphs: the message, one compilation per kernel, and the accuracy of LAPACK."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from numba.core.dispatcher import Dispatcher
 
-from slamgauge import Recording, batch, causal, load_scenario, simulate
+from slamgauge import batch, causal, load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.graph_baseline.problem import residuals
 from slamgauge.graph_baseline.solver import chord_kernels, matrices_3x3, pose_elimination, recursions, scan_reduction
 from slamgauge.graph_baseline.solver.matrices_3x3 import factorise, invert
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 from tests.reference.installed_elsewhere import first_and_later_use
-from tests.reference.random_recordings import random_recording
+from tests.reference.random_recordings import bearing_only, recording_of
 
 
 def specialisations() -> dict[str, int]:
-    """How many types of arguments each kernel has been compiled for."""
+    """Return for each kernel the number of argument types for which it has been compiled."""
     return {
         f"{module.__name__}.{name}": len(each.signatures)
         for module in (chord_kernels, pose_elimination, residuals, recursions, scan_reduction, matrices_3x3)
@@ -40,35 +40,24 @@ def test_first_use_is_announced_and_later_ones_load_from_disk(tmp_path: Path) ->
     assert (first.stdout, second.stdout, second.stderr) == ("0\n", "1\n", "")
 
 
-def bearings_alone(recording: Recording) -> Recording:
-    """What a camera would have seen."""
-    return Recording(
-        **{field: getattr(recording, field) for field in ("stamps", "prior_mean", "prior_cov", "landmark")},
-        **{field: getattr(recording, field) for field in ("odometry", "odometry_cov", "observation_step")},
-        sensor="bearing",
-        observation=recording.observation[:, 1:],
-        observation_cov=recording.observation_cov[:, 1:, 1:],
-    )
-
-
-def test_no_recording_asks_for_other_types_than_the_first_use() -> None:
+def test_no_recording_needs_another_compilation_after_the_first_use() -> None:
     compile_graphs_once()
     before = specialisations()
     for sensor in ("position", "range-bearing"):
-        recording = random_recording(1, sensor=sensor)[1]
+        recording = recording_of(sensor, 1)
         causal(recording)
         batch(recording)
-    causal(bearings_alone(random_recording(1)[1]))
+    causal(recording_of("bearing", 1))
     scenario = load_scenario("q1-short-dense", ["trajectory.duration=2"])
-    constant_noise = simulate(scenario, 0)[1]  # kept once, for all rows
-    for each in (constant_noise, bearings_alone(constant_noise)):
+    constant_noise = simulate(scenario, 0)[1]  # one covariance is stored for all rows
+    for each in (constant_noise, bearing_only(constant_noise)):
         causal(each)
         batch(each)
     assert specialisations() == before
 
 
-def solved_exactly(A: Float) -> Float:
-    """Inverse of A, by fractions."""
+def exact_inverse(A: Float) -> Float:
+    """Return the inverse of A, computed with fractions."""
     rows = [[Fraction(x) for x in row] + [Fraction(int(i == j)) for j in range(3)] for i, row in enumerate(A.tolist())]
     for i in range(3):
         pivot = max(range(i, 3), key=lambda n: abs(rows[n][i]))
@@ -81,7 +70,7 @@ def solved_exactly(A: Float) -> Float:
 
 @pytest.mark.parametrize("rank", [1, 2, 3])
 def test_inverse_is_as_accurate_as_lapacks(rank: int) -> None:
-    """I + P N for singular P, and for N that knows 1e16 times as much; the error in units of LAPACK's worst."""
+    """A = I + P N with singular P, and N up to 1e16 times larger; errors are compared with the largest of LAPACK."""
     rng, ours, theirs = np.random.default_rng(rank), 0.0, 0.0
     for _ in range(300):
         P = rng.normal(size=(3, rank)) * 10.0 ** rng.uniform(-4, 4, rank)
@@ -89,7 +78,7 @@ def test_inverse_is_as_accurate_as_lapacks(rank: int) -> None:
         A, found = np.eye(3) + (P @ P.T) @ (N @ N.T), np.empty((3, 3))
         if np.linalg.cond(A) > 1e14:  # all digits are rounding
             continue
-        exact = solved_exactly(A)
+        exact = exact_inverse(A)
         invert(A.copy(), found)
         size = np.abs(exact).max() * np.linalg.cond(A) * np.finfo(np.float64).eps
         ours = max(ours, float(np.abs(found - exact).max() / size))
@@ -98,7 +87,7 @@ def test_inverse_is_as_accurate_as_lapacks(rank: int) -> None:
 
 
 @pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])
-def test_what_has_no_inverse_and_no_factor_is_refused(bad: float) -> None:
+def test_singular_and_infinite_matrices_are_refused(bad: float) -> None:
     A = np.diag([1.0, bad, 2.0])
     with pytest.raises(np.linalg.LinAlgError, match="inverse"):
         invert(A.copy(), np.empty((3, 3)))
@@ -106,7 +95,7 @@ def test_what_has_no_inverse_and_no_factor_is_refused(bad: float) -> None:
         factorise(A)
 
 
-def test_factor() -> None:
+def test_the_cholesky_factor() -> None:
     root = np.tril(np.random.default_rng(1).normal(size=(3, 3))) + 2.0 * np.eye(3)
     A = root @ root.T
     factorise(A)
