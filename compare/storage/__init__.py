@@ -1,1 +1,1 @@
-"""What is kept on disk: npz files, trajectories, folders of results."""
+"""Files on disk: npz files, trajectories, folders of results."""

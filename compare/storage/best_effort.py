@@ -1,4 +1,4 @@
-"""Pictures and pages beside results that are written already: whatever becomes of one costs that one alone."""
+"""Write pictures and pages next to finished results; a picture that fails does not affect the others."""
 
 from __future__ import annotations
 
@@ -10,21 +10,20 @@ from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.errors import UserError, failure_text
 from slamgauge.memory import give_back
 
-Drawing = Callable[[Path], object]  # writes its files into the folder that it is given
+Drawing = Callable[[Path], object]  # writes its files into the given folder
 
 
 def decorate(out: Path, beside: str, drawings: Mapping[str, Drawing], writes: Sequence[str]) -> bool:
-    """Draw what belongs to the results in `out` and publish what has come of it; each failure is a line of its own.
+    """Draw pictures of the results in `out` and publish them; print one line for each drawing that fails.
 
     Args:
-        out: the folder of the results.
-        beside: the file of the results that tells of them; if another command replaces it meanwhile, nothing is
-            published beside it.
-        drawings: what is to be drawn; the files of each are called as its key, with an ending.
-        writes: every file that drawings of this kind may write; old ones of ours that are not drawn now go.
+        out: Folder of the results.
+        beside: Main file of the results. If another command replaces it meanwhile, nothing is published.
+        drawings: Functions that draw, by the name of their files without extension.
+        writes: Every file that these drawings may write. Old files of slamgauge that are not drawn now are removed.
 
     Returns:
-        Whether all are there.
+        True if all drawings were published.
     """
     lost: list[str] = []
     give_back()
@@ -33,11 +32,11 @@ def decorate(out: Path, beside: str, drawings: Mapping[str, Drawing], writes: Se
             for name, draw in drawings.items():
                 try:
                     draw(stage)
-                except Exception as error:  # noqa: BLE001 the results are there, and the other pictures shall be
+                except Exception as error:  # noqa: BLE001 the other pictures are still drawn
                     _remove(stage, name)
-                    lost.append(f"{out / name}: left out ({failure_text(error)}); all else is written")
+                    lost.append(f"{out / name}: not written ({failure_text(error)}); all other files are written")
     except UserError as error:
-        lost.append(f"{error} (pictures are left out, the results are written)")
+        lost.append(f"{error} (no pictures are written; the results are complete)")
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"the results are in {out}, without pictures") from None
     for line in lost:
@@ -46,6 +45,6 @@ def decorate(out: Path, beside: str, drawings: Mapping[str, Drawing], writes: Se
 
 
 def _remove(stage: Path, name: str) -> None:
-    """Remove what is half drawn."""
+    """Remove the files of an unfinished drawing."""
     for path in [path for path in stage.rglob("*") if path.relative_to(stage).as_posix().startswith(f"{name}.")]:
         path.unlink()

@@ -1,4 +1,4 @@
-"""Symmetric matrices as files write them: their upper triangles, row by row (xx xy xt yy yt tt)."""
+"""Upper triangles of symmetric matrices, row by row (xx xy xt yy yt tt), as files store covariances."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from slamgauge.arrays import Float
 
 
 def upper_triangles(matrices: Float) -> Float:
-    """Upper triangles (n, d (d + 1) / 2) of matrices (n, d, d)."""
+    """Return the upper triangles (n, d (d + 1) / 2) of matrices (n, d, d)."""
     rows, columns = np.triu_indices(matrices.shape[1])
     return matrices[:, rows, columns]
 
 
 def from_triangles(triangles: Float, size: int) -> Float:
-    """Symmetric matrices (n, size, size) of their upper triangles (n, size (size + 1) / 2)."""
+    """Return symmetric matrices (n, size, size) from their upper triangles (n, size (size + 1) / 2)."""
     rows, columns = np.triu_indices(size)
     matrices = np.empty((len(triangles), size, size))
     matrices[:, rows, columns] = triangles

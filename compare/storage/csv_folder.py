@@ -1,16 +1,16 @@
-"""Recordings and estimates as CSV files, for programs in any language.
+"""Read and write recordings and estimates as CSV files, for programs in any language.
 
-A recording is a folder of three files, each with a header; headings are in radians, covariances their upper triangles.
+A recording is a folder of three files with headers. Headings are in radians; covariances are upper triangles.
 
     start.csv         stamp,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt           one row: the prior
     odometry.csv      step,stamp,dx,dy,dtheta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt   steps 1..N, body frame
     observations.csv  step,landmark,range,bearing,cov_rr,cov_rb,cov_bb                    steps 0..N, ordered by step
 
-`stamp` [s] is the time at the end of the step, `landmark` an id >= 0, -1 in all rows if ids are unknown. A sensor of
-bearings has `step,landmark,bearing,cov_bb`, one of positions (body frame, [m])
+`stamp` [s] is the time at the end of the step. `landmark` is an id >= 0, or -1 in all rows if ids are unknown.
+A bearing-only sensor has the columns `step,landmark,bearing,cov_bb`, a position sensor (body frame, [m])
 `step,landmark,x,y,cov_xx,cov_xy,cov_yy`.
 
-An estimate is one file, with a row for each of the steps 0..N in order, and may have a map beside it:
+An estimate is one file with a row for each of the steps 0..N in order. A map may be in the same folder:
 
     estimate.csv      step,x,y,theta  or  step,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt
     landmarks.csv     landmark,x,y  or  landmark,x,y,cov_xx,cov_xy,cov_yy
@@ -35,7 +35,7 @@ from slamgauge.validation import as_ints
 
 START, ODOMETRY, OBSERVATIONS = "start.csv", "odometry.csv", "observations.csv"
 RECORDING_FILES = (START, ODOMETRY, OBSERVATIONS)
-LANDMARKS = "landmarks.csv"  # beside an estimate
+LANDMARKS = "landmarks.csv"  # in the folder of an estimate
 
 POSE = ("x", "y", "theta")
 POSE_COV = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")
@@ -45,7 +45,7 @@ POINT_COV = ("cov_xx", "cov_xy", "cov_yy")
 
 
 def _observed(columns: tuple[str, ...]) -> tuple[str, ...]:
-    """Return a sensor's columns, then those of its covariance by first letters, upper triangle row by row."""
+    """Return the columns of a sensor, then those of its covariance (upper triangle, named by first letters)."""
     return (*columns, *(f"cov_{one[0]}{other[0]}" for i, one in enumerate(columns) for other in columns[i:]))
 
 
@@ -53,10 +53,10 @@ OBSERVED: dict[Sensor, tuple[str, ...]] = {each.name: _observed(each.columns) fo
 
 
 def write_recording_csv(folder: Path, recording: Recording) -> None:
-    """Write the three files of a recording into a folder that exists.
+    """Write the three files of a recording into an existing folder.
 
     Raises:
-        UserError: one cannot be written.
+        UserError: If a file cannot be written.
     """
     stamps = recording.stamps.tolist()
     prior = [stamps[0], *recording.prior_mean.tolist(), *upper_triangles(recording.prior_cov[None])[0].tolist()]
@@ -83,15 +83,15 @@ def write_recording_csv(folder: Path, recording: Recording) -> None:
 
 
 def read_recording_csv(folder: Path) -> Recording:
-    """The recording of the three files of a folder, bit for bit as it was written.
+    """Read the recording from the three files of a folder, without loss of digits.
 
     Raises:
-        UserError: a file is missing, or a row is not as it should be, by its line.
+        UserError: If a file is missing or a row is wrong; the message names the line.
     """
     start, odometry, observations = folder / START, folder / ODOMETRY, folder / OBSERVATIONS
     prior = _read(start, ("stamp", *POSE, *POSE_COV))
     if len(prior) != 1:
-        raise UserError(f"{start}: has {len(prior)} rows; write one, the prior of the start")
+        raise UserError(f"{start}: has {len(prior)} rows; write one row, the prior of the start pose")
     motion = _read(odometry, ("step", "stamp", *INCREMENT, *POSE_COV))
     _require_steps(odometry, motion[:, 0], first=1)
     lines = read_lines(observations)
@@ -101,13 +101,13 @@ def read_recording_csv(folder: Path) -> Recording:
     )
     if sensor is None:
         remedy = " or ".join(f"step,landmark,{','.join(columns)}" for columns in OBSERVED.values())
-        raise UserError(f"{observations}: line 1 is no header of this file; write {remedy}")
+        raise UserError(f"{observations}: line 1 is not the header of this file; write {remedy}")
     seen = parse_rows(str(observations), lines, names)
     dim = SENSORS[sensor].dim
     unknown = seen[:, 1] == -1.0
     if unknown.any() and not unknown.all():
         line = int(np.argmax(unknown)) + 2
-        raise UserError(f"{observations}, line {line}: an id of -1 beside others; write -1 in all rows, or ids >= 0")
+        raise UserError(f"{observations}, line {line}: only some ids are -1; write -1 in all rows, or ids >= 0")
     try:
         return Recording(
             stamps=np.concatenate([prior[:, 0], motion[:, 1]]),
@@ -126,10 +126,10 @@ def read_recording_csv(folder: Path) -> Recording:
 
 
 def write_estimate_csv(path: Path, estimate: Estimate) -> None:
-    """Write the path of an estimate, and its map, if it has one, beside it into landmarks.csv.
+    """Write the poses of an estimate, and its map, if it has one, into landmarks.csv in the same folder.
 
     Raises:
-        UserError: one cannot be written.
+        UserError: If a file cannot be written.
     """
     covs, map_covs = estimate.pose_covs, estimate.landmark_covs
     _write_numbered(path, ("step", *POSE), POSE_COV, np.arange(len(estimate.poses)), estimate.poses, covs)
@@ -139,20 +139,20 @@ def write_estimate_csv(path: Path, estimate: Estimate) -> None:
 
 
 def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
-    """The estimate of a CSV file, and the map that may lie beside it.
+    """Read an estimate from a CSV file, and its map from landmarks.csv if that is in the same folder.
 
     Args:
-        path: the file.
-        kind: of the estimate.
-        steps: N; the file has N+1 rows.
+        path: CSV file of the poses.
+        kind: Kind of the estimate.
+        steps: Number of steps N; the file has N+1 rows.
 
     Raises:
-        UserError: no such file, or a row that is not as it should be, by its line.
+        UserError: If the file is missing or a row is wrong; the message names the line.
     """
     rows = _read(path, ("step", *POSE), POSE_COV)
     _require_steps(path, rows[: steps + 1, 0], first=0)
     if len(rows) != steps + 1:
-        raise UserError(f"{path}: has {len(rows)} rows; write {steps + 1}, one for the start and one for every step")
+        raise UserError(f"{path}: has {len(rows)} rows; write {steps + 1}, one for the start and one for each step")
     beside = path.with_name(LANDMARKS)
     landmarks = _read(beside, ("landmark", *POINT), POINT_COV) if beside.exists() else np.zeros((0, 3))
     has_covs = landmarks.shape[1] > 3
@@ -170,7 +170,7 @@ def read_estimate_csv(path: Path, kind: Kind, steps: int) -> Estimate:
 
 
 def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[float]]) -> None:
-    """Write a header and rows of numbers, every digit of them; `UserError` if that cannot be."""
+    """Write a header and rows of numbers with all digits; raise `UserError` if the file cannot be written."""
     with explained(path, "written"), path.open("w", encoding="ascii", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows([header, *([repr(value) for value in row] for row in rows)])
 
@@ -178,7 +178,7 @@ def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[float]
 def _write_numbered(
     path: Path, names: tuple[str, ...], cov_names: tuple[str, ...], numbers: Int, values: Float, covs: Float | None
 ) -> None:
-    """Write numbered values (n, d) with the upper triangles of their covariances (n, d, d), if there are any."""
+    """Write numbered values (n, d) and, if given, the upper triangles of their covariances (n, d, d)."""
     triangles = [list[float]()] * len(values) if covs is None else upper_triangles(covs).tolist()
     rows = zip(numbers.tolist(), values.tolist(), triangles, strict=True)
     header = names if covs is None else (*names, *cov_names)
@@ -186,50 +186,50 @@ def _write_numbered(
 
 
 def _require_steps(path: Path, steps: Float, first: int) -> None:
-    """Refuse a column of steps (n,) that does not count from `first`."""
+    """Raise `UserError` if a column of steps (n,) does not count up from `first`."""
     wrong = np.flatnonzero(steps != np.arange(first, first + len(steps)))
     if len(wrong):
         at = wrong[0]
-        raise UserError(f"{path}, line {at + 2}: step {steps[at]:g} where {at + first} should be; sort them")
+        raise UserError(f"{path}, line {at + 2}: step {steps[at]:g}, expected {at + first}; sort the rows by step")
 
 
 def _header(lines: Sequence[str]) -> tuple[str, ...]:
-    """The names in the first line of a file."""
+    """Return the column names in the first line of a file."""
     return tuple(name.strip() for name in lines[0].split(",")) if lines else ()
 
 
 def _read(path: Path, needed: tuple[str, ...], optional: tuple[str, ...] = ()) -> Float:
-    """The rows of a file whose header is `needed`, or `needed` and `optional`."""
+    """Return the rows of a file whose header is `needed`, or `needed` and `optional`."""
     headers = (needed, needed + optional) if optional else (needed,)
     return parse_rows(str(path), read_lines(path), *headers)
 
 
 def read_lines(path: Path) -> list[str]:
-    """The lines of a text file.
+    """Return the lines of a text file.
 
     Raises:
-        UserError: it cannot be read.
+        UserError: If the file cannot be read.
     """
     with explained(path, "read"):
         return path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
 
 
 def parse_rows(name: str, lines: Sequence[str], *headers: tuple[str, ...]) -> Float:
-    """The numbers (n, columns) of the lines of a CSV file, the first of which is one of `headers`.
+    """Return the numbers (n, columns) of a CSV file with one of the given headers.
 
     Args:
-        name: what mistakes call the file.
-        lines: its lines.
-        headers: names of columns; all begin with those of the first.
+        name: Name of the file in error messages.
+        lines: Lines of the file.
+        headers: Allowed headers; each begins with the columns of the first.
 
     Raises:
-        UserError: another header, or a line that does not hold as many finite numbers, by its number.
+        UserError: If the header is another one, or a line has another number of values or one that is not finite.
     """
     header = _header(lines)
     if header not in headers:
         more = [",".join(each[len(headers[0]) :]) for each in headers[1:]]
         remedy = f"write {','.join(headers[0])}" + "".join(f", with or without {each}" for each in more if each)
-        raise UserError(f"{name}: line 1 is no header of this file; {remedy}")
+        raise UserError(f"{name}: line 1 is not the header of this file; {remedy}")
     rows = [_numbers(f"{name}, line {number}", line, len(header)) for number, line in enumerate(lines[1:], 2)]
     return np.array(rows, dtype=np.float64).reshape(-1, len(header))
 
@@ -238,7 +238,7 @@ def _numbers(where: str, line: str, count: int) -> list[float]:
     try:
         numbers = [float(text) for text in line.split(",")]
     except ValueError:
-        raise UserError(f"{where}: {line[:60]!r} holds no number somewhere; write numbers between commas") from None
+        raise UserError(f"{where}: {line[:60]!r} has a value that is not a number; write numbers") from None
     if len(numbers) != count or not np.isfinite(numbers).all():
         raise UserError(f"{where}: {line[:60]!r}; write {count} finite numbers, as the header says")
     return numbers

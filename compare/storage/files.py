@@ -1,4 +1,4 @@
-"""Results on disk: npz files of the vocabulary, TUM trajectories, JSON."""
+"""Read and write results: npz files of recordings, truths and estimates; TUM trajectories; JSON."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from slamgauge.truth import Truth
 Record = TypeVar("Record", Recording, Truth, Estimate)
 
 LONGEST_WORD = 40  # characters
-RECORDS_WITHIN: set[type[object]] = {RayLog, MapHistory}  # records that are fields of an `Estimate`
+RECORDS_WITHIN: set[type[object]] = {RayLog, MapHistory}  # records inside an `Estimate`
 
 
 @contextmanager
 def explained(path: str | Path, verb: str) -> Generator[None]:
-    """Turn the operating system's refusal to have `path` "read" or "written" into a one-line `UserError`."""
+    """Turn an `OSError` of the block into a one-line `UserError`; `verb` is "read" or "written"."""
     try:
         yield
     except OSError as error:
@@ -39,17 +39,17 @@ def explained(path: str | Path, verb: str) -> Generator[None]:
 
 @contextmanager
 def of_this_version(path: Path) -> Generator[None]:
-    """Turn the failure to find what this version writes into `path` in its content into a one-line `UserError`."""
+    """Turn a missing key or wrong type in the content of `path` into a one-line `UserError`."""
     try:
         yield
     except (LookupError, TypeError, AttributeError):
-        raise UserError(f"{path}: of another version, or changed by hand; give its command again") from None
+        raise UserError(f"{path}: written by another version, or changed by hand; run its command again") from None
 
 
 def save(path: str | Path, record: Recording | Truth | Estimate) -> None:
-    """Write the fields of a record to an npz file under their own names; a field that is None is left out.
+    """Write the fields of a record that have a value to an npz file.
 
-    The fields of a record within the record get its name before theirs: `rays_birth`.
+    Fields of an inner record are prefixed with its name: `rays_birth`.
 
     Raises:
         UserError: If the file cannot be written.
@@ -59,7 +59,7 @@ def save(path: str | Path, record: Recording | Truth | Estimate) -> None:
 
 
 def flat_fields(record: object) -> dict[str, Any]:
-    """The fields of a record by name, without those that are None; those of a record within it follow its own name."""
+    """Return the fields of a record that have a value; fields of an inner record are prefixed with its name."""
     values: dict[str, Any] = {}
     for field in fields(record):  # pyright: ignore[reportArgumentType]
         value = getattr(record, field.name)
@@ -71,42 +71,43 @@ def flat_fields(record: object) -> dict[str, Any]:
 
 
 def load_recording(path: str | Path) -> Recording:
-    """The recording of an npz file; `UserError` with path and remedy if it holds none."""
+    """Load a recording from an npz file; raise `UserError` if the file does not contain one."""
     return _load(path, Recording)
 
 
 def load_truth(path: str | Path, recording: Recording | None = None) -> Truth:
-    """The truth of an npz file; `UserError` with path and remedy if it holds none.
+    """Load a truth from an npz file; raise `UserError` if the file does not contain one.
 
-    Its association is the recording's own array of ids where they are the same.
+    If its association equals `recording.landmark`, both share one array.
     """
     return _load(path, Truth, recording)
 
 
 def load_estimate(path: str | Path, recording: Recording | None = None) -> Estimate:
-    """The estimate of an npz file; `UserError` with path and remedy if it holds none.
+    """Load an estimate from an npz file; raise `UserError` if the file does not contain one.
 
-    Its association is the recording's own array of ids where they are the same.
+    If its association equals `recording.landmark`, both share one array.
     """
     return _load(path, Estimate, recording)
 
 
 def load_recording_or_estimate(path: str | Path) -> Recording | Estimate:
-    """Whichever of the two an npz file holds; `UserError` with path and remedy if it holds neither."""
+    """Load a recording or an estimate from an npz file; raise `UserError` if the file contains neither."""
     values = _read(path)
     return _made(path, Estimate if "kind" in values else Recording, values)
 
 
 def write_tum(path: str | Path, stamps: Float, poses: Float, covs: Float | None = None) -> None:
-    """Write a trajectory in the TUM format of evo: `t x y z qx qy qz qw`, without the gaps (rows of NaN).
+    """Write a trajectory in the TUM format of evo: `t x y z qx qy qz qw`, without rows of NaN.
 
-    With covariances their upper triangles follow (xx xy xt yy yt tt), as `stored_estimates` reads them; evo does not.
+    With covariances each line continues with the upper triangle (xx xy xt yy yt tt); `stored_estimates` reads these
+    lines, evo does not.
 
     Args:
-        path: The text file.
-        stamps: (N+1,) [s].
-        poses: (N+1, 3) x [m], y [m], heading [rad].
-        covs: (N+1, 3, 3) of the poses.
+        path: Text file.
+        stamps: Times (N+1,) [s].
+        poses: Poses (N+1, 3): x [m], y [m], heading [rad].
+        covs: Covariances (N+1, 3, 3) of the poses.
 
     Raises:
         UserError: If the file cannot be written.
@@ -127,17 +128,17 @@ def _tum_rows(stamps: Float, poses: Float, covs: Float | None) -> Float:
 
 
 def write_json(path: Path, content: object) -> None:
-    """Write JSON as all our results are written; `UserError` if the file cannot be written."""
+    """Write `content` as indented JSON; raise `UserError` if the file cannot be written."""
     with explained(path, "written"), path.open("w", encoding="utf-8") as file:
-        json.dump(content, file, indent=2, allow_nan=False)  # piece by piece: a long run has megabytes of loop closures
+        json.dump(content, file, indent=2, allow_nan=False)  # streamed: a long run has megabytes of loop closures
         file.write("\n")
 
 
 def read_json(path: Path, command: str) -> Any:
-    """The content of a file that `slamgauge COMMAND` has written.
+    """Return the content of a JSON file that `slamgauge COMMAND` wrote.
 
     Raises:
-        UserError: it cannot be read, or holds no JSON.
+        UserError: If the file cannot be read or is not JSON.
     """
     with explained(path, "read"):
         text = path.read_bytes()
@@ -153,7 +154,7 @@ def _load(path: str | Path, kind: type[Record], recording: Recording | None = No
 
 
 def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str = "") -> Any:
-    """The record of the file's `values`; `within` is what stands before its fields' names in the file."""
+    """Build a record from the `values` of a file; `within` is the prefix of its field names in the file."""
     hints = get_type_hints(kind)
     for field, hint in hints.items():
         for inner in RECORDS_WITHIN & {*get_args(hint)}:
@@ -179,7 +180,7 @@ def _made(path: str | Path, kind: type[Any], values: dict[str, Any], within: str
 def _word(path: str | Path, field: str, value: Any) -> str:
     word = str(value) if np.ndim(value) == 0 else ""
     if not 0 < len(word) <= LONGEST_WORD:
-        raise UserError(f"{path}: {field} is no word; give another file")
+        raise UserError(f"{path}: {field} is not a short text; give another file")
     return word
 
 

@@ -1,10 +1,9 @@
-"""Which files of a folder are ours: the manifest that every command keeps beside what it writes.
+"""The manifest `.slamgauge.json`: the list of files in a folder that slamgauge wrote and may replace.
 
-`.slamgauge.json` names what slamgauge has written into its folder. What it does not name belongs to somebody else,
-and is never replaced or removed. A name under `files` is ours as long as a plain file bears it, reached without
-symbolic links. While files are being replaced or removed, their names stand apart, under `moving`, each with the
-digests that its content may have before and after: whatever ends the process, what bears such a name later is ours
-only if it is what we have written.
+slamgauge never replaces or removes a file that the manifest does not list. A name under `files` counts as written by
+slamgauge if it is a plain file and no folder on its path is a symbolic link. While files are replaced or removed, their
+names are listed under `moving`, with the SHA-256 digests of the old and the new content. If the process is killed then,
+a file of such a name counts as written by slamgauge only if its digest is listed.
 """
 
 from __future__ import annotations
@@ -29,10 +28,10 @@ EMPTY = hashlib.sha256().hexdigest()
 
 
 def owned(folder: Path) -> set[str]:
-    """Names, relative to `folder`, of the files in it that are ours.
+    """Return the names, relative to `folder`, of the files that slamgauge wrote into it.
 
     Raises:
-        UserError: the manifest cannot be read, or is not one that we have written.
+        UserError: If the manifest cannot be read or is not valid.
     """
     path = folder / MANIFEST
     with explained(path, "read"):
@@ -52,10 +51,10 @@ def owned(folder: Path) -> set[str]:
 
 
 def require_free(folder: Path, names: Iterable[str], remedy: str = REMEDY) -> None:
-    """Refuse to write files of these names, relative to `folder`, if one would replace a file that is not ours.
+    """Raise `UserError` if one of these names, relative to `folder`, is taken by a file that slamgauge did not write.
 
     Raises:
-        UserError: the first such file, folder or link; or the manifest is not one that we have written.
+        UserError: For the first such file, folder or link, or if the manifest is not valid.
     """
     ours = owned(folder)
     for name in names:
@@ -68,7 +67,7 @@ def require_free(folder: Path, names: Iterable[str], remedy: str = REMEDY) -> No
 
 
 def require_folder(folder: Path, name: str, remedy: str = REMEDY) -> Path:
-    """The folder `name` in `folder`, there or not; `UserError` if a file or a link bears that name."""
+    """Return the path of the folder `name` in `folder`; raise `UserError` if it is a file or a link."""
     path = folder / name
     if os.path.lexists(path) and (path.is_symlink() or not path.is_dir()):
         raise UserError(f"{path}: exists already, and slamgauge has not written it; {remedy}")
@@ -78,9 +77,13 @@ def require_folder(folder: Path, name: str, remedy: str = REMEDY) -> Path:
 def write_manifest(
     folder: Path, files: Iterable[str], within: Path, moving: Mapping[str, Iterable[str]] | None = None
 ) -> None:
-    """Write the manifest, at once: names that are ours, and digests of what is being replaced or removed.
+    """Write the manifest in one atomic step, by way of the partial folder `within`.
 
-    It is written into the partial folder `within` first.
+    Args:
+        folder: Folder that the manifest describes.
+        files: Names of the files that slamgauge wrote.
+        within: Partial folder on the same file system.
+        moving: Digests, old and new, of the files that are being replaced or removed, by name.
     """
     content = {"files": sorted(files), "moving": {name: [*digests] for name, digests in sorted((moving or {}).items())}}
     partial = within / f"{MANIFEST}.partial"
@@ -89,10 +92,10 @@ def write_manifest(
 
 
 def begin_file(folder: Path, name: str) -> None:
-    """Make an empty file of ours, to be written in place, if there is none; from then on it is ours by its name.
+    """Create an empty file that is later written in place, unless it exists, and list it in the manifest.
 
     Raises:
-        UserError: a file that is not ours would be replaced, or nothing can be written there.
+        UserError: If slamgauge did not write the existing file, or the folder cannot be written.
     """
     require_free(folder, [name])
     with explained(folder, "written"), partial_folder(folder) as within, publishing(folder):
@@ -104,7 +107,7 @@ def begin_file(folder: Path, name: str) -> None:
 
 
 def is_there(path: Path) -> bool:
-    """Whether anything bears this name, a dangling link too; `OSError` if the name cannot be."""
+    """Return whether the path exists, also as a dangling link; raise `OSError` if the name is not possible."""
     try:
         path.lstat()
     except (FileNotFoundError, NotADirectoryError):
@@ -113,13 +116,13 @@ def is_there(path: Path) -> bool:
 
 
 def digest_of(path: Path) -> str:
-    """SHA-256 of a file's content."""
+    """Return the SHA-256 digest of a file's content."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _parsed(path: Path) -> tuple[set[str], dict[str, list[str]]]:
-    """Names, and digests by name, of a manifest; everything in it is checked, since anybody may have written it."""
+    """Return the names and the digests by name; check everything, because anyone can edit a manifest."""
     try:
         content: Any = json.loads(path.read_bytes())
     except (ValueError, RecursionError):
@@ -136,7 +139,7 @@ def _parsed(path: Path) -> tuple[set[str], dict[str, list[str]]]:
 
 
 def _is_name(value: object) -> bool:
-    """Whether it is the plain relative name of a file in a folder or below it."""
+    """Return whether the value is a normalised relative path that stays below its folder."""
     if not isinstance(value, str) or not can_be_named(value):
         return False
     name = PurePosixPath(value)
@@ -150,14 +153,14 @@ def _are_digests(value: object) -> bool:
 
 
 def _no_manifest(path: Path) -> UserError:
-    return UserError(f"{path}: is no list of files that slamgauge has written; move it away or use another folder")
+    return UserError(f"{path}: not a list of files that slamgauge has written; move it away or use another folder")
 
 
 def _is_plain_file(folder: Path, name: str) -> bool:
-    """Whether it is a file, and neither it nor a folder on the way from `folder` is a symbolic link."""
+    """Return whether the name is a file, and no part of its path below `folder` is a symbolic link."""
     return (folder / name).is_file() and not any((folder / each).is_symlink() for each in (*_folders_above(name), name))
 
 
 def _folders_above(name: str) -> list[str]:
-    """The folders on the way to a relative name, outermost first: `a`, `a/b` for `a/b/c`."""
+    """Return the folders above a relative name, outermost first: `a`, `a/b` for `a/b/c`."""
     return [str(each) for each in reversed(PurePosixPath(name).parents)][1:]

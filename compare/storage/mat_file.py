@@ -1,7 +1,7 @@
-"""Records as MATLAB files, for Octave and MATLAB: a struct of plain arrays for each record, under its fields' names.
+"""Write records as MATLAB files: one struct of arrays per record, with the names of its fields.
 
-Arrays are as in Python: row k of `poses` is pose k, poses and steps count from 0 (`observation_step` k is row k + 1 of
-`poses`), covariances are (rows, d, d). Fields that are None are left out. Names of estimates become identifiers.
+Arrays have the same shapes as in Python; covariances are (rows, d, d). Steps count from 0, so `observation_step` k is
+row k + 1 of `poses` in MATLAB. Fields without a value are omitted. Names of estimates become identifiers.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ LONGEST = 63  # characters of a field's name
 
 
 def write_mat(path: Path, records: Mapping[str, Recording | Truth | Estimate]) -> None:
-    """Write records by name, each a struct.
+    """Write one struct per record, by name.
 
     Raises:
         UserError: If the file cannot be written.
     """
-    from scipy.io import savemat  # imported here: slow, and for this format alone
+    from scipy.io import savemat  # imported here because it is slow and only this format needs it
 
     structs = {_identifier(name): _struct(record) for name, record in records.items()}
     with explained(path, "written"), path.open("wb") as file:
@@ -39,6 +39,6 @@ def _struct(record: Recording | Truth | Estimate) -> dict[str, Any]:
 
 
 def _identifier(name: str) -> str:
-    """A name as Octave takes it: letters, digits and underscores, a letter first."""
+    """Return a valid Octave name: letters, digits and underscores, beginning with a letter."""
     plain = re.sub(r"[^A-Za-z0-9_]", "_", name)[:LONGEST]
     return plain if plain[:1].isalpha() else f"x{plain}"[:LONGEST]

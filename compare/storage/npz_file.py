@@ -1,4 +1,4 @@
-"""npz files from any source: numpy reads them without pickles, after a check that memory can hold their arrays."""
+"""Read npz files from untrusted sources: without pickles, and after a check of the free memory."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from slamgauge.arrays import freeze
 from slamgauge.errors import UserError
 from slamgauge.memory import require_memory
 
-PLAIN = "biufU"  # kinds of numpy types: truth values, whole numbers, real numbers, texts
+PLAIN = "biufU"  # kinds of numpy types: booleans, integers, floats, texts
 LAST_RECORD = 22  # bytes
-MANY = 0xFFFF  # members, or more: then another record counts them
-COPIES = 2.0  # of the arrays, alive at once while a record of them is checked
+MANY = 0xFFFF  # stands for 65535 members or more, which a zip64 record counts
+COPIES = 2.0  # copies of the arrays in memory while a record is validated
 
-DAMAGED_PLACES = (errno.EINVAL, None)  # errors of a damaged offset and of a damaged bz2 stream
+DAMAGED_PLACES = (errno.EINVAL, None)  # error numbers caused by a damaged offset and a damaged bz2 stream
 
 NONE_KNOWN: Mapping[str, NDArray[Any]] = {}
 
@@ -52,16 +52,16 @@ def read_npz(path: Path, known: Mapping[str, NDArray[Any]] = NONE_KNOWN) -> dict
 
     Args:
         path: The file.
-        known: Arrays in memory by name; an array of the file that is equal is replaced by the one in memory.
+        known: Arrays in memory by name. An equal array of the file is dropped, and the one in memory is returned.
 
     Raises:
-        UserError: The file is damaged, contains other things than plain arrays, or does not fit into memory.
-        OSError: The system cannot read it.
+        UserError: If the file is damaged, contains anything but plain arrays, or does not fit into memory.
+        OSError: If the system cannot read the file.
     """
     try:
         _require_whole(path)
         with warnings.catch_warnings(), np.load(path, allow_pickle=False) as archive:
-            warnings.simplefilter("ignore")  # about files of Python 2
+            warnings.simplefilter("ignore")  # warnings about files of Python 2
             return {name: _kept(name, archive[name], known.get(name)) for name in archive.files}
     except (UserError, OSError) as error:
         if not isinstance(error, OSError) or error.errno not in DAMAGED_PLACES:
@@ -77,7 +77,7 @@ class _OddError(ValueError):
 
 
 def _require_whole(path: Path) -> None:
-    """Check the directory of the file, and that memory can hold its arrays."""
+    """Check the directory of the zip file and that its arrays fit into memory."""
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
     with path.open("rb") as file:
@@ -85,7 +85,7 @@ def _require_whole(path: Path) -> None:
         last = file.read(LAST_RECORD)
     count = struct.unpack_from("<H", last, 10)[0]
     if not last.startswith(b"PK\5\6") or count not in (len(members), MANY):
-        raise _OddError("its directory is not whole")  # zipfile reads what is left of it
+        raise _OddError("its directory is not whole")  # zipfile reads a truncated directory without an error
     if len({member.filename for member in members}) < len(members):
         raise _OddError("a name appears twice")
     size = sum(member.file_size for member in members)  # zipfile unpacks no more than this
@@ -93,14 +93,14 @@ def _require_whole(path: Path) -> None:
 
 
 def _kept(name: str, array: object, known: NDArray[Any] | None) -> NDArray[Any]:
-    """Return the array, or one with the same content that needs less memory."""
+    """Return the array, or an equal one that needs less memory."""
     if not isinstance(array, np.ndarray):
-        raise _OddError(f"{name[:40]!r} is no array")
+        raise _OddError(f"{name[:40]!r} is not an array")
     if array.dtype.kind not in PLAIN:
         raise _OddError(f"{name[:40]!r} is of type {array.dtype.name}")
     if known is not None and known.dtype == array.dtype and np.array_equal(array, known):
         return known
-    if array.ndim == 3 and len(array) > 1 and bool((array == array[0]).all()):  # one covariance for all rows
+    if array.ndim == 3 and len(array) > 1 and bool((array == array[0]).all()):  # the same covariance in all rows
         return np.broadcast_to(array[0].copy(), array.shape)
     freeze(array)
     return array

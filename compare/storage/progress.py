@@ -1,4 +1,4 @@
-"""How far work is: a bar on terminals and in notebooks, sparse lines with the time that is left in log files."""
+"""Show progress: a bar on terminals and in notebooks, a few lines with the remaining time in log files."""
 
 from __future__ import annotations
 
@@ -12,40 +12,40 @@ from tqdm import tqdm
 
 T = TypeVar("T")
 
-FIRST, FACTOR = 30.0, 1.5  # s until the first line of a log file, and by how much longer each next one waits
+FIRST, FACTOR = 30.0, 1.5  # time [s] of the first line in a log file, and factor between the times of lines
 
 
 class Progress(Protocol):
-    """What tells how far work is."""
+    """Interface of tqdm bars and `LogLines`."""
 
     def update(self) -> object:
-        """One more is done."""
+        """Count one finished item."""
         ...
 
     def set_description(self, text: str, /) -> object:
-        """What is being done."""
+        """Set the text before the counts."""
         ...
 
     def __enter__(self) -> Self:
-        """Begin."""
+        """Start the display."""
         ...
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
     ) -> object:
-        """End."""
+        """Close the display."""
         ...
 
 
 def counted(total: int, unit: str, text: str = "", done: int = 0, *, leave: bool = False) -> Progress:
-    """A count of `total` things, of which `done` are done already; `leave` keeps the bar when all are."""
+    """Return a progress display of `total` items, `done` of them finished; `leave` keeps the bar at the end."""
     if sys.stderr.isatty() or is_notebook():
         return tqdm(total=total, initial=done, unit=unit, desc=text or None, leave=leave, file=sys.stderr)
     return LogLines(total, unit, text, done)
 
 
 def tracked(items: Iterable[T], total: int, unit: str, text: str = "", *, leave: bool = False) -> Iterator[T]:
-    """The items, and how far their user is."""
+    """Yield the items and show how many are finished."""
     with counted(total, unit, text, leave=leave) as progress:
         for item in items:
             yield item
@@ -53,12 +53,12 @@ def tracked(items: Iterable[T], total: int, unit: str, text: str = "", *, leave:
 
 
 def is_notebook() -> bool:
-    """Whether this is the kernel of a notebook, which shows bars although it is no terminal."""
+    """Return whether this is the kernel of a notebook, which shows bars although it is not a terminal."""
     return "ipykernel" in sys.modules
 
 
 class LogLines:
-    """A line now and then, ever more rarely, on a standard error that is no terminal."""
+    """Lines on standard error at growing intervals, for output that is not a terminal."""
 
     def __init__(
         self, total: int, unit: str, text: str = "", done: int = 0, clock: Callable[[], float] = monotonic
@@ -68,7 +68,7 @@ class LogLines:
         self._clock, self._start, self._wait = clock, clock(), FIRST
 
     def update(self) -> None:
-        """One more is done: a line if it is time for one."""
+        """Count one finished item, and print a line if it is time."""
         self._done += 1
         gone = self._clock() - self._start
         if gone < self._wait or self._done >= self._total:
@@ -79,7 +79,7 @@ class LogLines:
         print(f"{what}{self._done} of {self._total} {self._unit}s, about {duration(left)} left", file=sys.stderr)
 
     def set_description(self, text: str, /) -> None:
-        """What is being done."""
+        """Set the text before the counts."""
         self._text = text
 
     def __enter__(self) -> Self:
@@ -90,7 +90,7 @@ class LogLines:
 
 
 def duration(seconds: float) -> str:
-    """A rough length of time in words: 40 s, 3 min, 2.5 h."""
+    """Return a rounded duration as text: 40 s, 3 min, 2.5 h."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

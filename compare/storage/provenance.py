@@ -1,4 +1,4 @@
-"""Where results come from: the version, the command and the scenario, which stand in their JSON files."""
+"""Provenance of results: the version, the command and the scenario that JSON files record."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _COMMAND: ContextVar[str | None] = ContextVar("_COMMAND", default=None)
 
 @contextmanager
 def commanded(words: Sequence[str]) -> Generator[None]:
-    """Within the block results are those of the command `slamgauge WORDS`."""
+    """Record `slamgauge WORDS` as the command of all results in the block."""
     token = _COMMAND.set(shlex.join(["slamgauge", *words]))
     try:
         yield
@@ -23,9 +23,9 @@ def commanded(words: Sequence[str]) -> Generator[None]:
 
 
 def origin(scenario_text: str | None) -> dict[str, str | None]:
-    """What a JSON file of results tells of its origin; the command is None where Python has made them.
+    """Return version, command and scenario for a JSON file; results of a Python program have no command.
 
     Args:
-        scenario_text: the scenario as a TOML file, overrides included; None without a scenario.
+        scenario_text: The scenario as TOML, overrides included; None without a scenario.
     """
     return {"version": __version__, "command": _COMMAND.get(), "scenario_text": scenario_text}

@@ -1,31 +1,31 @@
-"""The names of the files that commands write, so that a file that would be overwritten is found before work starts."""
+"""Names of the files that commands write; commands check before they start that none would be overwritten."""
 
 from __future__ import annotations
 
 import unicodedata
 from collections.abc import Iterable
 
-SQLITE_SIDE_FILES = ("-journal", "-shm", "-wal")  # SQLite makes and removes them beside a store
-LOCK = "-lock"  # beside a store that somebody adds to
+SQLITE_SIDE_FILES = ("-journal", "-shm", "-wal")  # SQLite creates and removes them next to a store
+LOCK = "-lock"  # next to a store that a command writes to
 SIDE_FILES = (*SQLITE_SIDE_FILES, LOCK)
 
 
 def can_be_named(name: str) -> bool:
-    """Whether a file may bear this name: it has no control characters and no unpaired surrogates."""
+    """Return whether the name is free of control characters and unpaired surrogates."""
     return not any(unicodedata.category(character) in ("Cc", "Cs") for character in name)
 
 
 def pictures(*names: str) -> tuple[str, ...]:
-    """The files of figures, each for the screen and for print."""
+    """Return the png and svg file names of figures."""
     return tuple(f"{name}.{ending}" for name in names for ending in ("png", "svg"))
 
 
 RECORDING, TRUTH = "recording.npz", "truth.npz"
-MAPPING = "recording.toml"  # how a log's files were read
+MAPPING = "recording.toml"  # how the files of a log were read
 METRICS = "metrics.json"
 RUN_PICTURES = pictures("figure", "rays")
-REPORT = "report.html"  # the page that explains what lies beside it
-OUTDATED = ("estimates/*.npz", "trajectories/*.tum", "animation.*")  # of an earlier run
+REPORT = "report.html"  # page that explains the results in its folder
+OUTDATED = ("estimates/*.npz", "trajectories/*.tum", "animation.*")  # files of an earlier run
 
 STORE = "study.sqlite"
 STORE_FILES = (STORE, *(f"{STORE}{ending}" for ending in SIDE_FILES))
@@ -34,7 +34,7 @@ STUDY_PICTURES = pictures("nees", "nis", "rmse", "errors", "ratios")
 STUDY_FILES = (*STORE_FILES, SUMMARY, *STUDY_PICTURES, REPORT)
 SWEEP = "sweep.json"
 SWEEP_PICTURES = pictures("sweep")
-OPTIMA = "optimum"  # folder of the optima's stores, beside those of the values
+OPTIMA = "optimum"  # folder of the stores of the optima, next to those of the values
 SWEEP_FILES = (SWEEP, *SWEEP_PICTURES, REPORT)
 BUDGET = "budget.json"
 BUDGET_PICTURES = pictures("budget")
@@ -52,15 +52,15 @@ BENCH_PICTURES = pictures("bench")
 BENCH_FILES = (BENCH, *BENCH_PICTURES)
 
 GRADES, GRADES_XML = "grades.csv", "grades.xml"
-PAGES = "submissions"  # folder of a page for each
+PAGES = "submissions"  # folder with a page per submission
 
 
 def grade_files(submissions: Iterable[str]) -> list[str]:
-    """Every file that is written of submissions of these names."""
+    """Return every file that grading submissions of these names writes."""
     return [GRADES, GRADES_XML, REPORT, *(f"{PAGES}/{name}.{kind}" for name in submissions for kind in ("md", "html"))]
 
 
 def comparison_files(estimators: Iterable[str]) -> list[str]:
-    """Every file that may be written of a run of estimators of these names."""
+    """Return every file that a run of these estimators may write."""
     each = [file for name in estimators for file in (f"estimates/{name}.npz", f"trajectories/{name}.tum")]
     return [RECORDING, TRUTH, *each, "trajectories/truth.tum", *RUN_PICTURES, METRICS, REPORT]

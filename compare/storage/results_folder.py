@@ -1,4 +1,4 @@
-"""What a folder of results holds, read back."""
+"""Read the results of a run from its folder."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from slamgauge.truth import Truth, require_same_run
 
 
 class Results(NamedTuple):
-    """A run as `slamgauge run` or `evaluate --out` has written it; estimates by name, in the order of the command."""
+    """Results of `slamgauge run` or `evaluate --out`; estimates by name, in the order of the command."""
 
     title: str
     truth: Truth | None
@@ -23,10 +23,10 @@ class Results(NamedTuple):
 
 
 def load_results(folder: Path) -> Results:
-    """The results in a folder.
+    """Read the results in a folder.
 
     Raises:
-        UserError: if there are none, or if what is there does not belong together.
+        UserError: If the folder has no results, or its files belong to different runs.
     """
     path = folder / "metrics.json"
     if not path.is_file():
@@ -40,7 +40,7 @@ def load_results(folder: Path) -> Results:
     except (TypeError, KeyError):
         raise UserError(f"{path}: not what `slamgauge run` writes; run it again") from None
     if not names:
-        raise UserError(f"{path}: tells of no estimators; run the command again with at least one")
+        raise UserError(f"{path}: contains no estimators; run the command again with at least one")
     recording = load_recording(folder / "recording.npz")
     truth = load_truth(folder / "truth.npz", recording) if (folder / "truth.npz").exists() else None
     require_same_run(truth, recording)
@@ -49,7 +49,7 @@ def load_results(folder: Path) -> Results:
         if len(estimate.poses) != recording.steps + 1:
             raise UserError(
                 f"{folder / 'estimates' / name}.npz: {len(estimate.poses)} poses, "
-                f"but the recording beside it needs {recording.steps + 1}; run the command again"
+                f"but the recording in this folder needs {recording.steps + 1}; run the command again"
             )
     title = shown(folder.resolve().name if scenario is None else f"{scenario}, seed {seed}")
     return Results(title, truth, recording, estimates)

@@ -1,25 +1,25 @@
-"""Names of others (scenarios, files, folders, labels) as they may stand in what we write and show.
+"""Make user-given names (scenarios, files, folders, labels) safe for output.
 
-What a name holds is anybody's: characters that terminals obey and XML cannot hold, bytes that are no UTF-8, markup,
-more characters than a file system takes. Every text of theirs passes one of these on its way out.
+Such a name can contain control characters, bytes that are not valid UTF-8 or markup, and it can be too long for a file
+name. Every name passes one of these functions before it is printed or written.
 """
 
 from __future__ import annotations
 
-LONGEST = 200  # bytes of a file name; most file systems take 255, and endings of ours follow
+LONGEST = 200  # bytes of a file name; most file systems allow 255, and extensions follow
 
 
 def shown(name: str) -> str:
-    r"""For terminals, figures, JSON and XML: what cannot be printed is written out, as \x1b or \udcff."""
+    r"""Return the name with escapes (\x1b, \udcff) for characters that cannot be printed."""
     return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in name)
 
 
 def math_text(text: str) -> str:
-    r"""For texts in which matplotlib looks for formulas: those that it wraps; in others it does not (`plot_style`)."""
+    r"""Escape dollar signs, for texts in which matplotlib parses formulas: the wrapped ones (see `plot_style`)."""
     return text.replace("$", r"\$")
 
 
 def file_name(name: str) -> str:
-    """For file systems: no folder, nothing that cannot be printed, and not too long."""
+    """Return a valid file name: printable, short, and without folders."""
     plain = shown(name).replace("/", "_").replace("\\", "_").encode()[:LONGEST].decode(errors="ignore")
     return f"_{plain}" if plain in {"", ".", ".."} else plain

@@ -1,4 +1,4 @@
-"""Folders of results that appear whole or not at all, next to whatever else lies there."""
+"""Write folders of results completely or not at all, and leave other files there unchanged."""
 
 from __future__ import annotations
 
@@ -31,30 +31,30 @@ def staged_folder(
     remedy: str = REMEDY,
     beside: str = "",
 ) -> Generator[Path]:
-    """A temporary folder whose files are published in `out` when the block ends, and dropped when it fails.
+    """Yield a temporary folder; publish its files in `out` if the block succeeds, delete them if it fails.
 
-    Only files that the manifest in `out` calls ours are replaced or removed; other files of these names are refused and
-    left as they are. A new `out` appears in one atomic rename. In an existing one files are replaced one by one, by one
-    command at a time: if the block wrote the file `last`, the old one is removed before and the new one put in place
-    after all others, so that a folder which holds it is whole.
+    Only files that the manifest in `out` lists are replaced or removed; any other file of such a name is an error.
+    A new `out` appears in one atomic rename. In an existing `out` files are replaced one by one, by one command at a
+    time. If the block wrote the file `last`, the old one is removed first and the new one is moved last, so a folder
+    that contains it is complete.
 
     Args:
-        out: the folder.
-        writes: every name, relative to `out`, that the block may write; old files of ours go where it does not.
-        last: the name that tells of a whole folder.
-        outdated: patterns of more names whose old files go if they are ours.
-        remedy: what to do about files in the way.
-        beside: a file in `out` that the block belongs to; nothing is published if that is replaced meanwhile.
+        out: Folder of the results.
+        writes: Every name, relative to `out`, that the block may write. Old files that it does not write are removed.
+        last: Name of the file that marks a complete folder.
+        outdated: Patterns of further names whose old files are removed.
+        remedy: End of the error message about a file that slamgauge did not write.
+        beside: A file in `out` that the block refers to; nothing is published if it is replaced meanwhile.
 
     Raises:
-        UserError: On entry if something is in the way or nothing can be written there, at the end if something has got
-            in the way since or publishing fails.
+        UserError: On entry if a file of another origin has one of the names or `out` cannot be written; at the end for
+            the same reasons.
     """
     out, writes = Path(out), frozenset(writes)
     require_free(out, sorted(writes), remedy)
     with ExitStack() as stack:
         with explained(out, "written"):
-            # inside an existing folder: its parent may be another file system, or not ours to write to
+            # inside an existing folder, because its parent may be on another file system or read-only
             stage = stack.enter_context(partial_folder(out if is_there(out) else out.parent))
             companion = digest_of(out / beside) if beside else ""
         yield stage
@@ -75,7 +75,7 @@ def staged_folder(
 
 
 def _appeared(stage: Path, out: Path, new: set[str]) -> bool:
-    """Make a new folder of the stage, unless `out` is there already."""
+    """Rename the stage to `out` and return True, unless `out` exists."""
     if is_there(out):
         return False
     write_manifest(stage, new, within=stage.parent)
@@ -84,13 +84,13 @@ def _appeared(stage: Path, out: Path, new: set[str]) -> bool:
     except OSError as error:
         if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
             raise
-        (stage / MANIFEST).unlink()  # another command was first
+        (stage / MANIFEST).unlink()  # another command created it first
         return False
     return True
 
 
 def _replace(stage: Path, out: Path, ours: set[str], new: set[str], stale: set[str], last: str) -> None:
-    """Move the new files to their places, and remove the stale ones."""
+    """Move the new files into `out` and remove the stale ones."""
     moving = {
         name: [digest_of(at / name) for at in (out, stage) if (at / name).exists()] for name in sorted(new | stale)
     }
@@ -104,5 +104,5 @@ def _replace(stage: Path, out: Path, ours: set[str], new: set[str], stale: set[s
         (stage / name).replace(out / name)
     write_manifest(out, (ours | new) - stale, stage.parent)
     for folder in {(out / name).parent for name in stale} - {out}:
-        with suppress(OSError):  # somebody else's files are in it
+        with suppress(OSError):  # the folder contains other files
             folder.rmdir()

@@ -1,7 +1,7 @@
-"""Estimates that lie in files: slamgauge's own, CSV (`csv_folder`), and trajectories in the TUM format.
+"""Read estimates from files: npz, CSV (see `csv_folder`), and trajectories in the TUM format.
 
-A TUM file has a line `t x y z qx qy qz qw` for every step, and may go on with the upper triangle of a covariance:
-6 numbers of (x, y, heading), or 21 of (x, y, z, roll, pitch, yaw). Of the planar parts alone anything is made.
+A TUM file has a line `t x y z qx qy qz qw` for each step. The upper triangle of a covariance may follow: 6 numbers for
+(x, y, heading), or 21 for (x, y, z, roll, pitch, yaw). Only the planar parts are used.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from slamgauge.recording import Recording
 
 LARGEST = 1e150  # its square is still finite
 TUM = 8  # columns without covariances
-PLANAR = {6: (0, 1, 2), 21: (0, 1, 5)}  # by the length of a triangle: which of its rows are x, y and heading
+PLANAR = {6: (0, 1, 2), 21: (0, 1, 5)}  # rows of x, y and heading, by the number of values in the triangle
 
 
 def load_stored(path: Path, recording: Recording) -> Estimate:
-    """The estimate in a file, of the recording; one in CSV or TUM is taken for filtered.
+    """Read an estimate of `recording` from a file; estimates in CSV or TUM files count as filtered.
 
     Raises:
-        UserError: no such file, or one that does not fit, by its line.
+        UserError: If the file is missing or does not fit the recording; the message names the line.
     """
     if path.suffix == ".npz":
         return load_estimate(path)
@@ -60,7 +60,7 @@ def _read_tum(path: Path, stamps: Float) -> Estimate:
 
 
 def _tolerance(stamps: Float) -> float:
-    """Half a step [s]: how far a line may be from the time that it is for."""
+    """Return half a step [s], the largest difference between the time of a line and that of its step."""
     return 0.5 * float(np.diff(stamps).min(initial=1.0))
 
 
@@ -69,7 +69,7 @@ def _numbers(path: Path, number: int, line: str) -> list[float]:
         numbers = [float(text) for text in line.split()]
     except ValueError:
         raise UserError(
-            f"{path}, line {number}: {line[:60]!r} holds no number somewhere; write t x y z qx qy qz qw"
+            f"{path}, line {number}: {line[:60]!r} has a value that is not a number; write t x y z qx qy qz qw"
         ) from None
     if len(numbers) - TUM not in (0, *PLANAR) or not (np.abs(numbers) < LARGEST).all():
         counts = ", ".join(str(TUM + more) for more in (0, *PLANAR))
@@ -78,7 +78,7 @@ def _numbers(path: Path, number: int, line: str) -> list[float]:
 
 
 def _planar_covariances(triangles: Float) -> Float:
-    """(n, 3, 3) of x, y and heading, of upper triangles (n, 6) or (n, 21)."""
+    """Return the covariances (n, 3, 3) of x, y and heading from upper triangles (n, 6) or (n, 21)."""
     rows = PLANAR[triangles.shape[1]]
     size = 3 if triangles.shape[1] == 6 else 6
     return from_triangles(triangles, size)[:, rows][:, :, rows]

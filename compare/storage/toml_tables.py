@@ -1,4 +1,4 @@
-"""What TOML files and `--set` say, as nested tables."""
+"""Read and write TOML files, and apply `--set` overrides to nested tables."""
 
 from __future__ import annotations
 
@@ -15,40 +15,40 @@ Table = dict[str, Any]
 
 
 def parse_toml(text: str) -> Table:
-    """`tomllib.loads`, by which what no table can hold is not valid TOML either.
+    """Parse TOML like `tomllib.loads`, with `TOMLDecodeError` also for texts beyond the limits of Python.
 
     Raises:
-        tomllib.TOMLDecodeError: where and why.
+        tomllib.TOMLDecodeError: If the text is not valid TOML, is nested too deeply or has too many digits.
     """
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError:
         raise
     except RecursionError:
-        raise tomllib.TOMLDecodeError("brackets within brackets, too many for Python") from None
-    except ValueError:  # of `int`, which refuses some thousands of digits
+        raise tomllib.TOMLDecodeError("too many nested brackets for Python") from None
+    except ValueError:  # `int` rejects numbers of some thousands of digits
         raise tomllib.TOMLDecodeError("a number has too many digits for Python") from None
 
 
 def read_toml(path: Path) -> Table:
-    """The tables of a TOML file; `UserError` with the line if it is none."""
+    """Return the tables of a TOML file; raise `UserError` with the line if it is not valid."""
     with explained(path, "read"):
         content = path.read_bytes()
     try:
         return parse_toml(content.decode("utf-8-sig"))
     except UnicodeDecodeError:
-        raise UserError(f"{path}: not a text in UTF-8; save it as such") from None
+        raise UserError(f"{path}: not a UTF-8 text; save it as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         raise UserError(f"{path}: not valid TOML: {error}; correct that line") from None
 
 
 def override(table: Table, text: str) -> None:
-    """Set the key of one `dotted.key=value` in the table, sections on the way included.
+    """Set one `dotted.key=value` in the table; missing sections are created.
 
-    The value is read as TOML, or as a bare string where it is not valid TOML.
+    The value is parsed as TOML; if that fails, it is taken as a string.
 
     Raises:
-        UserError: there is no key or no value.
+        UserError: If the key or the `=` is missing.
     """
     path, equals, value = text.partition("=")
     if not equals or not path.strip():
@@ -65,13 +65,13 @@ def override(table: Table, text: str) -> None:
 
 
 def write_toml(path: Path, sections: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write `toml_text` into a file."""
+    """Write sections as a TOML file (see `toml_text`)."""
     with explained(path, "written"):
         path.write_text(toml_text(sections), encoding="utf-8")
 
 
 def toml_text(sections: Mapping[str, Mapping[str, Any]]) -> str:
-    """Sections of texts, numbers, lists and tables; what is None is left out, "" is for keys before all sections."""
+    """Return sections as TOML without their None values; section "" has the keys before all other sections."""
     lines: list[str] = []
     for name, section in sections.items():
         keys = [f"{key} = {_value(value)}" for key, value in section.items() if value is not None]

@@ -47,7 +47,8 @@ def test_a_disk_that_fills_up_at_the_figure_costs_that_alone(stored: Path, refus
     done = evaluate_with_room(stored, refuse.out, 100_000)
     assert (done.returncode, done.stdout.split()[0]) == (1, "estimator")
     lost, written = done.stderr.splitlines()
-    assert re.fullmatch(rf"slamgauge: {refuse.out}/figure: left out \(OSError: .*too large.*all else is written", lost)
+    expected = rf"slamgauge: {refuse.out}/figure: not written \(OSError: .*too large.*all other files are written"
+    assert re.fullmatch(expected, lost)
     assert written == f"written to {refuse.out}"
     assert {path.name for path in refuse.out.iterdir()} == {
         *("recording.npz", "truth.npz", "metrics.json", "estimates", "trajectories", MANIFEST)

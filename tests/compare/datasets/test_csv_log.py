@@ -248,9 +248,9 @@ def test_csv_to_npz_to_csv_keeps_the_cost_of_batch(tmp_path: Path):
             "observations.csv",
             "range",
             "reach",
-            "observations.csv: line 1 is no header of this file; write step,landmark",
+            "observations.csv: line 1 is not the header of this file; write step,landmark",
         ),
-        ("observations.csv", "\n0,2,", "\n0,-1,", "observations.csv, line 2: an id of -1 beside others"),
+        ("observations.csv", "\n0,2,", "\n0,-1,", "observations.csv, line 2: only some ids are -1"),
         ("observations.csv", "\n0,", "\n0.5,", "step[0] = 0.5: every entry must be a whole number"),
     ],
 )

@@ -110,18 +110,18 @@ WRITE = "import sys\nopen(sys.argv[2], 'w').write({!r})\n"
         ("pass", r"has written no {estimate}; write the poses to that file"),
         (
             WRITE.format(""),
-            "estimate.csv: line 1 is no header of this file; write step,x,y,theta, with or without cov_xx",
+            "estimate.csv: line 1 is not the header of this file; write step,x,y,theta, with or without cov_xx",
         ),
-        (WRITE.format("step,x,y\n0,1,2\n"), "estimate.csv: line 1 is no header"),
+        (WRITE.format("step,x,y\n0,1,2\n"), "estimate.csv: line 1 is not the header"),
         (
             WRITE.format("step,x,y,theta\n0,0,0,0\n1,0,a,0\n"),
-            "estimate.csv, line 3: '1,0,a,0' holds no number somewhere",
+            "estimate.csv, line 3: '1,0,a,0' has a value that is not a number",
         ),
         (WRITE.format("step,x,y,theta\n0,0,0,nan\n"), "estimate.csv, line 2: '0,0,0,nan'; write 4 finite numbers"),
         (WRITE.format("step,x,y,theta\n0,0,0\n"), "estimate.csv, line 2: '0,0,0'; write 4 finite numbers"),
         (
             WRITE.format("step,x,y,theta\n0,0,0,0\n2,0,0,0\n"),
-            "estimate.csv, line 3: step 2 where 1 should be; sort them",
+            "estimate.csv, line 3: step 2, expected 1; sort the rows by step",
         ),
         (WRITE.format("step,x,y,theta\n0,0,0,0\n"), "estimate.csv: has 1 rows; write 41, one for the start"),
     ],

@@ -285,7 +285,7 @@ def test_metrics_of_another_form_are_refused(folder: Path, capsys: pytest.Captur
 def test_what_does_not_belong_together_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]):
     save(folder / "estimates/causal.npz", Estimate("filtered", np.zeros((5, 3))))
     assert refusal(capsys, folder).startswith(
-        f"{folder}/estimates/causal.npz: 5 poses, but the recording beside it needs"
+        f"{folder}/estimates/causal.npz: 5 poses, but the recording in this folder needs"
     )
     (folder / "estimates/causal.npz").unlink()
     assert "causal.npz: cannot be read (No such file" in refusal(capsys, folder)

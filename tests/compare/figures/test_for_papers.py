@@ -170,7 +170,7 @@ def test_what_is_drawn_is_what_was_measured(results: Path):
 def test_results_of_another_version_are_not_drawn(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / f"{kind}.json").write_text("{}")
     assert main(["export", str(tmp_path), "--format", "svg", "--out", str(tmp_path / "out")]) == 2
-    assert "of another version, or changed by hand; give its command again" in capsys.readouterr().err
+    assert "written by another version, or changed by hand; run its command again" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

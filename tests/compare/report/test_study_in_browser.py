@@ -279,7 +279,7 @@ def test_links_of_the_class_lead_to_the_submissions(reader: Reader, tmp_path: Pa
 
 def test_results_of_another_version_are_refused_in_one_line(tmp_path: Path):
     (tmp_path / "budget.json").write_text("{}")
-    with pytest.raises(UserError, match="of another version"):
+    with pytest.raises(UserError, match="written by another version"):
         publish_report(tmp_path)
 
 
@@ -294,5 +294,5 @@ def test_a_page_that_cannot_be_made_costs_the_page_alone(tmp_path: Path, capsys:
     (tmp_path / "budget.json").write_text("{}")
     pages = PAGES["budget.json"]
     assert not decorate(tmp_path, "budget.json", {"report": lambda _: pages(tmp_path)}, ["report.html"])
-    assert "report: left out (KeyError: 'rungs'" in capsys.readouterr().err
+    assert "report: not written (KeyError: 'rungs'" in capsys.readouterr().err
     assert (tmp_path / "budget.json").exists()

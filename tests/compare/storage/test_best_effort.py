@@ -60,7 +60,7 @@ def test_one_that_fails_is_a_line_and_the_others_are_drawn(
     assert {path.name for path in out.rglob("*")} == {RESULT, "b.png", ".slamgauge.json"}
     lines = capsys.readouterr().err.splitlines()
     for name, line in zip(("a", "pages/c"), lines, strict=True):
-        assert line.startswith(f"slamgauge: {out / name}: left out ({reason}")
+        assert line.startswith(f"slamgauge: {out / name}: not written ({reason}")
 
 
 def test_a_folder_that_cannot_be_written_any_more_costs_the_pictures(out: Path, capsys: pytest.CaptureFixture[str]):

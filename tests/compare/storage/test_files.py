@@ -138,7 +138,7 @@ def test_values_that_do_not_fit(tmp_path: Path):
     assert "kind: 'guessed' is not known" in refusal(load_estimate, path)
     for kind in (np.zeros((2, 2)), "filtered" * 1000, ""):
         np.savez(path, kind=kind, poses=np.zeros((2, 3)))
-        assert refusal(load_estimate, path) == ": kind is no word; give another file"
+        assert refusal(load_estimate, path) == ": kind is not a short text; give another file"
     np.savez(path, kind="filtered", poses=np.full((2, 3), np.nan))
     assert "poses[0]" in refusal(load_estimate, path)
 

@@ -186,7 +186,7 @@ def test_what_is_no_manifest_is_refused_in_one_line(tmp_path: Path, text: str):
     (out / MANIFEST).write_text(text)
     with (
         pytest.raises(
-            ValueError, match=rf"^{out / MANIFEST}: is no list of files that slamgauge has written; move it [^\n]+$"
+            ValueError, match=rf"^{out / MANIFEST}: not a list of files that slamgauge has written; move it [^\n]+$"
         ),
         staged_folder(out, FILES, LAST),
     ):
@@ -215,7 +215,7 @@ def test_what_is_no_manifest_is_refused_in_one_line(tmp_path: Path, text: str):
 )
 def test_names_that_lead_elsewhere_are_refused(tmp_path: Path, name: str):
     (tmp_path / MANIFEST).write_text(json.dumps({"files": ["a.txt", name], "moving": {}}))
-    with pytest.raises(ValueError, match=r"is no list of files that slamgauge has written; move it away"):
+    with pytest.raises(ValueError, match=r"not a list of files that slamgauge has written; move it away"):
         owned(tmp_path)
 
 
@@ -239,6 +239,6 @@ def test_a_manifest_that_is_no_file_is_refused(tmp_path: Path, kind: str):
         (out / MANIFEST).symlink_to(elsewhere)
     if kind == "link":
         elsewhere.write_text('{"files": [], "moving": {}}')
-    with pytest.raises(ValueError, match="is no list of files that slamgauge has written"):
+    with pytest.raises(ValueError, match="not a list of files that slamgauge has written"):
         publish(out, "new")
     assert [path.name for path in out.iterdir()] == [MANIFEST]

@@ -51,7 +51,7 @@ def test_ours(estimate: Estimate, tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("0 0 0 0 0 0 0\n", "line 1: 7 columns; write 8, 14, 29 finite numbers"),
-        ("0 0 0 0 0 0 0 one\n", "line 1: .* holds no number somewhere"),
+        ("0 0 0 0 0 0 0 one\n", "line 1: .* has a value that is not a number"),
         ("0 0 0 0 0 0 1e200 1\n", "line 1: 8 columns; write 8, 14, 29 finite numbers"),
         ("0 0 0 0 0 0 0 1\n", "no line for step 1"),
         ("", "no line for step 0"),
