@@ -1,1 +1,1 @@
-"""Pictures: the only room that imports matplotlib."""
+"""Figures and animations; the only room that imports matplotlib."""

@@ -1,4 +1,4 @@
-"""A run as a moving picture (GIF; MP4 and WebM where ffmpeg is installed), or as a strip of moments for print."""
+"""Animate a run (GIF; MP4 and WebM with ffmpeg), or draw a strip of moments for print."""
 
 from __future__ import annotations
 
@@ -31,39 +31,39 @@ from slamgauge.estimate import Estimate
 
 LOG = logging.getLogger("matplotlib.animation")
 GIF, STRIP = "animation.gif", ("animation.png", "animation.svg")
-VIDEOS: dict[str, dict[str, Any]] = {  # and how ffmpeg writes them, where that is not its own choice
+VIDEOS: dict[str, dict[str, Any]] = {  # files and options of ffmpeg
     "animation.mp4": {},
-    "animation.webm": {"codec": "libvpx-vp9", "extra_args": ["-pix_fmt", "yuv420p"]},  # players know no other colours
+    "animation.webm": {"codec": "libvpx-vp9", "extra_args": ["-pix_fmt", "yuv420p"]},  # the format that players support
 }
-MOMENTS, COLUMNS = 6, {"page": 3, "column": 2}  # of a strip
+MOMENTS, COLUMNS = 6, {"page": 3, "column": 2}  # panels of a strip, and panels per row
 FOOT = {"page": 0.9, "column": 1.3}  # [in] for title and legend
-NO_FFMPEG = "there is no ffmpeg on the PATH"
+NO_FFMPEG = "ffmpeg is not on the PATH"
 Form = Literal["usual", "gif", "mp4", "webm", "strip"]
-MOST_MAPS = 3  # more than these would hide each other
-MOST_FRAMES = 600  # all are in memory before a GIF is written
-FASTEST = 50  # frames per second that viewers of GIFs keep up with
+MOST_MAPS = 3  # more maps would hide each other
+MOST_FRAMES = 600  # Pillow keeps all frames of a GIF in memory
+FASTEST = 50  # frames per second; viewers of GIFs are not faster
 
-# a tight box, which somebody's settings may ask for, would change size from frame to frame
+# a tight bounding box, possible in a user's settings, would change the size from frame to frame
 SCREEN: dict[Any, Any] = {**PRINT, "savefig.bbox": None}
 
 
 def animate(folder: Path, names: Sequence[str], seconds: float, fps: int, form: Form = "usual") -> str | None:
-    """Write animation.gif and animation.mp4, or the form asked for, into a folder of results, whole or not at all.
+    """Write animation.gif and animation.mp4, or the requested form, into a folder of results.
 
     Args:
-        folder: what `slamgauge run` or `evaluate --out` has written.
-        names: labels or addresses of the estimates to show, with their maps; without any the filtered ones with their
-            maps (the first alone if there are more than three), and the smoothed ones' paths.
-        seconds: how long it lasts.
-        fps: frames per second; fewer where the run has fewer steps.
-        form: `usual`, or one of `gif`, `mp4`, `webm` and `strip`: moments side by side, as a picture.
+        folder: Folder that `slamgauge run` or `evaluate --out` wrote.
+        names: Labels or addresses of the estimates to show, with their maps. By default all filtered estimates are
+            shown with their maps (only the first if there are more than three), and the paths of smoothed ones.
+        seconds: Duration [s].
+        fps: Frames per second, at most one frame per step.
+        form: `usual`, `gif`, `mp4`, `webm`, or `strip` (a picture of six moments).
 
     Returns:
-        Why there is no animation.mp4, None if there is one, or another form was asked for.
+        The reason why animation.mp4 was not written, or None.
 
     Raises:
-        UserError: there are no results, no such estimate, the length makes no sense, an animation that is not ours
-            would be replaced, or a video is asked for and ffmpeg does not write it.
+        UserError: If the folder has no results or no such estimate, the duration is out of range, slamgauge did not
+            write an existing animation, or ffmpeg does not write the requested video.
     """
     if form in ("mp4", "webm") and not FFMpegWriter.isAvailable():
         raise UserError(f"format {form}: {NO_FFMPEG}; install it (Debian's package ffmpeg), or give --format gif")
@@ -71,7 +71,7 @@ def animate(folder: Path, names: Sequence[str], seconds: float, fps: int, form: 
     shown, mapped = _chosen(results.estimates, names)
     frames = min(MOMENTS if form == "strip" else _frames(seconds, fps), results.recording.steps + 1)
     steps = np.linspace(0, results.recording.steps, frames).round().astype(int).tolist()
-    rate: Any = frames / seconds  # by the writers' types a whole number, which it need not be
+    rate: Any = frames / seconds  # typed as int by the writers, but floats work
     files = files_of(form)
     staged = staged_folder(folder, files, last=files[0], remedy="move it away", beside=METRICS)
     with staged as stage, mpl.rc_context(SCREEN):
@@ -90,14 +90,14 @@ def animate(folder: Path, names: Sequence[str], seconds: float, fps: int, form: 
 
 
 def files_of(form: Form) -> tuple[str, ...]:
-    """What is written, the file first that is always there."""
+    """Return the files of a form; the first one is always written."""
     if form == "strip":
         return STRIP
     return (GIF, "animation.mp4") if form == "usual" else (f"animation.{form}",)
 
 
 def _strip(results: Results, shown: Mapping[str, Estimate], mapped: Mapping[str, Estimate], steps: list[int]) -> Figure:
-    """The moments side by side, each as the animation has it, and one legend."""
+    """Draw the frames of the given steps side by side, with one legend."""
     page, columns = sheet(), COLUMNS[sheet().width]
     low, high = limits(results, shown, mapped)
     rows = -(-len(steps) // columns)
@@ -110,7 +110,7 @@ def _strip(results: Results, shown: Mapping[str, Estimate], mapped: Mapping[str,
             panel.set_axis_off()
             continue
         scene = Scene(results, shown, mapped, panel)
-        for step in steps[max(place - 1, 0) : place + 1]:  # sights are of the time since the moment before
+        for step in steps[max(place - 1, 0) : place + 1]:  # shows the observations since the previous moment
             scene.show(step)
         label_plane(panel, x=place + columns >= len(steps), y=place % columns == 0)
         keys = scene.keys
@@ -120,7 +120,7 @@ def _strip(results: Results, shown: Mapping[str, Estimate], mapped: Mapping[str,
 
 
 def _chosen(estimates: Mapping[str, Estimate], names: Sequence[str]) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
-    """Whose paths are shown, and whose maps among them."""
+    """Return the estimates whose paths are shown, and those whose maps are shown."""
     if names:
         chosen = {name: estimates[name] for name in labels_among(names, estimates, "has no estimate in the folder")}
         return chosen, chosen
@@ -133,17 +133,17 @@ def _chosen(estimates: Mapping[str, Estimate], names: Sequence[str]) -> tuple[di
 
 def _frames(seconds: float, fps: int) -> int:
     if not 0 < seconds < math.inf:
-        raise UserError(f"seconds {seconds}: no length of an animation; give a number > 0, for example 10")
+        raise UserError(f"seconds {seconds}: not a duration; give a number > 0, for example 10")
     if not 1 <= fps <= FASTEST:
-        raise UserError(f"fps {fps}: not what viewers show; give 1 to {FASTEST} frames per second")
+        raise UserError(f"fps {fps}: out of range; give 1 to {FASTEST} frames per second")
     frames = round(seconds * fps)
     if not 1 <= frames <= MOST_FRAMES:
-        raise UserError(f"seconds {seconds}, fps {fps}: give 1 to {MOST_FRAMES} frames, these are {frames}")
+        raise UserError(f"seconds {seconds}, fps {fps}: these are {frames} frames; give 1 to {MOST_FRAMES}")
     return frames
 
 
 def _render(scene: Scene, writer: AbstractMovieWriter, path: Path, steps: list[int]) -> None:
-    """Draw every step; what is half done is not finished when that is interrupted."""
+    """Draw every step and finish the file; an interrupt leaves it unfinished."""
     writer.setup(scene.figure, str(path), DOTS)
     for step in tracked(steps, len(steps), "frame", path.name):
         scene.show(step)
@@ -152,7 +152,7 @@ def _render(scene: Scene, writer: AbstractMovieWriter, path: Path, steps: list[i
 
 
 def _render_video(scene: Scene, rate: Any, path: Path, steps: list[int]) -> str | None:
-    """Why there is no video, if there is none."""
+    """Write a video; return the reason if that fails, else None."""
     if not FFMpegWriter.isAvailable():
         return NO_FFMPEG
     writer = FFMpegWriter(rate, **VIDEOS[path.name])
@@ -162,8 +162,8 @@ def _render_video(scene: Scene, rate: Any, path: Path, steps: list[int]) -> str 
         path.unlink(missing_ok=True)
         return "ffmpeg failed"
     except BaseException:
-        LOG.disabled = True  # where ffmpeg complains of half a frame
-        with suppress(CalledProcessError):  # the interrupt has reached it as well
+        LOG.disabled = True  # ffmpeg reports the incomplete frame there
+        with suppress(CalledProcessError):  # ffmpeg was interrupted as well
             writer.finish()
         LOG.disabled = False
         raise

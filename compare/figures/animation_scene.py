@@ -1,4 +1,4 @@
-"""The figure that an animation moves: its artists are made once, and then only told where to be."""
+"""Figure of an animation: its artists are created once and moved from frame to frame."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ WIDTH = 5.0  # [in]
 DOTS = 120  # per inch: 600 pixels
 LEFT, RIGHT, TOP, BOTTOM = 0.5, 0.1, 0.25, 0.4  # [in] around the axes
 LEGEND_ROW = 0.17  # [in]
-COLUMNS = 3  # of the legend
+COLUMNS = 3  # columns of the legend
 BOTH_WAYS = np.array([-1, 1])
-SHAPES = (0.4, 1.0)  # the lowest and the highest axes, of their width
-ROBOT = 0.025  # of the map's extent
-FAINT = 0.5  # opacity of a map that is known only as it ends
+SHAPES = (0.4, 1.0)  # smallest and largest height of the axes, relative to their width
+ROBOT = 0.025  # size of the robot, relative to the map
+FAINT = 0.5  # opacity of a final map, which has no history
 
 
 class Scene:
-    """Estimates of a run on some axes, which `show` moves to a step."""
+    """Estimates of a run on one axes; `show` moves them to a step."""
 
     def __init__(
         self,
@@ -55,19 +55,19 @@ class Scene:
         mapped: Mapping[str, Estimate],
         panel: Axes | None = None,
     ) -> None:
-        """Lay the figure out.
+        """Create the artists.
 
         Args:
-            results: the run.
-            shown: whose paths are drawn.
-            mapped: of these, who has a robot and a map too: as its history tells, or else as it ends.
-            panel: axes of a figure of somebody else, who explains the `keys`; a figure of its own if not given.
+            results: The run.
+            shown: Estimates whose paths are drawn.
+            mapped: Those of them that also have a robot and a map: from the history, or else the final map.
+            panel: Axes to draw on, in a figure whose caller draws a legend of the `keys`; by default a new figure.
         """
         self._truth = Truth() if results.truth is None else results.truth
         self._recording = results.recording
         self._shown, self._mapped = shown, mapped
-        everybody = styles(results.estimates)  # as in the figure of the run
-        chosen = {name: everybody[name] for name in shown}
+        all_styles = styles(results.estimates)  # same styles as in the figure of the run
+        chosen = {name: all_styles[name] for name in shown}
         low, high = limits(results, shown, mapped)
         self.keys = list(_keys(self._truth, mapped, chosen))
         if panel is None:
@@ -102,15 +102,15 @@ class Scene:
             layer.show(map_at(self._mapped[name], step))
         for name, dots in self._last_maps.items():
             dots.set_data(*self._mapped[name].landmarks[self._first_seen[name] <= step].T)
-        seer = next(iter(self._mapped.values()))
-        self._sight.set_segments(list(sight_lines(self._truth, self._recording, seer, self._step, step)))
+        observer = next(iter(self._mapped.values()))
+        self._sight.set_segments(list(sight_lines(self._truth, self._recording, observer, self._step, step)))
         stamps = self._recording.stamps
         self._time.set_text(f"t = {stamps[step] - stamps[0]:.1f} s")
         self._step = step
 
 
 def limits(results: Results, shown: Mapping[str, Estimate], mapped: Mapping[str, Estimate]) -> tuple[Float, Float]:
-    """Limits that hold paths, true landmarks and last maps, and all that the maps went through as there is room."""
+    """Return limits around all paths, true landmarks and final maps, and as far as possible around earlier maps."""
     truth = Truth() if results.truth is None else results.truth
     sure = [each[:, :2] for each in (truth.poses, truth.landmarks) if each is not None]
     sure += [estimate.poses[:, :2] for estimate in shown.values()]
@@ -120,11 +120,11 @@ def limits(results: Results, shown: Mapping[str, Estimate], mapped: Mapping[str,
 
 
 def _layout(low: Float, high: Float, title: str, keys: list[Line2D]) -> tuple[Figure, Axes, Text]:
-    """Empty axes of the map's shape, and the text that tells the time; all around them stands still."""
+    """Create a figure with axes in the shape of the map and a text for the time; the rest is static."""
     across = WIDTH - LEFT - RIGHT
     foot = BOTTOM - (-len(keys) // COLUMNS) * LEGEND_ROW
     shape = float(np.clip((high - low)[1] / (high - low)[0], *SHAPES))
-    even = 2 / DOTS  # [in], two pixels: video wants an even number of them
+    even = 2 / DOTS  # [in], two pixels: video formats need an even number
     height = even * round((TOP + across * shape + foot) / even)
     figure = Figure(figsize=(WIDTH, height), dpi=DOTS)
     ax = figure.add_axes((LEFT / WIDTH, foot / height, across / WIDTH, 1 - (foot + TOP) / height))
@@ -142,7 +142,7 @@ def _layout(low: Float, high: Float, title: str, keys: list[Line2D]) -> tuple[Fi
 
 
 def _freeze(figure: Figure, ax: Axes) -> None:
-    """Put a picture in the place of title, ticks and legend: to draw these takes most of the time of a frame."""
+    """Replace title, ticks and legend by an image of them, because drawing them takes most of the time of a frame."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     picture = np.array(canvas.buffer_rgba())
@@ -153,7 +153,7 @@ def _freeze(figure: Figure, ax: Axes) -> None:
 
 
 def _keys(truth: Truth, mapped: Mapping[str, Estimate], chosen: Mapping[str, Style]) -> Iterator[Line2D]:
-    """What the legend explains: only what there is."""
+    """Yield legend entries of the artists that exist."""
     if truth.poses is not None:
         yield key("truth", color=TRUE_ROBOT.color, linewidth=1.0)
     for name, style in chosen.items():
@@ -165,7 +165,7 @@ def _keys(truth: Truth, mapped: Mapping[str, Estimate], chosen: Mapping[str, Sty
     if histories:
         yield key("mapped landmark", color=MARK_COLOR, **POINT)
     if len(histories) < len(mapped):
-        yield key("landmark as mapped in the end", color=MARK_COLOR, alpha=FAINT, **POINT)
+        yield key("landmark of the final map", color=MARK_COLOR, alpha=FAINT, **POINT)
     yield key("3σ ellipse", color=MARK_COLOR, **MEMBER)
     if any(has_rays(estimate) for estimate in histories):
         yield key("likeliest member of a ray", color=MARK_COLOR, **HEAVIEST)

@@ -1,4 +1,4 @@
-"""Limits of panels that one who has gone astray does not squash."""
+"""Axis limits that ignore diverged estimators."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ import numpy as np
 
 from slamgauge.arrays import Float
 
-ASTRAY = 5.0  # times the median's extent: who has more leaves the panel
-ASTRAY_ON_LOGARITHMS = 100.0  # where there is room for two decades
+DIVERGED = 5.0  # an extent above this multiple of the median is ignored
+DIVERGED_LOG = 100.0  # the same for logarithmic axes
 
 
-def robust_limits(extents: Mapping[str, Float], astray: float = ASTRAY) -> tuple[Float, list[str]]:
-    """Heights (K,) of K panels that hold the extents (K,) of most, and the names of those who leave any.
+def robust_limits(extents: Mapping[str, Float], factor: float = DIVERGED) -> tuple[Float, list[str]]:
+    """Return heights (K,) of K panels without the diverged estimators, and the names of these.
 
     Args:
-        extents: the largest figure of each name in each panel, not negative.
-        astray: how many times the median's an extent may be.
+        extents: Largest value (K,) of each estimator in each panel, not negative.
+        factor: Largest extent that counts, as a multiple of the median.
     """
     rows = np.array([*extents.values()])
     typical = np.sort(rows, axis=0)[(len(rows) - 1) // 2]
-    stays = rows <= astray * typical
-    heights = np.where(stays, rows, 0.0).max(axis=0)
-    return heights, [name for name, kept in zip(extents, stays, strict=True) if not kept.all()]
+    counts = rows <= factor * typical
+    heights = np.where(counts, rows, 0.0).max(axis=0)
+    return heights, [name for name, row in zip(extents, counts, strict=True) if not row.all()]
 
 
-def leaving(names: list[str], what: str = "panel") -> list[str]:
-    """What is said of those who leave: nothing, or a line."""
-    return [f"{', '.join(names)} leave{'s' * (len(names) == 1)} the {what}"] * bool(names)
+def exceeding(names: list[str]) -> str:
+    """Return a remark about the estimators whose curves exceed the axes; empty without names."""
+    return f"{', '.join(names)} exceed{'s' * (len(names) == 1)} the axes" if names else ""

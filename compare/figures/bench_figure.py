@@ -1,4 +1,4 @@
-"""The figure of `slamgauge bench`."""
+"""Figure of `slamgauge bench`."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from slamgauge.compare.figures.plot_style import LEGEND, PRINT, logarithmic, sty
 
 
 def save_bench_figure(out: Path, result: dict[str, Any]) -> None:
-    """Write the figure `bench` into `out`: step times and their 95 % quantiles against map size, axes logarithmic.
+    """Write the figure `bench` into `out`: step times and their 95 % quantiles against map size, on logarithmic axes.
 
-    Step times are medians, or of who takes no steps the mean over a whole run; `result` is the content of bench.json.
+    Step times are medians, or the mean over a run for estimators without steps. `result` is the content of bench.json.
     """
     with mpl.rc_context(PRINT):
         page = sheet()
@@ -30,7 +30,7 @@ def save_bench_figure(out: Path, result: dict[str, Any]) -> None:
             high = np.array([figures.get("p95_s", np.nan) for figures in by_size.values()]) * 1e3
             axes.plot(sizes, times, color=style.color, linestyle=style.dashes, marker="o", markersize=3, label=name)
             axes.plot(sizes, high, color=style.color, linestyle="none", marker="_", markersize=6)
-        axes.set(xscale="log", yscale="log", xlabel="landmarks", ylabel="ms a step (dash: 95 %)")
+        axes.set(xscale="log", yscale="log", xlabel="landmarks", ylabel="ms per step (dash: 95 %)")
         sizes = sorted({int(size) for by_size in result["estimators"].values() for size in by_size})
         axes.set_xticks(sizes, [str(size) for size in sizes])
         axes.minorticks_off()

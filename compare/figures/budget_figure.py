@@ -1,4 +1,4 @@
-"""The error budget as a waterfall: every bar starts where the last one ended."""
+"""Figure of the error budget: a waterfall in which each bar starts at the end of the previous one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which loop closures a figure marks."""
+"""Choose the loop closures that a figure marks."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
-MOST = 60  # more marks than these would hide the paths, and make a bar of the ticks
+MOST = 60  # more marks would hide the paths, and the ticks would merge into a bar
 
 
 def marked_closures(truth: Truth | None, recording: Recording) -> tuple[Int, str]:
-    """Steps of the closures to mark, and what one mark stands for; no steps where nobody knows of any."""
+    """Return the steps of the loop closures to mark, and the label of a mark; no steps if associations are unknown."""
     steps = closure_steps(truth, recording)
     if steps is None:
         return recording.observation_step[:0], ""

@@ -1,4 +1,4 @@
-"""Relative pose errors over distances."""
+"""Figure of relative pose errors over distances."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from slamgauge.compare.figures.figure_size import save_printed, sheet
 from slamgauge.compare.figures.plot_style import LEGEND, PRINT, WRAPPED, logarithmic, styles
 from slamgauge.compare.storage.safe_names import math_text
 
-PANELS = (("translation_m", "error of the motion [m]"), ("heading_rad", "error of the turn [rad]"))
+PANELS = (("translation_m", "relative translation error [m]"), ("heading_rad", "relative heading error [rad]"))
 
 
 def save_drift_figure(out: Path, entries: Mapping[str, Any], title: str) -> None:
-    """Write the figure `drift` into `out`: `entries` are those of metrics.json, by estimator; axes are logarithmic."""
+    """Write the figure `drift` into `out`; `entries` are those of metrics.json, by estimator."""
     page = sheet()
     with mpl.rc_context(PRINT):
         shape, height = ((2, 1), 4.4) if page.is_narrow else ((1, 2), 2.8)
@@ -31,7 +31,7 @@ def save_drift_figure(out: Path, entries: Mapping[str, Any], title: str) -> None
             axes.set_ylabel(label)
             logarithmic(axes, "y")
         for axes in figure.axes[-shape[1] :]:
-            axes.set_xlabel("length of the piece of the path [m]")
+            axes.set_xlabel("length of the path segment [m]")
             logarithmic(axes, "x")
         handles, labels = figure.axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=page.legend_columns(len(labels)), **LEGEND)

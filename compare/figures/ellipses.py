@@ -1,4 +1,4 @@
-"""Outlines of 3-sigma ellipses, drawn once and moved from frame to frame."""
+"""Draw outlines of 3-sigma ellipses, and move them from frame to frame."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def draw_ellipses(ax: Axes, centers: Float, covs: Float, color: str, zorder: flo
 
 
 def move_ellipses(ellipses: EllipseCollection, centers: Float, covs: Float) -> None:
-    """Make them those of other positions (n, 2) [m], as many as there may be, with covariances (n, 2, 2)."""
+    """Replace the ellipses by those of positions (n, 2) [m] with covariances (n, 2, 2), for any n."""
     widths, heights, angles = _diameters_and_angles(covs)
     ellipses.set_widths(widths)
     ellipses.set_heights(heights)
@@ -36,7 +36,7 @@ def move_ellipses(ellipses: EllipseCollection, centers: Float, covs: Float) -> N
 
 
 def _diameters_and_angles(covs: Float) -> tuple[Float, Float, Float]:
-    """Long and short diameters (n,) [m], and the angle of the long ones [deg]."""
+    """Return long and short diameters (n,) [m], and the angles of the long ones [deg]."""
     variances, directions = np.linalg.eigh(covs)
     short, long = 6 * np.sqrt(variances.clip(min=0)).T
     return long, short, np.degrees(np.arctan2(directions[:, 1, 1], directions[:, 0, 1]))

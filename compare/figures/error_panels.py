@@ -1,4 +1,4 @@
-"""Three panels of pose errors against time, with the 3-sigma bounds that each filter claims."""
+"""Draw pose errors against time in three panels, with the 3-sigma bounds of each estimator."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
-from slamgauge.compare.figures.axis_limits import leaving, robust_limits
+from slamgauge.compare.figures.axis_limits import exceeding, robust_limits
 from slamgauge.compare.figures.closure_marks import marked_closures
 from slamgauge.compare.figures.downsampling import extreme_rows
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, MARK_COLOR, TRUTH_COLOR, styles
@@ -23,12 +23,12 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
 PANELS = ("x [m]", "y [m]", "heading [°]")
-LONG_TITLE = 45  # characters: the width of a panel of figure.png
+LONG_TITLE = 45  # characters; a longer title does not fit a panel of figure.png
 UNITS = np.array([1.0, 1.0, 180.0 / np.pi])
 
 
 class Reference(NamedTuple):
-    """What errors are measured from: a title for them, poses (N+1, 3), and its name if it is an estimate."""
+    """Reference of the errors: title, poses (N+1, 3), and the name of the estimate if it is one."""
 
     title: str
     poses: Float
@@ -44,15 +44,15 @@ def plot_errors(
 ) -> None:
     """Draw the errors in x, y [m] and heading [deg] against time on three axes, world frame.
 
-    The 3-sigma bounds of the estimate `band` are filled, by default of the first with covariances, those of the others
-    are thin lines in their own colours. An estimate that has gone astray leaves the panels, and is named, where it
-    would flatten the others; dead reckoning, which would too, is left out where there is anything else. Without true
-    poses the differences to batch, or else to the causal optimum, are drawn; without those the bounds alone.
+    The 3-sigma bounds of the estimate `band` are filled (default: the first with covariances); those of the others are
+    thin lines. Axis limits ignore diverged estimates, and the title names them. Dead reckoning is drawn only if it is
+    the only estimate. Without true poses the differences to `batch`, or else to `causal`, are drawn; without these only
+    the bounds.
     """
     panels = list(axes)
     reference = reference_of(truth, recording, estimates)
     shown = {name: each for name, each in estimates.items() if name != reference.name}
-    left_out = len(shown) > 1 and shown.pop(DEAD_RECKONING, None) is not None
+    is_hidden = len(shown) > 1 and shown.pop(DEAD_RECKONING, None) is not None
     chosen = styles(shown)
     filled = band or next((name for name, each in shown.items() if each.pose_covs is not None), None)
     times = recording.stamps
@@ -72,43 +72,43 @@ def plot_errors(
                 panel.fill_between(at, -bound, bound, color=color, alpha=0.15, linewidth=0, zorder=1)
             panel.plot(at, bound, at, -bound, color=color, linewidth=0.5, alpha=0.8, zorder=2)
     closures, mark = marked_closures(truth, recording)
-    limits, astray = robust_limits(extents) if extents else (np.zeros(3), [])
-    remarks = [*leaving(astray, "panels"), *["dead reckoning left out"] * left_out]
+    limits, diverged = robust_limits(extents) if extents else (np.zeros(3), [])
+    remarks = [*filter(None, [exceeding(diverged)]), *["dead reckoning not drawn"] * is_hidden]
     panels[0].set_title(_title(reference.title, f"({'; '.join(remarks)})" if remarks else ""))
     for panel, label, limit in zip(panels, PANELS, limits, strict=True):
         _finish(panel, label, times, times[closures], limit)
     label = [label_time(panel) for panel in panels][-1]
     ticks = "loop closures" if mark == "loop closure" else mark
     is_row = panels[0].get_position().y0 == panels[-1].get_position().y0
-    loc = "right" if is_row else "center"  # beside others the panel is narrower than its label
+    loc = "right" if is_row else "center"  # in a row the panel is narrower than its label
     panels[-1].set_xlabel(f"{label}; ticks: {ticks}" if len(closures) else label, loc=loc)
 
 
 def _title(what: str, remark: str) -> str:
-    """Both in a line if the panel is wide enough for them, else in two."""
+    """Return title and remark in one line if they fit, else in two."""
     return (f"{what} {remark}" if len(what) + len(remark) < LONG_TITLE else f"{what}\n{remark}").strip()
 
 
 def reference_of(truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]) -> Reference:
-    """The truth, or else the best estimate that is there, or else nothing (NaN)."""
+    """Return the truth, or else the best available optimum, or else poses of NaN."""
     if truth is not None and truth.poses is not None:
         return Reference("error and ±3σ", truth.poses)
     for name in (HINDSIGHT, CAUSAL):
         if name in estimates:
             mark = MARK if is_in_doubt(estimates[name].optimum_check) else ""
             return Reference(f"difference to {name}{mark} and ±3σ", estimates[name].poses, name)
-    return Reference("±3σ alone: no truth, no optimum", np.full((recording.steps + 1, 3), np.nan))
+    return Reference("±3σ only: no truth, no optimum", np.full((recording.steps + 1, 3), np.nan))
 
 
 def _three_sigma(estimate: Estimate, axis: int) -> Float:
-    """Bounds (N+1,) of a coordinate [m] or [deg]; NaN, which is not drawn, where the estimator claims none."""
+    """Return 3-sigma bounds (N+1,) of a coordinate [m] or [deg]; NaN without covariances."""
     if estimate.pose_covs is None:
         return np.full(len(estimate.poses), np.nan)
     return 3 * UNITS[axis] * np.sqrt(estimate.pose_covs[:, axis, axis].clip(min=0))
 
 
 def _finish(panel: Axes, label: str, times: Float, closures: Float, limit: float) -> None:
-    """Zero line, marks at the loop closures, and limits that are symmetric so that a bias shows."""
+    """Set symmetric limits, which make a bias visible; draw the zero line and marks at loop closures."""
     height = 1.1 * limit or 1.0
     panel.set_ylim(-height, height)
     panel.axhline(0, color=MARK_COLOR, linewidth=0.5, zorder=0)

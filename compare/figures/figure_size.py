@@ -1,4 +1,4 @@
-"""What figures are printed on: how wide it is, and which files are written of them."""
+"""Width and file formats of figures."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from slamgauge.compare.figures.svg_size import small_svg
 
 Format = Literal["pdf", "png", "svg"]
 Width = Literal["column", "page"]
-INCHES: dict[Width, float] = {"column": 3.4, "page": 7.0}  # of a paper in two columns
-ENTRY = 1.1  # [in] of a legend
-NARROW = 4.0  # [in]: below it panels stand one above the other
+INCHES: dict[Width, float] = {"column": 3.4, "page": 7.0}  # widths in a paper with two columns
+ENTRY = 1.1  # [in] width of a legend entry
+NARROW = 4.0  # [in]; narrower figures have one column of panels
 
 
 class Sheet(NamedTuple):
-    """How wide figures are at most, and in which forms they are written."""
+    """Largest width and file formats of figures."""
 
     width: Width = "page"
     formats: Sequence[Format] = ("png", "svg")
@@ -32,11 +32,11 @@ class Sheet(NamedTuple):
 
     @property
     def is_narrow(self) -> bool:
-        """Whether panels stand one above the other."""
+        """Whether the figure has one column of panels."""
         return self.inches < NARROW
 
     def legend_columns(self, entries: int) -> int:
-        """How many entries of a legend stand side by side, rows being alike in length."""
+        """Return the number of legend columns for rows of about equal length."""
         rows = -(-entries // max(int(self.inches / ENTRY), 1))
         return -(-entries // max(rows, 1)) or 1
 
@@ -46,13 +46,13 @@ _SHEET: ContextVar[Sheet] = ContextVar("_SHEET", default=USUAL)
 
 
 def sheet() -> Sheet:
-    """What figures are printed on now."""
+    """Return the current sheet."""
     return _SHEET.get()
 
 
 @contextmanager
 def printed_on(chosen: Sheet) -> Generator[None]:
-    """Within the block figures are printed on this."""
+    """Use the sheet for all figures of the block."""
     token = _SHEET.set(chosen)
     try:
         yield
@@ -61,7 +61,7 @@ def printed_on(chosen: Sheet) -> Generator[None]:
 
 
 def save_printed(figure: Figure, path: Path) -> None:
-    """Write `path` with the endings that the sheet says (png at 200 dpi); the same figure gives the same files."""
+    """Write the figure in the formats of the sheet (png at 200 dpi); files contain no date."""
     for each in sheet().formats:
         if each == "svg":
             path.with_suffix(".svg").write_bytes(small_svg(figure))

@@ -1,4 +1,4 @@
-"""What moves in the pictures of a run: a robot on its path, and a map of points and rays."""
+"""Moving artists: a robot with its path, and a map of points and rays."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from slamgauge.compare.figures.map_at_step import MapRows
 from slamgauge.compare.figures.plot_style import TRUTH_COLOR, Style
 from slamgauge.se2 import rotation
 
-SHAPE = np.array([[1.0, 0.0], [-0.7, 0.65], [-0.35, 0.0], [-0.7, -0.65]])  # of the robot, nose ahead
-FAINTEST = 0.2  # opacity of a member that weighs nothing
-FILLING = 0.2  # opacity of a member's inside, of that of its outline
+SHAPE = np.array([[1.0, 0.0], [-0.7, 0.65], [-0.35, 0.0], [-0.7, -0.65]])  # outline of the robot; x points forward
+FAINTEST = 0.2  # opacity of a member of weight 0
+FILLING = 0.2  # opacity of the inside of a member, relative to its outline
 NO_PLACES, NO_COVS = np.zeros((0, 2)), np.zeros((0, 2, 2))
 POINT: dict[str, Any] = {"marker": ".", "markersize": 3.5, "linestyle": "none"}
 HEAVIEST: dict[str, Any] = {"marker": "D", "markersize": 2.8, "linestyle": "none", "markeredgewidth": 0}
@@ -35,20 +35,20 @@ TRUE_ROBOT = Style(TRUTH_COLOR, "-")
 
 
 class MapLayer:
-    """The map of one estimate: dots and 3-sigma ellipses, members of rays the darker the heavier they are."""
+    """Map of one estimate: dots and 3-sigma ellipses; members of rays are darker if they are more likely."""
 
     def __init__(self, ax: Axes, color: str, *, filled: bool = True) -> None:
-        """Nothing yet, in that colour; members are outlines unless `filled`, as colours of several maps would mix."""
+        """Create empty artists; members are outlines unless `filled`, because colours of several maps would mix."""
         self._filling = FILLING if filled else 0.0
         self._color = to_rgb(color)
         self._points = draw_ellipses(ax, NO_PLACES, NO_COVS, color)
         (self._dots,) = ax.plot([], [], color=color, zorder=3, **POINT)
         self._members = draw_ellipses(ax, NO_PLACES, NO_COVS, color, zorder=1.2)
-        self._members.set_alpha(None)  # each has its own
+        self._members.set_alpha(None)  # opacity is set per member
         (self._heaviest,) = ax.plot([], [], color=color, zorder=3, **HEAVIEST)
 
     def show(self, rows: MapRows) -> None:
-        """Replace what is shown by these points and members."""
+        """Show these points and members."""
         points, members = rows.only(rows.member < 0), rows.only(rows.member >= 0)
         move_ellipses(self._points, points.position, points.cov)
         self._dots.set_data(*points.position.T)
@@ -60,12 +60,12 @@ class MapLayer:
 
 
 class RobotLayer:
-    """A robot: the path so far, where it stands and heads, and the 3-sigma ellipse of its position."""
+    """Robot at its pose, the path so far, and the 3-sigma ellipse of the position."""
 
     def __init__(self, ax: Axes, style: Style, size: float, *, filled: bool = True) -> None:
-        """Nothing yet, in that style; `size` [m] is from the robot's middle to its nose.
+        """Create empty artists; `size` [m] is the distance from the centre of the robot to its front.
 
-        A robot that is not filled is an outline above the others.
+        A robot that is not `filled` is drawn as an outline above the others.
         """
         self._size = size
         (self._path,) = ax.plot([], [], color=style.color, linestyle=style.dashes, linewidth=1.0, zorder=2.5)
@@ -76,7 +76,7 @@ class RobotLayer:
         self._ellipse = draw_ellipses(ax, NO_PLACES, NO_COVS, style.color, zorder=2.5)
 
     def show(self, poses: Float, cov: Float | None = None) -> None:
-        """Show the poses so far (k+1, 3), and the covariance (3, 3) of the last one if there is any."""
+        """Show the poses so far (k+1, 3), and the covariance (3, 3) of the last one if given."""
         self._path.set_data(*poses[:, :2].T)
         self._body.set_visible(True)
         self._body.set_xy(poses[-1, :2] + self._size * SHAPE @ rotation(poses[-1, 2]).T)
@@ -85,5 +85,5 @@ class RobotLayer:
 
 
 def key(label: str, **look: Any) -> Line2D:
-    """What a legend shows for artists of that look."""
+    """Return a legend entry."""
     return Line2D([], [], label=label, **look)

@@ -1,4 +1,4 @@
-"""The figure of `slamgauge noise`: sigmas, NIS by landmark, quantiles and whiteness, as assumed and as found."""
+"""Figure of `slamgauge noise`: sigmas, NIS by landmark, quantiles and whiteness, as assumed and as estimated."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from slamgauge.compare.noise.noise_json import supported
 from slamgauge.compare.noise.report_text import verdict
 
 BEFORE, AFTER = "#EE7733", "#0077BB"
-LOOKS: dict[str, dict[str, Any]] = {  # of what noise.json has of both
+LOOKS: dict[str, dict[str, Any]] = {  # styles of assumed and estimated values, by their key in noise.json
     "before": {"color": BEFORE, "fillstyle": "none"},
     "after": {"color": AFTER, "fillstyle": "full"},
 }
 WORDS = {"before": "assumed", "after": "found"}
-MARKERS = ("o", "^")  # of channels
-SHOWN = 20.0  # largest factor between what is found and assumed
-LEAST_CORRELATION = 0.1  # that the axis shows
+MARKERS = ("o", "^")  # one per channel
+SHOWN = 20.0  # largest ratio of estimated and assumed sigma on the axis
+LEAST_CORRELATION = 0.1  # the axis reaches at least this correlation
 
 
 def save_noise_figure(out: Path, content: dict[str, Any]) -> None:
-    """Write the figure `noise` into `out`; `content` is that of noise.json."""
+    """Write the figure `noise` into `out`; `content` is the content of noise.json."""
     with mpl.rc_context(PRINT):
         page = sheet()
         shape, height = ((4, 1), 8.6) if page.is_narrow else ((2, 2), 5.4)
@@ -45,14 +45,14 @@ def save_noise_figure(out: Path, content: dict[str, Any]) -> None:
 
 
 def _series(by_channel: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, dict[str, Any]]]:
-    """What there is of each channel, which of both is drawn, as assumed or as found, and how."""
+    """Yield, per channel, its values, the key "before" or "after", and plot arguments."""
     for (channel, found), marker in zip(by_channel.items(), MARKERS, strict=False):
         for which, look in LOOKS.items():
             yield found, which, {**look, "label": f"{channel}, {WORDS[which]}", "marker": marker, "markersize": 3}
 
 
 def _draw_sigmas(axes: Axes, parameters: dict[str, Any]) -> None:
-    """Sigmas found, with their intervals, over those assumed; over the interval's end where none is assumed."""
+    """Draw estimated sigmas with intervals, divided by the assumed ones, or by the end of the interval without one."""
     for place, content in enumerate(parameters.values()):
         found, assumed = supported(content["sigma"], content), content["assumed"]
         end = found.high if np.isfinite(found.high) else found.value
@@ -74,25 +74,25 @@ def _draw_sigmas(axes: Axes, parameters: dict[str, Any]) -> None:
 
 
 def _draw_nis(axes: Axes, nis_by_landmark: dict[str, Any]) -> None:
-    """NIS of every landmark, in the order of ids."""
+    """Draw the NIS of each landmark, in the order of ids."""
     for by_landmark, which, look in _series(nis_by_landmark):
         axes.plot(_column(by_landmark.values(), which), linestyle="none", **look)
     first = [*next(iter(nis_by_landmark.values())).values()]
     lows, highs = _column(first, "low"), _column(first, "high")
     axes.fill_between(range(len(first)), lows, highs, step="mid", color=MARK_COLOR, alpha=0.25, linewidth=0)
     axes.axhline(1.0, color=TRUTH_COLOR, linewidth=0.5)
-    axes.set(xlabel="landmarks in the order of ids", ylabel="NIS a row (grey: 95 %)", title="by landmark")
+    axes.set(xlabel="landmarks in the order of ids", ylabel="NIS per row (grey: 95 %)", title="by landmark")
     logarithmic(axes, "y")
     axes.set_xticks([])
 
 
 def _column(rows: Iterable[dict[str, Any]], key: str) -> Float:
-    """A figure of each row, NaN where there is none."""
+    """Return the value of `key` in each row, NaN for None."""
     return np.array([row[key] for row in rows], dtype=np.float64)
 
 
 def _draw_quantiles(axes: Axes, quantiles: dict[str, Any]) -> None:
-    """Quantiles of the normal scores against those of the normal distribution."""
+    """Draw quantiles of the normal scores against those of the normal distribution."""
     for found, which, look in _series(quantiles):
         axes.plot(found["normal"], found[which], linestyle="none", **look)
     reach = max(map(abs, axes.get_xlim()))
@@ -103,11 +103,11 @@ def _draw_quantiles(axes: Axes, quantiles: dict[str, Any]) -> None:
 
 
 def _draw_whiteness(axes: Axes, autocorrelation: dict[str, Any]) -> None:
-    """Correlation of a landmark's scores against how many sights lie between them."""
+    """Draw the autocorrelation of the scores of a landmark against the lag in observations."""
     for found, which, look in _series(autocorrelation):
         axes.plot(np.arange(1, len(found[which]) + 1), found[which], linewidth=0.8, **look)
     band = max(found["band"] for found in autocorrelation.values())
     axes.axhspan(-band, band, color=MARK_COLOR, alpha=0.25, linewidth=0)
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, -LEAST_CORRELATION), max(high, LEAST_CORRELATION))
-    axes.set(xlabel="sights of a landmark apart", ylabel="correlation (grey: white, 95 %)", title="whiteness")
+    axes.set(xlabel="lag [observations of a landmark]", ylabel="correlation (grey: white, 95 %)", title="whiteness")

@@ -1,4 +1,4 @@
-"""Who was seen when, and from where: for pictures, which may use the truth."""
+"""First observations of landmarks, and lines from robot to landmark, for figures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NEVER = np.iinfo(np.int64).max
 
 
 def first_seen(recording: Recording, estimate: Estimate) -> Int:
-    """Steps (L,) at which the estimate's landmarks were first observed; 0 where nobody tells what was observed."""
+    """Return the steps (L,) at which the landmarks of the estimate were first observed; 0 if ids are unknown."""
     ids = estimate.landmark_ids
     seen = recording.landmark if estimate.association is None else estimate.association
     if seen is None:
@@ -21,15 +21,15 @@ def first_seen(recording: Recording, estimate: Estimate) -> Int:
     steps = np.full(len(ids), NEVER)
     for rows in reversed([*chunks(len(seen))]):
         names, first = np.unique(seen[rows], return_index=True)
-        met = np.isin(ids, names)
-        steps[met] = recording.observation_step[rows][first[np.searchsorted(names, ids[met])]]
+        found = np.isin(ids, names)
+        steps[found] = recording.observation_step[rows][first[np.searchsorted(names, ids[found])]]
     return steps
 
 
 def sight_lines(truth: Truth, recording: Recording, estimate: Estimate, after: int, step: int) -> Float:
-    """Lines (m, 2, 2) [m] from robot to landmark of the last scan after the step `after` and up to `step`.
+    """Return lines (m, 2, 2) [m] from robot to landmark, for the last scan after the step `after` up to `step`.
 
-    They are the true ones as far as the truth is known, else the estimate's; without known ids there are none.
+    Positions are the true ones if the truth is complete, else those of the estimate. Without ids the result is empty.
     """
     first, last = np.searchsorted(recording.observation_step, [after, step], side="right")
     if first == last:
@@ -37,11 +37,11 @@ def sight_lines(truth: Truth, recording: Recording, estimate: Estimate, after: i
     at = int(recording.observation_step[last - 1])
     scan = slice(int(np.searchsorted(recording.observation_step, at)), int(last))
     true_ids = recording.landmark if truth.association is None else truth.association
-    own_ids = recording.landmark if estimate.association is None else estimate.association
+    estimated_ids = recording.landmark if estimate.association is None else estimate.association
     if truth.poses is not None and truth.landmark_ids is not None and true_ids is not None:
         ids, names, places, start = true_ids[scan], truth.landmark_ids, truth.landmarks, truth.poses[at, :2]
     else:
-        ids, names, places, start = own_ids, estimate.landmark_ids, estimate.landmarks, estimate.poses[at, :2]
+        ids, names, places, start = estimated_ids, estimate.landmark_ids, estimate.landmarks, estimate.poses[at, :2]
         ids = np.zeros(0, np.int64) if ids is None else ids[scan]
     assert names is not None and places is not None
     which = np.nonzero(ids[:, None] == names)[1]

@@ -1,4 +1,4 @@
-"""How figures look: colours for colour-blind readers, line styles for grey print, sizes for the page."""
+"""Style of figures: colours for colour-blind readers, line styles for grey print, sizes for the page."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from slamgauge.compare.estimators.registry import DEAD_RECKONING as DEAD_RECKONI
 LineStyle = str | tuple[int, tuple[float, ...]]
 
 TRUTH_COLOR = "#000000"
-MARK_COLOR = "#777777"  # loop closures and other marks that are no data
-MOST_AT_ONCE = 20_000  # points of a line: one that goes round a thousand times takes 100 MB if it is drawn at once
-NARROW, WIDE = 0.6, 2.5  # decades of a logarithmic axis: below and above its ticks are not at 1, 2, 5
+MARK_COLOR = "#777777"  # loop closures and other marks
+MOST_AT_ONCE = 20_000  # points of a line that are drawn together; a path of a thousand loops needs 100 MB in one piece
+NARROW, WIDE = 0.6, 2.5  # decades of a logarithmic axis between which ticks are at 1, 2, 5
 
 
-STYLE = Path(errors.__file__).with_name("paper.mplstyle")  # which people use by its name, slamgauge.paper
+STYLE = Path(errors.__file__).with_name("paper.mplstyle")  # users load it by the name slamgauge.paper
 PRINT: dict[Any, Any] = {
     **mpl.rc_params_from_file(STYLE, use_default_template=False),
-    "figure.constrained_layout.use": False,  # who needs it asks for it
-    "text.parse_math": False,  # names of others may hold dollars; numbers on axes are plain (`logarithmic`)
-    "svg.hashsalt": "slamgauge",  # the same run gives the same file
+    "figure.constrained_layout.use": False,  # figures that need it set it themselves
+    "text.parse_math": False,  # user-given names may contain dollars; numbers on axes are plain (`logarithmic`)
+    "svg.hashsalt": "slamgauge",  # files are reproducible
     "agg.path.chunksize": MOST_AT_ONCE,
 }
-WRAPPED: dict[str, Any] = {"wrap": True, "parse_math": True}  # what is wrapped is read for formulas: `math_text`
+WRAPPED: dict[str, Any] = {"wrap": True, "parse_math": True}  # wrapped texts may contain formulas: see `math_text`
 LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 2.6, "handletextpad": 0.6, "columnspacing": 1.2}
 
 
 def logarithmic(axes: Axes, which: Literal["x", "y"]) -> None:
-    """Make an axis, with its data and limits, logarithmic, with few ticks and plain numbers (powers are formulas)."""
+    """Make an axis logarithmic, with few ticks and plain numbers; call it after the data and limits are set."""
     axis = axes.xaxis if which == "x" else axes.yaxis
     axes.set(**{f"{which}scale": "log"})
     low, high = sorted(axis.get_view_interval())
@@ -46,7 +46,7 @@ def logarithmic(axes: Axes, which: Literal["x", "y"]) -> None:
 
 
 def _few_ticks(low: float, high: float) -> Locator:
-    """Round numbers between two positive ones, not more than some eight."""
+    """Return a locator of at most about eight round numbers between two positive limits."""
     decades = math.log10(high / low)
     if decades < NARROW:
         return MaxNLocator(4)
@@ -56,15 +56,15 @@ def _few_ticks(low: float, high: float) -> Locator:
 
 
 class Style(NamedTuple):
-    """Colour and dashes of one estimate, in paths and in error curves alike."""
+    """Colour and dashes of one estimate, for paths and error curves."""
 
     color: str
     dashes: LineStyle
 
 
-# of the estimators in the box; those that have none there, and people's own, take the guests'
+# styles of built-in estimators; user estimators take those of `USER_STYLES`
 KNOWN = {name: Style(*entry.look) for name, entry in (REGISTRY | BOUNDS).items() if entry.look is not None}
-GUESTS = (
+USER_STYLES = (
     Style("#332288", (0, (4, 2))),
     Style("#999933", (0, (6, 1, 2, 1))),
     Style("#EE7733", (0, (1.5, 0.8))),
@@ -75,13 +75,13 @@ GUESTS = (
 
 
 def styles(names: Iterable[str]) -> dict[str, Style]:
-    """A style for each name, in order; names that are not in the box take the guests' in turn."""
+    """Return a style for each name; names without one in the registry take `USER_STYLES` in turn."""
     chosen: dict[str, Style] = {}
-    guests = 0
+    users = 0
     for name in names:
         if name in KNOWN:
             chosen[name] = KNOWN[name]
         else:
-            chosen[name] = GUESTS[guests % len(GUESTS)]
-            guests += 1
+            chosen[name] = USER_STYLES[users % len(USER_STYLES)]
+            users += 1
     return chosen

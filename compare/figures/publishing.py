@@ -1,4 +1,4 @@
-"""Results written into folders, then their pictures beside them."""
+"""Write results into folders, then their figures next to them."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from slamgauge.compare.studies.sweep import Sweep
 
 
 def draw_comparison(out: Path, comparison: Comparison, title: str) -> bool:
-    """Draw the figures of the run that is written in `out`; whether all could be drawn."""
+    """Draw the figures of the run in `out`; return whether all were written."""
     recording, truth, estimates = comparison.recording, comparison.truth, comparison.estimates
     drawings: dict[str, Drawing] = {"figure": lambda stage: save_figure(stage, truth, recording, estimates, title)}
     rays = next((name for name, estimate in estimates.items() if has_rays(estimate)), None)
@@ -52,29 +52,32 @@ def draw_comparison(out: Path, comparison: Comparison, title: str) -> bool:
 
 
 def write_study(out: str | Path, summary: Summary, runs: dict[str, Runs], step: float) -> bool:
-    """Write summary.json, then the figures, into `out`; whether all could be drawn. `step` is the time step [s]."""
+    """Write summary.json, then the figures, into `out`; return whether all figures were written.
+
+    `step` is the time step [s].
+    """
     with staged_folder(out, (SUMMARY, *STUDY_PICTURES, REPORT), last=SUMMARY) as stage:
         write_json(stage / SUMMARY, summary.to_json())
     return decorate(Path(out), SUMMARY, study_drawings(summary, runs, step), STUDY_PICTURES)
 
 
 def write_sweep(out: Path, sweep: Sweep) -> bool:
-    """Write sweep.json, then the figure, into `out`; whether that could be drawn."""
+    """Write sweep.json, then the figure, into `out`; return whether the figure was written."""
     with staged_folder(out, SWEEP_FILES, last=SWEEP) as stage:
         write_json(stage / SWEEP, sweep.to_json())
     return decorate(out, SWEEP, {"sweep": lambda stage: save_sweep_figure(stage, sweep)}, SWEEP_PICTURES)
 
 
 def draw_budget(out: Path, budget: ErrorBudget) -> bool:
-    """Draw the figure of the budget that is written in `out`; whether it could be drawn."""
+    """Draw the figure of the budget in `out`; return whether it was written."""
     return decorate(out, BUDGET, {"budget": lambda stage: save_budget_figure(stage, budget)}, BUDGET_PICTURES)
 
 
 def draw_noise(out: Path, content: dict[str, Any]) -> bool:
-    """Draw the figure of the noise that is written in `out`; whether it could be drawn."""
+    """Draw the figure of the noise in `out`; return whether it was written."""
     return decorate(out, NOISE, {"noise": lambda stage: save_noise_figure(stage, content)}, NOISE_PICTURES)
 
 
 def draw_bench(out: Path, result: dict[str, Any]) -> bool:
-    """Draw the figure of the times that are written in `out`; whether it could be drawn."""
+    """Draw the figure of the step times in `out`; return whether it was written."""
     return decorate(out, BENCH, {"bench": lambda stage: save_bench_figure(stage, result)}, BENCH_PICTURES)

@@ -1,4 +1,4 @@
-"""The practical's figure 4.1 as a strip of frames: rays begin, lose members, and become landmarks."""
+"""Strip of frames like figure 4.1 of the exercise: rays begin, lose members, and become landmarks."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ from slamgauge.truth import Truth
 
 FRAMES = 6
 COLUMNS = {"page": 3, "column": 2}
-HEADINGS = 0.30  # [in], above and below the panels of a row
-FOOT = {"page": 0.75, "column": 1.3}  # [in], the legend and the title of the figure
-ROBOT = 0.035  # of the map's extent
-LABEL_ROOM = 0.12  # of the panel's height: nearer to its top than that a label stands below
+HEADINGS = 0.30  # [in] above and below the panels of a row
+FOOT = {"page": 0.75, "column": 1.3}  # [in] for legend and title
+ROBOT = 0.035  # size of the robot, relative to the map
+LABEL_ROOM = 0.12  # share of the height of a panel; nearer to the top a label is drawn below its point
 SURVIVOR: dict[str, Any] = {
     "marker": "s",
     "markersize": 8,
@@ -52,7 +52,7 @@ SURVIVOR: dict[str, Any] = {
 def save_ray_strip(
     folder: Path, truth: Truth | None, recording: Recording, name: str, estimate: Estimate, title: str
 ) -> None:
-    """Write rays.png (200 dpi) and rays.svg into `folder`: frames of an estimate that `has_rays`."""
+    """Write rays.png (200 dpi) and rays.svg into `folder`; the estimate must have rays (`has_rays`)."""
     frames = ray_frames(estimate, FRAMES)
     page, columns = sheet(), COLUMNS[sheet().width]
     truth = Truth() if truth is None else truth
@@ -74,7 +74,7 @@ def save_ray_strip(
             since = frame.step
         for panel in panels[: len(frames)][-columns:]:
             label_plane(panel, y=False)
-            panel.tick_params(labelbottom=True)  # though panels below it stay empty
+            panel.tick_params(labelbottom=True)  # the panel below is empty
         for panel in panels[::columns]:
             label_plane(panel, x=False)
         figure.legend(
@@ -85,7 +85,7 @@ def save_ray_strip(
 
 
 def _limits(truth: Truth, estimate: Estimate, frames: list[RayFrame]) -> tuple[Float, Float]:
-    """Limits for all frames: paths so far, landmarks, the likeliest member of each ray, others as there is room."""
+    """Return limits around paths, landmarks and the most likely members in all frames; others as far as possible."""
     end = frames[-1].step + 1
     maps = [map_at(estimate, frame.step) for frame in frames]
     members = np.concatenate([rows.position[rows.member >= 0] for rows in maps])
@@ -97,7 +97,7 @@ def _limits(truth: Truth, estimate: Estimate, frames: list[RayFrame]) -> tuple[F
 
 
 def _draw_robots(ax: Axes, truth: Truth, estimate: Estimate, style: Style, size: float, step: int) -> None:
-    """True and estimated robot with their paths up to the step."""
+    """Draw the true and the estimated robot with their paths up to the step."""
     if truth.poses is not None:
         RobotLayer(ax, TRUE_ROBOT, size, filled=False).show(truth.poses[: step + 1])
     cov = None if estimate.pose_covs is None else estimate.pose_covs[step]
@@ -105,7 +105,7 @@ def _draw_robots(ax: Axes, truth: Truth, estimate: Estimate, style: Style, size:
 
 
 def _draw_map(ax: Axes, truth: Truth, estimate: Estimate, style: Style, since: int, frame: RayFrame) -> None:
-    """True landmarks, the map of the frame, and marks around what became a point after the step `since`."""
+    """Draw true landmarks, the map of the frame, and marks around points that were rays at the step `since`."""
     log = estimate.rays
     assert log is not None
     if truth.landmarks is not None:
@@ -125,7 +125,7 @@ def _draw_map(ax: Axes, truth: Truth, estimate: Estimate, style: Style, since: i
 
 
 def _title(frame: RayFrame, stamps: Float) -> str:
-    """When, what has just happened, and how many members there are."""
+    """Return the title of a frame: time, numbers of rays and members, event."""
     counts = f"{counted(frame.rays, 'ray')}, {counted(frame.members, 'member')}"
     moment = f"t = {stamps[frame.step] - stamps[0]:.1f} s, {counts}"
     return f"{moment}\n{frame.caption}"
@@ -142,5 +142,5 @@ def _keys(truth: Truth, name: str, style: Style) -> list[Line2D]:
         key("3σ of a member, dark if likely", color=style.color, **MEMBER),
         key("likeliest member of a ray", color=style.color, **HEAVIEST),
         key("landmark", color=style.color, **POINT),
-        key("landmark since the frame before", **SURVIVOR),
+        key("landmark since the previous frame", **SURVIVOR),
     ]

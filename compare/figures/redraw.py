@@ -1,4 +1,4 @@
-"""The figures of results that lie in a folder, drawn anew: as wide as a paper has room, and of chosen estimators."""
+"""Draw the figures of stored results again, with another width or a choice of estimators."""
 
 from __future__ import annotations
 
@@ -25,35 +25,35 @@ from slamgauge.compare.studies.sweep import read_sweep
 from slamgauge.errors import UserError
 
 Drawings = dict[str, Drawing]
-NOBODY = "has no results in the folder"
+NO_RESULTS = "has no results in the folder"
 
 
 def drawings_of(folder: Path, names: Sequence[str] = (), band: str | None = None) -> Drawings:
-    """What draws the figures of a folder of results, by their names.
+    """Return functions that draw the figures of a folder of results, by the name of the figure.
 
     Args:
-        folder: of a run, a study, a sweep, an error budget, a log's noise or a bench.
-        names: of the estimators that are drawn, of a run, a study, a sweep or a bench; all if none is given.
-        band: of a run, the estimator whose 3-sigma bounds are filled.
+        folder: Folder of a run, study, sweep, error budget, noise estimate or bench.
+        names: Estimators to draw (default: all); not for budgets and noise.
+        band: Estimator whose 3-sigma bounds are filled; only for runs.
 
     Raises:
-        UserError: there are no such results, or there is no such estimator.
+        UserError: If the folder has no such results or no such estimator.
     """
     for file, drawings in KINDS.items():
         if (folder / file).is_file():
             if band is not None and file != METRICS:
-                raise UserError(f"band {band}: only the figure of a run has one; leave it out")
+                raise UserError(f"band {band}: only figures of a run have a band; remove this option")
             return drawings(folder, names, band)
     raise UserError(
-        f"{folder}: holds no run, study, sweep, budget, noise or bench; give a folder that slamgauge has written"
+        f"{folder}: contains no run, study, sweep, budget, noise or bench; give a folder that slamgauge has written"
     )
 
 
 def _of_run(folder: Path, names: Sequence[str], band: str | None) -> Drawings:
     found = load_results(folder)
-    chosen = labels_among(names or [*found.estimates], found.estimates, NOBODY)
+    chosen = labels_among(names or [*found.estimates], found.estimates, NO_RESULTS)
     if band is not None:
-        labels_among([band], chosen, "is not among the estimators that are drawn")
+        labels_among([band], chosen, "is not among the drawn estimators")
     estimates = {name: found.estimates[name] for name in chosen}
     metrics = read_json(folder / METRICS, "run")["estimators"]
     entries = {name: metrics[name] for name in chosen}
@@ -73,27 +73,27 @@ def _of_run(folder: Path, names: Sequence[str], band: str | None) -> Drawings:
 
 def _of_study(folder: Path, names: Sequence[str], _: str | None) -> Drawings:
     study = load_study(folder)
-    chosen = labels_among(names or [*study.runs], study.runs, NOBODY)
+    chosen = labels_among(names or [*study.runs], study.runs, NO_RESULTS)
     return study_drawings(study.summary, {name: study.runs[name] for name in chosen}, study.step)
 
 
 def _of_sweep(folder: Path, names: Sequence[str], _: str | None) -> Drawings:
     sweep = read_sweep(folder)
     there = sweep.summaries[0].estimators
-    sweep = sweep.of(labels_among(names or [*there], there, NOBODY))
+    sweep = sweep.of(labels_among(names or [*there], there, NO_RESULTS))
     return {"sweep": lambda out: save_sweep_figure(out, sweep)}
 
 
 def _of_budget(folder: Path, names: Sequence[str], _: str | None) -> Drawings:
     if names:
-        raise UserError("estimators: a budget is of one filter; leave them out")
+        raise UserError("estimators: a budget has one filter; remove this option")
     budget = read_budget(folder)
     return {"budget": lambda out: save_budget_figure(out, budget)}
 
 
 def _of_noise(folder: Path, names: Sequence[str], _: str | None) -> Drawings:
     if names:
-        raise UserError("estimators: noise is a recording's, whoever runs on it; leave them out")
+        raise UserError("estimators: the noise of a recording has no estimators; remove this option")
     content = read_json(folder / NOISE, "noise")
 
     def draw(out: Path) -> None:
@@ -109,7 +109,7 @@ def _of_bench(folder: Path, names: Sequence[str], _: str | None) -> Drawings:
     def draw(out: Path) -> None:
         with of_this_version(folder / BENCH):
             measured = content["estimators"]
-            chosen = labels_among(names or [*measured], measured, NOBODY)
+            chosen = labels_among(names or [*measured], measured, NO_RESULTS)
             save_bench_figure(out, {**content, "estimators": {name: measured[name] for name in chosen}})
 
     return {"bench": draw}

@@ -1,4 +1,4 @@
-"""Print figures of a run: the map and the errors, drawn on the axes that the caller gives."""
+"""Figures of a run: the map and the errors."""
 
 from __future__ import annotations
 
@@ -46,17 +46,17 @@ __all__ = ["plot_errors", "plot_run", "save_figure"]
 HEIGHTS = {"page": 4.6, "column": 7.2}  # [in] of figure.png
 DIAMOND: dict[str, Any] = {"markersize": 3, "color": "w", "markeredgecolor": TRUTH_COLOR, "markeredgewidth": 0.6}
 OUTLINE: dict[str, Any] = {"markersize": 6, "color": "none", "markeredgecolor": MARK_COLOR, "markeredgewidth": 0.5}
-LONG_LABEL = 20  # characters; import paths of guests, mostly
-ROOM_OF_LABEL = 3.5  # heights of the letters of an axis' label: what stands below the axes before a legend
-POSE_ELLIPSES = 15  # along each path; odd, or two loops would show the same places
-LANDMARK_ELLIPSES = 150  # more than these in all: only the first map's are drawn
+LONG_LABEL = 20  # characters; most longer labels are import paths of user code
+ROOM_OF_LABEL = 3.5  # space between axes and legend, in font heights of the axis label
+POSE_ELLIPSES = 15  # per path; odd, so that two loops do not have them at the same positions
+LANDMARK_ELLIPSES = 150  # with more in all maps, only those of the first map are drawn
 
 
 def plot_run(ax: Axes, truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate]) -> None:
     """Draw the map of a run: paths, landmarks and 3-sigma ellipses in the world frame [m].
 
-    Dead reckoning is drawn from the recording where the estimates lack it, and cut where it leaves the rest far
-    behind. The legend stands below the axes.
+    Dead reckoning is computed from the recording if the estimates do not contain it; the limits ignore it if it drifts
+    far away. The legend is below the axes.
     """
     _draw_run(ax, truth, recording, estimates, drift=True)
     room = ROOM_OF_LABEL * ax.xaxis.label.get_fontproperties().get_size_in_points() / 72
@@ -84,7 +84,7 @@ def _draw_run(
 
 
 def _drawn(poses: Float) -> Float:
-    """Positions (2, n) [m] that the line of a path goes through."""
+    """Return the positions (2, n) [m] of a path, reduced to the visible ones."""
     return poses[even_rows(len(poses)), :2].T
 
 
@@ -95,7 +95,7 @@ def _draw_maps(
     estimates: Mapping[str, Estimate],
     chosen: Mapping[str, Style],
 ) -> None:
-    """True landmarks, mapped landmarks and the ellipses of both maps and paths."""
+    """Draw true landmarks, mapped landmarks and the ellipses of maps and paths."""
     if truth.landmarks is not None:
         ax.plot(*truth.landmarks.T, "k+", markersize=5, markeredgewidth=0.8, label="true landmark", zorder=3)
     landmark_covs = {name: each.landmark_covs for name, each in estimates.items() if each.landmark_covs is not None}
@@ -113,7 +113,7 @@ def _draw_maps(
 
 
 def _draw_marks(ax: Axes, truth: Truth, recording: Recording, paths: Mapping[str, Float]) -> None:
-    """The start, the loop closures, and keys to the dots and ellipses."""
+    """Draw the start and the loop closures, and add legend entries for dots and ellipses."""
     path = truth.poses if truth.poses is not None else list(paths.values())[-1]
     closures, label = marked_closures(truth, recording)
     if len(closures):
@@ -125,7 +125,7 @@ def _draw_marks(ax: Axes, truth: Truth, recording: Recording, paths: Mapping[str
 
 
 def _frame(ax: Axes, paths: Mapping[str, Float], others: list[Float]) -> None:
-    """Limits at equal scales that hold everything but a dead reckoning that has gone astray."""
+    """Set limits at equal scales around everything except a drifted dead reckoning."""
     ax.set_aspect("equal", adjustable="datalim")
     drift = [poses[:, :2] for name, poses in paths.items() if name == DEAD_RECKONING]
     estimated = [poses for name, poses in paths.items() if name != DEAD_RECKONING] or drift
@@ -134,7 +134,7 @@ def _frame(ax: Axes, paths: Mapping[str, Float], others: list[Float]) -> None:
     ax.set_ylim(low[1], high[1], auto=True)
     label_plane(ax)
     if any(((each < low) | (each > high)).any() for each in drift):
-        ax.set_title("dead reckoning leaves the map and is cut")
+        ax.set_title("dead reckoning exceeds the axes")
 
 
 def save_figure(
@@ -147,13 +147,10 @@ def save_figure(
     *,
     drift: bool = True,
 ) -> None:
-    """Write figure.png (200 dpi) and figure.svg into `folder`: the map beside the errors, in a column above them.
+    """Write figure.png (200 dpi) and figure.svg into `folder`: the map and the errors.
 
-    Of the seven parameters the first five say what is drawn and where, the last two are options.
-
-    The bounds of the estimate `band` are filled. Dead reckoning is drawn in the map where the estimates lack it, unless
-    `drift` is False. An optimum that its check puts in doubt, or its residuals, is named
-    under the title.
+    The bounds of the estimate `band` are filled. Dead reckoning that the estimates do not contain is drawn in the map
+    unless `drift` is False. The title names an optimum whose check or residuals put it in doubt.
     """
     with mpl.rc_context(PRINT):
         page = sheet()

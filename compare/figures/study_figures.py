@@ -1,4 +1,4 @@
-"""The figures of a study: consistency over time, errors in their 3-sigma envelope, ratios to the optimum."""
+"""Figures of a study: consistency over time, errors with 3-sigma bounds, ratios to the optimum."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
-from slamgauge.compare.figures.axis_limits import ASTRAY, ASTRAY_ON_LOGARITHMS, leaving, robust_limits
+from slamgauge.compare.figures.axis_limits import DIVERGED, DIVERGED_LOG, exceeding, robust_limits
 from slamgauge.compare.figures.downsampling import extreme_rows
 from slamgauge.compare.figures.figure_size import save_printed, sheet
 from slamgauge.compare.figures.plot_style import LEGEND, MARK_COLOR, PRINT, WRAPPED, logarithmic, styles
@@ -22,15 +22,15 @@ from slamgauge.compare.storage.best_effort import Drawing
 from slamgauge.compare.storage.safe_names import math_text
 from slamgauge.compare.studies.summary import Summary, is_marked_against, misfit_optima, share_in_doubt
 
-USUAL = 0.99  # of the errors lie in their panel: a run that is lost leaves it
-RUNS_DRAWN = 50  # error curves; more are one grey mass
-MOST_POINTS = 24_000  # of all of them together: half a megabyte of SVG
-FEWEST_POINTS = 100  # of a curve; rather than fewer, fewer runs are drawn
+USUAL = 0.99  # share of the errors inside the limits; a diverged run may exceed them
+RUNS_DRAWN = 50  # error curves; more are not distinguishable
+MOST_POINTS = 24_000  # points of all error curves; half a megabyte of SVG
+FEWEST_POINTS = 100  # points of a curve; if necessary fewer runs are drawn
 COMPONENTS = (("x [m]", "x", 1.0), ("y [m]", "y", 1.0), ("heading [°]", "heading", 180.0 / np.pi))
 
 
 def study_drawings(summary: Summary, runs: Mapping[str, Runs], step: float) -> dict[str, Drawing]:
-    """What draws nees, nis, rmse, errors and ratios (.png and .svg), each by itself; `step` is the time step [s]."""
+    """Return functions that draw nees, nis, rmse, errors and ratios (.png, .svg); `step` is the time step [s]."""
     ran = {name: each for name, each in runs.items() if len(each.run)}
     title = f"{summary.scenario}, {summary.runs} runs"
     doubts = (misfits(misfit_optima(summary)), doubt_in_runs(CAUSAL, share_in_doubt(summary)))
@@ -45,7 +45,7 @@ def study_drawings(summary: Summary, runs: Mapping[str, Runs], step: float) -> d
 
 
 def _save(path: Path, draw: Callable[[], Figure | None], *title: str | None) -> None:
-    """Write a figure, if there is anything to draw, under the lines of its title."""
+    """Write a figure with the given lines of title; nothing if `draw` returns None."""
     with mpl.rc_context(PRINT):
         figure = draw()
         if figure is not None:
@@ -54,21 +54,21 @@ def _save(path: Path, draw: Callable[[], Figure | None], *title: str | None) -> 
 
 
 def _nees(runs: Mapping[str, Runs], step: float) -> Figure | None:
-    """Mean pose NEES over runs against time, with its chi-square band."""
-    return _against_band(runs, nees_per_step, step, "mean pose NEES (3 when consistent)", spreads=True)
+    """Draw the mean pose NEES over runs against time, with its chi-square band."""
+    return _against_band(runs, nees_per_step, step, "mean pose NEES (3 when consistent)", is_log=True)
 
 
 def _nis(runs: Mapping[str, Runs], step: float) -> Figure | None:
-    """NIS over its degrees of freedom, all runs together, against time, with its chi-square band."""
+    """Draw NIS over degrees of freedom, of all runs together, against time, with its chi-square band."""
     return _against_band(runs, nis_per_step, step, "NIS / degrees of freedom (1 when right)")
 
 
 def _against_band(
-    runs: Mapping[str, Runs], statistic: Callable[[Runs], PerStep], step: float, label: str, *, spreads: bool = False
+    runs: Mapping[str, Runs], statistic: Callable[[Runs], PerStep], step: float, label: str, *, is_log: bool = False
 ) -> Figure | None:
-    """A curve for each estimator that has the statistic, and the widest of their bands; who is astray leaves them.
+    """Draw a curve for each estimator that has the statistic, and the widest of their bands.
 
-    What `spreads` over decades has a logarithmic axis.
+    The axis is logarithmic if `is_log`. Its limits ignore diverged estimators.
     """
     curves = {name: statistic(each) for name, each in runs.items()}
     curves = {name: curve for name, curve in curves.items() if not np.isnan(curve.value).all()}
@@ -84,19 +84,19 @@ def _against_band(
         if name in curves:
             value = curves[name].value
             axes.plot(time, value, color=style.color, linestyle=style.dashes, linewidth=0.9, label=name)
-    astray = ASTRAY_ON_LOGARITHMS if spreads else ASTRAY
-    heights, gone = robust_limits({name: np.array([np.nanmax(each.value)]) for name, each in curves.items()}, astray)
-    axes.set(xlabel="time [s]", ylabel=label, title="; ".join(leaving(gone)), yscale="log" if spreads else "linear")
-    if gone:
+    peaks = {name: np.array([np.nanmax(each.value)]) for name, each in curves.items()}
+    heights, diverged = robust_limits(peaks, DIVERGED_LOG if is_log else DIVERGED)
+    axes.set(xlabel="time [s]", ylabel=label, title=exceeding(diverged), yscale="log" if is_log else "linear")
+    if diverged:
         axes.set_ylim(top=1.3 * max(heights[0], np.nanmax(high)))
-    if spreads:
+    if is_log:
         logarithmic(axes, "y")
     figure.legend(loc="outside lower center", ncols=sheet().legend_columns(len(curves) + 1), **LEGEND)
     return figure
 
 
 def _rmse(runs: Mapping[str, Runs], step: float) -> Figure | None:
-    """RMS position error over runs against time; the bounds are what it cannot be below."""
+    """Draw the RMS position error over runs against time; bounds are the smallest possible errors."""
     if not runs:
         return None
     figure = Figure(figsize=(sheet().inches, 3.2), layout="constrained")
@@ -105,17 +105,16 @@ def _rmse(runs: Mapping[str, Runs], step: float) -> Figure | None:
     for name, style in styles(runs).items():
         time = step * np.arange(len(curves[name]))
         axes.plot(time, curves[name], color=style.color, linestyle=style.dashes, linewidth=0.9, label=name)
-    heights, gone = robust_limits({name: np.array([np.nanmax(each)]) for name, each in curves.items()})
-    top = 1.1 * heights[0] if gone else None
-    axes.set(
-        xlabel="time [s]", ylabel="RMS position error over runs [m]", ylim=(0.0, top), title="; ".join(leaving(gone))
-    )
+    heights, diverged = robust_limits({name: np.array([np.nanmax(each)]) for name, each in curves.items()})
+    top = 1.1 * heights[0] if diverged else None
+    label = "RMS position error over runs [m]"
+    axes.set(xlabel="time [s]", ylabel=label, ylim=(0.0, top), title=exceeding(diverged))
     figure.legend(loc="outside lower center", ncols=sheet().legend_columns(len(curves)), **LEGEND)
     return figure
 
 
 def _errors(runs: Mapping[str, Runs], step: float) -> Figure | None:
-    """Errors of single runs, and three times the sigma that the estimator claims, mean over runs."""
+    """Draw errors of single runs, and the mean over runs of the 3-sigma bounds."""
     runs = {name: each for name, each in runs.items() if name not in BOUNDS}
     if not runs:
         return None
@@ -126,8 +125,8 @@ def _errors(runs: Mapping[str, Runs], step: float) -> Figure | None:
     for axes in grid[-1]:
         axes.set_xlabel("time [s]")
     extents: dict[str, Float] = {}
-    panels, there = grid.size, max(len(each.run) for each in runs.values())
-    drawn = min(there, RUNS_DRAWN, max(MOST_POINTS // (FEWEST_POINTS * panels), 1))
+    panels, available = grid.size, max(len(each.run) for each in runs.values())
+    drawn = min(available, RUNS_DRAWN, max(MOST_POINTS // (FEWEST_POINTS * panels), 1))
     for row, (name, style) in zip(grid, styles(runs).items(), strict=True):
         for axes, (_, key, unit) in zip(row, COMPONENTS, strict=True):
             errors, sigmas = runs[name].series[f"error_{key}"], runs[name].series[f"sigma_{key}"]
@@ -141,25 +140,25 @@ def _errors(runs: Mapping[str, Runs], step: float) -> Figure | None:
             axes.locator_params(nbins=3 if sheet().is_narrow else 5)
         row[0].set_ylabel(name)
         extents[name] = np.array([_extent(runs[name], key, unit) for _, key, unit in COMPONENTS])
-    heights, gone = robust_limits(extents)
+    heights, diverged = robust_limits(extents)
     for axes, height in zip(grid[0], heights, strict=True):
         axes.set_ylim(-1.1 * height or -1.0, 1.1 * height or 1.0)
-    for line in leaving(gone, "panels"):
-        grid[0][1].set_title(f"{line}\n{COMPONENTS[1][0]}")
-    whose = "error of each run" if drawn == there else f"errors of the first {drawn} runs"
+    if diverged:
+        grid[0][1].set_title(f"{exceeding(diverged)}\n{COMPONENTS[1][0]}")
+    whose = "error of each run" if drawn == available else f"errors of the first {drawn} runs"
     figure.supylabel(f"{whose} (grey), mean 3σ bound (dashed)", fontsize=7.5)
     return figure
 
 
 def _extent(runs: Runs, key: str, unit: float) -> float:
-    """How high a panel must be for the bounds, and for nearly all of the errors."""
+    """Return the height of a panel that contains the bounds and nearly all errors."""
     errors, sigmas = runs.series[f"error_{key}"], runs.series[f"sigma_{key}"]
     usual = np.nanquantile(np.abs(errors), USUAL) if np.isfinite(errors).any() else 0.0
     return unit * float(np.nanmax([usual, 3 * np.nanmax(sigmas.mean(axis=0), initial=0.0)]))
 
 
 def _ratios(runs: Mapping[str, Runs], doubtful: Collection[str]) -> Figure | None:
-    """ATE of each run over that of the optimum in the same run: box plots; `doubtful` optima are marked."""
+    """Draw box plots of the ATE of each run divided by that of the optimum; `doubtful` optima are marked."""
     known = ((CAUSAL, "causal"), (HINDSIGHT, "hindsight"))
     references = [(name, f"{text}{MARK * (name in doubtful)}") for name, text in known if name in runs]
     boxes = [
@@ -171,7 +170,7 @@ def _ratios(runs: Mapping[str, Runs], doubtful: Collection[str]) -> Figure | Non
     boxes = [box for box in boxes if len(box[1])]
     if not boxes:
         return None
-    boxes.reverse()  # the first at the top
+    boxes.reverse()  # the first box is at the top
     figure = Figure(figsize=(sheet().inches, 0.9 + 0.28 * len(boxes)), layout="constrained")
     axes = figure.subplots()
     drawn = axes.boxplot(
@@ -183,11 +182,9 @@ def _ratios(runs: Mapping[str, Runs], doubtful: Collection[str]) -> Figure | Non
     for median, (_, _, color) in zip(drawn["medians"], boxes, strict=True):
         median.set(color=color, linewidth=1.5)
     axes.axvline(1.0, color=MARK_COLOR, linewidth=0.6)
-    heights, gone = robust_limits(
-        {label: ratios.max(keepdims=True) for label, ratios, _ in boxes}, ASTRAY_ON_LOGARITHMS
-    )
-    axes.set(xlabel="ATE / optimum's ATE, run by run", title="; ".join(leaving(gone)), xscale="log")
-    if gone:
+    heights, diverged = robust_limits({label: ratios.max(keepdims=True) for label, ratios, _ in boxes}, DIVERGED_LOG)
+    axes.set(xlabel="ATE / optimum's ATE, run by run", title=exceeding(diverged), xscale="log")
+    if diverged:
         axes.set_xlim(right=1.3 * heights[0])
     logarithmic(axes, "x")
     return figure

@@ -1,4 +1,4 @@
-"""The figure of a sweep: error, consistency, reported sigma and map size against the key's value."""
+"""Figure of a sweep: error, consistency, reported sigma and map size against the value of the key."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def save_sweep_figure(out: Path, sweep: Sweep) -> None:
 def _draw(
     axes: Axes, values: tuple[str, ...], intervals: list[Interval | None], label: str, style: Style, *, line: bool
 ) -> None:
-    """Means with their intervals; the optima, which know no gate and no scale, as lines without markers."""
+    """Draw means with their intervals; optima and bounds as lines without markers."""
     found = sorted(
         (place, each) for place, each in zip(_places(values).tolist(), intervals, strict=True) if each is not None
     )
@@ -89,7 +89,7 @@ def _draw(
 
 
 def _places(values: tuple[str, ...]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """The values as numbers, or their order where they are none."""
+    """Return the values as numbers, or their positions in the list if one is not a number."""
     try:
         return np.array([float(value) for value in values])
     except ValueError:
@@ -97,7 +97,7 @@ def _places(values: tuple[str, ...]) -> np.ndarray[tuple[int], np.dtype[np.float
 
 
 def _arrange(axes: Axes, values: tuple[str, ...]) -> None:
-    """Ticks at the values; logarithmic axes where figures span a lot."""
+    """Set ticks at the values; make axes logarithmic if the range is large."""
     places = _places(values)
     if places.min() > 0 and places.max() > WIDE * places.min():
         axes.set_xscale("log")

@@ -1,4 +1,4 @@
-"""Axes that people can read wherever a run takes place: robots log UTM positions and seconds since 1970."""
+"""Readable axes for large coordinates, such as UTM positions and seconds since 1970."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.ticker import ScalarFormatter
 
-FAR = 10_000.0  # smaller figures stand at the ticks as they are
+FAR = 10_000.0  # smaller values need no offset
 MINUS = "\N{MINUS SIGN}"
 THIN = "\N{NARROW NO-BREAK SPACE}"
 
 
 class _From(ScalarFormatter):
-    """Plain figures at the ticks, counted from a round number that the label of the axis names."""
+    """Formatter of plain numbers relative to an origin that the axis label names."""
 
     def __init__(self, origin: float) -> None:
         super().__init__(useOffset=False)
@@ -31,7 +31,7 @@ class _From(ScalarFormatter):
 
 
 def label_plane(ax: Axes, *, x: bool = True, y: bool = True) -> None:
-    """Count x and y [m] of a map, world frame, from round numbers near its limits; label the axes asked for."""
+    """Show x and y [m] of a map (world frame) relative to round numbers; label the chosen axes."""
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
     extent = max(right - left, top - bottom)
     from_x = _count_from(ax.xaxis, round_origin(left, right, extent))
@@ -43,21 +43,21 @@ def label_plane(ax: Axes, *, x: bool = True, y: bool = True) -> None:
 
 
 def label_time(ax: Axes) -> str:
-    """Count the time from a round number near its limits, and return the label that says so."""
+    """Show the time relative to a round number, and return the label of the axis."""
     begin, end = ax.get_xlim()
     return f"time{_count_from(ax.xaxis, round_origin(begin, end, end - begin))} [s]"
 
 
 def _count_from(axis: Axis, origin: float) -> str:
-    """Have the ticks say how far they are from `origin`; what a label says of that."""
+    """Show ticks relative to `origin`, and return the text for the label."""
     axis.set_major_formatter(_From(origin))
     return f" {MINUS if origin > 0 else '+'} {abs(origin):,.10g}".replace(",", THIN) if origin else ""
 
 
 def round_origin(begin: float, end: float, extent: float) -> float:
-    """A round number near the middle of an axis from `begin` to `end`, 0 unless that is far from 0.
+    """Return a round number near the middle of an axis, or 0 if the axis is near 0.
 
-    It has as many zeros as `extent` has digits.
+    It is a multiple of the smallest power of ten above `extent`.
     """
     if max(abs(begin), abs(end)) < FAR or not extent > 0:
         return 0.0

@@ -146,7 +146,7 @@ def test_only_finished_files_appear(folder: Path, monkeypatch: pytest.MonkeyPatc
     assert printed.out == ""
     assert printed.err.splitlines() == [
         f"written to {folder}: animation.gif",
-        "animation.mp4 is left out: there is no ffmpeg on the PATH",
+        "animation.mp4 is left out: ffmpeg is not on the PATH",
     ]
 
 
@@ -172,7 +172,7 @@ def test_a_video_that_is_asked_for_needs_ffmpeg(
     monkeypatch.setenv("PATH", "")
     before = contents(folder)
     assert animate(folder, "--format", "webm") == 2
-    assert "there is no ffmpeg on the PATH; install it" in capsys.readouterr().err
+    assert "ffmpeg is not on the PATH; install it" in capsys.readouterr().err
     assert contents(folder) == before
 
 
@@ -302,12 +302,12 @@ def test_results_without_estimates_are_refused(tmp_path: Path, capsys: pytest.Ca
     ("arguments", "message"),
     [
         (["--estimators", "fej"], "estimator 'fej': has no estimate in the folder; choose from ekf, causal, batch"),
-        (["--seconds", "0"], "seconds 0.0: no length of an animation; give a number > 0, for example 10"),
-        (["--seconds", "nan"], "seconds nan: no length of an animation; give a number > 0, for example 10"),
-        (["--fps", "0"], "fps 0: not what viewers show; give 1 to 50 frames per second"),
-        (["--fps", "51"], "fps 51: not what viewers show; give 1 to 50 frames per second"),
-        (["--seconds", "70"], "seconds 70.0, fps 10: give 1 to 600 frames, these are 700"),
-        (["--seconds", "0.001"], "seconds 0.001, fps 10: give 1 to 600 frames, these are 0"),
+        (["--seconds", "0"], "seconds 0.0: not a duration; give a number > 0, for example 10"),
+        (["--seconds", "nan"], "seconds nan: not a duration; give a number > 0, for example 10"),
+        (["--fps", "0"], "fps 0: out of range; give 1 to 50 frames per second"),
+        (["--fps", "51"], "fps 51: out of range; give 1 to 50 frames per second"),
+        (["--seconds", "70"], "seconds 70.0, fps 10: these are 700 frames; give 1 to 600"),
+        (["--seconds", "0.001"], "seconds 0.001, fps 10: these are 0 frames; give 1 to 600"),
     ],
 )
 def test_settings_that_make_no_sense(

@@ -123,8 +123,8 @@ def test_the_command_draws_the_estimators_and_the_band_that_are_chosen(
     capsys.readouterr()
     for wrong, said in (
         ("run --band oc-ekf", "not among"),
-        ("study --band ekf", "only the figure of a run has one"),
-        ("noise --estimators ekf", "noise is a recording's, whoever runs on it"),
+        ("study --band ekf", "only figures of a run have a band"),
+        ("noise --estimators ekf", "the noise of a recording has no estimators"),
         ("bench --estimators riekf", "riekf"),
     ):
         folder, *options = wrong.split()
@@ -162,7 +162,7 @@ def test_what_is_drawn_is_what_was_measured(results: Path):
     with pytest.raises(UserError, match="not what `slamgauge study --sweep` writes"):
         read_sweep(results / "study")
     (results / "study/sweep.json").unlink()
-    with pytest.raises(UserError, match="holds no run, study, sweep, budget, noise or bench"):
+    with pytest.raises(UserError, match="contains no run, study, sweep, budget, noise or bench"):
         drawings_of(results)
 
 
@@ -199,9 +199,9 @@ def test_a_filter_that_diverges_does_not_squash_the_figures_of_a_study(
     for key in ("nees", "rmse", "errors"):
         sane, wild_ = (drawn[f"{name} {key}"].axes[0].get_ylim()[1] for name in ("sane", "wild"))
         assert wild_ < 4 * sane
-        assert any("ekf leaves the panel" in axes.get_title() for axes in drawn[f"wild {key}"].axes)
+        assert any("ekf exceeds the axes" in axes.get_title() for axes in drawn[f"wild {key}"].axes)
     assert drawn["wild ratios"].axes[0].get_xlim()[1] < 200
-    assert "ekf / hindsight, ekf / causal leave the panel" in drawn["wild ratios"].axes[0].get_title()
+    assert "ekf / hindsight, ekf / causal exceed the axes" in drawn["wild ratios"].axes[0].get_title()
 
 
 def test_the_errors_of_a_large_study_stay_below_half_a_megabyte(results: Path, tmp_path: Path):

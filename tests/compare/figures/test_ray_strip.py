@@ -107,10 +107,10 @@ def test_the_strip_tells_the_whole_story():
     assert told == [
         (0, "landmark 0 begins", 0, 1, 4),
         (5, "landmark 1 begins", 1, 2, 8),
-        (12, "landmark 0: 3 of 4 members are left", 0, 2, 7),
-        (30, "landmark 0: 2 of 3 members are left", 0, 2, 5),
-        (70, "landmark 0: member 3 of 4 is left", 0, 2, 6),
-        (130, "landmark 2: member 4 of 4 is left", 2, 0, 0),
+        (12, "landmark 0: 3 of 4 members remain", 0, 2, 7),
+        (30, "landmark 0: 2 of 3 members remain", 0, 2, 5),
+        (70, "landmark 0: member 3 of 4 remains", 0, 2, 6),
+        (130, "landmark 2: member 4 of 4 remains", 2, 0, 0),
     ]
 
 
@@ -122,7 +122,7 @@ def test_events_between_noted_steps_show_at_the_next_one():
     estimate = estimate_with_rays(("point",))
     missing = next(step for step in range(AGES[-1], STEPS) if step not in NOTED)
     later = replace(estimate, rays=replace(log_of(estimate), end=np.array([missing])))
-    assert [frame.step for frame in ray_frames(later, 4) if "is left" in frame.caption] == [missing + 1]
+    assert [frame.step for frame in ray_frames(later, 4) if "remains" in frame.caption] == [missing + 1]
 
 
 @pytest.mark.parametrize("fates", [STILL, LOST, ("lost", "ray", "point"), ("ray",), ("point",)])
@@ -193,7 +193,7 @@ def test_all_panels_show_the_same_place_at_equal_scales(monkeypatch: pytest.Monk
     low, high = LANDMARKS.min(axis=0), LANDMARKS.max(axis=0)
     assert left < low[0] < high[0] < right
     assert bottom < low[1] < high[1] < top
-    assert panels[4].get_title() == "t = 7.0 s, 2 rays, 6 members\nlandmark 0: member 3 of 4 is left"
+    assert panels[4].get_title() == "t = 7.0 s, 2 rays, 6 members\nlandmark 0: member 3 of 4 remains"
 
 
 def test_survivors_are_marked_in_the_panel_after_their_collapse(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
 from slamgauge.compare.figures import run_figures
-from slamgauge.compare.figures.plot_style import GUESTS, KNOWN, PRINT, styles
+from slamgauge.compare.figures.plot_style import USER_STYLES, KNOWN, PRINT, styles
 from slamgauge.compare.figures.run_figures import plot_errors, plot_run, save_figure
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -93,7 +93,7 @@ def panels_of(truth: Truth | None, recording: Recording, estimates: dict[str, Es
 
 
 def test_colours_and_dashes_are_all_distinct() -> None:
-    everyone = [*KNOWN.values(), *GUESTS]
+    everyone = [*KNOWN.values(), *USER_STYLES]
     assert len({style.color for style in everyone}) == len(everyone)
     assert len({style.dashes for style in everyone}) == len(everyone)
 
@@ -101,7 +101,7 @@ def test_colours_and_dashes_are_all_distinct() -> None:
 def test_guests_do_not_change_the_style_of_the_box() -> None:
     chosen = styles(["a:b", "ekf", "c:d"])
     assert chosen["ekf"] == KNOWN["ekf"]
-    assert (chosen["a:b"], chosen["c:d"]) == GUESTS[:2]
+    assert (chosen["a:b"], chosen["c:d"]) == USER_STYLES[:2]
 
 
 # --- the map -----------------------------------------------------------------------------------
@@ -181,7 +181,7 @@ def test_dead_reckoning_that_goes_astray_is_cut_and_the_map_says_so() -> None:
     astray = Estimate("filtered", 100 * drifting(recording).poses)
     ax = map_of(truth, recording, {"dead-reckoning": astray, "ekf": estimate(truth, [0, 0, 0])})
     assert ax.get_xlim()[1] - ax.get_xlim()[0] < 30
-    assert ax.get_title() == "dead reckoning leaves the map and is cut"
+    assert ax.get_title() == "dead reckoning exceeds the axes"
 
 
 def test_a_map_without_truth_or_estimates_shows_the_odometry() -> None:
@@ -223,7 +223,7 @@ def test_dead_reckoning_is_left_out_of_the_errors_where_there_is_anything_else()
     assert labels(alone[0]) == ["dead-reckoning"]
     both = panels_of(truth, recording, {"dead-reckoning": drifting(recording), "ekf": estimate(truth, [0, 0, 0])})
     assert labels(both[0]) == ["ekf"]
-    assert both[0].get_title() == "error and ±3σ (dead reckoning left out)"
+    assert both[0].get_title() == "error and ±3σ (dead reckoning not drawn)"
 
 
 @pytest.mark.parametrize(("best", "others"), [("batch", ["ekf", "causal"]), ("causal", ["ekf"])])
@@ -240,7 +240,7 @@ def test_without_truth_and_optimum_the_bounds_stand_alone() -> None:
     truth, recording = circle()
     panels = panels_of(None, recording, {"ekf": estimate(truth, [0, 0, 0])})
     assert np.isnan(curve(panels[0], "ekf")[:, 1]).all()
-    assert panels[0].get_title() == "±3σ alone: no truth, no optimum"
+    assert panels[0].get_title() == "±3σ only: no truth, no optimum"
 
 
 # --- the files ---------------------------------------------------------------------------------
@@ -321,7 +321,7 @@ def test_who_goes_astray_leaves_the_panels_and_is_named():
     near, lost = estimate(truth, [0.01, 0.0, 0.0]), estimate(truth, [40.0, 0.0, 0.0])
     panels = Figure().subplots(3)
     plot_errors(panels, truth, recording, {"near": near, "lost": lost, "too": near}, band="too")
-    assert panels[0].get_title() == "error and ±3σ (lost leaves the panels)"
+    assert panels[0].get_title() == "error and ±3σ (lost exceeds the axes)"
     assert panels[0].get_ylim() == pytest.approx((-0.66, 0.66))  # 3 sigma are 0.6 m
     band = next(each for each in panels[0].collections if not isinstance(each, LineCollection))
     chosen = styles(["near", "lost", "too"])["too"].color
