@@ -1,1 +1,1 @@
-"""Pages that explain themselves: one HTML file each, with everything in it."""
+"""Self-contained HTML pages of results."""

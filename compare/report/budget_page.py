@@ -1,4 +1,4 @@
-"""The page of an error budget."""
+"""Page of an error budget."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from slamgauge.compare.studies.budget import RUNGS
 
 PICTURES = {
     "budget.png": (
-        "Waterfall of the mean squared position error: each bar starts where the last one ended",
-        "Each bar starts where the last one ended; the line in it is its 95 % interval.",
+        "Waterfall of the mean squared position error: each bar starts at the end of the previous one",
+        "Each bar starts at the end of the previous one; the line in it is its 95 % interval.",
     )
 }
 HEADS = (
-    Head("rung", "an estimator on the same measurements as the others, which lacks one thing more", words=True),
-    Head("for", "what the rung pays for", words=True),
+    Head("rung", "an estimator on the same measurements, with one disadvantage more than the rung before", words=True),
+    Head("for", "the disadvantage that the rung adds", words=True),
     Head("mse [m²]", "mean squared position error over runs and steps"),
-    Head("adds [m²]", "what it has more than the rung before: what could be gained back there"),
-    Head("95 % interval", "of what it adds, bootstrapped over runs"),
-    Head("share", "of the whole error"),
+    Head("adds [m²]", "increase over the rung before: the largest possible gain there"),
+    Head("95 % interval", "interval of the increase, bootstrapped over runs"),
+    Head("share", "increase divided by the total error"),
 )
 
 
 def budget_page(folder: Path) -> dict[str, str]:
-    """The page of what `budget` has written into a folder."""
+    """Return the page of the results of `budget` in a folder."""
     content = read_json(folder / BUDGET, "budget")
     total = content["rungs"][-1]["mse_m2"]
     rows: list[list[Cell]] = []

@@ -1,4 +1,4 @@
-"""The page of the practical's conclusions, each with its evidence."""
+"""Page of the conclusions of the exercise, each with its evidence."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from slamgauge.compare.storage.result_files import CLAIMS, REPORT
 from slamgauge.compare.studies.claim_evidence import ALPHA
 
 HEADS = (
-    Head("claim", "its name in claims.json", words=True),
-    Head("section", "of the practical", words=True),
-    Head("the practical", "its conclusion, in a few words", words=True),
-    Head("hypothesis", "the same as a statement about a ratio of two figures of the same run", words=True),
-    Head("verdict", f"holds or does not hold, all of them right with {1 - ALPHA:.0%}; or undecided", words=True),
-    Head("ratio", "its geometric mean over runs"),
-    Head("interval", "of the ratio; all hold at once, after any number of runs"),
-    Head("p", "that the verdict is wrong, for all claims and after any number of runs"),
-    Head("avoidable", "share of the filter's error that the causal optimum does not have"),
-    Head("runs", "until it was decided, or all"),
-    Head("decidable", f"how far from an end of its range a ratio is decided with {POWER:.0%} after the most runs"),
+    Head("claim", "name of the claim in claims.json", words=True),
+    Head("section", "section of the exercise", words=True),
+    Head("conclusion", "short form of the conclusion of the exercise", words=True),
+    Head("hypothesis", "the conclusion as a statement about a ratio of two metrics of the same run", words=True),
+    Head("verdict", f"holds, does not hold or undecided; all are right with probability {1 - ALPHA:.0%}", words=True),
+    Head("ratio", "geometric mean over runs"),
+    Head("interval", "simultaneous confidence interval of the ratio, valid after any number of runs"),
+    Head("p", "p-value of the verdict, corrected for all claims and any number of runs"),
+    Head("avoidable", "share of the filter's error above that of the causal optimum"),
+    Head("runs", "runs until the decision, or all runs"),
+    Head("decidable", f"distance of a ratio from its range that all runs decide with probability {POWER:.0%}"),
 )
 
 
 def claims_page(folder: Path) -> dict[str, str]:
-    """The page of what `claims` has written into a folder."""
+    """Return the page of the results of `claims` in a folder."""
     found: list[dict[str, Any]] = read_json(folder / CLAIMS, "claims")
     counts = Counter(each["verdict"] for each in found)
     digests = {f"Digest of {each['setting']}": each["digest"] for each in found if "digest" in each}
     text = plain_page(
         kind="claims",
-        title="The practical's conclusions, put to the test",
+        title="Tests of the conclusions of the exercise",
         lead=[(f"{counts[verdict]} of {len(found)}", verdict) for verdict in ("holds", "does not hold", "undecided")],
         notes=doubts(found),
         tables=[claims_table(found)],
@@ -46,7 +46,7 @@ def claims_page(folder: Path) -> dict[str, str]:
 
 
 def claims_table(found: list[dict[str, Any]]) -> Table:
-    """A row for each claim."""
+    """Return a table with a row for each claim."""
     rows: list[list[Cell]] = []
     for each in found:
         p, mark = each["p_value"], MARK if each["optimum_check_share"] else ""
@@ -65,7 +65,7 @@ def claims_table(found: list[dict[str, Any]]) -> Table:
 
 
 def doubts(found: list[dict[str, Any]]) -> list[str]:
-    """Whether the optimum of any claim is in doubt."""
+    """Return a note if the optimum of any claim is in doubt."""
     if not any(each["optimum_check_share"] for each in found):
         return []
     return [f"{MARK} the causal optimum of this setting is in doubt in some of the runs"]

@@ -1,4 +1,4 @@
-"""The practical's four questions: what each asks, what to look at, and which of its conclusions are put to the test."""
+"""Pages of the four questions of the exercise: the task, hints, and the conclusions that claims test."""
 
 from __future__ import annotations
 
@@ -18,85 +18,85 @@ from slamgauge.compare.studies.claim_list import CLAIMS
 
 
 class Question(NamedTuple):
-    """A question of the practical.
+    """A question of the exercise.
 
     Attributes:
-        title: what it is about.
-        runs: shipped scenarios, in the order in which they are compared, and who is run on each.
-        asked: what is varied, and what the practical wants to know.
-        look: what to look at in the figures.
-        claims: how the ids of its conclusions begin; none are tested of bearings alone.
+        title: Topic.
+        runs: Estimators by scenario, in the order of comparison.
+        task: The varied quantity and the question.
+        hints: Observations to make in the figures.
+        claims: First letters of the ids of its claims; empty for question 4, which has none.
     """
 
     title: str
     runs: dict[str, str]
-    asked: str
-    look: tuple[str, ...]
+    task: str
+    hints: tuple[str, ...]
     claims: str
 
 
 QUESTIONS = {
     "q1": Question(
-        "Known landmarks: the length of the loop, and how many landmarks there are",
+        "Known association: length of the loop and number of landmarks",
         dict.fromkeys(("q1-short-dense", "q1-long-dense", "q1-long-sparse"), "dead-reckoning,ekf,causal,batch"),
-        "The filter is told which landmark it sees. The same robot drives a short loop and a long one among many "
-        "landmarks, and the long one among few. How do error and uncertainty go, along the loop and when it closes?",
+        "The association is known. The robot drives a short and a long loop with many landmarks, and a long loop with "
+        "few. How do error and uncertainty change along the loop and at the loop closure?",
         (
-            "The error grows along the loop, where nothing known is seen; dead reckoning goes on like that.",
-            "Where the loop closes, landmarks of the start are seen again: error and sigma fall, for the whole map.",
-            "With few landmarks there are stretches without any, and less to hold on to when the loop closes.",
-            "The filter's error over the optimum's (x optimum) is the price of its linearisation: both see the same.",
+            "The error grows while only new landmarks are observed; the error of dead reckoning always grows.",
+            "At the loop closure the first landmarks are re-observed: error and sigma of the whole map decrease.",
+            "With few landmarks parts of the path have no observations, and the loop closure corrects less.",
+            "Filter and optimum use the same data: the ratio of their errors (x optimum) shows linearisation errors.",
         ),
         "q1-",
     ),
     "q2": Question(
-        "Unknown landmarks: the gate of the nearest neighbour",
+        "Unknown association: the gate of the nearest neighbour",
         {
             "q2-long-dense": "ekf,causal,causal@ekf",
             "q2-gate-1": "ekf,causal",
             "q2-gate-100": "ekf,causal,causal@ekf",
         },
-        "Nobody says which landmark is seen: an observation is given to the landmark nearest in squared "
-        "Mahalanobis distance, if that is below the gate, and begins a new one if not. What do gates of 1, 9, 100 do?",
+        "The association is unknown. An observation is assigned to the landmark of smallest squared Mahalanobis "
+        "distance if that is below the gate; otherwise it adds a landmark. What is the effect of gates 1, 9 and 100?",
         (
-            "Gate 1 refuses three right observations in five (chi-square, 2 degrees of freedom): doubles fill the map.",
-            "Gate 100 refuses nearly nothing: what belongs to one landmark moves another, and that is never undone.",
-            "causal receives the true associations, causal@ekf those of the filter: the difference is their cost. "
-            "At gate 1 it is left out: an optimum of so many doubles takes very long.",
+            "Gate 1 rejects 3 of 5 correct associations (chi-square, 2 degrees of freedom): many duplicate landmarks.",
+            "Gate 100 rejects almost nothing: wrong associations move landmarks, and the filter cannot undo them.",
+            "causal uses the true associations, causal@ekf those of the filter: the difference is the cost of wrong "
+            "associations. At gate 1 causal@ekf is not run: with that many duplicates it takes very long.",
         ),
         "q2-",
     ),
     "q3": Question(
-        "How much noise to assume",
+        "Assumed noise",
         dict.fromkeys(("q3-scale-0.1", "q3-scale-1", "q3-scale-2", "q3-scale-10"), "ekf,causal"),
-        "The filter assumes Q and Py that are 0.1, 1, 2 and 10 times those that are simulated, on the long loop among "
-        "few landmarks, whose ids it does not know. Which is best?",
+        "The filter assumes 0.1, 1, 2 and 10 times the simulated Q and Py, on the long loop with few landmarks and "
+        "unknown association. Which factor is best?",
         (
-            "Too little noise: the filter is too sure, refuses its own landmarks when it returns, and maps doubles.",
-            "Too much: the bounds are wide, NEES falls below 3 and NIS below 1, and wrong landmarks pass the gate.",
-            "Innovations tell the noise: with known ids NIS over its degrees of freedom is 1 where it is right. The "
-            "nearest is chosen by that very distance, and the gate cuts it off, so that it is below 1 here.",
+            "Too little: the filter is overconfident, rejects correct associations, and maps duplicate landmarks.",
+            "Too much: the bounds are wide, NEES is below 3 and NIS below 1, and wrong associations pass the gate.",
+            "With known association NIS over its degrees of freedom is 1 if the noise is right. Here it is below 1, "
+            "because the nearest neighbour and the gate select small distances.",
         ),
         "q3-",
     ),
     "q4": Question(
-        "Bearings alone",
+        "Bearing-only SLAM",
         dict.fromkeys(("q4-three-landmarks", "q4-ring"), "ekf,riekf,causal"),
-        "The sensor gives directions without distances. A landmark begins as a ray of members, each a Gaussian at "
-        "another distance, weighed by every further bearing until one is left (federated information sharing).",
+        "The sensor measures bearings without ranges. A new landmark is a ray of members: Gaussians at different "
+        "distances. Each bearing changes their weights, until one remains (federated information sharing).",
         (
-            "A ray loses its members when the robot has moved sideways: without parallax no distance is known.",
-            "Members share the information of a bearing by their weights, so that none of it is used twice.",
-            "The ellipses of a new landmark are long, along the line of sight, and shrink where sights cross.",
+            "A ray loses members when the robot moves sideways: without parallax the distance is not observable.",
+            "The members share the information of a bearing by their weights, so it is used only once.",
+            "The ellipse of a new landmark is long in the direction of the bearing; bearings that cross it reduce it.",
         ),
         "",
     ),
 }
 CLAIM_HEADS = (
-    Head("claim", "its name in claims.json", words=True),
-    Head("section", "of the practical", words=True),
-    Head("the practical", "its conclusion, in a few words", words=True),
-    Head("as a statement about many runs", "what is tested: a ratio of two figures of the same run", words=True),
+    Head("claim", "name of the claim in claims.json", words=True),
+    Head("section", "section of the exercise", words=True),
+    Head("conclusion", "short form of the conclusion of the exercise", words=True),
+    Head("hypothesis", "tested statement about a ratio of two metrics of the same run", words=True),
 )
 CHIEF = {
     *("ate_m", "final_position_error_m", "nees_pose", "nis_per_dof"),
@@ -105,10 +105,10 @@ CHIEF = {
 
 
 def question_page(folder: Path, name: str) -> str:
-    """The page of a question whose scenarios have been run into folders of their names.
+    """Return the page of a question; each of its scenarios has been run into a folder of its name.
 
     Raises:
-        UserError: a run is missing.
+        UserError: If a run is missing.
     """
     question = QUESTIONS[name]
     runs = {each: read_json(folder / each / METRICS, "run") for each in question.runs}
@@ -120,7 +120,7 @@ def question_page(folder: Path, name: str) -> str:
         for estimator, entry in metrics["estimators"].items()
     ]
     chief = [head for head in figure_heads("run") if head.title in {title for title, _, _ in found}]
-    heads = [Head("scenario", "what was simulated", words=True), ESTIMATOR, *chief]
+    heads = [Head("scenario", "simulated scenario", words=True), ESTIMATOR, *chief]
     claims = [
         [Cell(each.id), Cell(each.section), Cell(each.claim), Cell(each.hypothesis)]
         for each in CLAIMS
@@ -129,19 +129,19 @@ def question_page(folder: Path, name: str) -> str:
     study = f"slamgauge study {[*question.runs][-1]} --runs 50 --out results/study"
     many = "slamgauge claims --out results/claims" if claims else study
     first = next(iter(runs))
-    came = {"scenario": ", ".join(runs), **{key: runs[first].get(key) for key in ("command", "seed", "version")}}
+    provenance = {"scenario": ", ".join(runs), **{key: runs[first].get(key) for key in ("command", "seed", "version")}}
     digests = [(f"Digest of {scenario}", metrics["digest"]) for scenario, metrics in runs.items()]
     return plain_page(
-        kind=f"question {name[1:]} of the practical",
+        kind=f"question {name[1:]} of the exercise",
         title=question.title,
-        lead=[("Asked", question.asked), *(("Look", each) for each in question.look), *said(runs)],
+        lead=[("Task", question.task), *(("Hint", each) for each in question.hints), *filter_results(runs)],
         notes=[
-            "a scenario's name in the table leads to its page, with the replay of its run",
-            f"one run each, with luck in every figure; many runs tell: {many}",
+            "each scenario in the table links to the page of its run, with a replay",
+            f"each result is of a single run and random; compare many runs with: {many}",
         ],
         tables=[
-            Table("question", "What came out", heads, rows),
-            Table("claims", "What the practical concludes, as slamgauge claims tests it", CLAIM_HEADS, claims),
+            Table("question", "Results", heads, rows),
+            Table("claims", "Conclusions of the exercise, tested by slamgauge claims", CLAIM_HEADS, claims),
         ],
         pictures=[
             picture._replace(caption=f"{each}. {picture.caption}")
@@ -149,12 +149,12 @@ def question_page(folder: Path, name: str) -> str:
             for picture in pictures(folder / each, PICTURES)
         ],
         glossary=TERMS["run"],
-        origin=origin(folder / first / METRICS, came, digests),
+        origin=origin(folder / first / METRICS, provenance, digests),
     )
 
 
-def said(runs: dict[str, Any]) -> list[tuple[str, str]]:
-    """What each run says of whom it is about, the optima left out: they are what others are held against."""
+def filter_results(runs: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return a sentence for each run and estimator, except optima, which are the reference."""
     return [
         (f"{scenario}, {estimator}", text)
         for scenario, metrics in runs.items()

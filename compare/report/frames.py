@@ -1,4 +1,4 @@
-"""Which steps a replay shows, and what was seen at them."""
+"""Steps of a replay, and the observations at each of them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS, inverse
 
 
-class Sights(NamedTuple):
+class ShownObservations(NamedTuple):
     """The observations that a replay shows.
 
     Attributes:
-        observation: (m,) their numbers in the recording, frame by frame.
-        start: (T+1,) where those of each frame begin.
-        body: (m, 2) where they put the landmark, in the robot's frame [m]; of bearings alone a point of that direction.
+        observation: Row numbers (m,) in the recording, frame by frame.
+        start: First entry (T+1,) of each frame in the other arrays.
+        body: Observed positions (m, 2) in the body frame [m]; for a bearing a point in its direction.
     """
 
     observation: Int
@@ -26,12 +26,12 @@ class Sights(NamedTuple):
 
 
 def frame_steps(steps: int, count: int) -> Int:
-    """At most `count` of the steps 0..`steps`, evenly spaced, both ends among them."""
+    """Return at most `count` of the steps 0..`steps`, evenly spaced, including both ends."""
     return np.unique(np.linspace(0, steps, min(count, steps + 1)).round().astype(np.int64))
 
 
-def sights_of(recording: Recording, shown: Int, length: float) -> Sights:
-    """The last scan up to each of the steps that are shown; bearings alone are drawn `length` [m] long."""
+def shown_observations(recording: Recording, shown: Int, length: float) -> ShownObservations:
+    """Return the last scan since the previous shown step, for each shown step; bearings get the `length` [m]."""
     before = np.concatenate([[-1], shown[:-1]])
     ends = np.searchsorted(recording.observation_step, shown, side="right")
     begins = np.searchsorted(recording.observation_step, before, side="right")
@@ -40,7 +40,7 @@ def sights_of(recording: Recording, shown: Int, length: float) -> Sights:
     counts = np.where(ends > begins, ends - begins, 0)
     start = np.concatenate([[0], np.cumsum(counts)])
     observation = np.repeat(begins, counts) + np.arange(start[-1]) - np.repeat(start[:-1], counts)
-    return Sights(observation, start, _in_the_body(recording, observation, length))
+    return ShownObservations(observation, start, _in_the_body(recording, observation, length))
 
 
 def _in_the_body(recording: Recording, observation: Int, length: float) -> Float:

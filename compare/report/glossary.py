@@ -1,4 +1,4 @@
-"""What columns mean, from the catalogue of figures."""
+"""Explanations of columns, from the catalogue of metrics."""
 
 from __future__ import annotations
 
@@ -10,34 +10,34 @@ from slamgauge.compare.scoring.catalogue import CATALOGUE, columns
 from slamgauge.compare.scoring.metric import Table
 
 HELP = {each.key: each.help for each in CATALOGUE}
-ESTIMATOR = Head("estimator", "who made the estimate", words=True)
+ESTIMATOR = Head("estimator", "name of the estimator", words=True)
 KIND = Head(
     "kind",
-    "filtered: a pose knows the past alone; smoothed: it knows all measurements. They are never ranked",
+    "filtered: poses use only measurements up to their step; smoothed: they use all; the two are not compared",
     words=True,
 )
 TERMS = {
     "run": (
-        ("causal optimum", "the best that can be known of a pose from what came before (causal), with the true noise"),
-        ("hindsight optimum", "the best that all measurements together tell (batch)"),
+        ("causal optimum", "best estimate from the measurements up to each step, with the true noise (causal)"),
+        ("hindsight optimum", "best estimate from all measurements (batch)"),
         (
             "3-sigma ellipse",
-            "where the estimate says that the place is, with 98.9 % in the plane, if its sigma is right",
+            "region that contains the true position with probability 98.9 % if the covariance is right",
         ),
     ),
     "study": (
         ("\u00b1", "half the width of the 95 % interval of the mean over runs"),
-        ("band", "where the mean of consistent estimates would be, at the level that stands beside it"),
+        ("band", "interval of the mean for consistent estimates, at the stated level"),
     ),
 }
 
 
 def figure_heads(table: Table, *, bounded: bool = False) -> list[Head]:
-    """The columns of figures in a table, from the left; with those of bounds if it is `bounded`."""
+    """Return the metric columns of a table; with the columns of bounds if `bounded`."""
     return [Head(title, HELP[key]) for title, key, _ in columns(table, bounded=bounded)]
 
 
 def glossary(terms: Iterable[tuple[str, str]], tables: Iterable[PageTable]) -> list[tuple[str, str]]:
-    """Terms, and the columns of tables: each once, and nothing of a table without rows, which is not shown."""
+    """Return terms and columns of tables with rows, each once."""
     shown = [head for table in tables if table.rows for head in table.columns]
     return [*dict.fromkeys([*terms, *((head.title, head.help) for head in shown if head.help)])]

@@ -1,4 +1,4 @@
-"""The pages of grades: one of the class, and one of each submission."""
+"""Pages of grades: one of all submissions, and one of each."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from slamgauge.compare.storage.result_files import GRADES, PAGES, REPORT
 
 FIGURES = (
     ("ate_m", "ATE [m]", "RMS position error, mean over runs", "{:.3f}"),
-    ("ate_ratio", "ATE x reference", "over that of the reference on the same runs", "{:.3f}"),
-    ("nees_per_dof", "NEES/3", "mean pose NEES over 3: 1 when its sigmas are right", "{:.2f}"),
-    ("nees_ratio", "NEES x reference", "over that of the reference", "{:.2f}"),
-    ("sigma_position_ratio", "sigma x reference", "position sigma that it reports, over the reference's", "{:.3f}"),
-    ("sigma_heading_ratio", "heading sigma x reference", "likewise of the heading", "{:.3f}"),
-    ("ratio_to_optimum", "ATE x causal optimum", "over that of the causal optimum", "{:.3f}"),
+    ("ate_ratio", "ATE x reference", "ATE divided by that of the reference on the same runs", "{:.3f}"),
+    ("nees_per_dof", "NEES/3", "mean pose NEES divided by 3: 1 if the covariance is right", "{:.2f}"),
+    ("nees_ratio", "NEES x reference", "NEES divided by that of the reference", "{:.2f}"),
+    ("sigma_position_ratio", "sigma x reference", "position sigma divided by that of the reference", "{:.3f}"),
+    ("sigma_heading_ratio", "heading sigma x reference", "heading sigma divided by that of the reference", "{:.3f}"),
+    ("ratio_to_optimum", "ATE x causal optimum", "ATE divided by that of the causal optimum", "{:.3f}"),
 )
-SUBMISSION = Head("submission", "as its file is called", words=True)
-VERDICT = Head("verdict", "passed where nothing speaks against it", words=True)
-WHY = (
-    Head("law", "what a right filter does whatever it is; the command slamgauge check has them all", words=True),
-    Head("what is measured", "how far from the law it is", words=True),
-    Head("what is to blame, as a rule", "the part of a filter whose mistake shows there", words=True),
+SUBMISSION = Head("submission", "file name of the submission", words=True)
+VERDICT = Head("verdict", "passed if no criterion fails", words=True)
+CHECK_HEADS = (
+    Head("check", "property of every right filter; slamgauge check runs all checks", words=True),
+    Head("measured quantity", "size of the violation", words=True),
+    Head("usual cause", "part of the filter that usually contains the mistake", words=True),
 )
 Row = dict[str, str]
 
 
 def grade_pages(folder: Path) -> dict[str, str]:
-    """The pages of what `grade` has written into a folder: the class, and each submission."""
+    """Return the pages of the results of `grade` in a folder: of all submissions and of each."""
     with explained(folder / GRADES, "read"), (folder / GRADES).open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     graded, passed = (sum(row[key] == "true" for row in rows) for key in ("graded", "passed"))
@@ -43,7 +43,7 @@ def grade_pages(folder: Path) -> dict[str, str]:
             title=f"{passed} of {len(rows)} submissions passed",
             lead=[(row["submission"], f"{verdict(row)}: {row['reason']}") for row in rows if row["passed"] != "true"],
             notes=[] if graded == len(rows) else [f"{len(rows) - graded} could not be graded"],
-            tables=[class_table(rows), law_table(rows)],
+            tables=[class_table(rows), check_table(rows)],
             origin=where,
         )
     }
@@ -51,14 +51,14 @@ def grade_pages(folder: Path) -> dict[str, str]:
 
 
 def verdict(row: Row) -> str:
-    """In a word or two."""
+    """Return the verdict as text."""
     return "passed" if row["passed"] == "true" else "not passed" if row["graded"] == "true" else "not graded"
 
 
 def class_table(rows: list[Row]) -> Table:
-    """A row for each submission, which leads to its page."""
+    """Return a table with a row for each submission and a link to its page."""
     heads = [SUBMISSION, VERDICT, *(Head(*each[1:3]) for each in FIGURES)]
-    heads += [Head("laws broken", "how many of those that every filter must obey"), Head("time [s]", "median of a run")]
+    heads += [Head("failed checks", "number of failed checks"), Head("time [s]", "median over runs")]
     cells = [
         [
             Cell(row["submission"], link=f"{PAGES}/{quote(row['submission'])}.html"),
@@ -69,45 +69,46 @@ def class_table(rows: list[Row]) -> Table:
         ]
         for row in rows
     ]
-    return Table("grades", "The class", heads, cells)
+    return Table("grades", "Submissions", heads, cells)
 
 
 def _figure(row: Row, key: str, form: str) -> Cell:
     return Cell(form.format(float(row[key])), float(row[key])) if row[key] else Cell("-")
 
 
-def law_table(rows: list[Row]) -> Table:
-    """The laws that any of these submissions breaks, and what that means."""
-    broken = {name: [row["submission"] for row in rows if name in row["failed_laws"].split()] for name in LAW}
-    heads = [*WHY, Head("broken by", "which submissions", words=True)]
+def check_table(rows: list[Row]) -> Table:
+    """Return a table of the checks that any of these submissions fails."""
+    failed = {name: [row["submission"] for row in rows if name in row["failed_laws"].split()] for name in CHECKS}
+    heads = [*CHECK_HEADS, Head("failed by", "submissions that fail the check", words=True)]
     cells = [
-        [Cell(name), Cell(LAW[name].figure), Cell(LAW[name].blame), Cell(", ".join(who))]
-        for name, who in broken.items()
-        if who
+        [Cell(name), Cell(CHECKS[name].figure), Cell(CHECKS[name].blame), Cell(", ".join(submissions))]
+        for name, submissions in failed.items()
+        if submissions
     ]
-    return Table("laws", "Laws that are broken, and what that means", heads, cells)
+    return Table("checks", "Failed checks", heads, cells)
 
 
-LAW = {law.name: law for law in LAWS}
+CHECKS = {law.name: law for law in LAWS}
 
 
 def submission_page(folder: Path, row: Row, where: list[tuple[str, str, bool]]) -> str:
-    """What there is to say to whoever wrote a submission."""
+    """Return the page of a submission."""
     record = folder / PAGES / f"{row['submission']}.md"
     figures = [
         [Cell(title), _figure(row, key, form), Cell(_ends(row, key, form)), Cell(meaning)]
         for key, title, meaning, form in FIGURES
     ]
     heads = [
-        Head("figure", "what is measured; its last column says more", words=True),
-        *(Head("mean", "over runs"), Head("95 % interval", "of the mean"), Head("what it is", "in words", words=True)),
+        Head("metric", "name of the metric", words=True),
+        *(Head("mean", "mean over runs"), Head("95 % interval", "95 % interval of the mean")),
+        Head("meaning", "explanation of the metric", words=True),
     ]
     reasons = row["reason"].split("; ") if row["reason"] else []
     return plain_page(
         kind="a submission",
         title=f"{row['submission']}: {verdict(row)}",
-        lead=[("", reason) for reason in reasons] or [("", "nothing speaks against it")],
-        tables=[Table("figures", "Figures", heads, figures if row["graded"] == "true" else []), law_table([row])],
+        lead=[("", reason) for reason in reasons] or [("", "no criterion fails")],
+        tables=[Table("figures", "Metrics", heads, figures if row["graded"] == "true" else []), check_table([row])],
         origin=where,
         back=f"../{REPORT}",
         verbatim=record.read_text(encoding="utf-8").splitlines() if record.is_file() else (),

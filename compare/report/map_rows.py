@@ -1,4 +1,4 @@
-"""The maps of an estimate as a replay carries them: as they stood at every frame, or as the last one is known."""
+"""Encode the maps of an estimate for a replay: one for each frame, or the final map."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from slamgauge.compare.report.array_encoding import pack
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
-HEAVIEST = 255  # of a weight, in a byte
+FULL_WEIGHT = 255  # byte for weight 1
 
 
 def packed_map(recording: Recording, estimate: Estimate, shown: Int) -> dict[str, Any] | None:
-    """Rows of the maps that stood at the steps that are shown; None without a map."""
+    """Return the maps at the shown steps; None without a map."""
     history = estimate.history
     if history is not None and len(history.step):
         return _history(estimate, shown)
@@ -25,11 +25,11 @@ def packed_map(recording: Recording, estimate: Estimate, shown: Int) -> dict[str
 
 
 def _history(estimate: Estimate, shown: Int) -> dict[str, Any]:
-    """A map for every frame at which another one has been noted since the frame before."""
+    """Return a map for each frame with a new record of the map since the previous frame."""
     history, log = estimate.history, estimate.rays
     assert history is not None
     changes = np.searchsorted(history.step, shown, side="right")
-    if log is not None:  # rays that are lost leave the map between two notes
+    if log is not None:  # lost rays leave the map between two records
         changes = changes + np.searchsorted(np.sort(log.end[log.end >= 0]), shown, side="right")
     frames = np.flatnonzero(np.diff(changes, prepend=0) > 0)
     maps = [map_at(estimate, int(shown[frame])) for frame in frames]
@@ -39,7 +39,7 @@ def _history(estimate: Estimate, shown: Int) -> dict[str, Any]:
         "start": pack(np.concatenate([[0], np.cumsum([len(each.landmark) for each in maps])]), "i4"),
         "landmark": pack(np.concatenate([each.landmark for each in maps]), "i4"),
         "member": pack(np.concatenate([each.member for each in maps]) + 1, "u1"),
-        "weight": pack(np.concatenate([each.weight for each in maps]) * HEAVIEST, "u1"),
+        "weight": pack(np.concatenate([each.weight for each in maps]) * FULL_WEIGHT, "u1"),
         "place": pack(np.concatenate([each.position for each in maps])),
         "cov": pack(triangle(covs)),
         "since": None,
@@ -48,7 +48,7 @@ def _history(estimate: Estimate, shown: Int) -> dict[str, Any]:
 
 
 def _last(recording: Recording, estimate: Estimate, shown: Int) -> dict[str, Any]:
-    """The map as it ends, each landmark from the frame on that has seen it."""
+    """Return the final map; each landmark appears at the frame of its first observation."""
     count = len(estimate.landmark_ids)
     covs = estimate.landmark_covs
     return {
@@ -56,7 +56,7 @@ def _last(recording: Recording, estimate: Estimate, shown: Int) -> dict[str, Any
         "start": pack([0, count], "i4"),
         "landmark": pack(estimate.landmark_ids, "i4"),
         "member": pack(np.zeros(count), "u1"),
-        "weight": pack(np.full(count, HEAVIEST), "u1"),
+        "weight": pack(np.full(count, FULL_WEIGHT), "u1"),
         "place": pack(estimate.landmarks),
         "cov": None if covs is None else pack(triangle(covs)),
         "since": pack(np.searchsorted(shown, first_seen(recording, estimate)), "i4"),
@@ -65,5 +65,5 @@ def _last(recording: Recording, estimate: Estimate, shown: Int) -> dict[str, Any
 
 
 def triangle(covs: Float) -> Float:
-    """(n, 3) xx, xy, yy of covariances (n, 2, 2) or larger."""
+    """Return xx, xy, yy (n, 3) of covariances (n, 2, 2) or larger."""
     return np.column_stack([covs[:, 0, 0], covs[:, 0, 1], covs[:, 1, 1]])

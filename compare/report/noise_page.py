@@ -1,4 +1,4 @@
-"""The page of the noise that a recording supports."""
+"""Page of the noise estimated from a recording."""
 
 from __future__ import annotations
 
@@ -15,41 +15,41 @@ from slamgauge.compare.storage.result_files import NOISE, REPORT
 
 PICTURES = {
     "noise.png": (
-        "Sigmas found over those assumed with their intervals, and how the innovations fit before and after",
-        "What was found, over what was assumed, and how the innovations fit.",
+        "Estimated divided by assumed sigmas with intervals, and the fit of innovations before and after",
+        "Estimated divided by assumed sigmas, and the fit of the innovations.",
     )
 }
 HEADS = (
-    Head("noise", "of which measurement", words=True),
-    Head("unit", "of what is found", words=True),
-    Head("assumed", "the sigma that the recording states"),
-    Head("found", "the likeliest value"),
-    Head("95 % interval", "of the profile likelihood; an end that is missing the log does not have"),
-    Head("verdict", "what the interval says of what is assumed", words=True),
+    Head("noise", "measurement", words=True),
+    Head("unit", "unit of the value", words=True),
+    Head("assumed", "sigma in the recording"),
+    Head("found", "maximum likelihood value"),
+    Head("95 % interval", "interval of the profile likelihood; the log does not determine a missing end"),
+    Head("verdict", "comparison of the interval with the assumed value", words=True),
 )
 NIS = (
-    Head("channel", "what is measured", words=True),
-    Head("NIS as assumed", "innovations over their variance, with the noise that the recording states; 1 when right"),
-    Head("NIS as found", "the same with the likeliest noise"),
-    Head("95 % band", "where a right noise would have it"),
-    Head("rows", "how many innovations there are"),
+    Head("channel", "measured value", words=True),
+    Head("NIS as assumed", "squared innovations divided by their variance, with the assumed noise; 1 if right"),
+    Head("NIS as found", "the same with the estimated noise"),
+    Head("95 % band", "interval of the NIS for the right noise"),
+    Head("rows", "number of innovations"),
 )
 
 
 def noise_page(folder: Path) -> dict[str, str]:
-    """The page of what `noise --out` has written into a folder."""
+    """Return the page of the results of `noise --out` in a folder."""
     content = read_json(folder / NOISE, "noise")
     sigmas = [_parameter(name, each) for name, each in content["parameters"].items()]
     lead = [(row[0].text, row[-1].text) for row in sigmas]
     text = plain_page(
         kind="the noise of a recording",
-        title="Which noise the measurements support",
+        title="Noise estimated from the measurements",
         lead=lead,
         notes=content["notes"],
         tables=[
             Table("noise", "Noise of the measurements", HEADS, sigmas),
             Table("systematic", "Systematic errors", HEADS[:2] + HEADS[3:], _systematic(content["systematic"])),
-            Table("nis", "How the innovations fit", NIS, [_nis(*each) for each in content["nis_by_channel"].items()]),
+            Table("nis", "Fit of the innovations", NIS, [_nis(*each) for each in content["nis_by_channel"].items()]),
         ],
         pictures=pictures(folder, PICTURES),
         origin=origin(folder / NOISE, content),
@@ -58,11 +58,11 @@ def noise_page(folder: Path) -> dict[str, str]:
 
 
 def _parameter(name: str, found: dict[str, Any]) -> list[Cell]:
-    said = verdict(supported(found["sigma"], found), found["assumed"])
+    text = verdict(supported(found["sigma"], found), found["assumed"])
     return [
         *(Cell(name), Cell(found["unit"])),
         *(figure_cell(found["assumed"], "{:.4g}"), figure_cell(found["sigma"], "{:.4g}")),
-        *(Cell(from_to(found["low"], found["high"], "{:.4g}"), found["low"]), Cell(said)),
+        *(Cell(from_to(found["low"], found["high"], "{:.4g}"), found["low"]), Cell(text)),
     ]
 
 
@@ -70,8 +70,8 @@ def _systematic(found: dict[str, Any]) -> list[list[Cell]]:
     rows: list[list[Cell]] = []
     for name, each in found.items():
         interval = Cell(from_to(each["low"], each["high"], "{:.3g}"), each["low"])
-        said = Cell(systematic_verdict(supported(each["value"], each, -math.inf)))
-        rows.append([Cell(name), Cell(each["unit"]), figure_cell(each["value"], "{:+.3g}"), interval, said])
+        text = Cell(systematic_verdict(supported(each["value"], each, -math.inf)))
+        rows.append([Cell(name), Cell(each["unit"]), figure_cell(each["value"], "{:+.3g}"), interval, text])
     return rows
 
 

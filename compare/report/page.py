@@ -1,7 +1,7 @@
-"""A page out of a template: one file with its style, its program and its data, and a policy that allows nothing else.
+"""Render a page from a template: one HTML file with style sheet, script and data.
 
-Whatever comes from data is escaped by the template engine; the program and the style sheet are ours, and the policy
-names them by their digests, so that a browser runs no other, asks no network and sends nothing.
+The template engine escapes all data. The Content-Security-Policy allows only the style sheet and the script of
+slamgauge, by their digests, so a browser runs no other code and uses no network.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from slamgauge.compare.storage.safe_names import shown
 from slamgauge.version import __version__
 
 ASSETS = files("slamgauge.compare.report") / "assets"
-# in the order in which they build upon each other
+# each module imports only modules before it
 MODULES = (
     *("unpack", "colours", "surface", "ticks", "download", "tables", "panel", "camera", "scene", "timeline", "player"),
     *("replay", "strip", "study", "start"),
@@ -31,24 +31,24 @@ EXPORT = re.compile(r"^export (?=function|class|const)", re.MULTILINE)
 
 
 def render(template: str, *, data: dict[str, Any] | None = None, **content: Any) -> str:
-    """The page that a template makes of its content; `data` is what its program reads, plain values of JSON."""
+    """Return the HTML of a template; `data` is JSON for the script of the page."""
     style, script = style_sheet(), program()
     return (
         _environment()
         .get_template(template)
         .render(
             version=__version__,
-            style=Markup(style),  # ours
-            script=Markup(script),  # ours
+            style=Markup(style),  # trusted: part of slamgauge
+            script=Markup(script),  # trusted: part of slamgauge
             policy=policy(style, script),
-            data=Markup(json_text(data or {})),  # escaped there
+            data=Markup(json_text(data or {})),  # escaped by json_text
             **content,
         )
     )
 
 
 def policy(style: str, script: str) -> str:
-    """The Content-Security-Policy: this style sheet, this program and pictures in the page itself, and no more."""
+    """Return a Content-Security-Policy that allows only this style sheet, this script and inline pictures."""
     return (
         f"default-src 'none'; script-src '{_digest(script)}'; style-src '{_digest(style)}'; img-src data:; "
         "base-uri 'none'; form-action 'none'"
@@ -56,25 +56,25 @@ def policy(style: str, script: str) -> str:
 
 
 def json_text(data: dict[str, Any]) -> str:
-    """JSON that may stand within a script element: no text in it ends that."""
+    """Return JSON in which no text can end a script element."""
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def style_sheet() -> str:
-    """What pages look like."""
+    """Return the style sheet of all pages."""
     return _read("page.css")
 
 
 @cache
 def program() -> str:
-    """The modules as one: each follows those that it imports, so that the names are there without the imports."""
+    """Return all modules as one script, in the order of their imports, without import and export statements."""
     texts = (_read(f"modules/{name}.js") for name in MODULES)
     return "\n".join(EXPORT.sub("", IMPORT.sub("", text)) for text in texts)
 
 
 def data_source(content: bytes, kind: str) -> str:
-    """The address of a picture that stands in the page itself."""
+    """Return content as a data URL."""
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
@@ -100,5 +100,5 @@ def _environment() -> Environment:
 
 
 def _printable(value: object) -> object:
-    """Texts without what no page can hold; the engine escapes them afterwards."""
+    """Replace unprintable characters in texts; the template engine escapes markup afterwards."""
     return shown(value) if type(value) is str else value

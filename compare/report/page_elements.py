@@ -1,4 +1,4 @@
-"""What pages are made of: tables, pictures, looks of estimators, where results come from."""
+"""Elements of pages: tables, pictures, styles of estimators, provenance."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LONGEST_DASH = 12.0  # line widths
 
 
 class Head(NamedTuple):
-    """A column: its title, what it means, and whether it holds words."""
+    """Column of a table: title, explanation, and whether its cells are texts."""
 
     title: str
     help: str = ""
@@ -24,7 +24,7 @@ class Head(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """What is read, the figure that it sorts by, and where it leads."""
+    """Cell of a table: text, value for sorting, and link."""
 
     text: str
     value: float | None = None
@@ -33,7 +33,7 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """A table that sorts; the first cell of a row names it."""
+    """Sortable table; the first cell of a row is its header."""
 
     id: str
     caption: str
@@ -42,7 +42,7 @@ class Table:
 
 
 class Picture(NamedTuple):
-    """A picture within the page, and what it shows, for those who do not see it."""
+    """Picture inside the page, with alternative text."""
 
     source: str
     alt: str
@@ -50,7 +50,7 @@ class Picture(NamedTuple):
 
 
 class Look(NamedTuple):
-    """How an estimator is drawn, and whether it is at first."""
+    """Style of an estimator, and whether it is visible when the page opens."""
 
     name: str
     color: str
@@ -59,9 +59,9 @@ class Look(NamedTuple):
 
 
 def looks(names: Iterable[str], hidden: Iterable[str] = ()) -> list[Look]:
-    """Colours and dashes as in the figures."""
-    away = set(hidden)
-    return [Look(name, style.color, _dashes(style.dashes), name not in away) for name, style in styles(names).items()]
+    """Return the colours and dashes of the figures for these estimators."""
+    off = set(hidden)
+    return [Look(name, style.color, _dashes(style.dashes), name not in off) for name, style in styles(names).items()]
 
 
 def _dashes(dashes: LineStyle) -> tuple[float, ...]:
@@ -69,13 +69,13 @@ def _dashes(dashes: LineStyle) -> tuple[float, ...]:
 
 
 def pictures(folder: Path, known: Mapping[str, tuple[str, str]]) -> list[Picture]:
-    """Those of the `known` figures, by file name, that lie in a folder: each with its alternative text and caption."""
+    """Return the figures in a folder; `known` has alternative text and caption by file name."""
     found = [(folder / name, *texts) for name, texts in known.items() if (folder / name).is_file()]
     return [Picture(data_source(path.read_bytes(), "image/png"), alt, caption) for path, alt, caption in found]
 
 
 def origin(path: Path, content: Mapping[str, Any], more: Iterable[tuple[str, str]] = ()) -> list[tuple[str, str, bool]]:
-    """Where results come from, as `path`, whose JSON is `content`, tells: term, text, whether it is code."""
+    """Return the provenance of the results in `path` with the JSON `content`: rows of term, text, is_code."""
     written = datetime.fromtimestamp(path.stat().st_mtime, UTC)
     rows = [
         ("Command", content.get("command") or None, True),
@@ -90,5 +90,5 @@ def origin(path: Path, content: Mapping[str, Any], more: Iterable[tuple[str, str
 
 
 def sized(value: object) -> float | None:
-    """A figure to sort by, None where there is none."""
+    """Return a number for sorting, or None."""
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

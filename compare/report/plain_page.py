@@ -1,4 +1,4 @@
-"""Pages of sentences, tables and pictures."""
+"""Pages of sentences, tables and pictures, without a script of their own."""
 
 from __future__ import annotations
 
@@ -27,8 +27,7 @@ def plain_page(
 ) -> str:
     """Return the HTML of a page.
 
-    A page has ten parts, and each is a parameter by keyword: `lead` holds the first sentences, each with the name of
-    the estimator it is about, and `verbatim` lines that a program printed.
+    `lead` has the first sentences, each with the name of its estimator; `verbatim` has lines that a program printed.
     """
     return render(
         "plain.html",
@@ -46,17 +45,17 @@ def plain_page(
 
 
 def figure_cell(value: float | None, form: str, mark: str = "") -> Cell:
-    """A figure, and what it sorts by."""
+    """Return a cell that shows a number."""
     return Cell(cell(value, form) + mark, value)
 
 
 def interval_of(found: dict[str, Any] | None, form: str, mark: str = "") -> Cell:
-    """A mean with its interval, as JSON has it."""
+    """Return a cell with a mean and its interval, from their JSON form."""
     if found is None:
         return Cell("-")
     return Cell(interval_cell(Interval(**found), form) + mark, found["mean"])
 
 
 def from_to(low: float | None, high: float | None, form: str) -> str:
-    """An interval by its ends."""
+    """Return an interval as text."""
     return "-" if low is None and high is None else f"{cell(low, form)} to {cell(high, form)}"

@@ -1,4 +1,4 @@
-"""Pages written beside the results that they explain."""
+"""Write the pages of results into their folders."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.errors import UserError
 
 REMEDY = "move it away"
-Pages = Callable[[Path], dict[str, str]]  # of a folder: texts by the names of their files
-# by the file that tells of such results
+Pages = Callable[[Path], dict[str, str]]  # from a folder to HTML texts by file name
+# pages of results, by main file
 PAGES: dict[str, Pages] = {
     METRICS: run_page,
     SUMMARY: study_page,
@@ -34,10 +34,10 @@ PAGES: dict[str, Pages] = {
 
 
 def publish_report(folder: Path) -> None:
-    """Write the page of the results in a folder beside them, whole or not at all; of a sweep those of its values, too.
+    """Write the page of the results in a folder; for a sweep also the pages of its values.
 
     Raises:
-        UserError: there are no results, or a page that is not ours is in the way.
+        UserError: If the folder has no results, or slamgauge did not write an existing page.
     """
     require_free(folder, [REPORT], REMEDY)
     latest = latest_in(folder)
@@ -50,17 +50,17 @@ def publish_report(folder: Path) -> None:
 
 
 def publish_question(folder: Path, name: str) -> None:
-    """Write the page of a question of the practical above the runs of its scenarios.
+    """Write the page of a question of the exercise into the folder above the runs of its scenarios.
 
     Raises:
-        UserError: a run is missing, or a page that is not ours is in the way.
+        UserError: If a run is missing, or slamgauge did not write an existing page.
     """
     require_free(folder, [REPORT], REMEDY)
     _publish(folder, {REPORT: question_page(folder, name)})
 
 
 def write_pages(stage: Path, folder: Path, beside: str) -> None:
-    """Write the pages of the results in `folder` that the file `beside` there tells of into the folder `stage`."""
+    """Write the pages of the results in `folder` with the main file `beside` into the folder `stage`."""
     _write(stage, PAGES[beside](folder))
 
 
@@ -76,14 +76,14 @@ def _write(stage: Path, pages: dict[str, str]) -> None:
 
 
 def latest_in(folder: Path) -> Path:
-    """The file that tells of the results in a folder; of several results the latest.
+    """Return the main file of the latest results in a folder.
 
     Raises:
-        UserError: nothing of ours lies there.
+        UserError: If the folder has no results.
     """
     found = [folder / name for name in PAGES if (folder / name).is_file()]
     if not found:
         raise UserError(
-            f"{folder}: holds no results; give a folder that slamgauge has written ({', '.join(PAGES)}), or q1 to q4"
+            f"{folder}: contains no results; give a folder that slamgauge has written ({', '.join(PAGES)}), or q1 to q4"
         )
     return max(found, key=lambda path: path.stat().st_mtime_ns)

@@ -1,4 +1,4 @@
-"""What the replay of a run shows, packed for its page; `replay.js` has the same names."""
+"""Data of the replay of a run, encoded for its page; `replay.js` uses the same names."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from slamgauge.compare.figures.error_panels import reference_of
 from slamgauge.compare.figures.map_limits import map_limits
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
 from slamgauge.compare.report.array_encoding import pack
-from slamgauge.compare.report.frames import Sights, frame_steps, sights_of
+from slamgauge.compare.report.frames import ShownObservations, frame_steps, shown_observations
 from slamgauge.compare.report.map_rows import packed_map, triangle
 from slamgauge.compare.report.page_elements import Look
 from slamgauge.compare.scoring.consistency import chi2_band, squared_mahalanobis
@@ -28,28 +28,28 @@ from slamgauge.se2 import compose
 from slamgauge.sensors import SENSORS
 from slamgauge.truth import Truth
 
-MOST_FRAMES = 1500  # more than a screen has columns
+MOST_FRAMES = 1500  # more than the pixel columns of a panel
 FEWEST_FRAMES = 30
-STEP_LEVEL = 0.95  # of the band that the NEES of single steps is held against
+STEP_LEVEL = 0.95  # level of the band of the NEES of single steps
 
 
 class _Run(NamedTuple):
-    """What the replay data of every estimate of a run is compared with, and the steps that are shown."""
+    """Data that all estimates of a run share."""
 
     recording: Recording
     truth: Truth
-    reference: Float  # (N+1, 3) poses that errors are counted from
-    sights: Sights
-    shown: Int  # (T,)
+    reference: Float  # (N+1, 3) poses from which errors are measured
+    observations: ShownObservations
+    shown: Int  # (T,) shown steps
 
 
 def replay_data(results: Results, looks: Sequence[Look], room: int) -> dict[str, Any]:
-    """The run with as many moments as find room.
+    """Return the data of a run with as many frames as `room` allows.
 
     Args:
-        results: truth, recording and estimates.
-        looks: how each estimate is drawn, in their order.
-        room: characters of JSON that it may take; with the fewest frames it takes what it takes.
+        results: Truth, recording and estimates.
+        looks: Styles of the estimates, in their order.
+        room: Largest number of JSON characters; may be exceeded with `FEWEST_FRAMES` frames.
     """
     count = MOST_FRAMES
     while True:
@@ -62,11 +62,11 @@ def replay_data(results: Results, looks: Sequence[Look], room: int) -> dict[str,
 def _data(results: Results, looks: Sequence[Look], shown: Int) -> dict[str, Any]:
     recording, truth = results.recording, Truth() if results.truth is None else results.truth
     world = _world(results, truth)
-    sights = sights_of(recording, shown, float((world[1] - world[0]).max()))
+    observations = shown_observations(recording, shown, float((world[1] - world[0]).max()))
     reference = reference_of(truth, recording, results.estimates)
     closures = closure_steps(truth, recording)
     named = "error" if reference.name is None else f"difference to {reference.name}"
-    run = _Run(recording, truth, reference.poses, sights, shown)
+    run = _Run(recording, truth, reference.poses, observations, shown)
     return {
         "step": pack(shown, "i4"),
         "time": pack(recording.stamps[shown] - recording.stamps[0]),
@@ -74,9 +74,9 @@ def _data(results: Results, looks: Sequence[Look], shown: Int) -> dict[str, Any]
             "poses": None if truth.poses is None else pack(truth.poses[shown]),
             "landmarks": None if truth.landmarks is None else pack(truth.landmarks),
         },
-        "sights": {
-            "start": pack(sights.start, "i4"),
-            "body": pack(sights.body),
+        "observations": {
+            "start": pack(observations.start, "i4"),
+            "body": pack(observations.body),
             "bearingOnly": not SENSORS[recording.sensor].places_landmarks,
         },
         "estimates": [_estimate(results.estimates[look.name], look, run) for look in looks],
@@ -88,7 +88,7 @@ def _data(results: Results, looks: Sequence[Look], shown: Int) -> dict[str, Any]
 
 
 def _estimate(estimate: Estimate, look: Look, run: _Run) -> dict[str, Any]:
-    recording, truth, reference, sights, shown = run
+    recording, truth, reference, observations, shown = run
     errors, covs = pose_errors(reference[shown], estimate.poses[shown]), pose_covs_of(estimate)[shown]
     nees = squared_mahalanobis(errors, covs) if truth.poses is not None else errors[:, 0] * np.nan
     wrong = wrong_sights(truth, recording, estimate)
@@ -105,8 +105,8 @@ def _estimate(estimate: Estimate, look: Look, run: _Run) -> dict[str, Any]:
         "nees": pack(nees),
         "nis": pack(_nis(estimate)[shown]),
         "rows": packed_map(recording, estimate, shown),
-        "association": None if given is None else pack(given[sights.observation], "i4"),
-        "wrong": None if wrong is None else pack(wrong[sights.observation], "u1"),
+        "association": None if given is None else pack(given[observations.observation], "i4"),
+        "wrong": None if wrong is None else pack(wrong[observations.observation], "u1"),
         "wrongFrames": pack(
             [] if wrong is None else distinct(_frames_of(recording.observation_step[wrong], shown)), "i4"
         ),
@@ -114,7 +114,7 @@ def _estimate(estimate: Estimate, look: Look, run: _Run) -> dict[str, Any]:
 
 
 def _predicted(recording: Recording, estimate: Estimate, shown: Int) -> Float:
-    """Where a filter takes the robot to be before it sees, at steps (T,); a smoothed estimate knows from the start."""
+    """Return the predicted poses (T, 3) before the update; for smoothed estimates their own poses."""
     if estimate.kind == "smoothed":
         return estimate.poses[shown]
     later = shown[shown > 0]
@@ -123,7 +123,7 @@ def _predicted(recording: Recording, estimate: Estimate, shown: Int) -> Float:
 
 
 def _nis(estimate: Estimate) -> Float:
-    """NIS over its degrees of freedom (N+1,), NaN where there is none."""
+    """Return NIS over degrees of freedom (N+1,), NaN without an update."""
     none = np.full(len(estimate.poses), np.nan)
     if estimate.nis is None or estimate.nis_dof is None:
         return none
@@ -131,12 +131,12 @@ def _nis(estimate: Estimate) -> Float:
 
 
 def _frames_of(steps: Int, shown: Int) -> Int:
-    """The first frames that show what happened at these steps."""
+    """Return the first frames at or after these steps."""
     return np.searchsorted(shown, steps)
 
 
 def _world(results: Results, truth: Truth) -> tuple[Float, Float]:
-    """Limits (2,) [m] of all there is; a dead reckoning that has gone astray does not widen them."""
+    """Return limits (2,) [m] of all paths and landmarks; a drifted dead reckoning does not widen them."""
     known = [each for each in (truth.poses, truth.landmarks) if each is not None]
     paths = {name: each.poses for name, each in results.estimates.items()}
     drift = paths.pop(DEAD_RECKONING, None)

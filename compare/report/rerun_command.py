@@ -1,4 +1,4 @@
-"""The command that carries out a run of a study alone, with its replay."""
+"""Command that repeats a single run of a study."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 
 class Rerun(NamedTuple):
-    """What `slamgauge run` is to be given; `is_known` is False where the study's own settings are not."""
+    """Arguments of `slamgauge run`; `is_known` is False if the settings of the study are not known."""
 
     scenario: str
     seed: int
@@ -21,31 +21,32 @@ class Rerun(NamedTuple):
 
 
 def command_of_run(content: dict[str, Any], seed: int) -> str:
-    """`slamgauge run` with the run's own seed; the line says so where settings may be missing."""
+    """Return the `slamgauge run` command of a run; a comment at its end warns of settings that may be missing."""
     run = run_of_study(content, seed)
     settings = ["--set", *run.settings]
     line = shlex.join(
         ["slamgauge", "run", run.scenario, "--seed", str(seed), *settings, "--estimators", run.estimators]
     )
-    return line if run.is_known else f"{line}  # and the study's own --set, if it had any"
+    return line if run.is_known else f"{line}  # add the --set options of the study, if any"
 
 
 def run_of_study(content: dict[str, Any], seed: int) -> Rerun:
-    """A run of a study by its seed, from summary.json: the settings are those of the study's command.
+    """Return the arguments that repeat the run with a seed, from the content of summary.json.
 
-    Where Python has carried the study out there is no command. Of a sweep's value its own setting is added.
+    The settings are those of the command of the study; a study run from Python has none. For a value of a sweep, its
+    setting is added.
     """
     words = _words(content)
     scenario = words[0] if words and not words[0].startswith("--") else content["scenario"]
     chosen = ",".join(content["estimators"])
-    if "--estimators" in words:  # people's own by their addresses
+    if "--estimators" in words:  # user estimators with their addresses
         chosen = words[words.index("--estimators") + 1]
     settings = ["start=sampled", *_settings(words), *filter(None, [swept(content)])]
     return Rerun(scenario, seed, settings, chosen, bool(words))
 
 
 def swept(content: dict[str, Any]) -> str:
-    """`key=value` of a study that is a value of a sweep; the value stands in the scenario's text. Empty of others."""
+    """Return `key=value` of a study in a sweep, read from its scenario; empty for other studies."""
     words = _words(content)
     if "--sweep" not in words:
         return ""
@@ -55,12 +56,12 @@ def swept(content: dict[str, Any]) -> str:
 
 
 def _words(content: dict[str, Any]) -> list[str]:
-    """What follows `slamgauge study`; `--option=value` as two words."""
+    """Return the words after `slamgauge study`; `--option=value` becomes two words."""
     words = shlex.split(content.get("command") or "")[2:]
     return [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
 
 
 def _settings(words: list[str]) -> list[str]:
-    """What follows every --set."""
+    """Return the arguments of all --set options."""
     places = [place for place, word in enumerate(words) if word == "--set"]
     return [each for at in places for each in takewhile(lambda word: not word.startswith("--"), words[at + 1 :])]

@@ -1,4 +1,4 @@
-"""The page of a run: what it tells, its figures, and its replay."""
+"""Page of a run: summary, tables, figures and replay."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from slamgauge.compare.storage.result_files import METRICS, REPORT
 from slamgauge.compare.storage.results_folder import Results, load_results
 from slamgauge.estimate import Kind
 
-LARGEST = 2_950_000  # bytes of a page: 3 MB, with room for what a browser may add when it saves it
-MOST_CLOSURES = 500  # rows of that table
+LARGEST = 2_950_000  # bytes of a page: 3 MB minus what a browser may add when it saves the page
+MOST_CLOSURES = 500  # rows of the table of loop closures
 PICTURES = {
     "figure.png": (
-        "Map of the run with paths, landmarks and 3-sigma ellipses, beside the errors in x, y and heading against time",
+        "Map of the run with paths, landmarks and 3-sigma ellipses, and the errors in x, y and heading against time",
         "The map, and the errors within their 3-sigma bounds.",
     ),
     "rays.png": (
@@ -33,15 +33,15 @@ PICTURES = {
         "How rays begin, lose members and become landmarks.",
     ),
 }
-WITH_HISTORY = "maps of {} stand as they stood at that moment"
-WITHOUT_HISTORY = "those of {}, which keep no history, as they end (faint)"
+WITH_HISTORY = "maps of {} are those of the shown moment"
+WITHOUT_HISTORY = "those of {} are final maps (faint), because no history was stored"
 
 
 def run_page(folder: Path) -> dict[str, str]:
-    """The page of what `run` or `evaluate --out` has written into a folder.
+    """Return the page of the results of `run` or `evaluate --out` in a folder.
 
     Raises:
-        UserError: there are no results in it, or they do not belong together.
+        UserError: If the folder has no results, or its files belong to different runs.
     """
     results, path = load_results(folder), folder / METRICS
     metrics = read_json(path, "run")
@@ -76,19 +76,19 @@ def run_page(folder: Path) -> dict[str, str]:
 
 
 def optima_of(results: Results) -> dict[Kind, str]:
-    """The optimum of each kind that is among the estimates."""
+    """Return the optimum of each kind among the estimates."""
     return {each.kind: name for name, each in results.estimates.items() if OPTIMA.get(each.kind) == name}
 
 
 def doubtful_kinds(comparison: Comparison) -> set[str]:
-    """Kinds of estimates whose optimum is not what it is taken for."""
+    """Return the kinds of estimates whose optimum is in doubt."""
     optima = {kind: comparison.estimates[name] for kind, name in comparison.optima.items()}
     return {kind for kind, each in optima.items() if is_in_doubt(each.optimum_check) or is_misfit(each)}
 
 
 def lead(metrics: dict[str, Any]) -> list[tuple[str, str]]:
-    """What the run says of each estimator: its error, that error over the optimum's, and the verdict."""
-    return [(name, said) for name, entry in metrics["estimators"].items() if (said := _sentence(name, entry))]
+    """Return a sentence for each estimator: its error, its ratio to the optimum, and the verdict."""
+    return [(name, text) for name, entry in metrics["estimators"].items() if (text := _sentence(name, entry))]
 
 
 def _sentence(name: str, entry: dict[str, Any]) -> str:
@@ -97,7 +97,7 @@ def _sentence(name: str, entry: dict[str, Any]) -> str:
     if error is not None:
         parts.append(f"RMS position error {cell(error, '{:.3f}')} m")
     if name in OPTIMA.values():
-        parts.append(f"the {REGISTRY[name].title}, which {entry['kind']} estimates are held against")
+        parts.append(f"the {REGISTRY[name].title}, the reference of {entry['kind']} estimates")
     elif ratio is not None:
         optimum = REGISTRY[OPTIMA[entry["kind"]]].title
         parts.append(f"{cell(ratio, '{:.2f}')} times the {optimum}'s")
@@ -107,12 +107,12 @@ def _sentence(name: str, entry: dict[str, Any]) -> str:
 
 
 def failures(metrics: dict[str, Any]) -> list[str]:
-    """Who has no estimate, and why."""
+    """Return a line for each estimator that failed."""
     return [f"{each['estimator']} failed: {each['error']}" for each in metrics.get("failures", ())]
 
 
 def score_table(metrics: dict[str, Any], doubtful: set[str]) -> Table:
-    """The scores, filtered estimates before smoothed ones, as the terminal has them."""
+    """Return the table of scores, filtered estimates before smoothed ones."""
     found = columns("run")
     rows: list[list[Cell]] = []
     for name, entry in sorted(metrics["estimators"].items(), key=lambda item: item[1]["kind"]):
@@ -123,11 +123,11 @@ def score_table(metrics: dict[str, Any], doubtful: set[str]) -> Table:
             row.append(Cell(cell(value, form) + mark, sized(value)))
         rows.append(row)
     heads = [ESTIMATOR, KIND, *figure_heads("run")]
-    return Table("scores", "Figures of the whole run; a click on a head sorts", heads, rows)
+    return Table("scores", "Metrics of the whole run; click a column title to sort", heads, rows)
 
 
 def drift_table(metrics: dict[str, Any]) -> Table:
-    """Errors of the motion over pieces of the path, by their length."""
+    """Return the table of relative pose errors by length of the path segments."""
     rows = [
         [Cell(name), Cell(f"{each['distance_m']:g}", each["distance_m"])]
         + [
@@ -140,26 +140,26 @@ def drift_table(metrics: dict[str, Any]) -> Table:
     ]
     heads = [
         ESTIMATOR,
-        Head("over [m]", "length of the pieces along the true path"),
-        Head("error [m]", "of the motion over such a piece, seen from where it begins"),
-        Head("of the turn [rad]", "error of the turn over such a piece"),
-        Head("pieces", "how many there are"),
+        Head("over [m]", "length of the segments of the true path"),
+        Head("error [m]", "RMS translation error over a segment, relative to its start"),
+        Head("heading error [rad]", "RMS heading error over a segment, relative to its start"),
+        Head("segments", "number of segments"),
     ]
     return Table(
-        "drift", "Relative pose errors: root mean squares over all pieces of the true path of a length", heads, rows
+        "drift", "Relative pose errors over all segments of the true path of a length", heads, rows
     )
 
 
 def closure_table(metrics: dict[str, Any]) -> Table:
-    """Errors and sigmas on both sides of every loop closure."""
+    """Return the table of errors and sigmas before and after loop closures."""
     keys = ("error_before_m", "error_after_m", "sigma_before_m", "sigma_after_m")
     heads = [
         ESTIMATOR,
-        Head("step", "of the loop closure: a landmark of long ago is seen again"),
+        Head("step", "step of the loop closure: a landmark is re-observed after at least 10 s"),
         Head("error before [m]", "position error at the step before"),
-        Head("error after [m]", "at the step itself"),
-        Head("sigma before [m]", "position sigma that the estimate claims at the step before"),
-        Head("sigma after [m]", "at the step itself"),
+        Head("error after [m]", "position error at the step"),
+        Head("sigma before [m]", "reported position sigma at the step before"),
+        Head("sigma after [m]", "reported position sigma at the step"),
     ]
     entries = metrics["estimators"].items()
     closures = [(name, each) for name, entry in entries for each in entry.get("loop_closure") or ()]
@@ -174,10 +174,11 @@ def closure_table(metrics: dict[str, Any]) -> Table:
 
 
 def legend(results: Results) -> str:
-    """What the maps of the replay are."""
+    """Return an explanation of the maps in the replay."""
     mapped = {name: each for name, each in results.estimates.items() if len(each.landmark_ids)}
-    kept = [name for name, each in mapped.items() if each.history is not None and len(each.history.step)]
-    last = [name for name in mapped if name not in kept]
-    parts = [text.format(", ".join(names)) for text, names in ((WITH_HISTORY, kept), (WITHOUT_HISTORY, last)) if names]
-    thick = "thick strokes are innovations, from where the map had a landmark to where the sight puts it"
+    stored = [name for name, each in mapped.items() if each.history is not None and len(each.history.step)]
+    last = [name for name in mapped if name not in stored]
+    texts = ((WITH_HISTORY, stored), (WITHOUT_HISTORY, last))
+    parts = [text.format(", ".join(names)) for text, names in texts if names]
+    thick = "thick lines are innovations, from the mapped landmark to the observed position"
     return f"{'; '.join([*parts, thick])}."

@@ -1,4 +1,4 @@
-"""The page of a study: what many runs say of each estimator, and which runs to look at."""
+"""Page of a study: summary of each estimator over many runs, charts, and its worst and median runs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from slamgauge.compare.studies.summary import (
     too_good_lines,
 )
 
-MOST_MOMENTS = 1500  # of a curve
+MOST_MOMENTS = 1500  # points of a curve
 PICTURES = {
     "nees.png": ("Mean pose NEES over runs against time, with its chi-square band", "Mean pose NEES over runs."),
     "nis.png": ("NIS over its degrees of freedom against time, with its band", "NIS of all runs together."),
@@ -42,15 +42,15 @@ PICTURES = {
     ),
     "ratios.png": ("Box plots of each run's ATE over the optimum's", "ATE of each run over the optimum's in that run."),
 }
-RUN, RUNS = Head("run", "its number, from 0"), Head("runs", "how many the figures are of")
+RUN, RUNS = Head("run", "number of the run, from 0"), Head("runs", "number of runs")
 COMPARED = {"ate_m": "ATE [m]", "nees_pose_per_dof": "NEES/3"}
 
 
 def study_page(folder: Path) -> dict[str, str]:
-    """The page of what `study` has written into a folder.
+    """Return the page of the results of `study` in a folder.
 
     Raises:
-        UserError: there is no study in it, or its files do not belong together.
+        UserError: If the folder has no study, or its files belong to different studies.
     """
     study = load_study(folder)
     summary = study.summary
@@ -84,7 +84,7 @@ def study_page(folder: Path) -> dict[str, str]:
 
 
 def summary_score_table(study: StoredStudy) -> Table:
-    """Means with their 95 % intervals, as the terminal has them."""
+    """Return the table of means with their 95 % intervals."""
     summary, bounded = study.summary, is_bounded(study.summary.estimators)
     found = columns("study", bounded=bounded)
     rows: list[list[Cell]] = []
@@ -98,7 +98,7 @@ def summary_score_table(study: StoredStudy) -> Table:
         f"in {BAND_LEVEL:.1%} band", "share of steps whose mean pose NEES over runs lies in its chi-square band"
     )
     heads = [ESTIMATOR, RUNS, *figure_heads("study", bounded=bounded), band]
-    return Table("summary", "Means over runs with their 95 % intervals; a click on a head sorts", heads, rows)
+    return Table("summary", "Means over runs with their 95 % intervals; click a column title to sort", heads, rows)
 
 
 def _mean(value: Any) -> float | None:
@@ -106,7 +106,7 @@ def _mean(value: Any) -> float | None:
 
 
 def worst_table(study: StoredStudy) -> Table:
-    """The worst and the median run of each estimator, and the command that makes it again, with its replay."""
+    """Return the table of the worst and the median run of each estimator, with commands that repeat them."""
     rows: list[list[Cell]] = []
     for name, runs in study.runs.items():
         for which, at in runs_to_look_at(runs).items():
@@ -116,29 +116,29 @@ def worst_table(study: StoredStudy) -> Table:
                 rows.append([Cell(name), Cell(which), Cell(str(run), run), Cell(f"{ate:.3f}", ate), Cell(command)])
     heads = [
         ESTIMATOR,
-        Head("which", "worst: the run of the largest error; median: the one in the middle", words=True),
+        Head("which", "run of the largest or of the median ATE", words=True),
         *(RUN, Head("ATE [m]", HELP["ate_m"])),
-        Head("the command that makes it, with its replay", "in a folder of its own, as the run was", words=True),
+        Head("command", "repeats the run and writes its page with a replay", words=True),
     ]
-    return Table("worst", "By their ATE", heads, rows)
+    return Table("worst", "Worst and median runs by ATE", heads, rows)
 
 
 def runs_to_look_at(runs: Runs) -> dict[str, int | None]:
-    """Where the worst run and the median one are among them, by their ATE; None where no error is known."""
+    """Return the positions of the worst and the median run by ATE; None without errors."""
     ates = runs.figures["ate_m"] if len(runs.run) else np.zeros(0)
     order = np.argsort(ates)[: np.isfinite(ates).sum()].tolist()
     return {"worst": order[-1] if order else None, "median": order[len(order) // 2] if order else None}
 
 
 def run_table(study: StoredStudy) -> Table:
-    """The ATE of every run and estimator, and the run's seed."""
+    """Return the table of the ATE of every run and estimator, with the seeds of the runs."""
     ates = {name: dict(zip(each.run.tolist(), each.figures["ate_m"], strict=True)) for name, each in study.runs.items()}
     rows = [
         [Cell(str(run), run), Cell(str(run_seed(study.summary.seed, run)))]
         + [_figure(by_run.get(run)) for by_run in ates.values()]
         for run in range(study.summary.runs)
     ]
-    heads = [RUN, Head("seed", "of the run's own noise"), *(Head(name) for name in ates)]
+    heads = [RUN, Head("seed", "random seed of the run"), *(Head(name) for name in ates)]
     return Table("runs", "ATE [m] of every run", heads, rows)
 
 
@@ -148,17 +148,17 @@ def _figure(value: float | None) -> Cell:
 
 
 def comparison_tables(content: dict[str, Any]) -> list[Table]:
-    """Paired comparisons, a table for each estimator that others are held against."""
+    """Return a table of paired comparisons for each reference estimator."""
     tables: list[Table] = []
     for name, others in content.get("against", {}).items():
         rows = [_compared(label, key, each) for label, figures in others.items() for key, each in figures.items()]
-        heads = [ESTIMATOR, Head("figure", "what is compared, on the same runs", words=True), RUNS]
+        heads = [ESTIMATOR, Head("metric", "metric compared on the same runs", words=True), RUNS]
         heads += [
-            Head(f"over that of {name}", f"ratio of the means; 1 where it is as good as {name}"),
-            Head(f"less that of {name}", "mean difference, run by run"),
-            Head("p", "of the paired test of equal means"),
+            Head(f"ratio to {name}", f"mean divided by that of {name}"),
+            Head(f"difference to {name}", f"mean difference to {name}, run by run"),
+            Head("p", "p-value of the paired test of equal means"),
         ]
-        tables.append(Table(f"against-{len(tables)}", f"Run by run against {name}", heads, rows))
+        tables.append(Table(f"against-{len(tables)}", f"Paired comparison with {name}", heads, rows))
     return tables
 
 
@@ -178,7 +178,7 @@ def _interval(found: dict[str, Any] | None, form: str) -> Cell:
 
 
 def study_data(study: StoredStudy, shown: list[Look]) -> dict[str, Any]:
-    """What the charts of the page show."""
+    """Return the data of the charts."""
     ran = {look.name: study.runs[look.name] for look in shown if len(study.runs[look.name].run)}
     nees = {name: nees_per_step(runs) for name, runs in ran.items()}
     nis = {name: nis_per_step(runs) for name, runs in ran.items()}
@@ -198,7 +198,7 @@ def study_data(study: StoredStudy, shown: list[Look]) -> dict[str, Any]:
 
 
 def _curves(found: dict[str, PerStep], shown: list[Look], moments: Any) -> dict[str, Any]:
-    """A curve for each estimator, and the widest of their bands."""
+    """Return a curve for each estimator, and the widest of their bands."""
     none = np.full(len(moments), np.nan)
     bands = [(each.low[moments], each.high[moments]) for each in found.values()]
     low = np.fmin.reduce([low for low, _ in bands]) if bands else none

@@ -1,4 +1,4 @@
-"""The page of a sweep: a study at each value of a key."""
+"""Page of a sweep: a study at each value of a key."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PICTURES = {
 
 
 def sweep_page(folder: Path) -> dict[str, str]:
-    """The page of what `study --sweep` has written into a folder."""
+    """Return the page of the results of `study --sweep` in a folder."""
     content = read_json(folder / SWEEP, "study --sweep")
     bounded = any("bound" in point["summary"] for point in content["points"])
     found, rows = columns("sweep", bounded=bounded), list[list[Cell]]()
@@ -35,15 +35,15 @@ def sweep_page(folder: Path) -> dict[str, str]:
             figures = [interval_of(entry[key], form, marks.get(key, "")) for _, key, form in found]
             value = str(point["value"])
             rows.append([Cell(value, link=links.get(value, "")), Cell(name), *figures])
-    swept = Head(content["key"], "the key of the scenario, and its value", words=True)
+    swept = Head(content["key"], "value of this key of the scenario", words=True)
     heads = [swept, ESTIMATOR, *figure_heads("sweep", bounded=bounded)]
     digests = [(f"Digest at {point['value']}", point["summary"]["digest"]) for point in content["points"]]
     text = plain_page(
         kind="a sweep",
         title=f"{content['scenario']} over {content['key']}, {content['runs']} runs at each value",
         lead=[*content["faults"].items()],
-        notes=["a value in the table leads to the page of its study, with its runs one by one", *content["notes"]],
-        tables=[Table("sweep", "Means over runs, with the half width of their 95 % intervals", heads, rows)],
+        notes=["each value in the table links to the page of its study, with all runs", *content["notes"]],
+        tables=[Table("sweep", "Means over runs, with half the width of their 95 % intervals", heads, rows)],
         pictures=pictures(folder, PICTURES),
         origin=origin(folder / SWEEP, content, [("Runs at each value", str(content["runs"])), *digests]),
     )
@@ -51,7 +51,7 @@ def sweep_page(folder: Path) -> dict[str, str]:
 
 
 def studies_of(folder: Path, content: dict[str, Any]) -> dict[str, Path]:
-    """The folders of a sweep's studies by their values, of those that are there; `content` is that of sweep.json."""
+    """Return the existing folders of the studies of a sweep by value; `content` is the content of sweep.json."""
     values = [str(point["value"]) for point in content["points"]]
     found = {value: folder / f"{content['key']}={value}" for value in values}
     return {value: study for value, study in found.items() if (study / SUMMARY).is_file()}

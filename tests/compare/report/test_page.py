@@ -140,7 +140,7 @@ def test_a_table_of_very_many_loop_closures_has_some_of_them() -> None:
 
 
 def test_a_folder_without_results_is_refused_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="holds no results; give a folder that slamgauge has written"):
+    with pytest.raises(UserError, match="contains no results; give a folder that slamgauge has written"):
         publish_report(tmp_path)
 
 

@@ -15,7 +15,7 @@ from slamgauge.arrays import Float
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.map_at_step import map_at
 from slamgauge.compare.report.exercise import QUESTIONS
-from slamgauge.compare.report.frames import frame_steps, sights_of
+from slamgauge.compare.report.frames import frame_steps, shown_observations
 from slamgauge.compare.report.page_elements import looks
 from slamgauge.compare.report.replay_data import replay_data
 from slamgauge.compare.scoring.landmark_identity import association_figures, wrong_sights
@@ -66,21 +66,21 @@ def test_frames_are_evenly_spaced_from_the_first_step_to_the_last():
 def test_a_frame_has_the_last_scan_since_the_frame_before(results: Results, count: int):
     recording = results.recording
     shown = frame_steps(recording.steps, count)
-    sights = sights_of(recording, shown, 1.0)
+    observations = shown_observations(recording, shown, 1.0)
     before = -1
     for frame, step in enumerate(shown.tolist()):
         since = recording.observation_step[(recording.observation_step > before) & (recording.observation_step <= step)]
         expected = np.flatnonzero(recording.observation_step == since.max()) if len(since) else []
-        found = sights.observation[sights.start[frame] : sights.start[frame + 1]]
+        found = observations.observation[observations.start[frame] : observations.start[frame + 1]]
         np.testing.assert_array_equal(found, expected)
         before = step
 
 
 def test_sights_end_where_range_and_bearing_say(results: Results):
-    sights = sights_of(results.recording, frame_steps(results.recording.steps, 50), 1.0)
-    seen = results.recording.observation[sights.observation]
-    np.testing.assert_allclose(np.hypot(*sights.body.T), seen[:, 0])
-    np.testing.assert_allclose(np.arctan2(sights.body[:, 1], sights.body[:, 0]), seen[:, 1], atol=1e-12)
+    observations = shown_observations(results.recording, frame_steps(results.recording.steps, 50), 1.0)
+    seen = results.recording.observation[observations.observation]
+    np.testing.assert_allclose(np.hypot(*observations.body.T), seen[:, 0])
+    np.testing.assert_allclose(np.arctan2(observations.body[:, 1], observations.body[:, 0]), seen[:, 1], atol=1e-12)
 
 
 def test_a_recording_without_observations_has_no_sights():
@@ -97,9 +97,9 @@ def test_a_recording_without_observations_has_no_sights():
         observation_cov=np.zeros((0, 2, 2)),
         landmark=None,
     )
-    sights = sights_of(recording, frame_steps(3, 10), 1.0)
-    assert sights.start.tolist() == [0] * 5
-    assert sights.body.shape == (0, 2)
+    observations = shown_observations(recording, frame_steps(3, 10), 1.0)
+    assert observations.start.tolist() == [0] * 5
+    assert observations.body.shape == (0, 2)
 
 
 def test_maps_stand_as_they_were_last_noted(results: Results):

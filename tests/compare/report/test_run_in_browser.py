@@ -102,7 +102,7 @@ def test_an_estimator_goes_and_comes_back(opened: Reader):
     assert opened.run(PIXELS, "map-canvas") == shown
 
 
-@pytest.mark.parametrize("layer", ["sights", "innovations", "ellipses"])
+@pytest.mark.parametrize("layer", ["observations", "innovations", "ellipses"])
 def test_layers_go_and_come_back(opened: Reader, layer: str):
     opened.run(SCRUB, 600)
     shown = opened.run(PIXELS, "map-canvas")

@@ -134,7 +134,7 @@ def test_the_command_of_a_run_has_the_settings_of_the_study():
         "slamgauge run 'my map.toml' --seed 7 --set start=sampled a.b=1 'c=[1, 2]' d=x --estimators ekf,mine.py:f"
     )
     assert command_of_run(content, 7) == expected
-    assert "the study's own --set" in command_of_run({**content, "command": None}, 7)
+    assert "add the --set options of the study" in command_of_run({**content, "command": None}, 7)
 
 
 def test_the_command_of_a_run_of_a_sweep_has_its_value():
@@ -272,7 +272,7 @@ def test_links_of_the_class_lead_to_the_submissions(reader: Reader, tmp_path: Pa
     reader.open(tmp_path / "report.html")
     reader.run("document.querySelector('#grades a').click()")
     assert reader.run("return document.querySelector('h1').textContent") == 'a "<b>: not passed'
-    law = reader.run("return document.querySelector('#laws tbody').textContent")
+    law = reader.run("return document.querySelector('#checks tbody').textContent")
     assert "heading-wrap" in law
     assert "the wrap of the heading" in law
 

@@ -1,20 +1,20 @@
 // @ts-check
-/** Which part of the world a map shows, and what moves it. */
+/** The visible part of a map, with zoom and pan. */
 
 const CLOSEST = 400, FARTHEST = 1e-3; // pixels per metre
 
 export class Camera {
-  /** @param {{low: [number, number], high: [number, number]}} world limits [m] of all there is */
+  /** @param {{low: [number, number], high: [number, number]}} world limits [m] of the whole map */
   constructor(world) {
     this.world = world;
-    this.isWhole = true; // until somebody moves it
+    this.isWhole = true; // until the user moves the map
     this.x = 0;
     this.y = 0;
     this.scale = 1; // pixels per metre
   }
 
   /**
-   * Show everything.
+   * Show the whole map.
    * @param {number} width of the map in pixels
    * @param {number} height
    */
@@ -27,7 +27,7 @@ export class Camera {
   }
 
   /**
-   * Zoom about a point of the screen, which stays where it is.
+   * Zoom about a fixed point of the screen.
    * @param {number} factor
    * @param {number} dx pixels right of the middle
    * @param {number} dy pixels below it

@@ -1,15 +1,15 @@
 // @ts-check
-/** Colours of a canvas, which follow the reader's light or dark scheme. */
+/** Colours of canvases in the light or dark scheme of the browser. */
 
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 
-/** What is shown now; `print` is always light. */
+/** Whether the browser uses its dark scheme. */
 export function isDark() {
   return DARK.matches;
 }
 
 /**
- * Call back when the reader changes the scheme.
+ * Call `redraw` when the scheme changes.
  * @param {() => void} redraw
  */
 export function onScheme(redraw) {
@@ -17,7 +17,7 @@ export function onScheme(redraw) {
 }
 
 /**
- * An estimator's colour: that of the figures, on dark ground mixed with white so that it stands out as much.
+ * Colour of an estimator as in the figures; mixed with white on dark background.
  * @param {string} hex `#rrggbb`
  */
 export function shade(hex) {
@@ -26,7 +26,7 @@ export function shade(hex) {
   return `#${mixed.map((each) => each.toString(16).padStart(2, "0")).join("")}`;
 }
 
-/** Ink, soft ink and lines of the page, as the style sheet has them now. */
+/** The current colours of text, lines, background and marks in the style sheet. */
 export function inks() {
   const style = getComputedStyle(document.documentElement);
   const read = (/** @type {string} */ name) => style.getPropertyValue(name).trim();

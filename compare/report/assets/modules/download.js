@@ -1,8 +1,8 @@
 // @ts-check
-/** Data of the page as CSV files. */
+/** Downloads of data as CSV files. */
 
 /**
- * Offer rows as a file.
+ * Download rows as a CSV file.
  * @param {string} name
  * @param {(string | number)[][]} rows
  */
@@ -16,7 +16,7 @@ export function download(name, rows) {
 }
 
 /**
- * A cell of a CSV file; what spreadsheets would take for a formula is kept a text.
+ * A cell of a CSV file; texts that spreadsheets would read as formulas are quoted.
  * @param {string | number} value
  */
 function quoted(value) {

@@ -1,5 +1,5 @@
 // @ts-check
-/** A chart of several series against time, with a cursor; a click tells the moment. */
+/** A chart of several series against time, with a cursor; a click selects a time. */
 
 import { inks, shade } from "./colours.js";
 import { drawing, fit } from "./surface.js";
@@ -12,18 +12,18 @@ import { figure, linearTicks, logTicks } from "./ticks.js";
  */
 
 const LEFT = 46, RIGHT = 8, TOP = 20, BOTTOM = 20;
-const UNDER = 5e-3, OVER = 1e6; // decades that a logarithmic axis may have at most, around its middle values
+const UNDER = 5e-3, OVER = 1e6; // limits of a logarithmic axis, relative to the median of the values
 
 export class Panel {
   /**
    * @param {HTMLCanvasElement} canvas
    * @param {Chart} chart
-   * @param {(time: number) => void} onTime told the time under a click or a drag
+   * @param {(time: number) => void} onTime receives the time at a click or drag
    */
   constructor(canvas, chart, onTime) {
     this.canvas = canvas;
     this.chart = chart;
-    this.ground = document.createElement("canvas"); // what does not move
+    this.ground = document.createElement("canvas"); // the static part of the chart
     this.cursor = chart.times[0];
     const jump = (/** @type {PointerEvent} */ event) => onTime(this.timeAt(event.offsetX));
     canvas.addEventListener("pointerdown", (event) => {
@@ -34,7 +34,7 @@ export class Panel {
     new ResizeObserver(() => this.draw()).observe(canvas);
   }
 
-  /** @param {number} x of a pixel */
+  /** @param {number} x [pixels] */
   timeAt(x) {
     const { times } = this.chart;
     const [first, last] = [times[0], times[times.length - 1]];
@@ -42,7 +42,7 @@ export class Panel {
     return first + Math.min(Math.max(share, 0), 1) * (last - first);
   }
 
-  /** Lay out and draw anew: size, colours or what is shown has changed. */
+  /** Draw everything, after a change of size, colours or visible series. */
   draw() {
     if (!fit(this.canvas)) return;
     this.ground.width = this.canvas.width;
@@ -53,7 +53,7 @@ export class Panel {
     this.show(this.cursor);
   }
 
-  /** @param {number} time that the cursor goes to */
+  /** @param {number} time new position of the cursor */
   show(time) {
     this.cursor = time;
     if (!this.ground.width) return;
@@ -177,7 +177,7 @@ export class Panel {
 }
 
 /**
- * A line through points; what is not a number is a gap.
+ * Draw a line through points with gaps at NaN.
  * @param {CanvasRenderingContext2D} pen
  * @param {ArrayLike<number>} times
  * @param {ArrayLike<number>} values

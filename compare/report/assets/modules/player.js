@@ -1,12 +1,12 @@
 // @ts-check
-/** The moment that is shown: it runs on, or goes where it is told. */
+/** The shown moment: it advances while playing, or jumps. */
 
 /** @typedef {(frame: number, time: number, isPlaying: boolean) => void} Show */
 
 export class Player {
   /**
    * @param {ArrayLike<number>} times [s] of the frames
-   * @param {Show} show called for every moment that is to be drawn
+   * @param {Show} show draws a moment
    */
   constructor(times, show) {
     this.times = times;
@@ -25,21 +25,21 @@ export class Player {
   toggle() {
     if (this.isPlaying) {
       this.isPlaying = false;
-      this.#tell();
+      this.#notify();
       return;
     }
     if (this.frame === this.times.length - 1) this.jump(0);
     this.isPlaying = true;
     this.last = performance.now();
     requestAnimationFrame((now) => this.#run(now));
-    this.#tell();
+    this.#notify();
   }
 
   /** @param {number} frame */
   jump(frame) {
     this.frame = Math.min(Math.max(frame, 0), this.times.length - 1);
     this.time = this.times[this.frame];
-    this.#tell();
+    this.#notify();
   }
 
   /** @param {number} time [s] */
@@ -55,16 +55,16 @@ export class Player {
     this.frame = frameAt(this.times, this.time);
     if (this.time >= this.end) this.isPlaying = false;
     else requestAnimationFrame((next) => this.#run(next));
-    this.#tell();
+    this.#notify();
   }
 
-  #tell() {
+  #notify() {
     this.show(this.frame, this.time, this.isPlaying);
   }
 }
 
 /**
- * The last frame that is not after a time.
+ * The last frame at or before a time.
  * @param {ArrayLike<number>} times
  * @param {number} time
  */

@@ -1,5 +1,5 @@
 // @ts-check
-/** The replay of a run: map, panels, time line and what moves them. */
+/** The replay of a run: map, panels, time line and their controls. */
 
 import { Camera } from "./camera.js";
 import { onScheme } from "./colours.js";
@@ -11,27 +11,27 @@ import { figure } from "./ticks.js";
 import { Timeline } from "./timeline.js";
 
 /**
- * A run as `replay_data.py` packs it; frames count the steps that are shown, poses are rows of x, y [m] and heading [rad].
+ * A run as encoded by `replay_data.py`; frames are the shown steps, poses are rows of x, y [m] and heading [rad].
  * @typedef {{mapAt: Int32Array, start: Int32Array, landmark: Int32Array, member: Uint8Array, weight: Uint8Array,
  *   place: Float32Array, cov: Float32Array | null, since: Int32Array | null, isHistory: boolean}} Rows
  * @typedef {{name: string, color: string, dashes: number[], shown: boolean, poses: Float32Array, predicted: Float32Array,
  *   covs: Float32Array | null, error: Float32Array, nees: Float32Array, nis: Float32Array, rows: Rows | null,
  *   association: Int32Array | null, wrong: Uint8Array | null, wrongFrames: Int32Array}} Estimate
- * @typedef {{start: Int32Array, body: Float32Array, bearingOnly: boolean}} Sights
+ * @typedef {{start: Int32Array, body: Float32Array, bearingOnly: boolean}} Observations
  * @typedef {{step: Int32Array, time: Float32Array, truth: {poses: Float32Array | null, landmarks: Float32Array | null},
- *   sights: Sights, estimates: Estimate[], closures: Int32Array, world: {low: [number, number], high: [number, number]},
+ *   observations: Observations, estimates: Estimate[], closures: Int32Array, world: {low: [number, number], high: [number, number]},
  *   errorTitle: string, neesBand: [number, number]}} Run
  */
 
 const SPEEDS = [0.5, 1, 2, 5, 10, 20, 50, 100];
-const LENGTH = 30; // [s] that a replay takes about, if nobody chooses
-const ROUNDING = 1e-9; // [m]: an error below is none
+const LENGTH = 30; // [s] approximate length of a replay at the default speed
+const ROUNDING = 1e-9; // [m] smaller errors are shown as 0
 
 /** @template {Element} T @param {string} id @returns {T} */
 const element = (id) => /** @type {any} */ (document.getElementById(id));
 
 /**
- * Bring the replay of a page to life.
+ * Start the replay of a page.
  * @param {Run} run
  */
 export function startReplay(run) {
@@ -48,7 +48,7 @@ export function startReplay(run) {
     scrub.value = String(frame);
     play.textContent = isPlaying ? "Pause" : "Play";
     now.setAttribute("aria-live", isPlaying ? "off" : "polite");
-    now.textContent = told(run, frame);
+    now.textContent = momentText(run, frame);
     scrub.setAttribute("aria-valuetext", `${figure(time)} s`);
   });
   const timeline = new Timeline(element("timeline"), run, (frame) => player.jump(frame));
@@ -83,7 +83,7 @@ export function startReplay(run) {
 
   play.addEventListener("click", () => player.toggle());
   element("back").addEventListener("click", () => player.jump(player.frame - 1));
-  element("forth").addEventListener("click", () => player.jump(player.frame + 1));
+  element("forward").addEventListener("click", () => player.jump(player.frame + 1));
   element("follow").addEventListener("click", () => setFollowing(!isFollowing));
   element("whole").addEventListener("click", whole);
   element("series-csv").addEventListener("click", () => download("series.csv", seriesRows(run)));
@@ -134,11 +134,11 @@ function makePanels(run, onTime) {
 }
 
 /**
- * The moment in words.
+ * Time, step and errors of a frame as text.
  * @param {Run} run
  * @param {number} frame
  */
-function told(run, frame) {
+function momentText(run, frame) {
   const errors = run.estimates
     .filter((each) => each.shown && each.error[frame] === each.error[frame])
     .map((each) => `${each.name} ${figure(each.error[frame] < ROUNDING ? 0 : each.error[frame])} m`);
@@ -212,7 +212,7 @@ function moveByKeys(player, acts) {
   document.addEventListener("keydown", (event) => {
     const at = /** @type {HTMLElement} */ (event.target);
     if (event.ctrlKey || event.altKey || event.metaKey || at.matches("select, input, .wide")) return;
-    if (event.key === " " && at.matches("button, summary")) return; // it presses them
+    if (event.key === " " && at.matches("button, summary")) return; // the space key presses these elements
     if (/^[1-9]$/.test(event.key)) acts.toggle(Number(event.key) - 1);
     else if (event.key in keys) keys[event.key](event.shiftKey);
     else return;

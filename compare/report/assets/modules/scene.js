@@ -1,5 +1,5 @@
 // @ts-check
-/** What a map of the run shows at a moment. */
+/** The map of a run at a moment. */
 
 import { inks, shade } from "./colours.js";
 import { drawing, fit } from "./surface.js";
@@ -11,8 +11,8 @@ import { drawing, fit } from "./surface.js";
  * @typedef {{x: (x: number) => number, y: (y: number) => number, scale: number}} Screen
  */
 
-const SIGMAS = 3, ROBOT = 9; // [pixels] from the robot's middle to its nose
-const FAINT = 0.45; // a map that is known only as it ends
+const SIGMAS = 3, ROBOT = 9; // [pixels] from the centre of the robot to its front
+const FAINT = 0.45; // opacity of a final map, which has no history
 
 export class Scene {
   /**
@@ -24,7 +24,7 @@ export class Scene {
     this.canvas = canvas;
     this.run = run;
     this.camera = camera;
-    this.layers = { sights: true, innovations: true, ellipses: true };
+    this.layers = { observations: true, innovations: true, ellipses: true };
   }
 
   /** @param {number} frame */
@@ -40,7 +40,7 @@ export class Scene {
       y: (y) => height / 2 - (y - camera.y) * camera.scale,
       scale: camera.scale,
     };
-    if (this.layers.sights) this.#sights(pen, screen, frame, colours.soft);
+    if (this.layers.observations) this.#observations(pen, screen, frame, colours.soft);
     this.#trueLandmarks(pen, screen, colours.ink);
     if (run.truth.poses) path(pen, screen, run.truth.poses, frame, colours.ink, 1.2);
     for (const each of run.estimates) if (each.shown) this.#estimate(pen, screen, each, frame);
@@ -68,7 +68,7 @@ export class Scene {
   }
 
   /**
-   * Landmarks with their ellipses; members of rays the darker the heavier they are.
+   * Draw landmarks with their ellipses; members of rays are darker if they are more likely.
    * @param {CanvasRenderingContext2D} pen
    * @param {Screen} screen
    * @param {Estimate} estimate
@@ -93,22 +93,22 @@ export class Scene {
   }
 
   /**
-   * Lines from the robot, the true one where it is known, along every sight of the moment.
+   * Draw a line from the robot (the true one, if known) along each observation of the moment.
    * @param {CanvasRenderingContext2D} pen
    * @param {Screen} screen
    * @param {number} frame
    * @param {string} color
    */
-  #sights(pen, screen, frame, color) {
-    const { sights, truth, estimates } = this.run;
+  #observations(pen, screen, frame, color) {
+    const { observations, truth, estimates } = this.run;
     const from = truth.poses ?? estimates.find((each) => each.shown)?.poses;
     if (!from) return;
     pen.strokeStyle = color;
     pen.globalAlpha = 0.5;
     pen.lineWidth = 0.8;
     pen.beginPath();
-    for (let k = sights.start[frame]; k < sights.start[frame + 1]; k++) {
-      const [x, y] = seen(from, frame, sights.body, k);
+    for (let k = observations.start[frame]; k < observations.start[frame + 1]; k++) {
+      const [x, y] = toWorld(from, frame, observations.body, k);
       pen.moveTo(screen.x(from[3 * frame]), screen.y(from[3 * frame + 1]));
       pen.lineTo(screen.x(x), screen.y(y));
     }
@@ -117,7 +117,7 @@ export class Scene {
   }
 
   /**
-   * From where the map had the landmark to where the sight, from the predicted pose, puts it; of bearings alone there is none.
+   * Draw innovations: from the mapped landmark to its observed position, seen from the predicted pose; none for bearings.
    * @param {CanvasRenderingContext2D} pen
    * @param {Screen} screen
    * @param {Estimate} estimate
@@ -125,15 +125,15 @@ export class Scene {
    * @param {string} color
    */
   #innovations(pen, screen, estimate, frame, color) {
-    const { sights } = this.run, { rows, association, predicted, wrong } = estimate;
-    if (!rows || !association || sights.bearingOnly) return;
+    const { observations } = this.run, { rows, association, predicted, wrong } = estimate;
+    if (!rows || !association || observations.bearingOnly) return;
     const [first, last] = rowsAt(estimate, Math.max(frame - 1, 0));
     pen.lineWidth = 2.2;
-    for (let k = sights.start[frame]; k < sights.start[frame + 1]; k++) {
+    for (let k = observations.start[frame]; k < observations.start[frame + 1]; k++) {
       let row = first;
       while (row < last && rows.landmark[row] !== association[k]) row++;
       if (association[k] < 0 || row === last) continue;
-      const [x, y] = seen(predicted, frame, sights.body, k);
+      const [x, y] = toWorld(predicted, frame, observations.body, k);
       pen.strokeStyle = wrong && wrong[k] ? inks().mark : color;
       pen.beginPath();
       pen.moveTo(screen.x(rows.place[2 * row]), screen.y(rows.place[2 * row + 1]));
@@ -164,7 +164,7 @@ export class Scene {
   }
 
   /**
-   * A bar that tells lengths.
+   * Draw a scale bar.
    * @param {CanvasRenderingContext2D} pen
    * @param {number} height
    * @param {string} color
@@ -184,7 +184,7 @@ export class Scene {
 }
 
 /**
- * Rows of the map that the estimate has last noted up to a frame.
+ * First and last row of the latest map at a frame.
  * @param {Estimate} estimate
  * @param {number} frame
  * @returns {[number, number]}
@@ -196,13 +196,13 @@ function rowsAt({ rows }, frame) {
 }
 
 /**
- * Where a sight ends, from a pose.
+ * An observed position in the world frame.
  * @param {Float32Array} poses
  * @param {number} frame
- * @param {Float32Array} body places in the robot's frame [m], forward and left
+ * @param {Float32Array} body positions in the body frame [m], forward and left
  * @param {number} k
  */
-function seen(poses, frame, body, k) {
+function toWorld(poses, frame, body, k) {
   const [x, y, heading] = poses.subarray(3 * frame, 3 * frame + 3);
   const [c, s] = [Math.cos(heading), Math.sin(heading)];
   return [x + c * body[2 * k] - s * body[2 * k + 1], y + s * body[2 * k] + c * body[2 * k + 1]];
@@ -249,7 +249,7 @@ function robot(pen, screen, poses, frame, color, filled) {
 }
 
 /**
- * The 3-sigma ellipse of a place.
+ * Draw the 3-sigma ellipse of a position.
  * @param {CanvasRenderingContext2D} pen
  * @param {Screen} screen
  * @param {number} x
@@ -261,7 +261,7 @@ function ellipse(pen, screen, x, y, cov) {
   const middle = (xx + yy) / 2, half = Math.hypot((xx - yy) / 2, xy);
   const long = SIGMAS * Math.sqrt(Math.max(middle + half, 0)), short = SIGMAS * Math.sqrt(Math.max(middle - half, 0));
   const angle = 0.5 * Math.atan2(2 * xy, xx - yy);
-  if (!(long * screen.scale < 1e5)) return; // wider than any screen, or no number
+  if (!(long * screen.scale < 1e5)) return; // wider than any screen, or NaN
   pen.beginPath();
   pen.ellipse(screen.x(x), screen.y(y), long * screen.scale, short * screen.scale, -angle, 0, 2 * Math.PI);
   pen.stroke();

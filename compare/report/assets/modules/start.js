@@ -1,5 +1,5 @@
 // @ts-check
-/** What happens when the page opens. */
+/** Start the scripts of a page. */
 
 import { startReplay } from "./replay.js";
 import { startStudy } from "./study.js";

@@ -1,5 +1,5 @@
 // @ts-check
-/** A row of dots for each estimator, a dot for each run. */
+/** A chart with a row of dots per estimator, one dot per run. */
 
 import { inks, shade } from "./colours.js";
 import { drawing, fit } from "./surface.js";
@@ -14,7 +14,7 @@ export class Strip {
    * @param {HTMLCanvasElement} canvas
    * @param {Row[]} rows
    * @param {string} title of the axis
-   * @param {(run: number) => void} onRun told the run whose dot is nearest to a click
+   * @param {(run: number) => void} onRun receives the run whose dot is nearest to a click
    */
   constructor(canvas, rows, title, onRun) {
     this.canvas = canvas;
@@ -98,7 +98,7 @@ export class Strip {
   }
 
   /**
-   * Dots stand apart by their run's number, the same in every row; -1 is the middle.
+   * Height of a dot: it depends on the number of the run, as in every row; -1 is the middle of the row.
    * @param {number} place
    * @param {number} run
    */

@@ -17,21 +17,21 @@ import { figure } from "./ticks.js";
 const part = (id) => /** @type {any} */ (document.getElementById(id));
 
 /**
- * Bring the charts of a page to life.
+ * Start the charts of a page.
  * @param {Study} study
  */
 export function startStudy(study) {
   const shown = study.looks.map(() => true);
   const panels = [
-    new Panel(part("study-nees"), curves(study, study.nees, "mean pose NEES (3 when consistent)"), (time) => tell(time)),
-    new Panel(part("study-nis"), curves(study, study.nis, "NIS / degrees of freedom (1 when right)"), (time) => tell(time)),
+    new Panel(part("study-nees"), curves(study, study.nees, "mean pose NEES (3 when consistent)"), (time) => showTime(time)),
+    new Panel(part("study-nis"), curves(study, study.nis, "NIS / degrees of freedom (1 when right)"), (time) => showTime(time)),
   ];
   const rows = study.looks.map(({ name, color }, k) => ({ name, color, values: study.ates[k], runs: study.runs[k], shown: true }));
   const canvas = /** @type {HTMLCanvasElement} */ (part("study-errors"));
   const strip = new Strip(canvas, rows, "ATE [m]", (run) => choose(run));
   canvas.style.height = `${Math.max(6, 3.4 * rows.length + 2.5)}rem`;
 
-  const tell = (/** @type {number} */ time) => {
+  const showTime = (/** @type {number} */ time) => {
     const k = frameAt(study.time, time);
     for (const panel of panels) panel.show(study.time[k]);
     const figures = study.looks.filter((_, at) => shown[at]).map(({ name }) => {

@@ -1,10 +1,10 @@
 // @ts-check
-/** A canvas with as many pixels as the screen shows, addressed in CSS pixels. */
+/** Canvases with the resolution of the screen, addressed in CSS pixels. */
 
-const MOST_DOTS = 2; // device pixels per CSS pixel; more cost time and show nothing
+const MOST_DOTS = 2; // device pixels per CSS pixel; more are slow and not visible
 
 /**
- * Fit a canvas to its place; false where nothing of it shows.
+ * Fit a canvas to its size on the page; return false if it is not visible.
  * @param {HTMLCanvasElement} canvas
  */
 export function fit(canvas) {
@@ -20,7 +20,7 @@ export function fit(canvas) {
 }
 
 /**
- * What draws on a canvas.
+ * The drawing context of a canvas.
  * @param {HTMLCanvasElement} canvas
  * @returns {CanvasRenderingContext2D}
  */

@@ -1,10 +1,10 @@
 // @ts-check
-/** Tables that sort by the column that is clicked, and that can be taken along. */
+/** Tables that can be sorted and downloaded. */
 
 import { download } from "./download.js";
 
 /**
- * Make the heads of a table buttons that sort it: numbers by size, what has none last.
+ * Turn the column titles of a table into buttons that sort it; cells without a number come last.
  * @param {HTMLTableElement} table
  */
 export function sortable(table) {
@@ -44,7 +44,7 @@ function sort(table, place, way) {
 }
 
 /**
- * Write a table into a CSV file: figures as they are, not as they are rounded.
+ * Download a table as CSV, with numbers that are not rounded.
  * @param {HTMLTableElement} table
  */
 export function tableAsCsv(table) {

@@ -1,5 +1,5 @@
 // @ts-check
-/** Round numbers along an axis. */
+/** Ticks at round numbers. */
 
 /**
  * About `count` multiples of 1, 2 or 5 times a power of ten between two values.
@@ -19,7 +19,7 @@ export function linearTicks(low, high, count) {
 }
 
 /**
- * Powers of ten between two positive values; 2 and 5 of each too where they would be few.
+ * Powers of ten between two positive values, with multiples if there are few.
  * @param {number} low
  * @param {number} high
  * @returns {number[]}
@@ -38,7 +38,7 @@ export function logTicks(low, high) {
 }
 
 /**
- * A number as people write it, to three digits.
+ * A number with three digits.
  * @param {number} value
  */
 export function figure(value) {

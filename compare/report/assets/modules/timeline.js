@@ -1,5 +1,5 @@
 // @ts-check
-/** Marks of what happened along the time of a run; a click tells the moment. */
+/** A time line with marks of events; a click selects a frame. */
 
 import { inks, shade } from "./colours.js";
 import { drawing, fit } from "./surface.js";
@@ -10,7 +10,7 @@ export class Timeline {
   /**
    * @param {HTMLCanvasElement} canvas
    * @param {Run} run
-   * @param {(frame: number) => void} onFrame told the frame under a click or a drag
+   * @param {(frame: number) => void} onFrame receives the frame at a click or drag
    */
   constructor(canvas, run, onFrame) {
     this.canvas = canvas;
@@ -26,7 +26,7 @@ export class Timeline {
     canvas.addEventListener("pointermove", (event) => event.buttons && jump(event));
   }
 
-  /** @param {number} frame that is shown */
+  /** @param {number} frame the shown frame */
   draw(frame) {
     if (!fit(this.canvas)) return;
     const { clientWidth: width, clientHeight: height } = this.canvas, pen = drawing(this.canvas), colours = inks();

@@ -1,8 +1,8 @@
 // @ts-check
-/** Typed arrays out of the page's data. */
+/** Decode typed arrays from the data of the page. */
 
 /**
- * An array as the page carries it: little-endian numbers of a kind, in base64.
+ * An encoded array: little-endian numbers of a kind, in base64.
  * @typedef {{kind: "f4" | "i4" | "u2" | "u1", data: string}} Packed
  * @typedef {Float32Array | Int32Array | Uint16Array | Uint8Array} Numbers
  */
@@ -10,7 +10,7 @@
 const KINDS = { f4: Float32Array, i4: Int32Array, u2: Uint16Array, u1: Uint8Array };
 
 /**
- * The numbers of a packed array; NaN stands where a figure is undefined.
+ * The numbers of an encoded array; undefined values are NaN.
  * @param {Packed} packed
  * @returns {Numbers}
  */
@@ -22,7 +22,7 @@ export function unpack(packed) {
 }
 
 /**
- * The same data with every packed array unpacked, however deep it stands.
+ * The same data with every encoded array decoded, at any depth.
  * @param {any} value
  * @returns {any}
  */
