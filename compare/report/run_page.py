@@ -145,9 +145,7 @@ def drift_table(metrics: dict[str, Any]) -> Table:
         Head("heading error [rad]", "RMS heading error over a segment, relative to its start"),
         Head("segments", "number of segments"),
     ]
-    return Table(
-        "drift", "Relative pose errors over all segments of the true path of a length", heads, rows
-    )
+    return Table("drift", "Relative pose errors over all segments of the true path of a length", heads, rows)
 
 
 def closure_table(metrics: dict[str, Any]) -> Table:

@@ -1,4 +1,4 @@
-"""The animation: who is in it, which files it writes, and what becomes of bad input."""
+"""`slamgauge animate`: shown estimators, written files, and errors."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from slamgauge.truth import Truth
 from tests.reference.rays_by_hand import STEPS, estimate_with_rays, half_loop
 
 WITH_RAYS = estimate_with_rays()
-GUEST = replace(WITH_RAYS, rays=None, history=None)
-SMOOTHED = replace(GUEST, kind="smoothed")
+NO_HISTORY = replace(WITH_RAYS, rays=None, history=None)
+SMOOTHED = replace(NO_HISTORY, kind="smoothed")
 SHORT = ("--seconds", "1", "--fps", "6")
 
 needs_ffmpeg = pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffmpeg on the PATH")
@@ -37,7 +37,7 @@ needs_ffmpeg = pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffm
 def folder(tmp_path: Path) -> Path:
     """Results of `ekf` with rays, `causal` without a history, and `batch`."""
     out = tmp_path / "results"
-    write(out, {"ekf": WITH_RAYS, "causal": GUEST, "batch": SMOOTHED})
+    write(out, {"ekf": WITH_RAYS, "causal": NO_HISTORY, "batch": SMOOTHED})
     return out
 
 
@@ -60,7 +60,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-# --- who is in it ------------------------------------------------------------------------------
+# --- shown estimators --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def contents(folder: Path) -> dict[str, bytes]:
         (["dead-reckoning"], [], ["dead-reckoning"], ["dead-reckoning"]),
     ],
 )
-def test_who_is_shown(
+def test_estimators_shown_with_paths_and_maps(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     names: list[str],
@@ -90,16 +90,16 @@ def test_who_is_shown(
     shown: list[str],
     mapped: list[str],
 ):
-    write(tmp_path / "out", {name: SMOOTHED if name == "batch" else GUEST for name in names})
-    asked: list[list[str]] = []
+    write(tmp_path / "out", {name: SMOOTHED if name == "batch" else NO_HISTORY for name in names})
+    given_names: list[list[str]] = []
 
     def look(_: Results, *given: dict[str, Estimate]) -> None:
-        asked.extend(list(each) for each in given)
-        raise UserError("seen enough")
+        given_names.extend(list(each) for each in given)
+        raise UserError("stop here")
 
     monkeypatch.setattr("slamgauge.compare.figures.animation.Scene", look)
     assert animate(tmp_path / "out", *arguments) == 2
-    assert asked == [shown, mapped]
+    assert given_names == [shown, mapped]
 
 
 # --- the files ---------------------------------------------------------------------------------
@@ -115,8 +115,8 @@ def test_the_gif_has_the_frames_the_length_and_the_size(folder: Path, monkeypatc
     assert len(frames) == 10
     assert sum(duration for _, duration in frames) == 2000
     first, last = (np.asarray(frames[i][0]).astype(int) for i in (0, -1))
-    changed = np.abs(first - last).max(axis=2) > 100  # beyond what palettes of 256 colours change
-    assert not changed[-40:].any()  # the legend stands still
+    changed = np.abs(first - last).max(axis=2) > 100  # more than the colour quantisation of a GIF
+    assert not changed[-40:].any()  # the legend is static
     assert changed.sum() > 1000
 
 
@@ -150,8 +150,8 @@ def test_only_finished_files_appear(folder: Path, monkeypatch: pytest.MonkeyPatc
     ]
 
 
-def test_a_strip_is_for_print(folder: Path):
-    """Six moments, three in a row, 7.0 in wide at 200 dpi."""
+def test_a_strip_has_six_moments_in_print_size(folder: Path):
+    """Two rows of three moments, 7.0 in wide at 200 dpi."""
     assert animate(folder, "--format", "strip") == 0
     with Image.open(folder / "animation.png") as strip:
         assert strip.width == 1400
@@ -166,7 +166,7 @@ def test_a_strip_is_for_print(folder: Path):
     assert not (folder / "animation.gif").exists()
 
 
-def test_a_video_that_is_asked_for_needs_ffmpeg(
+def test_a_requested_video_without_ffmpeg_is_an_error(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setenv("PATH", "")
@@ -178,7 +178,7 @@ def test_a_video_that_is_asked_for_needs_ffmpeg(
 
 @needs_ffmpeg
 @pytest.mark.parametrize(("form", "begins"), [("webm", b"\x1aE\xdf\xa3"), ("mp4", b"\0\0\0 ftyp")])
-def test_videos_are_what_they_are_called(folder: Path, form: str, begins: bytes):
+def test_videos_have_the_requested_format(folder: Path, form: str, begins: bytes):
     assert animate(folder, *SHORT, "--format", form) == 0
     assert (folder / f"animation.{form}").read_bytes().startswith(begins)
     assert not (folder / "animation.gif").exists()
@@ -202,13 +202,13 @@ def test_the_worst_run_of_a_study_is_shown(
 
 
 @needs_ffmpeg
-def test_a_video_is_written_where_there_is_ffmpeg(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_video_is_written_with_ffmpeg(folder: Path, capsys: pytest.CaptureFixture[str]):
     assert animate(folder, *SHORT) == 0
     assert capsys.readouterr().err == f"written to {folder}: animation.gif, animation.mp4\n"
     assert (folder / "animation.mp4").read_bytes()[4:8] == b"ftyp"
 
 
-def test_a_video_of_an_earlier_animation_goes(folder: Path, monkeypatch: pytest.MonkeyPatch):
+def test_an_outdated_video_is_removed(folder: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("PATH", "")
     (folder / "animation.mp4").write_bytes(b"old")
     write_manifest(folder, ["animation.mp4"], within=folder)
@@ -216,7 +216,7 @@ def test_a_video_of_an_earlier_animation_goes(folder: Path, monkeypatch: pytest.
     assert not (folder / "animation.mp4").exists()
 
 
-def test_an_ffmpeg_that_fails_costs_the_video_alone(
+def test_the_gif_is_kept_if_ffmpeg_fails(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     (tmp_path / "ffmpeg").write_text("#!/bin/sh\nexit 1\n")
@@ -236,7 +236,7 @@ def test_an_interrupted_animation_leaves_nothing(
     caplog: pytest.LogCaptureFixture,
     frame: int,
 ):
-    """While the GIF is drawn, and while the video is."""
+    """Interrupted while the GIF is drawn, and while the video is drawn."""
     (folder / "animation.gif").write_bytes(b"old")
     write_manifest(folder, ["animation.gif"], within=folder)
     before = contents(folder)
@@ -257,10 +257,10 @@ def test_an_interrupted_animation_leaves_nothing(
     assert len(shown) == frame
 
 
-# --- bad input ---------------------------------------------------------------------------------
+# --- errors ------------------------------------------------------------------------------------
 
 
-def refusal(capsys: pytest.CaptureFixture[str], folder: Path, *arguments: str) -> str:
+def error_message(capsys: pytest.CaptureFixture[str], folder: Path, *arguments: str) -> str:
     before = contents(folder)
     assert animate(folder, *arguments) == 2
     assert contents(folder) == before
@@ -270,32 +270,32 @@ def refusal(capsys: pytest.CaptureFixture[str], folder: Path, *arguments: str) -
     return printed.err.removeprefix("slamgauge: ").rstrip("\n")
 
 
-def test_other_folders_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_folders_without_results_are_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     for place in (tmp_path, tmp_path / "nowhere"):
         expected = f"{place}: not a folder of results, it has no metrics.json; give one that `slamgauge run` or .*"
-        assert re.fullmatch(expected, refusal(capsys, place))
+        assert re.fullmatch(expected, error_message(capsys, place))
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"estimators": {}}', "\x00"])
-def test_metrics_of_another_form_are_refused(folder: Path, capsys: pytest.CaptureFixture[str], text: str):
+def test_invalid_metrics_are_an_error(folder: Path, capsys: pytest.CaptureFixture[str], text: str):
     (folder / "metrics.json").write_text(text)
-    assert refusal(capsys, folder) == f"{folder}/metrics.json: not what `slamgauge run` writes; run it again"
+    assert error_message(capsys, folder) == f"{folder}/metrics.json: not what `slamgauge run` writes; run it again"
 
 
-def test_what_does_not_belong_together_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_files_of_different_runs_are_an_error(folder: Path, capsys: pytest.CaptureFixture[str]):
     save(folder / "estimates/causal.npz", Estimate("filtered", np.zeros((5, 3))))
-    assert refusal(capsys, folder).startswith(
+    assert error_message(capsys, folder).startswith(
         f"{folder}/estimates/causal.npz: 5 poses, but the recording in this folder needs"
     )
     (folder / "estimates/causal.npz").unlink()
-    assert "causal.npz: cannot be read (No such file" in refusal(capsys, folder)
+    assert "causal.npz: cannot be read (No such file" in error_message(capsys, folder)
     save(folder / "truth.npz", Truth(np.zeros((5, 3))))
-    assert refusal(capsys, folder).startswith(f"truth.poses: 5 rows, but the recording needs {STEPS + 1}")
+    assert error_message(capsys, folder).startswith(f"truth.poses: 5 rows, but the recording needs {STEPS + 1}")
 
 
-def test_results_without_estimates_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_results_without_estimates_are_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     write(tmp_path / "out", {})
-    assert "no estimators" in refusal(capsys, tmp_path / "out")
+    assert "no estimators" in error_message(capsys, tmp_path / "out")
 
 
 @pytest.mark.parametrize(
@@ -310,10 +310,8 @@ def test_results_without_estimates_are_refused(tmp_path: Path, capsys: pytest.Ca
         (["--seconds", "0.001"], "seconds 0.001, fps 10: these are 0 frames; give 1 to 600"),
     ],
 )
-def test_settings_that_make_no_sense(
-    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
-):
-    assert refusal(capsys, folder, *arguments) == message
+def test_settings_out_of_range(folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str):
+    assert error_message(capsys, folder, *arguments) == message
 
 
 def test_help_mentions_every_option(capsys: pytest.CaptureFixture[str]):

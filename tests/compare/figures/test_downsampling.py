@@ -9,7 +9,7 @@ import pytest
 from slamgauge.compare.figures.downsampling import MOST_POSES, MOST_VALUES, even_rows, extreme_rows
 
 
-def test_a_short_run_is_drawn_whole() -> None:
+def test_a_short_run_keeps_all_points() -> None:
     np.testing.assert_array_equal(even_rows(7), np.arange(7))
     np.testing.assert_array_equal(extreme_rows(np.arange(7.0)), np.arange(7))
 
@@ -31,9 +31,9 @@ def test_a_long_curve_keeps_its_peaks_its_ends_and_its_gaps() -> None:
     assert np.isnan(values[rows]).any()
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the largest resident memory is told by /proc")
-def test_a_path_that_goes_round_a_thousand_times_is_drawn_piece_by_piece() -> None:
-    """At once it takes more than twice the memory: Agg holds all pixels that a line meets."""
+@pytest.mark.skipif(sys.platform != "linux", reason="the test reads the peak memory from /proc")
+def test_a_path_of_a_thousand_loops_is_drawn_in_pieces() -> None:
+    """In one piece it needs more than twice the memory: Agg stores all pixels on a line."""
     program = """
 import sys
 from tempfile import TemporaryDirectory

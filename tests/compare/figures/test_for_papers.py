@@ -1,4 +1,4 @@
-"""Figures for papers: drawn anew from results, as wide as a column or a page, with nothing cropped, and their style."""
+"""Figures drawn again from stored results: width, formats, choice of estimators, limits and style."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def undecorated(*_: object) -> bool:
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of bearings alone, a study, a sweep, a budget, noise and step times, in a folder each; nothing is drawn."""
+    """Folders of a bearing-only run, a study, a sweep, a budget, noise and step times, without figures."""
     from slamgauge.compare.figures import publishing
     from slamgauge.compare.storage.files import write_json
 
@@ -70,7 +70,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
-    """The figures that are saved, by name; they are not written."""
+    """Saved figures by name; no files are written."""
     found: dict[str, Figure] = {}
 
     def keep(figure: Figure, path: Path) -> None:
@@ -102,14 +102,14 @@ def labels(figure: Figure) -> set[str]:
     return {label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]}
 
 
-def test_the_command_draws_the_estimators_and_the_band_that_are_chosen(
+def test_export_draws_the_chosen_estimators_and_band(
     results: Path, tmp_path: Path, drawn: dict[str, Figure], capsys: pytest.CaptureFixture[str]
 ):
     words = ("export", str(results / "run"), "--format", "svg", "--out", str(tmp_path / "out"))
     assert main([*words, "--estimators", "ekf,causal", "--band", "causal"]) == 0
     assert set(drawn) == DRAWN["run"]
     assert {"ekf", "causal"} <= labels(drawn["figure"])
-    assert "dead-reckoning" not in labels(drawn["figure"])  # not even from the recording
+    assert "dead-reckoning" not in labels(drawn["figure"])  # nor is it computed from the recording
     panel = drawn["figure"].axes[1]
     faces = [np.atleast_2d(np.asarray(each.get_facecolor(), dtype=float)) for each in panel.collections]
     bands = [face for face in faces if len(face) and np.allclose(face[0, :3], to_rgba("#CC9900")[:3])]
@@ -121,7 +121,7 @@ def test_the_command_draws_the_estimators_and_the_band_that_are_chosen(
     drawings_of(results / "study", ["ekf"])["nees"](tmp_path)
     assert labels(drawn["nees"]) == {"ekf", "99.9% band"}
     capsys.readouterr()
-    for wrong, said in (
+    for wrong, message in (
         ("run --band oc-ekf", "not among"),
         ("study --band ekf", "only figures of a run have a band"),
         ("noise --estimators ekf", "the noise of a recording has no estimators"),
@@ -129,10 +129,10 @@ def test_the_command_draws_the_estimators_and_the_band_that_are_chosen(
     ):
         folder, *options = wrong.split()
         assert main(["export", str(results / folder), "--format", "pdf", *options]) == 2
-        assert said in capsys.readouterr().err
+        assert message in capsys.readouterr().err
 
 
-def test_files_have_the_form_that_is_asked_for_and_no_date(results: Path, tmp_path: Path):
+def test_files_have_the_requested_format_and_no_date(results: Path, tmp_path: Path):
     for form, begins in (("pdf", b"%PDF"), ("png", b"\x89PNG"), ("svg", b"<?xml")):
         words = ("export", str(results / "budget"), "--format", form, "--width", "column")
         for folder in ("one", "other"):
@@ -143,18 +143,16 @@ def test_files_have_the_form_that_is_asked_for_and_no_date(results: Path, tmp_pa
     assert b"/MediaBox [ 0 0 244.8 " in (tmp_path / "pdf/one/budget.pdf").read_bytes()  # 3.4 in, in points
 
 
-def test_only_what_there_was_to_draw_is_said_to_be_written(
-    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
-    """Without an optimum there are no ratios."""
+def test_export_prints_only_the_written_files(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """The figure of ratios needs an optimum."""
     words = ("export", str(results / "study"), "--format", "svg", "--estimators", "ekf", "--out", str(tmp_path / "out"))
     assert main([*words]) == 0
-    said = capsys.readouterr().err.split(": ")[1].strip().split(", ")
-    assert {*said} == {path.name for path in (tmp_path / "out").glob("*.svg")}
-    assert "ratios.svg" not in said
+    printed = capsys.readouterr().err.split(": ")[1].strip().split(", ")
+    assert {*printed} == {path.name for path in (tmp_path / "out").glob("*.svg")}
+    assert "ratios.svg" not in printed
 
 
-def test_what_is_drawn_is_what_was_measured(results: Path):
+def test_stored_summaries_are_read_back_unchanged(results: Path):
     sweep, study = read_sweep(results / "sweep"), load_study(results / "study")
     for summary in sweep.summaries:
         assert summary.estimators == study.summary.estimators
@@ -167,14 +165,14 @@ def test_what_is_drawn_is_what_was_measured(results: Path):
 
 
 @pytest.mark.parametrize("kind", ["noise", "bench"])
-def test_results_of_another_version_are_not_drawn(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_results_of_another_version_are_an_error(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / f"{kind}.json").write_text("{}")
     assert main(["export", str(tmp_path), "--format", "svg", "--out", str(tmp_path / "out")]) == 2
     assert "written by another version, or changed by hand; run its command again" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
-def test_one_who_goes_astray_leaves_the_panel_and_is_named():
+def test_axis_limits_ignore_a_diverged_estimator_and_name_it():
     extents: Mapping[str, np.ndarray] = {
         "a": np.array([1.0, 2.0]),
         "b": np.array([2.0, 1.0]),
@@ -185,7 +183,7 @@ def test_one_who_goes_astray_leaves_the_panel_and_is_named():
     assert gone == ["c"]
 
 
-def test_a_filter_that_diverges_does_not_squash_the_figures_of_a_study(
+def test_a_diverged_filter_does_not_change_the_limits_of_study_figures(
     results: Path, tmp_path: Path, drawn: dict[str, Figure]
 ):
     study = load_study(results / "study")
@@ -205,7 +203,7 @@ def test_a_filter_that_diverges_does_not_squash_the_figures_of_a_study(
 
 
 def test_the_errors_of_a_large_study_stay_below_half_a_megabyte(results: Path, tmp_path: Path):
-    """Fifty runs of twelve hundred steps, whose errors fill their panels."""
+    """50 runs of 1200 steps of white noise."""
     study, rng = load_study(results / "study"), np.random.default_rng(0)
     runs = study.runs["ekf"]
     series = {key: rng.standard_normal((50, 1200)) for key in runs.series if key.startswith("error")}
@@ -236,7 +234,7 @@ def test_logarithmic_axes_have_few_labels_and_plain_ones(results: Path, tmp_path
                 assert not any("$" in axis.get_major_formatter()(tick) for tick in ticks)
 
 
-def test_people_can_use_our_style():
+def test_users_can_load_the_style_by_its_name():
     with plt.style.context("slamgauge.paper"):
         assert mpl.rcParams["figure.figsize"] == [INCHES["column"], 2.4]
         assert mpl.rcParams["pdf.fonttype"] == 42

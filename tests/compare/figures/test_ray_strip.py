@@ -1,4 +1,4 @@
-"""The strip of rays: which moments it shows, what it draws, and when it is written."""
+"""The strip of rays: its moments, its contents, and its files."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def log_of(estimate: Estimate) -> RayLog:
 # --- the map at a step -------------------------------------------------------------------------
 
 
-def test_the_map_is_that_of_the_last_noted_step():
+def test_the_map_is_the_last_recorded_one():
     estimate = estimate_with_rays()
     history = history_of(estimate)
     gap = int(np.setdiff1d(np.arange(STEPS), NOTED)[-1])
@@ -48,21 +48,21 @@ def test_the_map_is_that_of_the_last_noted_step():
         np.testing.assert_array_equal(rows.member, history.member[history.step == noted])
 
 
-def test_before_the_first_noted_step_there_is_no_map():
+def test_the_map_is_empty_before_the_first_record():
     history = history_of(estimate_with_rays())
     late = history.step >= 10
     later = MapHistory(*(getattr(history, name)[late] for name in MapHistory.__dataclass_fields__))
     assert len(map_at(replace(estimate_with_rays(), history=later), 9).weight) == 0
 
 
-def test_a_ray_that_was_lost_since_the_last_note_is_gone():
+def test_a_ray_lost_since_the_last_record_is_not_in_the_map():
     estimate = estimate_with_rays(LOST)
     end = BIRTHS[0] + AGES[-1]
     assert len(map_at(estimate, end - 1).weight) == 2
     assert len(map_at(estimate, end).weight) == 0
 
 
-def test_a_ray_that_begins_anew_where_one_was_lost_is_there():
+def test_a_new_ray_of_a_lost_landmark_is_in_the_map():
     again = [0, BIRTHS[0] + AGES[-1]]
     log = RayLog(
         *(np.array(column) for column in ([0, 0], again, [again[1], -1], [-1, -1])),
@@ -74,9 +74,9 @@ def test_a_ray_that_begins_anew_where_one_was_lost_is_there():
     assert len(map_at(estimate, again[1]).weight) == 2
 
 
-def test_the_heaviest_member_of_each_ray():
+def test_the_most_likely_member_of_each_ray():
     estimate = estimate_with_rays()
-    assert not map_at(estimate, 0).heaviest().any()  # all four weigh the same
+    assert not map_at(estimate, 0).heaviest().any()  # all four have the same weight
     rows = map_at(estimate, 12)
     heaviest = rows.only(rows.heaviest())
     assert heaviest.landmark.tolist() == [0, 1]
@@ -85,7 +85,7 @@ def test_the_heaviest_member_of_each_ray():
     assert not map_at(estimate, STEPS).heaviest().any()  # points
 
 
-def test_members_are_the_darker_the_heavier():
+def test_opacity_of_members_grows_with_their_weight():
     rows = map_at(estimate_with_rays(), 12)
     ax = Figure().subplots()
     layer = MapLayer(ax, "#CC3311")
@@ -102,9 +102,9 @@ def test_members_are_the_darker_the_heavier():
 # --- the moments -------------------------------------------------------------------------------
 
 
-def test_the_strip_tells_the_whole_story():
-    told = [(frame.step, frame.caption, frame.landmark, frame.rays, frame.members) for frame in frames()]
-    assert told == [
+def test_the_strip_shows_all_main_events():
+    events = [(frame.step, frame.caption, frame.landmark, frame.rays, frame.members) for frame in frames()]
+    assert events == [
         (0, "landmark 0 begins", 0, 1, 4),
         (5, "landmark 1 begins", 1, 2, 8),
         (12, "landmark 0: 3 of 4 members remain", 0, 2, 7),
@@ -118,7 +118,7 @@ def frames(fates: tuple[Fate, ...] = ("point", "point", "point"), count: int = 6
     return ray_frames(estimate_with_rays(fates), count)
 
 
-def test_events_between_noted_steps_show_at_the_next_one():
+def test_events_between_records_are_shown_at_the_next_record():
     estimate = estimate_with_rays(("point",))
     missing = next(step for step in range(AGES[-1], STEPS) if step not in NOTED)
     later = replace(estimate, rays=replace(log_of(estimate), end=np.array([missing])))
@@ -127,14 +127,14 @@ def test_events_between_noted_steps_show_at_the_next_one():
 
 @pytest.mark.parametrize("fates", [STILL, LOST, ("lost", "ray", "point"), ("ray",), ("point",)])
 @pytest.mark.parametrize("count", [1, 2, 6, 9])
-def test_there_are_as_many_moments_as_asked_for_in_order(fates: tuple[Fate, ...], count: int):
+def test_the_requested_number_of_moments_in_order(fates: tuple[Fate, ...], count: int):
     steps = [frame.step for frame in frames(fates, count)]
     assert steps == sorted(set(steps))
     assert len(steps) == count
     assert steps[0] == 0
 
 
-def test_a_lost_ray_is_told():
+def test_a_lost_ray_has_a_caption():
     assert frames(LOST)[-1] == (BIRTHS[0] + AGES[-1], "landmark 0 is lost", 0, 0, 0)
 
 
@@ -145,7 +145,7 @@ def test_several_rays_at_once_are_counted():
     assert (first.caption, first.landmark) == ("3 rays begin", None)
 
 
-def test_few_noted_steps_give_few_moments():
+def test_few_records_give_few_moments():
     estimate = estimate_with_rays(STILL)
     history = history_of(estimate)
     kept = np.isin(history.step, [0, STEPS])
@@ -157,7 +157,7 @@ def test_few_noted_steps_give_few_moments():
 
 
 @pytest.mark.parametrize("fates", [("point", "point", "point"), ("lost", "ray", "point"), ("ray",)])
-def test_the_strip_is_written_twice_alike(tmp_path: Path, fates: tuple[Fate, ...]):
+def test_files_of_the_strip_are_reproducible(tmp_path: Path, fates: tuple[Fate, ...]):
     truth, recording = half_loop()
     contents: list[tuple[bytes, bytes]] = []
     for name in ("first", "second"):
@@ -184,7 +184,7 @@ def panels_of(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, estimate: Estimat
     return drawn[0].axes
 
 
-def test_all_panels_show_the_same_place_at_equal_scales(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_all_panels_have_the_same_limits_and_equal_scales(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     panels = panels_of(monkeypatch, tmp_path, estimate_with_rays())
     assert len(panels) == 6
     assert len({(*panel.get_xlim(), *panel.get_ylim()) for panel in panels}) == 1
@@ -196,7 +196,7 @@ def test_all_panels_show_the_same_place_at_equal_scales(monkeypatch: pytest.Monk
     assert panels[4].get_title() == "t = 7.0 s, 2 rays, 6 members\nlandmark 0: member 3 of 4 remains"
 
 
-def test_survivors_are_marked_in_the_panel_after_their_collapse(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_collapsed_rays_are_marked_in_the_next_panel(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     panels = panels_of(monkeypatch, tmp_path, estimate_with_rays())
     marked = [
         sum(len(np.asarray(line.get_xdata())) for line in panel.lines if line.get_marker() == "s") for panel in panels
@@ -204,7 +204,7 @@ def test_survivors_are_marked_in_the_panel_after_their_collapse(monkeypatch: pyt
     assert marked == [0, 0, 0, 0, 1, 2]
 
 
-def test_a_strip_without_truth_holds_every_member(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_a_strip_without_truth_contains_every_member(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     (panel, *_) = panels_of(monkeypatch, tmp_path, estimate_with_rays(("ray",)), blind=True)
     members = map_at(estimate_with_rays(("ray",)), 0).position
     assert (members[:, 0] < panel.get_xlim()[1]).all()

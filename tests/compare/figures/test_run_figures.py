@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from slamgauge.arrays import Float
 from slamgauge.compare.figures import run_figures
-from slamgauge.compare.figures.plot_style import USER_STYLES, KNOWN, PRINT, styles
+from slamgauge.compare.figures.plot_style import KNOWN, PRINT, USER_STYLES, styles
 from slamgauge.compare.figures.run_figures import plot_errors, plot_run, save_figure
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -27,7 +27,7 @@ LANDMARKS = np.array([[0.0, -2.0], [4.0, 3.0], [0.0, 10.0]])
 
 
 def circle() -> tuple[Truth, Recording]:
-    """One lap and a bit in 40 s; landmark 0 is seen at the start and again from 32 s on."""
+    """Return a circle of 40 s; landmark 0 is observed at the start and re-observed from 32 s."""
     odometry = np.tile([0.2, 0.0, 0.04], (STEPS, 1))
     poses = chain(np.zeros(3), odometry)
     steps = np.array([0, 50, 80, 160, 161])
@@ -98,7 +98,7 @@ def test_colours_and_dashes_are_all_distinct() -> None:
     assert len({style.dashes for style in everyone}) == len(everyone)
 
 
-def test_guests_do_not_change_the_style_of_the_box() -> None:
+def test_user_estimators_do_not_change_the_style_of_built_in_ones() -> None:
     chosen = styles(["a:b", "ekf", "c:d"])
     assert chosen["ekf"] == KNOWN["ekf"]
     assert (chosen["a:b"], chosen["c:d"]) == USER_STYLES[:2]
@@ -139,7 +139,7 @@ def test_the_label_of_panels_in_a_row_is_within_the_figure() -> None:
 
 
 @pytest.mark.parametrize("height", [2.0, 6.0])
-def test_the_legend_is_clear_of_the_label_however_low_the_axes_are(height: float) -> None:
+def test_the_legend_does_not_overlap_the_axis_label(height: float) -> None:
     figure = Figure(figsize=(3.4, height))
     ax = figure.subplots()
     plot_run(ax, *circle(), {})
@@ -162,7 +162,7 @@ def test_ellipses_have_three_sigma_axes_along_the_covariance() -> None:
     assert np.asarray(collection.get_offsets()) == pytest.approx(LANDMARKS + 0.1)
 
 
-def test_crowded_maps_outline_the_landmarks_of_the_first_estimate_alone() -> None:
+def test_crowded_maps_have_landmark_ellipses_of_the_first_estimate_only() -> None:
     truth, recording = circle()
     many = {
         "pose_covs": None,
@@ -176,10 +176,10 @@ def test_crowded_maps_outline_the_landmarks_of_the_first_estimate_alone() -> Non
     assert len(ellipses(map_of(truth, recording, few))) == 2
 
 
-def test_dead_reckoning_that_goes_astray_is_cut_and_the_map_says_so() -> None:
+def test_limits_of_the_map_ignore_drifted_dead_reckoning() -> None:
     truth, recording = circle()
-    astray = Estimate("filtered", 100 * drifting(recording).poses)
-    ax = map_of(truth, recording, {"dead-reckoning": astray, "ekf": estimate(truth, [0, 0, 0])})
+    drifted = Estimate("filtered", 100 * drifting(recording).poses)
+    ax = map_of(truth, recording, {"dead-reckoning": drifted, "ekf": estimate(truth, [0, 0, 0])})
     assert ax.get_xlim()[1] - ax.get_xlim()[0] < 30
     assert ax.get_title() == "dead reckoning exceeds the axes"
 
@@ -217,7 +217,7 @@ def test_only_the_first_band_is_filled() -> None:
     assert len(panels[0].lines) == 3 * 3 + 1  # error and two bounds each, zero
 
 
-def test_dead_reckoning_is_left_out_of_the_errors_where_there_is_anything_else() -> None:
+def test_errors_of_dead_reckoning_are_drawn_only_without_other_estimates() -> None:
     truth, recording = circle()
     alone = panels_of(truth, recording, {"dead-reckoning": drifting(recording)})
     assert labels(alone[0]) == ["dead-reckoning"]
@@ -236,7 +236,7 @@ def test_without_truth_differences_to_the_optimum_are_drawn(best: str, others: l
     assert panels[0].get_title() == f"difference to {best} and ±3σ"
 
 
-def test_without_truth_and_optimum_the_bounds_stand_alone() -> None:
+def test_without_truth_and_optimum_only_bounds_are_drawn() -> None:
     truth, recording = circle()
     panels = panels_of(None, recording, {"ekf": estimate(truth, [0, 0, 0])})
     assert np.isnan(curve(panels[0], "ekf")[:, 1]).all()
@@ -246,7 +246,7 @@ def test_without_truth_and_optimum_the_bounds_stand_alone() -> None:
 # --- the files ---------------------------------------------------------------------------------
 
 
-def test_the_figure_is_written_twice_alike(tmp_path: Path) -> None:
+def test_files_of_the_figure_are_reproducible(tmp_path: Path) -> None:
     truth, recording = circle()
     estimates = {"ekf": estimate(truth, [0.1, 0, 0]), "my.module:filter": estimate(truth, [0, 0.1, 0])}
     contents: list[tuple[bytes, bytes]] = []
@@ -264,14 +264,14 @@ def test_the_figure_is_written_twice_alike(tmp_path: Path) -> None:
     assert b"<image" not in svg  # nothing is rasterised
 
 
-def test_names_that_look_like_formulas_are_drawn_as_they_are(tmp_path: Path):
+def test_names_with_dollar_signs_are_not_formulas(tmp_path: Path):
     truth, recording = circle()
     save_figure(tmp_path, truth, recording, {r"$\frac$": estimate(truth, [0, 0, 0])}, r"cost $\frac$ of $")
     ElementTree.parse(tmp_path / "figure.svg")
 
 
-def seen_again_and_again(recording: Recording) -> Recording:
-    """A landmark that is seen at every second step, and a step in a log without clock takes ten seconds."""
+def with_many_closures(recording: Recording) -> Recording:
+    """Return the recording with steps of 10 s and one landmark that is observed at every second step."""
     steps = np.arange(0, STEPS, 2)
     return dataclasses.replace(
         recording,
@@ -283,18 +283,18 @@ def seen_again_and_again(recording: Recording) -> Recording:
     )
 
 
-def test_ticks_of_many_loop_closures_make_no_bar() -> None:
+def test_only_some_of_many_loop_closures_are_marked() -> None:
     truth, recording = circle()
-    recording = seen_again_and_again(recording)
+    recording = with_many_closures(recording)
     panels = panels_of(truth, recording, {"ekf": estimate(truth, [0, 0, 0])})
     ticks = [each for each in panels[0].collections if isinstance(each, LineCollection)]
-    assert [len(each.get_segments()) for each in ticks] == [50]  # of 99
+    assert [len(each.get_segments()) for each in ticks] == [50]  # every second one of 99
     assert panels[2].get_xlabel() == "time [s]; ticks: 1 in 2 loop closures"
     assert "1 in 2 loop closures" in labels(map_of(truth, recording, {}))
 
 
 @pytest.mark.parametrize("optimum", ["batch", "causal", "ekf"])
-def test_titles_of_a_figure_without_truth_are_whole(
+def test_titles_of_a_figure_without_truth_are_not_cropped(
     optimum: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     truth, recording = circle()
@@ -315,7 +315,7 @@ def test_titles_of_a_figure_without_truth_are_whole(
         assert 0.0 <= extent.x0 <= extent.x1 <= width, ax.get_title()
 
 
-def test_who_goes_astray_leaves_the_panels_and_is_named():
+def test_error_panels_ignore_a_diverged_estimate_and_name_it():
     truth, recording = circle()
     assert truth.poses is not None
     near, lost = estimate(truth, [0.01, 0.0, 0.0]), estimate(truth, [40.0, 0.0, 0.0])

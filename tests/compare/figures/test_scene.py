@@ -1,4 +1,4 @@
-"""The scene of an animation: what is drawn at a moment."""
+"""The scene of an animation: its contents at a step."""
 
 from __future__ import annotations
 
@@ -22,35 +22,35 @@ from tests.reference.rays_by_hand import BIRTHS, LANDMARKS, estimate_with_rays, 
 
 WITH_RAYS = estimate_with_rays()
 
-GUEST = replace(WITH_RAYS, rays=None, history=None)
+NO_HISTORY = replace(WITH_RAYS, rays=None, history=None)
 
-SMOOTHED = replace(GUEST, kind="smoothed")
-
-
-# --- who was seen when -------------------------------------------------------------------------
+SMOOTHED = replace(NO_HISTORY, kind="smoothed")
 
 
-def test_landmarks_are_first_seen_where_their_first_observation_is():
+# --- observed landmarks ------------------------------------------------------------------------
+
+
+def test_first_seen_is_the_step_of_the_first_observation():
     _, recording = half_loop()
-    assert first_seen(recording, GUEST).tolist() == [*BIRTHS]
+    assert first_seen(recording, NO_HISTORY).tolist() == [*BIRTHS]
     nameless = replace(recording, landmark=None)
-    assert first_seen(nameless, GUEST).tolist() == [0, 0, 0]
+    assert first_seen(nameless, NO_HISTORY).tolist() == [0, 0, 0]
     given = np.full(len(recording.observation), -1)
     given[recording.observation_step >= 100] = 1
-    assert first_seen(nameless, replace(GUEST, association=given)).tolist() == [NEVER, 100, NEVER]
+    assert first_seen(nameless, replace(NO_HISTORY, association=given)).tolist() == [NEVER, 100, NEVER]
 
 
-def test_first_sights_do_not_depend_on_how_many_are_looked_at_together(monkeypatch: pytest.MonkeyPatch):
-    """All observations against all landmarks at once take half a gigabyte in a run of a million steps."""
+def test_first_seen_does_not_depend_on_the_chunk_size(monkeypatch: pytest.MonkeyPatch):
+    """Without chunks a run of a million steps needs half a gigabyte."""
     recording = simulate(load_scenario("q1-long-dense", ["trajectory.duration=20"]), 0)[1]
     assert recording.landmark is not None
     ids = np.arange(40)
     places = Estimate(kind="filtered", poses=np.zeros((201, 3)), landmark_ids=ids, landmarks=np.zeros((40, 2)))
-    sights = [recording.observation_step[recording.landmark == each] for each in ids]
-    expected = [int(steps[0]) if len(steps) else NEVER for steps in sights]
+    observed = [recording.observation_step[recording.landmark == each] for each in ids]
+    expected = [int(steps[0]) if len(steps) else NEVER for steps in observed]
     assert NEVER in expected
-    for together in (7, len(recording.landmark)):
-        monkeypatch.setattr(arrays, "CHUNK", together)
+    for size in (7, len(recording.landmark)):
+        monkeypatch.setattr(arrays, "CHUNK", size)
         assert first_seen(recording, places).tolist() == expected
     monkeypatch.setattr(arrays, "CHUNK", 50)
     tracemalloc.start()
@@ -60,16 +60,16 @@ def test_first_sights_do_not_depend_on_how_many_are_looked_at_together(monkeypat
     assert peak < len(recording.landmark) * len(ids) / 2
 
 
-def test_lines_of_sight_lead_from_the_robot_to_what_it_sees():
+def test_lines_of_sight_connect_the_robot_with_observed_landmarks():
     truth, recording = half_loop()
     assert truth.poses is not None
-    lines = sight_lines(truth, recording, GUEST, 80, 90)
+    lines = sight_lines(truth, recording, NO_HISTORY, 80, 90)
     np.testing.assert_array_equal(lines[:, 0], np.tile(truth.poses[90, :2], (3, 1)))
     np.testing.assert_array_equal(lines[:, 1], LANDMARKS)
-    blind = sight_lines(Truth(), recording, GUEST, 80, 90)
-    np.testing.assert_array_equal(blind[:, 0], np.tile(GUEST.poses[90, :2], (3, 1)))
+    blind = sight_lines(Truth(), recording, NO_HISTORY, 80, 90)
+    np.testing.assert_array_equal(blind[:, 0], np.tile(NO_HISTORY.poses[90, :2], (3, 1)))
     np.testing.assert_array_equal(blind[:, 1], LANDMARKS + 0.2)
-    assert len(sight_lines(Truth(), replace(recording, landmark=None), GUEST, 80, 90)) == 0
+    assert len(sight_lines(Truth(), replace(recording, landmark=None), NO_HISTORY, 80, 90)) == 0
 
 
 def test_a_scan_between_two_frames_is_shown_once():
@@ -77,9 +77,9 @@ def test_a_scan_between_two_frames_is_shown_once():
     assert truth.poses is not None
     kept = recording.observation_step == 85
     assert truth.association is not None
-    sparse, told = recording.only(kept), replace(truth, association=truth.association[kept])
-    assert sight_lines(told, sparse, GUEST, 80, 90)[0, 0].tolist() == truth.poses[85, :2].tolist()
-    assert len(sight_lines(told, sparse, GUEST, 90, 100)) == 0
+    sparse, sparse_truth = recording.only(kept), replace(truth, association=truth.association[kept])
+    assert sight_lines(sparse_truth, sparse, NO_HISTORY, 80, 90)[0, 0].tolist() == truth.poses[85, :2].tolist()
+    assert len(sight_lines(sparse_truth, sparse, NO_HISTORY, 90, 100)) == 0
 
 
 # --- the scene ---------------------------------------------------------------------------------
@@ -109,22 +109,22 @@ def test_paths_end_where_the_robots_are():
         assert np.arctan2(nose[1], nose[0]) == pytest.approx(WITH_RAYS.poses[step, 2])
 
 
-def test_the_map_is_the_history_or_what_was_seen_of_the_last_map():
-    scene = scene_of({"ekf": WITH_RAYS, "causal": GUEST}, ["ekf", "causal"])
+def test_the_map_comes_from_the_history_or_from_the_final_map():
+    scene = scene_of({"ekf": WITH_RAYS, "causal": NO_HISTORY}, ["ekf", "causal"])
     scene.show(30)
     shown = [
         len(np.asarray(each.get_offsets()))
         for each in scene.figure.axes[0].collections
         if isinstance(each, EllipseCollection)
     ]
-    assert sorted(shown) == [0, 0, 1, 1, 5]  # points; the truth's robot; two robots; members of two rays
+    assert sorted(shown) == [0, 0, 1, 1, 5]  # points; true robot; two robots; members of two rays
     np.testing.assert_array_equal(lines_of(scene, "#CC9900")[1].get_xydata(), LANDMARKS[:2] + 0.2)
     scene.show(BIRTHS[2])
     np.testing.assert_array_equal(lines_of(scene, "#CC9900")[1].get_xydata(), LANDMARKS + 0.2)
 
 
 def test_the_time_and_the_lines_of_sight_move():
-    scene = scene_of({"causal": GUEST}, ["causal"])
+    scene = scene_of({"causal": NO_HISTORY}, ["causal"])
     (sight,) = (each for each in scene.figure.axes[0].collections if isinstance(each, LineCollection))
     for step, time, lines in ((0, "t = 0.0 s", 1), (90, "t = 9.0 s", 3)):
         scene.show(step)
@@ -136,15 +136,17 @@ def test_a_scan_is_not_shown_again_in_later_frames():
     truth, recording = half_loop()
     assert truth.association is not None
     kept = recording.observation_step == 85
-    told = replace(truth, association=truth.association[kept])
-    scene = Scene(Results("a title", told, recording.only(kept), {"a": GUEST}), {"a": GUEST}, {"a": GUEST})
+    sparse_truth = replace(truth, association=truth.association[kept])
+    scene = Scene(
+        Results("a title", sparse_truth, recording.only(kept), {"a": NO_HISTORY}), {"a": NO_HISTORY}, {"a": NO_HISTORY}
+    )
     (sight,) = (each for each in scene.figure.axes[0].collections if isinstance(each, LineCollection))
     for step, lines in ((80, 0), (90, 3), (100, 0)):
         scene.show(step)
         assert len(sight.get_segments()) == lines
 
 
-def test_scales_are_equal_and_everything_is_inside():
+def test_scales_are_equal_and_limits_contain_everything():
     ax = scene_of({"ekf": WITH_RAYS}, ["ekf"]).figure.axes[0]
     box = ax.get_window_extent()
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()

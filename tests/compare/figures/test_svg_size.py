@@ -1,4 +1,4 @@
-"""An SVG stays below half a megabyte, its peaks are kept, and the figure does not change."""
+"""Small SVG files: size, peaks of curves, and the unchanged figure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Axes that people can read wherever and whenever a run took place."""
+"""Readable axes for large coordinates and times."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MINUS, THIN = "\N{MINUS SIGN}", "\N{NARROW NO-BREAK SPACE}"
 
 
 def drawn(ax: Axes) -> tuple[list[str], list[str]]:
-    """What stands at the ticks of x and y inside the limits, as drawn."""
+    """Return the tick labels of x and y as drawn."""
     assert isinstance(ax.figure, Figure)
     FigureCanvasAgg(ax.figure).draw()
     for axis in (ax.xaxis, ax.yaxis):
@@ -61,7 +61,7 @@ def far_recording() -> Recording:
         ((500_000.0, 500_000.4), (0, 0.4), (f"x {MINUS} 500{THIN}000 [m]", "y [m]")),
     ],
 )
-def test_labels_say_what_the_ticks_are_counted_from(
+def test_labels_name_the_origin_of_the_ticks(
     x: tuple[float, float], y: tuple[float, float], labels: tuple[str, str]
 ) -> None:
     ax = framed(x, y)
@@ -69,15 +69,15 @@ def test_labels_say_what_the_ticks_are_counted_from(
     for texts, ticks, limits in zip(drawn(ax), (ax.get_xticks(), ax.get_yticks()), (x, y), strict=True):
         origin = round_origin(*limits, max(x[1] - x[0], y[1] - y[0]))
         assert len({*texts}) == len(texts) > 2
-        said = np.array([float(text.replace(MINUS, "-")) for text in texts])
-        assert said + origin == pytest.approx(ticks, abs=1e-6)
+        values = np.array([float(text.replace(MINUS, "-")) for text in texts])
+        assert values + origin == pytest.approx(ticks, abs=1e-6)
 
 
-def test_a_view_without_extent_is_counted_from_zero() -> None:
+def test_an_axis_without_extent_has_origin_zero() -> None:
     assert round_origin(5e5, 5e5, 0.0) == 0.0
 
 
-def test_time_is_counted_from_a_round_number_too() -> None:
+def test_large_times_have_an_origin_too() -> None:
     ax = Figure().subplots()
     ax.set_xlim(EPOCH, EPOCH + 60)
     assert label_time(ax) == f"time {MINUS} 1{THIN}700{THIN}000{THIN}000 [s]"
@@ -86,7 +86,7 @@ def test_time_is_counted_from_a_round_number_too() -> None:
     assert label_time(ax) == "time [s]"
 
 
-def test_pictures_of_a_run_far_away_have_no_offset_text() -> None:
+def test_figures_of_a_distant_run_have_no_offset_text() -> None:
     recording = far_recording()
     estimates = {"riekf": riekf(recording)}
     ax = Figure().subplots()
@@ -101,7 +101,7 @@ def test_pictures_of_a_run_far_away_have_no_offset_text() -> None:
     assert panels[-1].get_xlabel().startswith(f"time {MINUS} 1{THIN}700{THIN}")
 
 
-def test_animations_and_rays_far_away_are_labelled_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_animations_and_ray_strips_have_origins_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recording = far_recording()
     bearings = replace(
         recording,
@@ -136,6 +136,6 @@ def test_an_optimum_in_doubt_is_named_in_the_figure(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         save_figure(tmp_path / name, None, recording, {"causal": each}, "a title")
         texts[name] = (tmp_path / name / "figure.svg").read_text(encoding="utf-8")
-    said = "causal is 0.31 sigma from the optimum at a checked step"
-    assert [said in texts[name] for name in ("sure", "doubtful")] == [False, True]
+    remark = "causal is 0.31 sigma from the optimum at a checked step"
+    assert [remark in texts[name] for name in ("sure", "doubtful")] == [False, True]
     assert ["difference to causal? and" in texts[name] for name in ("sure", "doubtful")] == [False, True]

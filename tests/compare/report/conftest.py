@@ -1,7 +1,4 @@
-"""A browser for pages, and pages for the browser.
-
-Debian's chromium and its driver (see `programs`).
-"""
+"""Browser fixtures (Debian's chromium and its driver, see `programs`) and the page of a run."""
 
 from __future__ import annotations
 
@@ -24,13 +21,13 @@ from slamgauge.compare.scoring.comparison import metrics
 from slamgauge.compare.scoring.comparison_files import write_comparison
 from tests.reference.programs import program
 
-NAMED = "<script>alert(1)</script>"
-GUEST = 'own "<b>&amp;'
+SCRIPT_NAME = "<script>alert(1)</script>"
+USER_NAME = 'own "<b>&amp;'
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 def unexplained(page: Path, *names: str) -> list[str]:
-    """Columns of a page's tables that its glossary lacks, but those called as somebody is."""
+    """Return the table columns of a page that its glossary does not explain, except the given names."""
     text = page.read_text(encoding="utf-8")
     heads, terms = (
         [html.unescape(found) for found in re.findall(pattern, text)]
@@ -41,13 +38,13 @@ def unexplained(page: Path, *names: str) -> list[str]:
 
 
 class Reader:
-    """Somebody who opens pages in a browser, and sees what it complains of and whom it asks."""
+    """A browser that records console messages and network requests."""
 
     def __init__(self, driver: webdriver.Chrome) -> None:
         self.driver = driver
 
     def open(self, page: Path, *, width: int = 1280, dark: bool = False) -> None:
-        self.complaints()  # what came before is not this page's
+        self.complaints()  # drop messages of earlier pages
         self.command("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.command("Emulation.setEmulatedMedia", media="", features=[scheme])
@@ -57,21 +54,21 @@ class Reader:
         return self.driver.execute_script(script, *arguments)
 
     def wait(self, script: str) -> Any:
-        """What a script that calls its last argument hands over."""
+        """Return the value that an asynchronous script passes to its callback."""
         return self.driver.execute_async_script(script)
 
     def command(self, name: str, **arguments: object) -> Any:
         return self.driver.execute_cdp_cmd(name, arguments)
 
     def complaints(self) -> list[str]:
-        """What stands in the console since it was last looked at."""
+        """Return console messages since the last call."""
         return [entry["message"] for entry in self.driver.get_log("browser")]
 
     def requests(self) -> list[str]:
-        """Addresses that were asked since this was last looked at, but those that stand in the page itself."""
+        """Return requested addresses since the last call, except data URLs."""
         messages = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
-        asked = [each["params"]["request"]["url"] for each in messages if each["method"] == "Network.requestWillBeSent"]
-        return [url for url in asked if not url.startswith("data:")]
+        found = [each["params"]["request"]["url"] for each in messages if each["method"] == "Network.requestWillBeSent"]
+        return [url for url in found if not url.startswith("data:")]
 
 
 @pytest.fixture(scope="session")
@@ -91,14 +88,14 @@ def reader() -> Generator[Reader]:
 
 @pytest.fixture(scope="session")
 def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The README's first run with names that are not meant well, and its page."""
+    """The first run of the README with malicious names, and its page."""
     truth, recording = simulate(load_scenario("q1-long-dense"), 0)
     estimators = load_estimators(["dead-reckoning", "ekf", "riekf", "causal", "batch"], frames=240)
-    named = {GUEST if name == "riekf" else name: each for name, each in estimators.items()}
+    named = {USER_NAME if name == "riekf" else name: each for name, each in estimators.items()}
     comparison = compare_estimators(truth, recording, named)
     folder = tmp_path_factory.mktemp("run")
-    write_comparison(folder, comparison, metrics(comparison, NAMED, 0))
-    assert draw_comparison(folder, comparison, NAMED)
+    write_comparison(folder, comparison, metrics(comparison, SCRIPT_NAME, 0))
+    assert draw_comparison(folder, comparison, SCRIPT_NAME)
     publish_report(folder)
     return folder
 

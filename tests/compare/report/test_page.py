@@ -1,4 +1,4 @@
-"""Pages as texts: whatever comes from data is escaped, the policy fits, the program is whole, and it has its size."""
+"""HTML of pages: escaping, Content-Security-Policy, script, explanations and size."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_the_page_of_a_run_explains_every_column(run_page: Path) -> None:
     assert unexplained(run_page) == []
 
 
-def test_names_of_others_are_text_and_nothing_else(text: str) -> None:
+def test_user_given_names_are_escaped(text: str) -> None:
     found = Elements(text)
     scripts = [attributes for tag, attributes in found.tags if tag == "script"]
     assert [each["type"] for each in scripts] == ["application/json", "module"]
@@ -67,7 +67,7 @@ def test_names_of_others_are_text_and_nothing_else(text: str) -> None:
     assert not [name for _, attributes in found.tags for name in attributes if name == "style" or name.startswith("on")]
 
 
-def test_the_policy_names_program_and_style_by_what_they_are(text: str) -> None:
+def test_the_policy_has_the_digests_of_script_and_style(text: str) -> None:
     (policy,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]+)"', text)
     rules = dict(each.strip().split(" ", 1) for each in policy.replace("&#39;", "'").split(";"))
     assert rules["default-src"] == "'none'"
@@ -78,32 +78,32 @@ def test_the_policy_names_program_and_style_by_what_they_are(text: str) -> None:
         assert rules[rule] == f"'sha256-{digest}'"
 
 
-def test_data_in_the_page_is_what_was_given_and_ends_no_element() -> None:
+def test_json_in_a_page_is_unchanged_and_cannot_end_an_element() -> None:
     data = {"name": "</script><!-- & \u2028", "list": [1.5, None]}
     text = json_text(data)
     assert json.loads(text) == data
     assert not set("<>&") & set(text)
 
 
-def test_numbers_of_json_are_numbers() -> None:
+def test_nan_in_json_is_an_error() -> None:
     with pytest.raises(ValueError, match="not JSON compliant"):
         json_text({"figure": float("nan")})
 
 
-def test_arrays_come_back_as_they_were_packed() -> None:
+def test_encoded_arrays_are_decoded_unchanged() -> None:
     values = np.array([[1.0, np.nan], [-2.5, 3e7]])
     packed = pack(values)
     read = np.frombuffer(base64.b64decode(packed["data"]), dtype="<f4").reshape(2, 2)
     np.testing.assert_array_equal(read, values)
 
 
-def test_what_cannot_be_printed_is_written_out() -> None:
+def test_unprintable_characters_are_replaced_by_escapes() -> None:
     text = render("base.html", kind="k", title="a\x1bb\udcff", origin=[], glossary=[])
     assert r"a\x1bb\udcff" in text
     assert text.encode()
 
 
-def test_a_column_of_several_tables_is_explained_once_and_none_of_a_table_that_is_not_shown() -> None:
+def test_columns_are_explained_once_and_only_for_tables_with_rows() -> None:
     found, left = Head("found", "the likeliest value"), Head("left", "what is not shown")
     row = [Cell("1")]
     tables = [Table("a", "A", [found], [row]), Table("b", "B", [found], [row]), Table("c", "C", [left], [])]
@@ -112,26 +112,26 @@ def test_a_column_of_several_tables_is_explained_once_and_none_of_a_table_that_i
     assert "what is not shown" not in text
 
 
-def test_modules_define_no_name_twice_and_import_what_stands_before_them() -> None:
+def test_modules_have_distinct_names_and_import_earlier_modules() -> None:
     assert {path.name for path in (ASSETS / "modules").iterdir()} == {f"{name}.js" for name in MODULES}
     names = [name for source in SOURCES.values() for name in BARE.findall(source)]
     assert len(names) == len(set(names))
     for place, (name, source) in enumerate(SOURCES.items()):
-        assert source.startswith("// @ts-check\n/** "), f"{name}.js says what it is"
+        assert source.startswith("// @ts-check\n/** "), f"{name}.js has a head comment"
         for imported, other in re.findall(r'^import \{ (.*) \} from "\./(\w+)\.js";$', source, re.MULTILINE):
             assert other in MODULES[:place]
             exported = set(re.findall(r"^export (?:function|class|const) (\w+)", SOURCES[other], re.MULTILINE))
             assert {*imported.split(", ")} <= exported
 
 
-def test_the_program_has_neither_imports_nor_exports_nor_makes_code_of_texts() -> None:
+def test_the_script_has_no_imports_no_exports_and_no_eval() -> None:
     assert not re.findall(r"^(?:import|export) .*", program(), re.MULTILINE)
     assert not re.findall(
         r"\beval\b|new Function|innerHTML|insertAdjacentHTML|document\.write|fetch\(|https?:", program()
     )
 
 
-def test_a_table_of_very_many_loop_closures_has_some_of_them() -> None:
+def test_a_table_of_very_many_loop_closures_is_thinned_out() -> None:
     keys = ("error_before_m", "error_after_m", "sigma_before_m", "sigma_after_m")
     closures = [{"step": step, **dict.fromkeys(keys, 0.1)} for step in range(10_000)]
     table = closure_table({"estimators": {"ekf": {"loop_closure": closures}, "batch": {"loop_closure": None}}})
@@ -139,12 +139,12 @@ def test_a_table_of_very_many_loop_closures_has_some_of_them() -> None:
     assert "1 in 20 loop closures" in table.caption
 
 
-def test_a_folder_without_results_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_a_folder_without_results_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="contains no results; give a folder that slamgauge has written"):
         publish_report(tmp_path)
 
 
-def test_a_page_of_somebody_else_stays(run_folder: Path, tmp_path: Path) -> None:
+def test_a_page_of_another_origin_is_not_replaced(run_folder: Path, tmp_path: Path) -> None:
     (tmp_path / "metrics.json").write_bytes((run_folder / "metrics.json").read_bytes())
     (tmp_path / "report.html").write_text("mine")
     with pytest.raises(UserError, match=r"report\.html: exists already, and slamgauge has not written it"):

@@ -1,4 +1,4 @@
-"""Pages say what the terminal says, in the same words: what is in doubt, what is wrong, what noise found is worth."""
+"""Pages contain the notes that the terminal prints: optima in doubt, misfits, losses of noise estimation."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def page_of(folder: Path, name: str, content: object) -> str:
     return " ".join(html.unescape(text).split())
 
 
-def test_every_rung_is_marked_where_the_optima_are_none_of_what_has_happened(tmp_path: Path):
-    """Residuals of three times the stated noise, and optima in doubt in all of the runs."""
+def test_every_rung_of_a_budget_with_optima_in_doubt_is_marked(tmp_path: Path):
+    """Residuals are three times the stated noise, and optima are in doubt in all runs."""
     errors = np.random.default_rng(0).uniform(1.0, 2.0, (5, len(RUNGS)))
     found = summarise_budget("q1", "ekf", errors, np.ones(errors.shape), np.linspace(2.9, 3.1, len(errors)))
     page = page_of(tmp_path, "budget.json", found.to_json())
-    said = [part for part in budget_table(found).parts[2:] if isinstance(part, str)]
-    assert any("no optimum of what has happened" in line for line in said)
-    assert [line for line in said if line not in page] == []
+    notes = [part for part in budget_table(found).parts[2:] if isinstance(part, str)]
+    assert any("no optimum of what has happened" in line for line in notes)
+    assert [line for line in notes if line not in page] == []
     assert len(re.findall(r"[+-]\d\.\d{5}\?", page)) == len(RUNGS)
 
 
@@ -46,28 +46,28 @@ def test_a_sweep_is_marked_where_its_optimum_is_in_doubt(tmp_path: Path):
     with ThreadPoolExecutor(1) as executor:
         summary = run_study(scenario, 2, 0, ["ekf", "causal"], tmp_path / "study", executor)
     optimum = replace(
-        summary.estimators["causal"], others={"chi_square_per_dof": Interval(3.0, 2.9, 3.1)}, faults=("is astray",)
+        summary.estimators["causal"], others={"chi_square_per_dof": Interval(3.0, 2.9, 3.1)}, faults=("diverges",)
     )
     misfit = replace(summary, estimators={**summary.estimators, "causal": optimum})
     sweep = Sweep("q1", "assumed.scale", 2, 0, ("1", "2"), (summary, misfit))
     page = page_of(tmp_path, "sweep.json", sweep.to_json())
-    said = [part for part in sweep_table(sweep).parts if isinstance(part, str)]
-    assert any("is astray at assumed.scale=2" in line for line in said)
-    assert any("assumed.scale=2: the residuals of causal" in line for line in said)
-    assert [line for line in said if line not in page] == []
-    assert len(re.findall(r"\d\?", page)) == 2  # x causal, of both estimators at the second value
+    notes = [part for part in sweep_table(sweep).parts if isinstance(part, str)]
+    assert any("diverges at assumed.scale=2" in line for line in notes)
+    assert any("assumed.scale=2: the residuals of causal" in line for line in notes)
+    assert [line for line in notes if line not in page] == []
+    assert len(re.findall(r"\d\?", page)) == 2  # `x causal` of both estimators at the second value
 
 
-def test_the_page_of_noise_says_that_errors_last_and_that_it_loses(tmp_path: Path):
+def test_the_page_of_noise_notes_autocorrelation_and_held_out_loss(tmp_path: Path):
     recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=5", "start=sampled"]), 4)[1]
     found = find_noise(recording)
     assert found.held_out is not None
     losing = found.held_out._replace(log_likelihood_gain=-3.5)
     noise: Noise = replace(found, sights_counted_as_one=2.5, held_out=losing)
     page = page_of(tmp_path, "noise.json", noise_json(noise))
-    said = [part for part in noise_table(noise).parts if isinstance(part, str)]
+    notes = [part for part in noise_table(noise).parts if isinstance(part, str)]
     (tmp_path / "report.html").write_text(PAGES["noise.json"](tmp_path)["report.html"], encoding="utf-8")
     assert unexplained(tmp_path / "report.html") == []
-    assert any("2.5 sights of a landmark count as one" in line for line in said)
-    assert any("it loses there, and the noise assumed is kept" in line for line in said)
-    assert [line for line in said if line not in page] == []
+    assert any("2.5 sights of a landmark count as one" in line for line in notes)
+    assert any("it loses there, and the noise assumed is kept" in line for line in notes)
+    assert [line for line in notes if line not in page] == []

@@ -1,4 +1,4 @@
-"""What a replay is told of a run: the same as the run."""
+"""The data of a replay agree with the run."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def unpacked(packed: dict[str, Any]) -> Float:
 
 @pytest.fixture(scope="module")
 def results() -> Results:
-    """Twenty seconds without ids at a gate that lets wrong landmarks pass."""
+    """A run of 20 s without ids, at a gate that accepts wrong associations."""
     settings = ["trajectory.duration=20", "association.gate=100", "trajectory.yaw_rate=0.6"]
     scenario = load_scenario("q2-short-dense", settings)
     truth, recording = simulate(scenario, 0)
@@ -40,7 +40,7 @@ def results() -> Results:
     return Results("a run", truth, recording, compare_estimators(truth, recording, estimators).estimates)
 
 
-def test_wrong_sights_are_as_many_as_are_counted(results: Results):
+def test_the_number_of_wrong_observations_agrees_with_the_scores(results: Results):
     assert results.truth is not None
     for estimate in results.estimates.values():
         wrong = wrong_sights(results.truth, results.recording, estimate)
@@ -49,7 +49,7 @@ def test_wrong_sights_are_as_many_as_are_counted(results: Results):
         assert wrong.any()
 
 
-def test_who_cannot_tell_says_nothing_of_wrong_sights(results: Results):
+def test_wrong_observations_are_unknown_without_association_or_truth(results: Results):
     estimate = Estimate("filtered", results.estimates["ekf"].poses)
     assert results.truth is not None
     assert wrong_sights(results.truth, results.recording, estimate) is None
@@ -76,14 +76,14 @@ def test_a_frame_has_the_last_scan_since_the_frame_before(results: Results, coun
         before = step
 
 
-def test_sights_end_where_range_and_bearing_say(results: Results):
+def test_observed_positions_agree_with_range_and_bearing(results: Results):
     observations = shown_observations(results.recording, frame_steps(results.recording.steps, 50), 1.0)
     seen = results.recording.observation[observations.observation]
     np.testing.assert_allclose(np.hypot(*observations.body.T), seen[:, 0])
     np.testing.assert_allclose(np.arctan2(observations.body[:, 1], observations.body[:, 0]), seen[:, 1], atol=1e-12)
 
 
-def test_a_recording_without_observations_has_no_sights():
+def test_a_recording_without_observations_has_none_to_show():
     stamps = np.arange(4.0)
     recording = Recording(
         stamps=stamps,
@@ -102,7 +102,7 @@ def test_a_recording_without_observations_has_no_sights():
     assert observations.body.shape == (0, 2)
 
 
-def test_maps_stand_as_they_were_last_noted(results: Results):
+def test_maps_are_the_last_recorded_ones(results: Results):
     data = replay_data(results, looks(results.estimates), 10_000_000)
     for packed, estimate in zip(data["estimates"], results.estimates.values(), strict=True):
         rows = packed["rows"]
@@ -115,7 +115,7 @@ def test_maps_stand_as_they_were_last_noted(results: Results):
             np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
-def test_a_replay_has_as_many_frames_as_find_room(results: Results):
+def test_a_replay_has_as_many_frames_as_the_size_limit_allows(results: Results):
     whole = replay_data(results, looks(results.estimates), 10_000_000)
     assert len(unpacked(whole["step"])) == results.recording.steps + 1
     room = len(json.dumps(whole)) // 2
@@ -131,12 +131,12 @@ def test_errors_and_nees_are_those_of_the_scores(results: Results):
     assert results.truth is not None
     assert results.truth.poses is not None
     for packed, estimate in zip(data["estimates"], results.estimates.values(), strict=True):
-        offs = np.linalg.norm(estimate.poses[:, :2] - results.truth.poses[:, :2], axis=1)
-        np.testing.assert_allclose(unpacked(packed["error"]), offs, rtol=1e-5, atol=1e-6)
+        expected = np.linalg.norm(estimate.poses[:, :2] - results.truth.poses[:, :2], axis=1)
+        np.testing.assert_allclose(unpacked(packed["error"]), expected, rtol=1e-5, atol=1e-6)
         assert np.isfinite(unpacked(packed["nees"])).any()
 
 
-def test_a_question_of_the_practical_is_carried_out_and_explained(
+def test_a_question_of_the_exercise_is_run_and_has_a_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     short = QUESTIONS["q1"]._replace(runs={"stationary": "dead-reckoning,ekf"})
@@ -149,12 +149,12 @@ def test_a_question_of_the_practical_is_carried_out_and_explained(
     assert "the error accumulates along the loop" in page
     assert "<strong>stationary, ekf</strong>: RMS position error " in page
     assert "<code>slamgauge report q1</code>" in page
-    made = json.loads((tmp_path / "results/q1/stationary/metrics.json").read_text(encoding="utf-8"))
-    assert f"<dt>Digest of stationary</dt><dd>{made['digest']}</dd>" in page
-    assert "<dt>time [s]</dt>" not in page  # no column of its table
+    metrics = json.loads((tmp_path / "results/q1/stationary/metrics.json").read_text(encoding="utf-8"))
+    assert f"<dt>Digest of stationary</dt><dd>{metrics['digest']}</dd>" in page
+    assert "<dt>time [s]</dt>" not in page  # not a column of its table
     assert unexplained(tmp_path / "results/q1/report.html") == []
     assert (tmp_path / "results/q1/stationary/report.html").exists()
-    for _ in range(2):  # again, too, where the folder has the question's name
+    for _ in range(2):  # also a second time, into a folder with the name of the question
         assert main(["report", "q1", "--out", "q1"]) == 0
 
 

@@ -43,13 +43,13 @@ def opened(reader: Reader, run_page: Path) -> Generator[Reader]:
     assert reader.complaints() == []
 
 
-def test_it_asks_for_nothing_but_itself(opened: Reader, run_page: Path):
+def test_the_page_loads_nothing_else(opened: Reader, run_page: Path):
     assert opened.requests() == [run_page.as_uri()]
     assert opened.run("return document.querySelectorAll('script[src], link, iframe').length") == 0
 
 
-def test_it_is_there_within_a_second(reader: Reader, run_page: Path):
-    """The best of three: other programs share the machine."""
+def test_the_page_loads_within_a_second(reader: Reader, run_page: Path):
+    """The best of three, because other programs use the machine."""
     times: list[float] = []
     for _ in range(3):
         reader.open(run_page)
@@ -71,7 +71,7 @@ def test_play_moves_the_robot_until_it_is_paused(opened: Reader):
 
 
 def test_twenty_frames_a_second_with_five_estimators(opened: Reader):
-    """The best of three seconds: other programs share the machine."""
+    """The best of three seconds, because other programs use the machine."""
     opened.run("document.querySelector('.toggle[aria-pressed=false]').click()")
     assert opened.run("return document.querySelectorAll('.toggle[aria-pressed=true]').length") == 5
     opened.run(SCRUB, 700)
@@ -92,7 +92,7 @@ def test_a_click_in_a_panel_or_on_the_time_line_jumps_there(opened: Reader, canv
     assert opened.run(FRAME) == pytest.approx(share * 1257, abs=60)
 
 
-def test_an_estimator_goes_and_comes_back(opened: Reader):
+def test_an_estimator_is_hidden_and_shown(opened: Reader):
     opened.run(SCRUB, 600)
     shown = opened.run(PIXELS, "map-canvas")
     opened.run("document.querySelectorAll('.toggle')[1].click()")
@@ -103,7 +103,7 @@ def test_an_estimator_goes_and_comes_back(opened: Reader):
 
 
 @pytest.mark.parametrize("layer", ["observations", "innovations", "ellipses"])
-def test_layers_go_and_come_back(opened: Reader, layer: str):
+def test_layers_are_hidden_and_shown(opened: Reader, layer: str):
     opened.run(SCRUB, 600)
     shown = opened.run(PIXELS, "map-canvas")
     button = f"document.querySelector('[data-layer={layer}]').click()"
@@ -146,10 +146,10 @@ def test_tables_sort_by_figures_and_by_names(opened: Reader):
     opened.run(head, 0)
     assert opened.run(order)[0] == "batch"
     opened.run(head, 8)
-    assert opened.run(order)[-1] == "dead-reckoning", "what has no figure comes last"
+    assert opened.run(order)[-1] == "dead-reckoning", "a cell without a number comes last"
 
 
-def test_data_can_be_taken_along_as_csv(opened: Reader):
+def test_data_can_be_downloaded_as_csv(opened: Reader):
     opened.run(
         """window.taken = []; URL.createObjectURL = (blob) => (blob.text().then((text) => taken.push(text)), '#');
         document.querySelector('[data-csv=scores]').click(); document.getElementById('series-csv').click();"""
@@ -170,7 +170,7 @@ def test_a_narrow_screen_shows_everything_without_scrolling_sideways(reader: Rea
     assert reader.complaints() == []
 
 
-def test_what_is_said_of_a_table_is_read_on_a_narrow_screen(reader: Reader, run_page: Path):
+def test_captions_of_tables_fit_a_narrow_screen(reader: Reader, run_page: Path):
     reader.open(run_page, width=360)
     ends = reader.run(
         "return [...document.querySelectorAll('.caption')].map((each) => each.getBoundingClientRect().right)"
@@ -178,8 +178,8 @@ def test_what_is_said_of_a_table_is_read_on_a_narrow_screen(reader: Reader, run_
     assert 0 < max(ends) <= 360
 
 
-def test_what_is_clicked_has_room_for_a_finger(opened: Reader):
-    """WCAG 2.2, 2.5.8: 24 pixels each way."""
+def test_controls_are_large_enough_for_touch(opened: Reader):
+    """WCAG 2.2, 2.5.8: at least 24 by 24 pixels."""
     small = opened.run(
         """document.querySelectorAll('details').forEach((each) => { each.open = true; });
         return [...document.querySelectorAll('button, select, input, summary')].filter((each) => {
@@ -189,13 +189,13 @@ def test_what_is_clicked_has_room_for_a_finger(opened: Reader):
     assert small == []
 
 
-def test_rounding_is_no_error(opened: Reader):
+def test_rounding_errors_are_shown_as_zero(opened: Reader):
     now = opened.run("return document.getElementById('now').textContent")
     assert now.startswith("t = 0 s, step 0: ekf 0 m, ")
     assert "e-" not in now
 
 
-def test_it_prints_with_tables_and_figures_and_without_the_replay(reader: Reader, run_page: Path):
+def test_the_printed_page_has_tables_and_figures_but_no_replay(reader: Reader, run_page: Path):
     reader.open(run_page)
     printed = reader.command("Page.printToPDF", printBackground=True)
     assert base64.b64decode(printed["data"]).startswith(b"%PDF-")
@@ -207,7 +207,7 @@ def test_it_prints_with_tables_and_figures_and_without_the_replay(reader: Reader
     reader.command("Emulation.setEmulatedMedia", media="")
 
 
-def test_without_javascript_tables_and_figures_are_there(reader: Reader, run_page: Path):
+def test_tables_and_figures_do_not_need_javascript(reader: Reader, run_page: Path):
     reader.command("Emulation.setScriptExecutionDisabled", value=True)
     try:
         reader.open(run_page)
@@ -236,13 +236,13 @@ return poor;"""
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_every_text_stands_out_from_its_ground(reader: Reader, run_page: Path, dark: bool):
-    """WCAG 2.2, 1.4.3: a contrast of 4.5 at least."""
+def test_every_text_has_enough_contrast(reader: Reader, run_page: Path, dark: bool):
+    """WCAG 2.2, 1.4.3: a contrast of at least 4.5."""
     reader.open(run_page, dark=dark)
     assert reader.run(LUMINANCE) == []
 
 
-def test_everything_has_a_name_for_those_who_do_not_see_it(opened: Reader):
+def test_controls_and_pictures_have_accessible_names(opened: Reader):
     nameless = opened.run(
         """return [...document.querySelectorAll('button, select, input, canvas, img, [role=region]')].filter((each) =>
         !(each.textContent.trim() || each.getAttribute('aria-label') || each.alt || each.labels?.length))

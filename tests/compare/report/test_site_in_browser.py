@@ -1,4 +1,4 @@
-"""The site of our pages as it is opened from disk: a small one, made with its settings."""
+"""The manual opened from disk, tested on a small site with the same settings."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ const look = () => { const found = [...document.querySelectorAll('#search-result
 look();"""
 
 
-def test_the_search_finds_pages_from_disk_and_asks_for_nothing_that_browsers_refuse(reader: Reader, tmp_path: Path):
+def test_the_search_works_from_disk_without_console_errors(reader: Reader, tmp_path: Path):
     source, site = tmp_path / "docs", tmp_path / "site"
     source.mkdir()
     (source / "conf.py").write_bytes(CONF.read_bytes())

@@ -1,4 +1,4 @@
-"""The page of a study in a real browser, and pages of sentences and tables, whatever their names hold."""
+"""The page of a study in a real browser, and the other pages with malicious names."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from slamgauge.compare.studies.study import load_runs, run_study
 from slamgauge.compare.studies.study_run import run_seed
 from tests.reference import lighter
 
-from .conftest import NAMED, Reader, unexplained
+from .conftest import SCRIPT_NAME, Reader, unexplained
 
 RUNS = 4
 NOW = "return document.getElementById(arguments[0]).textContent"
@@ -34,7 +34,7 @@ NOW = "return document.getElementById(arguments[0]).textContent"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four short runs of two estimators, and their page."""
+    """A study of four short runs of two estimators, with its page."""
     folder = tmp_path_factory.mktemp("study")
     scenario = load_scenario("q1-short-dense", ["start=sampled", "trajectory.duration=5"])
     chosen = ["ekf", "causal"]
@@ -53,7 +53,7 @@ def opened(reader: Reader, folder: Path) -> Generator[Reader]:
     assert reader.complaints() == []
 
 
-def test_a_study_is_read_back_as_it_was_summed_up(folder: Path):
+def test_a_stored_study_gives_the_written_summary(folder: Path):
     study = load_study(folder)
     written = json.loads((folder / "summary.json").read_text())
     for name, entry in study.summary.estimators.items():
@@ -61,7 +61,7 @@ def test_a_study_is_read_back_as_it_was_summed_up(folder: Path):
     assert study.step == 0.1
 
 
-def test_a_store_of_another_study_is_refused(folder: Path, tmp_path: Path):
+def test_a_store_of_another_study_is_an_error(folder: Path, tmp_path: Path):
     (tmp_path / "study.sqlite").write_bytes((folder / "study.sqlite").read_bytes())
     summary = json.loads((folder / "summary.json").read_text())
     (tmp_path / "summary.json").write_text(json.dumps({**summary, "digest": "0" * 64}))
@@ -69,12 +69,12 @@ def test_a_store_of_another_study_is_refused(folder: Path, tmp_path: Path):
         publish_report(tmp_path)
 
 
-def test_the_page_of_a_study_asks_for_nothing_and_tells_first_what_the_figures_say(opened: Reader, folder: Path):
+def test_the_page_of_a_study_loads_nothing_else_and_begins_with_the_verdicts(opened: Reader, folder: Path):
     page = folder / "report.html"
     assert opened.requests() == [page.as_uri()]
     assert page.stat().st_size <= 8_000_000
-    said = opened.run("return document.querySelector('main').firstElementChild.textContent")
-    assert "ekf: " in said
+    first = opened.run("return document.querySelector('main').firstElementChild.textContent")
+    assert "ekf: " in first
     assert opened.run("return document.querySelectorAll('#runs tbody tr').length") == RUNS
     assert opened.run("return document.querySelectorAll('#against-0 tbody tr').length") == 2
 
@@ -84,7 +84,7 @@ def test_pages_of_many_runs_explain_every_column(folder: Path, sweep: Path):
     assert unexplained(sweep / "report.html") == []
 
 
-def test_a_click_tells_the_moment_and_keys_choose_a_run_and_its_command(opened: Reader):
+def test_a_click_shows_the_values_and_keys_select_a_run_with_its_command(opened: Reader):
     opened.run(
         """const canvas = document.getElementById('study-nees'), box = canvas.getBoundingClientRect();
         canvas.setPointerCapture = () => {};
@@ -99,8 +99,7 @@ def test_a_click_tells_the_moment_and_keys_choose_a_run_and_its_command(opened: 
     assert f"--seed {run_seed(0, 0)}" in opened.run(NOW, "run-command")
 
 
-def test_a_click_takes_the_nearest_run(opened: Reader):
-    """Every dot is the nearest to a click upon it; dots stand where the chart says."""
+def test_a_click_selects_the_nearest_run(opened: Reader):
     opened.run(
         """const canvas = document.getElementById('study-errors'), box = canvas.getBoundingClientRect();
         for (let x = 0; x < box.width && document.getElementById('run-now').textContent === ''; x += 8)
@@ -110,7 +109,7 @@ def test_a_click_takes_the_nearest_run(opened: Reader):
     assert opened.run(NOW, "run-now").startswith("run ")
 
 
-def test_an_estimator_of_a_study_goes_and_comes_back(opened: Reader):
+def test_an_estimator_of_a_study_is_hidden_and_shown(opened: Reader):
     pixels = "return document.getElementById('study-nees').toDataURL()"
     shown = opened.run(pixels)
     opened.run("document.querySelector('.toggle').click()")
@@ -152,13 +151,13 @@ def test_the_command_of_a_run_of_a_sweep_has_its_value():
 
 
 def undecorated(*_: object) -> bool:
-    """Without pictures, which take their time."""
+    """Replace drawing, which is slow."""
     return True
 
 
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two short runs at each of two scales, the optimum in a store of its own."""
+    """A sweep with two short runs at each of two scales."""
     folder = tmp_path_factory.mktemp("sweeps") / "sweep"
     words = (
         "study",
@@ -178,7 +177,7 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_page_of_a_sweep_leads_to_those_of_its_values(reader: Reader, sweep: Path):
+def test_the_page_of_a_sweep_links_to_the_pages_of_its_values(reader: Reader, sweep: Path):
     reader.open(sweep / "report.html")
     assert reader.run("return [...document.querySelectorAll('#sweep a')].length") == 4
     reader.run("document.querySelectorAll('#sweep a')[2].click()")
@@ -189,7 +188,7 @@ def test_the_page_of_a_sweep_leads_to_those_of_its_values(reader: Reader, sweep:
     assert reader.complaints() == []
 
 
-def test_a_value_of_a_sweep_is_a_study_with_the_optimum_beside_it(sweep: Path, tmp_path: Path):
+def test_a_value_of_a_sweep_is_a_study_that_needs_the_stored_optimum(sweep: Path, tmp_path: Path):
     study = load_study(sweep / "assumed.scale=2")
     assert [*study.runs] == ["ekf", "causal"]
     written = json.loads((sweep / "assumed.scale=2/summary.json").read_text())
@@ -208,7 +207,7 @@ def test_a_value_of_a_sweep_is_a_study_with_the_optimum_beside_it(sweep: Path, t
 
 def budget(folder: Path) -> None:
     errors = np.random.default_rng(0).uniform(1.0, 2.0, (5, len(RUNGS)))
-    found = summarise_budget(NAMED, "ekf", errors, np.full(errors.shape, np.nan), np.ones(len(errors)))
+    found = summarise_budget(SCRIPT_NAME, "ekf", errors, np.full(errors.shape, np.nan), np.ones(len(errors)))
     (folder / "budget.json").write_text(json.dumps(found.to_json()))
 
 
@@ -217,11 +216,11 @@ def claims(folder: Path) -> None:
     found = [
         Judgement(each, evidence, 0.25, None, "x = 1", 7, f"of {each.figure.setting}").to_json() for each in CLAIMS
     ]
-    (folder / "claims.json").write_text(json.dumps([{**found[0], "claim": NAMED}, *found[1:]]))
+    (folder / "claims.json").write_text(json.dumps([{**found[0], "claim": SCRIPT_NAME}, *found[1:]]))
 
 
 def grades(folder: Path) -> None:
-    row = {"submission": 'a "<b>', "passed": "false", "graded": "true", "reason": f"{NAMED}; two"}
+    row = {"submission": 'a "<b>', "passed": "false", "graded": "true", "reason": f"{SCRIPT_NAME}; two"}
     row |= {
         "failed_laws": "heading-wrap",
         "seconds_per_run": "0.5",
@@ -244,11 +243,11 @@ def grades(folder: Path) -> None:
         table.writeheader()
         table.writerow(row)
     (folder / "submissions").mkdir()
-    (folder / "submissions" / f"{row['submission']}.md").write_text(f"# {NAMED}\n")
+    (folder / "submissions" / f"{row['submission']}.md").write_text(f"# {SCRIPT_NAME}\n")
 
 
 @pytest.mark.parametrize("write", [budget, claims, grades])
-def test_pages_of_tables_hold_names_of_others_as_text(reader: Reader, write: Callable[[Path], None], tmp_path: Path):
+def test_pages_of_tables_escape_user_given_names(reader: Reader, write: Callable[[Path], None], tmp_path: Path):
     write(tmp_path)
     publish_report(tmp_path)
     pages = sorted(tmp_path.rglob("*.html"))
@@ -263,34 +262,34 @@ def test_pages_of_tables_hold_names_of_others_as_text(reader: Reader, write: Cal
             assert {"7", "of q1-long-dense"} <= set(
                 reader.run("return [...document.querySelectorAll('.origin dd')].map(each => each.textContent)")
             )
-    assert NAMED in reader.run("return document.body.textContent")
+    assert SCRIPT_NAME in reader.run("return document.body.textContent")
 
 
-def test_links_of_the_class_lead_to_the_submissions(reader: Reader, tmp_path: Path):
+def test_the_page_of_grades_links_to_the_submissions(reader: Reader, tmp_path: Path):
     grades(tmp_path)
     publish_report(tmp_path)
     reader.open(tmp_path / "report.html")
     reader.run("document.querySelector('#grades a').click()")
     assert reader.run("return document.querySelector('h1').textContent") == 'a "<b>: not passed'
-    law = reader.run("return document.querySelector('#checks tbody').textContent")
-    assert "heading-wrap" in law
-    assert "the wrap of the heading" in law
+    checks = reader.run("return document.querySelector('#checks tbody').textContent")
+    assert "heading-wrap" in checks
+    assert "the wrap of the heading" in checks
 
 
-def test_results_of_another_version_are_refused_in_one_line(tmp_path: Path):
+def test_results_of_another_version_are_an_error(tmp_path: Path):
     (tmp_path / "budget.json").write_text("{}")
     with pytest.raises(UserError, match="written by another version"):
         publish_report(tmp_path)
 
 
-def test_the_latest_of_several_results_is_explained(tmp_path: Path):
+def test_the_page_is_of_the_latest_results(tmp_path: Path):
     claims(tmp_path)
     budget(tmp_path)
     publish_report(tmp_path)
     assert "Where the error of ekf comes from" in (tmp_path / "report.html").read_text()
 
 
-def test_a_page_that_cannot_be_made_costs_the_page_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_results_are_kept_if_the_page_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / "budget.json").write_text("{}")
     pages = PAGES["budget.json"]
     assert not decorate(tmp_path, "budget.json", {"report": lambda _: pages(tmp_path)}, ["report.html"])

@@ -1,4 +1,4 @@
-"""The types that the modules of pages state, held by TypeScript's checker."""
+"""TypeScript checks the types of the JavaScript modules."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ CHECK = "-p", "jsconfig.json", "--noEmit", "--pretty", "false"
 
 
 def complaints(assets: Path, *more: str) -> list[str]:
-    """What the checker says of the modules in a folder."""
+    """Return the output of the checker for the modules in a folder."""
     checker = program("node-typescript", "tsc")
     return subprocess.run(
         [checker, *CHECK, *more], cwd=assets, capture_output=True, text=True, check=False
     ).stdout.splitlines()
 
 
-def test_types_of_the_modules_hold():
-    told = complaints(ASSETS, "--listFiles")
-    modules = {Path(line).stem for line in told if line.endswith(".js")}
+def test_types_of_the_modules_are_right():
+    lines = complaints(ASSETS, "--listFiles")
+    modules = {Path(line).stem for line in lines if line.endswith(".js")}
     assert modules == set(MODULES)
-    assert [line for line in told if not line.endswith((".js", ".d.ts"))] == []
+    assert [line for line in lines if not line.endswith((".js", ".d.ts"))] == []
 
 
-def test_a_mistake_of_type_is_found(tmp_path: Path):
+def test_a_type_error_is_found(tmp_path: Path):
     shutil.copytree(ASSETS, tmp_path, dirs_exist_ok=True)
     with (tmp_path / "modules/ticks.js").open("a") as module:
         module.write("figure('three');\n")

@@ -1,4 +1,4 @@
-"""Pictures beside results: one that fails costs itself alone."""
+"""Pictures next to results: a failure does not affect the others."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def draws(*names: str, then: BaseException | None = None) -> Drawing:
     return draw
 
 
-def test_all_are_there(out: Path, capsys: pytest.CaptureFixture[str]):
+def test_all_drawings_are_published(out: Path, capsys: pytest.CaptureFixture[str]):
     assert decorate(out, RESULT, {"a": draws("a.png", "a.svg"), "pages/c": draws("pages/c.md")}, WRITES)
     assert owned(out) == {RESULT, "a.png", "a.svg", "pages/c.md"}
     assert decorate(out, RESULT, {"b": draws("b.png")}, WRITES)
@@ -51,7 +51,7 @@ def test_all_are_there(out: Path, capsys: pytest.CaptureFixture[str]):
         (ValueError("\n\\frac\n ^"), "ValueError: \\frac ^ (test_best_effort.py, line "),
     ],
 )
-def test_one_that_fails_is_a_line_and_the_others_are_drawn(
+def test_a_failed_drawing_is_reported_and_the_others_are_published(
     out: Path, capsys: pytest.CaptureFixture[str], error: Exception, reason: str
 ):
     drawings = {"a": draws("a.png", then=error), "b": draws("b.png"), "pages/c": draws("pages/c.md", then=error)}
@@ -63,18 +63,18 @@ def test_one_that_fails_is_a_line_and_the_others_are_drawn(
         assert line.startswith(f"slamgauge: {out / name}: not written ({reason}")
 
 
-def test_a_folder_that_cannot_be_written_any_more_costs_the_pictures(out: Path, capsys: pytest.CaptureFixture[str]):
-    def somebody(_: Path) -> None:
+def test_a_file_of_another_origin_prevents_the_pictures_only(out: Path, capsys: pytest.CaptureFixture[str]):
+    def other_program(_: Path) -> None:
         (out / "a.png").write_text("mine")
 
-    assert not decorate(out, RESULT, {"a": draws("a.png"), "b": somebody}, WRITES)
+    assert not decorate(out, RESULT, {"a": draws("a.png"), "b": other_program}, WRITES)
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"slamgauge: {out / 'a.png'}: exists already, and slamgauge has not written it")
     assert (out / "a.png").read_text() == "mine"
     assert owned(out) == {RESULT}
 
 
-def test_an_interrupt_says_that_the_results_are_there(out: Path):
+def test_the_message_of_an_interrupt_names_the_written_results(out: Path):
     with pytest.raises(KeyboardInterrupt, match=f"^the results are in {out}, without pictures$"):
         decorate(out, RESULT, {"a": draws("a.png", then=KeyboardInterrupt())}, WRITES)
     assert {path.name for path in out.iterdir()} == {RESULT, ".slamgauge.json"}

@@ -1,4 +1,4 @@
-"""Files: round trips, and refusals in one line."""
+"""Files: round trips, and one-line errors."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ESTIMATE = Estimate(
 )
 
 
-def refusal(load: Callable[[Path], object], path: Path) -> str:
+def error_message(load: Callable[[Path], object], path: Path) -> str:
     with pytest.raises(ValueError, match=r"^[^\n]+$") as caught:
         load(path)
     message = str(caught.value)
@@ -46,7 +46,7 @@ def refusal(load: Callable[[Path], object], path: Path) -> str:
 # --- npz ---------------------------------------------------------------------------------------
 
 
-def test_records_within_an_estimate_come_back(tmp_path: Path):
+def test_round_trip_of_records_inside_an_estimate(tmp_path: Path):
     row = np.zeros(1, dtype=np.int64)
     rays = RayLog(row, row, row, row, np.array([[1.0, 2.0, np.nan]]), np.zeros(3, dtype=np.int64))
     history = MapHistory(row, row, row, np.ones(1), np.ones((1, 2)), np.eye(2)[None])
@@ -58,7 +58,9 @@ def test_records_within_an_estimate_come_back(tmp_path: Path):
     with np.load(tmp_path / "record.npz") as archive:
         arrays = {name: archive[name] for name in archive if name != "rays_birth"}
     np.savez(tmp_path / "part.npz", **arrays)
-    assert refusal(load_estimate, tmp_path / "part.npz") == ": not a RayLog, it lacks rays_birth; give another file"
+    assert (
+        error_message(load_estimate, tmp_path / "part.npz") == ": not a RayLog, it lacks rays_birth; give another file"
+    )
 
 
 @pytest.mark.parametrize(
@@ -72,21 +74,21 @@ def test_round_trip(tmp_path: Path, record: Any, load: Callable[[Path], Any]):
 
 
 @pytest.mark.parametrize("check", [None, 0.31, np.inf])
-def test_figures_of_an_optimum_come_back(tmp_path: Path, check: float | None):
+def test_round_trip_of_the_checks_of_an_optimum(tmp_path: Path, check: float | None):
     optimum = replace(ESTIMATE, chi_square=1 / 3, chi_square_dof=4, optimum_check=check)
     save(tmp_path / "e.npz", optimum)
     assert load_estimate(tmp_path / "e.npz") == optimum
 
 
-def test_estimates_that_were_written_before_these_figures_are_read(tmp_path: Path):
+def test_estimates_of_earlier_versions_are_read(tmp_path: Path):
     np.savez(tmp_path / "e.npz", kind="smoothed", poses=np.zeros((2, 3)))
     old = load_estimate(tmp_path / "e.npz")
     assert (old.chi_square, old.chi_square_dof, old.optimum_check) == (None, None, None)
     np.savez(tmp_path / "e.npz", kind="smoothed", poses=np.zeros((2, 3)), optimum_check=np.array(["far"]))
-    assert refusal(load_estimate, tmp_path / "e.npz").startswith(": optimum_check: ")
+    assert error_message(load_estimate, tmp_path / "e.npz").startswith(": optimum_check: ")
 
 
-def test_coordinates_far_from_the_origin_come_back_to_the_last_bit(tmp_path: Path):
+def test_round_trip_of_large_coordinates_is_exact(tmp_path: Path):
     far = np.array([500_000.0, 4_600_000.0, 0.0]) + np.random.default_rng(0).normal(size=(3, 3))
     save(tmp_path / "e.npz", replace(ESTIMATE, poses=far, landmarks=far[:1, :2]))
     assert load_estimate(tmp_path / "e.npz") == replace(ESTIMATE, poses=far, landmarks=far[:1, :2])
@@ -104,55 +106,55 @@ def test_unknown_association_stays_unknown(tmp_path: Path):
         assert archive["sensor"][()] == "range-bearing"
 
 
-def test_truncated_and_foreign_files(tmp_path: Path):
+def test_damaged_and_foreign_files_are_an_error(tmp_path: Path):
     path = tmp_path / "r.npz"
     save(path, RECORDING)
     whole = path.read_bytes()
     for damaged in (b"", whole[:10], whole[:200], whole[:-30], b"stamps,x,y\n", whole.replace(b"PK", b"QK")):
         path.write_bytes(damaged)
-        assert "not a whole npz file of plain arrays; write it again" in refusal(load_recording, path)
+        assert "not a whole npz file of plain arrays; write it again" in error_message(load_recording, path)
 
 
-def test_pickled_objects_are_never_loaded(tmp_path: Path):
+def test_pickled_objects_are_an_error(tmp_path: Path):
     path = tmp_path / "r.npz"
     np.savez(path, stamps=np.array([{"a": 1}], dtype=object))
-    assert "not a whole npz file of plain arrays" in refusal(load_recording, path)
+    assert "not a whole npz file of plain arrays" in error_message(load_recording, path)
 
 
 def test_a_single_array_is_not_an_npz_file(tmp_path: Path):
     np.save(tmp_path / "r.npy", np.zeros(3))
-    assert "not a whole npz file of plain arrays" in refusal(load_recording, tmp_path / "r.npy")
+    assert "not a whole npz file of plain arrays" in error_message(load_recording, tmp_path / "r.npy")
 
 
-def test_missing_and_unexpected_fields(tmp_path: Path):
+def test_missing_and_unknown_fields_are_an_error(tmp_path: Path):
     path = tmp_path / "r.npz"
     save(path, ESTIMATE)
-    assert "not a Recording, it lacks observation, observation_cov" in refusal(load_recording, path)
+    assert "not a Recording, it lacks observation, observation_cov" in error_message(load_recording, path)
     np.savez(path, poses=np.zeros((2, 3)), pozes=np.zeros((2, 3)))
-    assert "not a Truth, it has the unknown pozes; give another file" in refusal(load_truth, path)
+    assert "not a Truth, it has the unknown pozes; give another file" in error_message(load_truth, path)
 
 
-def test_values_that_do_not_fit(tmp_path: Path):
+def test_wrong_values_are_an_error(tmp_path: Path):
     path = tmp_path / "e.npz"
     np.savez(path, kind="guessed", poses=np.zeros((2, 3)))
-    assert "kind: 'guessed' is not known" in refusal(load_estimate, path)
+    assert "kind: 'guessed' is not known" in error_message(load_estimate, path)
     for kind in (np.zeros((2, 2)), "filtered" * 1000, ""):
         np.savez(path, kind=kind, poses=np.zeros((2, 3)))
-        assert refusal(load_estimate, path) == ": kind is not a short text; give another file"
+        assert error_message(load_estimate, path) == ": kind is not a short text; give another file"
     np.savez(path, kind="filtered", poses=np.full((2, 3), np.nan))
-    assert "poses[0]" in refusal(load_estimate, path)
+    assert "poses[0]" in error_message(load_estimate, path)
 
 
-def test_files_that_are_not_there(tmp_path: Path):
-    assert "cannot be read (No such file or directory)" in refusal(load_recording, tmp_path / "none.npz")
-    assert "cannot be read (Is a directory)" in refusal(load_recording, tmp_path)
-    assert "cannot be written" in refusal(lambda path: save(path, RECORDING), tmp_path / "none" / "r.npz")
+def test_paths_that_cannot_be_read_or_written_are_an_error(tmp_path: Path):
+    assert "cannot be read (No such file or directory)" in error_message(load_recording, tmp_path / "none.npz")
+    assert "cannot be read (Is a directory)" in error_message(load_recording, tmp_path)
+    assert "cannot be written" in error_message(lambda path: save(path, RECORDING), tmp_path / "none" / "r.npz")
 
 
 # --- TUM ---------------------------------------------------------------------------------------
 
 
-def test_tum_lines_hold_full_precision_and_skip_gaps(tmp_path: Path):
+def test_tum_lines_have_full_precision_and_skip_gaps(tmp_path: Path):
     poses = np.array([[1 / 3, -2.0, np.pi / 3], [np.nan] * 3, [0.1, 1e-17, np.pi]])
     write_tum(tmp_path / "t.tum", np.array([0.0, 0.1, 0.1 + 0.2]), poses)
     rows = np.loadtxt(tmp_path / "t.tum")

@@ -1,4 +1,4 @@
-"""npz files of any kind are read, or refused in one line before they fill the memory."""
+"""npz files from untrusted sources: read, or a one-line error before they fill the memory."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from numpy.lib import format as npy
 from slamgauge.compare.storage.npz_file import read_npz
 from slamgauge.errors import UserError
 
-SAID = r"not a whole npz file of plain arrays( \([^\n]+\))?; write it again with numpy.savez$"
+MESSAGE = r"not a whole npz file of plain arrays( \([^\n]+\))?; write it again with numpy.savez$"
 
 
 def member(header: bytes | tuple[str, tuple[int, ...]], content: bytes) -> bytes:
-    """An array's file: its header, or type and shape, and what follows."""
+    """Return an npy file with a header (raw, or made from type and shape) and content."""
     if isinstance(header, bytes):
         return b"\x93NUMPY\x02\x00" + len(header).to_bytes(4, "little") + header + content
     begin = io.BytesIO()
@@ -28,10 +28,10 @@ def member(header: bytes | tuple[str, tuple[int, ...]], content: bytes) -> bytes
     return begin.getvalue() + content
 
 
-def refused(path: Path, content: bytes, method: int = zipfile.ZIP_DEFLATED) -> None:
+def require_error(path: Path, content: bytes, method: int = zipfile.ZIP_DEFLATED) -> None:
     with zipfile.ZipFile(path, "w", method) as archive:
         archive.writestr("poses.npy", content)
-    with pytest.raises(UserError, match=SAID) as caught:
+    with pytest.raises(UserError, match=MESSAGE) as caught:
         read_npz(path)
     assert str(caught.value).startswith(f"{path}: ")
 
@@ -58,15 +58,15 @@ def test_plain_arrays_are_read_as_numpy_reads_them(tmp_path: Path):
 @pytest.mark.parametrize(
     "array", [np.ones(2) * 1j, np.zeros(2, "f8, f8"), np.array([{}]), np.zeros(2, "V8"), np.zeros(2, "M8[s]"), b"ab"]
 )
-def test_what_is_no_plain_array_is_refused(tmp_path: Path, array: Any):
+def test_other_types_than_plain_arrays_are_an_error(tmp_path: Path, array: Any):
     np.savez(tmp_path / "a.npz", poses=array)
-    with pytest.raises(UserError, match=SAID):
+    with pytest.raises(UserError, match=MESSAGE):
         read_npz(tmp_path / "a.npz")
 
 
 @pytest.mark.parametrize("shape", [(10**12, 3), (10**30, 3), (-1, 3), (-2, -2), (2**62, 2**62), (3, 1)])
-def test_shapes_beyond_the_content_are_refused(tmp_path: Path, shape: tuple[int, ...]):
-    refused(tmp_path / "a.npz", member(("<f8", shape), bytes(16)))
+def test_shapes_larger_than_the_content_are_an_error(tmp_path: Path, shape: tuple[int, ...]):
+    require_error(tmp_path / "a.npz", member(("<f8", shape), bytes(16)))
 
 
 @pytest.mark.parametrize(
@@ -78,32 +78,32 @@ def test_shapes_beyond_the_content_are_refused(tmp_path: Path, shape: tuple[int,
         b"{'descr': '<f8', 'fortran_order': False, 'shape': (2,)" + b" " * 60_000 + b"}",
     ],
 )
-def test_headers_that_are_none_are_refused(tmp_path: Path, header: bytes):
-    refused(tmp_path / "a.npz", member(header, bytes(16)))
+def test_invalid_headers_are_an_error(tmp_path: Path, header: bytes):
+    require_error(tmp_path / "a.npz", member(header, bytes(16)))
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
-def test_a_name_that_is_there_twice_is_refused(tmp_path: Path):
+def test_duplicate_names_are_an_error(tmp_path: Path):
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
         for _ in range(2):
             archive.writestr("poses.npy", member(("<f8", (2,)), bytes(16)))
-    with pytest.raises(UserError, match=SAID):
+    with pytest.raises(UserError, match=MESSAGE):
         read_npz(tmp_path / "a.npz")
 
 
-def test_encrypted_arrays_are_refused(tmp_path: Path):
+def test_encrypted_arrays_are_an_error(tmp_path: Path):
     path = tmp_path / "a.npz"
     np.savez(path, poses=np.ones(3))
     content = bytearray(path.read_bytes())
     for start, flags in ((content.find(b"PK\x03\x04"), 6), (content.find(b"PK\x01\x02"), 8)):
         content[start + flags] |= 1
     path.write_bytes(content)
-    with pytest.raises(UserError, match=SAID):
+    with pytest.raises(UserError, match=MESSAGE):
         read_npz(path)
 
 
-def test_what_memory_cannot_hold_is_refused_before_it_is_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """400 MB of zeros in a file of half a megabyte."""
+def test_arrays_larger_than_the_memory_are_an_error_before_unpacking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The file of half a megabyte contains 400 MB of zeros."""
     path = tmp_path / "a.npz"
     zeros = io.BytesIO(member(("<f8", (50_000_000,)), b""))
     archive = zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1)
@@ -118,23 +118,23 @@ def test_what_memory_cannot_hold_is_refused_before_it_is_unpacked(tmp_path: Path
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # KB
 
 
-def test_a_directory_that_lost_members_is_refused(tmp_path: Path):
-    """A flipped bit in the size of the directory, and `zipfile` reads its first half."""
+def test_a_truncated_directory_is_an_error(tmp_path: Path):
+    """After a flipped bit in the size of the directory `zipfile` reads only its first half."""
     path = tmp_path / "a.npz"
     np.savez(path, poses=np.ones(3), rays=np.ones(3))
     content = bytearray(path.read_bytes())
     size = struct.unpack_from("<L", content, len(content) - 10)[0]
     first = content.find(b"PK\x01\x02")
     second = content.find(b"PK\x01\x02", first + 1)
-    content = content[:second] + content[first + size :]  # the second member is gone from it
+    content = content[:second] + content[first + size :]  # removes the second member
     struct.pack_into("<L", content, len(content) - 10, second - first)
     path.write_bytes(content)
     with pytest.raises(UserError, match=r"not a whole npz file of plain arrays \(its directory is not whole\)"):
         read_npz(path)
 
 
-def test_an_array_that_is_there_already_is_returned_itself_if_it_is_the_same(tmp_path: Path):
-    ids = np.arange(300_000)  # more than is compared at a time
+def test_an_equal_array_in_memory_is_returned_instead_of_a_copy(tmp_path: Path):
+    ids = np.arange(300_000)  # more than one chunk
     np.savez_compressed(tmp_path / "a.npz", ids=ids, other=ids + 1, fortran=np.asfortranarray(np.ones((2, 2))))
     read = read_npz(tmp_path / "a.npz", {"ids": ids, "fortran": np.ones((2, 2))})
     assert read["ids"] is ids
@@ -143,8 +143,8 @@ def test_an_array_that_is_there_already_is_returned_itself_if_it_is_the_same(tmp
         np.testing.assert_array_equal(read_npz(tmp_path / "a.npz", {"ids": unlike})["ids"], ids)
 
 
-def test_flipped_bits_are_found(tmp_path: Path):
-    """Of arrays alone: what the directory says beside (dates, versions) may be anything."""
+def test_flipped_bits_in_arrays_are_found(tmp_path: Path):
+    """Bits of other entries (dates, versions) may change without an error."""
     path, rng, refusals = tmp_path / "a.npz", np.random.default_rng(0), 0
     array = rng.normal(size=(30, 3))
     np.savez_compressed(path, poses=array)
@@ -163,7 +163,7 @@ def test_flipped_bits_are_found(tmp_path: Path):
     assert refusals > 400
 
 
-def test_a_matrix_that_is_the_same_in_all_rows_is_kept_once(tmp_path: Path):
+def test_a_matrix_repeated_in_all_rows_is_stored_once(tmp_path: Path):
     covs = np.tile(np.diag([1.0, 2.0, 3.0]), (50_000, 1, 1))
     np.savez_compressed(tmp_path / "a.npz", same=covs, one=covs[:1], turned=np.asfortranarray(covs[:3]), none=covs[:0])
     found = read_npz(tmp_path / "a.npz")

@@ -1,4 +1,4 @@
-"""Progress: sparse lines in log files, with the time that is left; bars on terminals and in notebooks."""
+"""Progress: lines with the remaining time in log files; bars on terminals and in notebooks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tqdm import tqdm
 from slamgauge.compare.storage.progress import LogLines, counted, duration, tracked
 
 
-def test_log_files_get_a_line_ever_more_rarely(capsys: pytest.CaptureFixture[str]):
+def test_log_files_get_lines_at_growing_intervals(capsys: pytest.CaptureFixture[str]):
     now = 0.0
     lines = LogLines(200, "run", "q1", done=100, clock=lambda: now)
     for _ in range(100):
@@ -30,7 +30,7 @@ def test_log_files_get_a_line_ever_more_rarely(capsys: pytest.CaptureFixture[str
     ]
 
 
-def test_what_is_done_at_once_says_nothing(capsys: pytest.CaptureFixture[str]):
+def test_short_work_prints_nothing(capsys: pytest.CaptureFixture[str]):
     assert list(tracked([1, 2, 3], 3, "frame", "film")) == [1, 2, 3]
     assert capsys.readouterr().err == ""
 
@@ -42,6 +42,6 @@ def test_notebooks_and_terminals_have_bars(monkeypatch: pytest.MonkeyPatch):
         assert isinstance(bar, tqdm)
 
 
-@pytest.mark.parametrize(("seconds", "said"), [(0.4, "0 s"), (89, "89 s"), (95, "2 min"), (9000, "2.5 h")])
-def test_durations(seconds: float, said: str):
-    assert duration(seconds) == said
+@pytest.mark.parametrize(("seconds", "text"), [(0.4, "0 s"), (89, "89 s"), (95, "2 min"), (9000, "2.5 h")])
+def test_durations(seconds: float, text: str):
+    assert duration(seconds) == text

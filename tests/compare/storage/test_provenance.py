@@ -1,4 +1,4 @@
-"""Results say what made them: the version, the command, and a scenario that makes them again."""
+"""Results record version, command and scenario, which reproduce them."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ SHORT = ["--set", "trajectory.duration=1", "start=sampled"]
 
 
 @pytest.mark.parametrize("name", [name for name, _ in shipped_scenarios()])
-def test_the_text_of_a_scenario_makes_the_same_one(name: str, tmp_path: Path):
+def test_the_text_of_a_scenario_gives_the_same_scenario(name: str, tmp_path: Path):
     scenario = load_scenario(name, ["start=sampled", "association.map_management=true"])
     (tmp_path / f"{name}.toml").write_text(scenario_text(scenario), encoding="utf-8")
     assert load_scenario(tmp_path / f"{name}.toml") == scenario
 
 
 @pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
-def test_metrics_and_summary_carry_version_command_and_scenario(tmp_path: Path):
+def test_metrics_and_summary_contain_version_command_and_scenario(tmp_path: Path):
     run = ["run", "q1-short-dense", "--estimators", "ekf", *SHORT, "--out", str(tmp_path / "a run")]
     study = ["study", "q1-short-dense", "--runs", "2", "--estimators", "ekf", "--jobs", "1", *SHORT]
     assert main(run) == 0

@@ -1,4 +1,4 @@
-"""Names that hold markup, control characters, bytes that are no UTF-8, or too much."""
+"""Names with markup, control characters, invalid UTF-8, or too many characters."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from slamgauge.compare.storage.safe_names import LONGEST, file_name, shown
 
-ANY = st.text(st.characters(codec=None))  # lone surrogates among them
+ANY = st.text(st.characters(codec=None))  # includes lone surrogates
 
 
 @given(ANY)
-def test_what_is_shown_can_be_printed_and_written_and_parsed(name: str):
+def test_shown_names_are_printable_and_valid_in_xml(name: str):
     text = shown(name)
     assert text.isprintable()
     assert shown(text) == text
@@ -25,7 +25,7 @@ def test_what_is_shown_can_be_printed_and_written_and_parsed(name: str):
 
 
 @given(ANY)
-def test_a_file_name_is_one_in_its_folder(name: str):
+def test_file_names_are_valid_and_stay_in_their_folder(name: str):
     plain = file_name(name)
     assert plain not in {"", ".", ".."}
     assert not {*"/\\\0"} & {*plain}
@@ -42,6 +42,6 @@ def test_a_file_name_is_one_in_its_folder(name: str):
         ("\u202egnp", r"\u202egnp"),
     ],
 )
-def test_only_what_cannot_be_printed_is_written_out(name: str, text: str):
+def test_only_unprintable_characters_are_replaced(name: str, text: str):
     assert shown(name) == text
     assert file_name(name) == text.replace("\\", "_")

@@ -1,4 +1,4 @@
-"""Folders of results: whole or not there, and nothing of anybody else's is touched, whatever ends the process."""
+"""Folders of results: complete or absent, without changes to other files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from slamgauge.compare.storage.manifest import MANIFEST, owned
 from slamgauge.compare.storage.staged_folder import staged_folder
 from tests.reference.published_files import FILES, LAST, fill, in_the_way, publish, texts
 
-# --- whole or not there ------------------------------------------------------------------------
+# --- complete or absent ------------------------------------------------------------------------
 
 
 def test_a_new_folder_appears_at_the_end(tmp_path: Path):
@@ -36,7 +36,7 @@ def test_an_existing_folder_is_updated(tmp_path: Path):
 
 @pytest.mark.parametrize("existing", [False, True])
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
-def test_a_failure_leaves_everything_as_it_was(tmp_path: Path, existing: bool, error: type[BaseException]):
+def test_a_failure_changes_nothing(tmp_path: Path, existing: bool, error: type[BaseException]):
     out = tmp_path / "run"
     if existing:
         publish(out, "old")
@@ -48,7 +48,7 @@ def test_a_failure_leaves_everything_as_it_was(tmp_path: Path, existing: bool, e
     assert not existing or texts(out) == dict.fromkeys(FILES, "old")
 
 
-def test_a_block_without_the_last_file_leaves_that_of_another_command(tmp_path: Path):
+def test_a_block_that_does_not_write_the_last_file_keeps_the_old_one(tmp_path: Path):
     publish(tmp_path, "old")
     with staged_folder(tmp_path, ["report.html"], LAST) as stage:
         (stage / "report.html").write_text("new")
@@ -56,7 +56,7 @@ def test_a_block_without_the_last_file_leaves_that_of_another_command(tmp_path: 
     assert owned(tmp_path) == {*FILES, "report.html"}
 
 
-def test_an_unusable_place_is_refused_on_entry(tmp_path: Path):
+def test_a_path_that_cannot_be_written_is_an_error_on_entry(tmp_path: Path):
     (tmp_path / "file").write_text("")
     (tmp_path / "link").symlink_to("nowhere")
     for out in (tmp_path / "file", tmp_path / "file" / "run", tmp_path / "link"):
@@ -65,11 +65,11 @@ def test_an_unusable_place_is_refused_on_entry(tmp_path: Path):
             pytest.fail("the block must not run")
 
 
-# --- what goes ---------------------------------------------------------------------------------
+# --- removed files -----------------------------------------------------------------------------
 
 
-def test_old_files_of_ours_go_and_others_stay(tmp_path: Path):
-    """What an earlier run left there would be taken for a result of the later one."""
+def test_outdated_files_are_removed_and_other_files_are_kept(tmp_path: Path):
+    """Files of an earlier run would look like results of the later one."""
     publish(tmp_path, "old", ("estimates/ekf.npz", "rays.png", "animation.gif", "budget.json", LAST))
     foreign = {"estimates/mine.npz": "mine", "rays.svg": "mine", "rays.py": "mine", "animation.mp4": "mine"}
     for name, text in foreign.items():
@@ -82,7 +82,7 @@ def test_old_files_of_ours_go_and_others_stay(tmp_path: Path):
     assert owned(tmp_path) == {"estimates/riekf.npz", LAST, "budget.json"}
 
 
-def test_an_empty_folder_of_ours_goes(tmp_path: Path):
+def test_an_emptied_folder_is_removed(tmp_path: Path):
     publish(tmp_path, "old")
     publish(tmp_path, "new", (LAST,), outdated=("estimates/*",))
     assert not (tmp_path / "estimates").exists()
@@ -95,11 +95,11 @@ def test_a_failure_removes_no_outdated_file(tmp_path: Path):
     assert texts(tmp_path) == dict.fromkeys(FILES, "old")
 
 
-# --- what is in the way ------------------------------------------------------------------------
+# --- files of another origin -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_files_of_others_are_refused_on_entry(tmp_path: Path, name: str):
+def test_files_of_another_origin_are_an_error_on_entry(tmp_path: Path, name: str):
     fill(tmp_path, "mine", (name,))
     with pytest.raises(ValueError, match=in_the_way(tmp_path / name)), staged_folder(tmp_path, FILES, LAST):
         pytest.fail("the block must not run")
@@ -108,7 +108,7 @@ def test_files_of_others_are_refused_on_entry(tmp_path: Path, name: str):
 
 @pytest.mark.parametrize("existing", [False, True])
 @pytest.mark.parametrize("name", FILES)
-def test_files_of_others_that_appear_meanwhile_are_refused_at_the_end(tmp_path: Path, name: str, existing: bool):
+def test_files_of_another_origin_that_appear_later_are_an_error_at_the_end(tmp_path: Path, name: str, existing: bool):
     out = tmp_path / "out"
     if existing:
         publish(out, "old", ("other.txt",))
@@ -121,7 +121,7 @@ def test_files_of_others_that_appear_meanwhile_are_refused_at_the_end(tmp_path: 
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def test_a_folder_for_a_file_and_a_file_for_a_folder_are_in_the_way(tmp_path: Path):
+def test_a_folder_instead_of_a_file_and_a_file_instead_of_a_folder_are_errors(tmp_path: Path):
     (tmp_path / "a.txt").mkdir()
     with pytest.raises(ValueError, match=in_the_way(tmp_path / "a.txt")):
         publish(tmp_path, "new")
@@ -135,7 +135,7 @@ def test_a_folder_for_a_file_and_a_file_for_a_folder_are_in_the_way(tmp_path: Pa
 @pytest.mark.parametrize("name", ["metrics.json", "a.txt", "estimates"])
 @pytest.mark.parametrize("dangling", [False, True])
 def test_nothing_is_written_or_removed_through_links(tmp_path: Path, name: str, dangling: bool):
-    """A link in the place of a file or folder that was ours."""
+    """A link has replaced a file or folder that slamgauge wrote."""
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
     publish(out, "old")
     (out / name).rename(elsewhere)
@@ -151,7 +151,7 @@ def test_nothing_is_written_or_removed_through_links(tmp_path: Path, name: str, 
     assert moved.read_text() == "old"
 
 
-# --- manifests of others -----------------------------------------------------------------------
+# --- invalid manifests -------------------------------------------------------------------------
 
 DIGEST = "0" * 64
 
@@ -180,7 +180,7 @@ DIGEST = "0" * 64
         "[" * 100_000,
     ],
 )
-def test_what_is_no_manifest_is_refused_in_one_line(tmp_path: Path, text: str):
+def test_an_invalid_manifest_is_an_error(tmp_path: Path, text: str):
     out = tmp_path / "out"
     out.mkdir()
     (out / MANIFEST).write_text(text)
@@ -213,13 +213,13 @@ def test_what_is_no_manifest_is_refused_in_one_line(tmp_path: Path, text: str):
         MANIFEST,
     ],
 )
-def test_names_that_lead_elsewhere_are_refused(tmp_path: Path, name: str):
+def test_paths_outside_the_folder_are_an_error(tmp_path: Path, name: str):
     (tmp_path / MANIFEST).write_text(json.dumps({"files": ["a.txt", name], "moving": {}}))
     with pytest.raises(ValueError, match=r"not a list of files that slamgauge has written; move it away"):
         owned(tmp_path)
 
 
-def test_a_manifest_that_names_everything_costs_only_what_is_written(tmp_path: Path):
+def test_a_manifest_with_names_of_other_files_does_not_remove_them(tmp_path: Path):
     foreign = {"thesis.tex": "mine", "rays.py": "mine", "deep/notes.txt": "mine"}
     (tmp_path / "deep").mkdir()
     for name, text in foreign.items():
@@ -230,7 +230,7 @@ def test_a_manifest_that_names_everything_costs_only_what_is_written(tmp_path: P
 
 
 @pytest.mark.parametrize("kind", ["folder", "link", "dangling link"])
-def test_a_manifest_that_is_no_file_is_refused(tmp_path: Path, kind: str):
+def test_a_manifest_that_is_a_folder_or_a_link_is_an_error(tmp_path: Path, kind: str):
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere.json"
     out.mkdir()
     if kind == "folder":

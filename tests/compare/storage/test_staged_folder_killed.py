@@ -1,4 +1,4 @@
-"""Folders of results whose command is killed, or not alone: ours stays ours, and what looks whole is whole."""
+"""Folders of results after killed commands, and with several commands at once."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOVES = ("replace", "unlink", "rmdir")
 
 
 def killed_at(monkeypatch: pytest.MonkeyPatch, count: int, action: Callable[[], None]) -> bool:
-    """Whether `action` was ended at its `count`-th change of a folder; what cleans up is ended, too."""
+    """Run `action`, end it at its `count`-th change of a folder without clean-up, and return whether it was ended."""
     changes = list[Path]()
 
     def patched(name: str) -> Callable[..., Any]:
@@ -51,7 +51,7 @@ def killed_at(monkeypatch: pytest.MonkeyPatch, count: int, action: Callable[[], 
     return False
 
 
-def test_whenever_it_is_killed_ours_stays_ours_and_a_folder_that_looks_whole_is(
+def test_after_a_kill_the_manifest_is_right_and_a_folder_with_the_last_file_is_complete(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     old, new = ("estimates/ekf.npz", "a.txt", LAST), ("estimates/riekf.npz", "a.txt", "b.txt", LAST)
@@ -69,13 +69,13 @@ def test_whenever_it_is_killed_ours_stays_ours_and_a_folder_that_looks_whole_is(
         if LAST in left:
             expected = dict.fromkeys(old, "old") if left[LAST] == "old" else dict.fromkeys(new, "new")
             assert left == expected | {"estimates/mine.npz": "mine"}
-        publish(out, "newer", new, ("estimates/*",))  # goes on where that one was ended
+        publish(out, "newer", new, ("estimates/*",))  # completes the interrupted publication
         left = {name: text for name, text in texts(out).items() if ".partial" not in name}
         assert left == dict.fromkeys(new, "newer") | {"estimates/mine.npz": "mine"}
     assert kills > 8
 
 
-def test_an_interrupt_while_files_are_put_in_place_says_so_and_leaves_no_other_folder(
+def test_an_interrupt_while_publishing_has_a_message_and_leaves_no_partial_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     publish(tmp_path, "old")
@@ -88,10 +88,10 @@ def test_an_interrupt_while_files_are_put_in_place_says_so_and_leaves_no_other_f
     assert texts(tmp_path) == dict.fromkeys(FILES, "new")
 
 
-def test_what_somebody_puts_in_the_place_of_a_file_that_was_on_its_way_is_theirs(
+def test_a_file_that_replaces_an_unpublished_one_after_a_kill_is_of_another_origin(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    """The killed command had said that it would write, replace or remove files of these names."""
+    """The manifest of the killed command lists these names under `moving`."""
     old, new = ("estimates/ekf.npz", "a.txt", LAST), ("a.txt", "b.txt", LAST)
     gaps = 0
     for count in range(100):
@@ -112,7 +112,7 @@ def test_what_somebody_puts_in_the_place_of_a_file_that_was_on_its_way_is_theirs
     assert gaps > 8
 
 
-def test_a_file_in_place_stays_ours_as_it_grows(tmp_path: Path):
+def test_a_file_written_in_place_stays_in_the_manifest(tmp_path: Path):
     for text in ("", "more", "and more"):
         begin_file(tmp_path / "new", "study.sqlite")
         assert owned(tmp_path / "new") == {"study.sqlite"}
@@ -121,7 +121,7 @@ def test_a_file_in_place_stays_ours_as_it_grows(tmp_path: Path):
     assert owned(tmp_path / "new") == {"study.sqlite", "study.sqlite-wal"}
 
 
-def test_a_file_of_somebody_else_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_begin_file_does_not_take_over_a_file_of_another_origin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "study.sqlite").touch()
     with pytest.raises(ValueError, match=in_the_way(tmp_path / "study.sqlite")):
         begin_file(tmp_path, "study.sqlite")
@@ -137,16 +137,16 @@ def test_a_file_of_somebody_else_is_not_begun(tmp_path: Path, monkeypatch: pytes
     assert (tmp_path / "other.sqlite").read_text() == "mine"
 
 
-# --- several commands, and what killed ones leave ----------------------------------------------
+# --- partial folders and several commands ------------------------------------------------------
 
 
 def beside(out: Path) -> list[Path]:
-    """Partial folders in the folder and next to it."""
+    """Return partial folders in the folder and next to it."""
     return [*out.parent.glob(".slamgauge.*.partial"), *out.glob(".slamgauge.*.partial")]
 
 
 @pytest.mark.parametrize("existing", [False, True])
-def test_what_a_killed_command_left_is_swept_by_the_next_one(tmp_path: Path, existing: bool):
+def test_the_next_command_removes_the_partial_folder_of_a_killed_one(tmp_path: Path, existing: bool):
     out = tmp_path / "out"
     if existing:
         publish(out, "old")
@@ -160,8 +160,8 @@ def test_what_a_killed_command_left_is_swept_by_the_next_one(tmp_path: Path, exi
     assert texts(out) == dict.fromkeys(FILES, "new")
 
 
-def test_partial_folders_in_use_and_those_of_others_are_not_swept(tmp_path: Path):
-    """Whatever lies in a folder of that name: a copy of one of ours is not ours."""
+def test_partial_folders_in_use_and_of_another_origin_are_kept(tmp_path: Path):
+    """A copy of a partial folder counts as of another origin."""
     publish(tmp_path, "old")
     foreign = tmp_path / ".slamgauge.0badcafe.partial"
     foreign.mkdir()
@@ -178,8 +178,8 @@ def test_partial_folders_in_use_and_those_of_others_are_not_swept(tmp_path: Path
     assert (tmp_path / LAST).read_text() == "slow"
 
 
-def test_commands_that_publish_into_one_folder_at_once_leave_one_whole_result(tmp_path: Path):
-    """Threads take locks from each other as processes do: each opens the folder itself."""
+def test_commands_that_publish_at_once_leave_one_complete_result(tmp_path: Path):
+    """Threads lock each other like processes, because each opens the folder itself."""
     for attempt in range(10):
         out = tmp_path / str(attempt)
         names = [(f"estimates/{text}.npz", "a.txt", *(f"{text}{n}.txt" for n in range(5)), LAST) for text in "abcd"]
@@ -199,7 +199,7 @@ def test_commands_that_publish_into_one_folder_at_once_leave_one_whole_result(tm
         assert beside(out) == []
 
 
-def test_pictures_of_results_that_have_been_replaced_are_not_published(tmp_path: Path):
+def test_pictures_of_replaced_results_are_not_published(tmp_path: Path):
     publish(tmp_path, "old")
     with (
         pytest.raises(ValueError, match=rf"^{tmp_path / LAST}: another command has replaced it meanwhile$"),
@@ -210,9 +210,7 @@ def test_pictures_of_results_that_have_been_replaced_are_not_published(tmp_path:
     assert texts(tmp_path) == dict.fromkeys(FILES, "new")
 
 
-def test_a_command_that_does_not_end_does_not_make_others_wait_for_ever(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_waiting_for_another_command_has_a_time_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     publish(tmp_path, "old")
     monkeypatch.setattr(partial_folder, "PATIENCE", 0.1)
     with (
@@ -223,7 +221,7 @@ def test_a_command_that_does_not_end_does_not_make_others_wait_for_ever(
     assert texts(tmp_path) == dict.fromkeys(FILES, "old")
 
 
-def test_a_name_that_is_too_long_is_refused_on_entry(tmp_path: Path):
+def test_a_name_that_is_too_long_is_an_error_on_entry(tmp_path: Path):
     with (
         pytest.raises(ValueError, match=r"cannot be (read|written) \(File name too long\)"),
         staged_folder(tmp_path / ("n" * 300), FILES, LAST),

@@ -1,4 +1,4 @@
-"""Estimates that somebody has stored: read as they were, or refused in one line."""
+"""Estimates in files: exact reading, and one-line errors."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_tum_with_and_without_covariances(estimate: Estimate, tmp_path: Path) ->
         np.testing.assert_allclose(found, estimate.pose_covs, atol=1e-15)
 
 
-def test_ours(estimate: Estimate, tmp_path: Path) -> None:
+def test_npz_estimates_are_read_unchanged(estimate: Estimate, tmp_path: Path) -> None:
     save(tmp_path / "estimate.npz", estimate)
     assert load_stored(tmp_path / "estimate.npz", RECORDING) == estimate
 
@@ -57,7 +57,7 @@ def test_ours(estimate: Estimate, tmp_path: Path) -> None:
         ("", "no line for step 0"),
     ],
 )
-def test_tum_that_does_not_fit(tmp_path: Path, text: str, message: str) -> None:
+def test_wrong_tum_files_are_an_error(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "mine.tum"
     path.write_text(text)
     with pytest.raises(UserError, match=f"mine.tum.*{message}"):

@@ -1,4 +1,4 @@
-"""Tables of TOML files: what is written is read again, and overrides go where their keys say."""
+"""TOML files: round trip, overrides, and errors."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from slamgauge.compare.storage.toml_tables import override, read_toml, write_tom
 from slamgauge.errors import UserError
 
 
-def test_what_is_written_is_read_again(tmp_path: Path):
+def test_round_trip(tmp_path: Path):
     sections = {
         "one": {"text": 'a "quoted" \\ é\n', "number": 1e-9, "whole": 3, "list": [1.0, -2.5, 3.0], "none": None},
         "two": {"table": {"a b": "c", "d": 4}, "empty": {}},
@@ -20,11 +20,11 @@ def test_what_is_written_is_read_again(tmp_path: Path):
     assert read_toml(tmp_path / "file.toml") == sections
 
 
-def test_overrides_make_their_sections():
+def test_overrides_create_missing_sections():
     table = {"a": {"b": 1}, "c": 2}
-    for text in ("a.b=3", "a.d = [1, 2]", "c.e=words of one's own", "f=true"):
+    for text in ("a.b=3", "a.d = [1, 2]", "c.e=a bare text", "f=true"):
         override(table, text)
-    assert table == {"a": {"b": 3, "d": [1, 2]}, "c": {"e": "words of one's own"}, "f": True}
+    assert table == {"a": {"b": 3, "d": [1, 2]}, "c": {"e": "a bare text"}, "f": True}
 
 
 @pytest.mark.parametrize(
@@ -37,19 +37,19 @@ def test_overrides_make_their_sections():
         (b"a = " + b"1" * 5000, "not valid TOML: a number has too many digits for Python; correct that line"),
     ],
 )
-def test_files_that_are_no_toml(tmp_path: Path, content: bytes, message: str):
+def test_invalid_files_are_an_error(tmp_path: Path, content: bytes, message: str):
     (tmp_path / "file.toml").write_bytes(content)
     with pytest.raises(UserError, match=message):
         read_toml(tmp_path / "file.toml")
 
 
 @pytest.mark.parametrize("value", ["[" * 3000 + "]" * 3000, "1" * 5000])
-def test_values_that_are_no_toml_for_python_are_bare_words(value: str):
+def test_values_beyond_the_limits_of_python_are_texts(value: str):
     table: dict[str, object] = {}
     override(table, f"a={value}")
     assert table == {"a": value}
 
 
-def test_what_is_no_override_is_told_in_short():
+def test_the_message_of_an_invalid_override_is_short():
     with pytest.raises(UserError, match=r"^=1{99}: not an override; write dotted.key=value$"):
         override({}, "=" + "1" * 5000)
