@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -37,18 +38,27 @@ from slamgauge.compare.storage.staged_folder import staged_folder
 from slamgauge.compare.studies.budget import ErrorBudget
 from slamgauge.compare.studies.summary import Summary
 from slamgauge.compare.studies.sweep import Sweep
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
 
 
 def draw_comparison(out: Path, comparison: Comparison, title: str) -> bool:
     """Draw the figures of the run in `out`; return whether all were written."""
-    recording, truth, estimates = comparison.recording, comparison.truth, comparison.estimates
+    truth, recording, estimates = comparison.truth, comparison.recording, comparison.estimates
     drawings: dict[str, Drawing] = {"figure": lambda stage: save_figure(stage, truth, recording, estimates, title)}
-    rays = next((name for name, estimate in estimates.items() if has_rays(estimate)), None)
-    if rays is not None:
-        drawings["rays"] = lambda stage: save_ray_strip(
-            stage, truth, recording, rays, estimates[rays], f"{title}: rays of {rays}"
-        )
-    return decorate(out, METRICS, drawings, RUN_PICTURES)
+    return decorate(out, METRICS, drawings | ray_drawing(truth, recording, estimates, title), RUN_PICTURES)
+
+
+def ray_drawing(
+    truth: Truth | None, recording: Recording, estimates: Mapping[str, Estimate], title: str
+) -> dict[str, Drawing]:
+    """Return a function that draws the rays of the first estimate that has any, by the name of the figure."""
+    name = next((name for name, estimate in estimates.items() if has_rays(estimate)), None)
+    if name is None:
+        return {}
+    title = f"{title}: rays of {name}"
+    return {"rays": lambda stage: save_ray_strip(stage, truth, recording, name, estimates[name], title)}
 
 
 def write_study(out: str | Path, summary: Summary, runs: dict[str, Runs], step: float) -> bool:

@@ -10,8 +10,7 @@ from slamgauge.compare.figures.bench_figure import save_bench_figure
 from slamgauge.compare.figures.budget_figure import save_budget_figure
 from slamgauge.compare.figures.drift_figure import save_drift_figure
 from slamgauge.compare.figures.noise_figure import save_noise_figure
-from slamgauge.compare.figures.ray_frames import has_rays
-from slamgauge.compare.figures.ray_strip import save_ray_strip
+from slamgauge.compare.figures.publishing import ray_drawing
 from slamgauge.compare.figures.run_figures import save_figure
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.figures.sweep_figure import save_sweep_figure
@@ -64,11 +63,7 @@ def _of_run(folder: Path, names: Sequence[str], band: str | None) -> Drawings:
     }
     if any(each.get("rpe_by_distance") for each in entries.values()):
         drawings["drift"] = lambda out: save_drift_figure(out, entries, found.title)
-    rays = next((name for name, estimate in estimates.items() if has_rays(estimate)), None)
-    if rays is not None:
-        title = f"{found.title}: rays of {rays}"
-        drawings["rays"] = lambda out: save_ray_strip(out, found.truth, found.recording, rays, estimates[rays], title)
-    return drawings
+    return drawings | ray_drawing(found.truth, found.recording, estimates, found.title)
 
 
 def _of_study(folder: Path, names: Sequence[str], _: str | None) -> Drawings:

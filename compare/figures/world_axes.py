@@ -1,4 +1,4 @@
-"""Readable axes for large coordinates, such as UTM positions and seconds since 1970."""
+"""Readable axes of maps with large coordinates, such as UTM positions."""
 
 from __future__ import annotations
 
@@ -13,21 +13,11 @@ MINUS = "\N{MINUS SIGN}"
 THIN = "\N{NARROW NO-BREAK SPACE}"
 
 
-class _From(ScalarFormatter):
-    """Formatter of plain numbers relative to an origin that the axis label names."""
+class _Relative(ScalarFormatter):
+    """Formatter whose offset is in the axis label, not next to the axis."""
 
-    def __init__(self, origin: float) -> None:
-        super().__init__(useOffset=False)
-        self._origin = origin
-        self.set_scientific(False)
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        return super().__call__(x - self._origin, pos)
-
-    def format_ticks(self, values: list[float]) -> list[str]:
-        distances = [value - self._origin for value in values]
-        self.set_locs(distances)
-        return [super(_From, self).__call__(each) for each in distances]
+    def get_offset(self) -> str:
+        return ""
 
 
 def label_plane(ax: Axes, *, x: bool = True, y: bool = True) -> None:
@@ -42,15 +32,11 @@ def label_plane(ax: Axes, *, x: bool = True, y: bool = True) -> None:
         ax.set_ylabel(f"y{from_y} [m]")
 
 
-def label_time(ax: Axes) -> str:
-    """Show the time relative to a round number, and return the label of the axis."""
-    begin, end = ax.get_xlim()
-    return f"time{_count_from(ax.xaxis, round_origin(begin, end, end - begin))} [s]"
-
-
 def _count_from(axis: Axis, origin: float) -> str:
     """Show ticks relative to `origin`, and return the text for the label."""
-    axis.set_major_formatter(_From(origin))
+    formatter = _Relative(useOffset=origin)  # pyright: ignore[reportArgumentType] a number is the offset
+    formatter.set_scientific(False)
+    axis.set_major_formatter(formatter)
     return f" {MINUS if origin > 0 else '+'} {abs(origin):,.10g}".replace(",", THIN) if origin else ""
 
 

@@ -148,7 +148,7 @@ def question_page(folder: Path, name: str) -> str:
             for each in question.runs
             for picture in pictures(folder / each, PICTURES)
         ],
-        glossary=TERMS["run"],
+        terms=TERMS["run"],
         origin=origin(folder / first / METRICS, provenance, digests),
     )
 

@@ -8,7 +8,7 @@ from urllib.parse import quote
 
 from slamgauge.compare.checks.examination import LAWS
 from slamgauge.compare.report.page_elements import Cell, Head, Table, origin
-from slamgauge.compare.report.plain_page import from_to, plain_page
+from slamgauge.compare.report.plain_page import figure_cell, from_to, plain_page
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.result_files import GRADES, PAGES, REPORT
 
@@ -63,17 +63,17 @@ def class_table(rows: list[Row]) -> Table:
         [
             Cell(row["submission"], link=f"{PAGES}/{quote(row['submission'])}.html"),
             Cell(verdict(row)),
-            *(_figure(row, key, form) for key, _, _, form in FIGURES),
+            *(figure_cell(_number(row, key), form) for key, _, _, form in FIGURES),
             Cell(str(len(row["failed_laws"].split())), len(row["failed_laws"].split())),
-            _figure(row, "seconds_per_run", "{:.2f}"),
+            figure_cell(_number(row, "seconds_per_run"), "{:.2f}"),
         ]
         for row in rows
     ]
     return Table("grades", "Submissions", heads, cells)
 
 
-def _figure(row: Row, key: str, form: str) -> Cell:
-    return Cell(form.format(float(row[key])), float(row[key])) if row[key] else Cell("-")
+def _number(row: Row, key: str) -> float | None:
+    return float(row[key]) if row[key] else None
 
 
 def check_table(rows: list[Row]) -> Table:
@@ -95,7 +95,10 @@ def submission_page(folder: Path, row: Row, where: list[tuple[str, str, bool]]) 
     """Return the page of a submission."""
     record = folder / PAGES / f"{row['submission']}.md"
     figures = [
-        [Cell(title), _figure(row, key, form), Cell(_ends(row, key, form)), Cell(meaning)]
+        [
+            *(Cell(title), figure_cell(_number(row, key), form)),
+            *(Cell(from_to(_number(row, f"{key}_low"), _number(row, f"{key}_high"), form)), Cell(meaning)),
+        ]
         for key, title, meaning, form in FIGURES
     ]
     heads = [
@@ -113,8 +116,3 @@ def submission_page(folder: Path, row: Row, where: list[tuple[str, str, bool]]) 
         back=f"../{REPORT}",
         verbatim=record.read_text(encoding="utf-8").splitlines() if record.is_file() else (),
     )
-
-
-def _ends(row: Row, key: str, form: str) -> str:
-    low, high = (float(row[end]) if row[end] else None for end in (f"{key}_low", f"{key}_high"))
-    return from_to(low, high, form)

@@ -5,48 +5,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from slamgauge.compare.report.glossary import glossary as explained
+from slamgauge.compare.report.glossary import glossary
 from slamgauge.compare.report.page import render
-from slamgauge.compare.report.page_elements import Cell, Picture, Table
+from slamgauge.compare.report.page_elements import Cell, Table, sized
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.text_table import cell, interval_cell
 
+OPTIONAL: dict[str, Any] = {"notes": (), "pictures": (), "back": "", "verbatim": ()}
 
-def plain_page(
-    *,
-    kind: str,
-    title: str,
-    lead: Sequence[tuple[str, str]],
-    tables: Sequence[Table],
-    origin: Sequence[tuple[str, str, bool]],
-    notes: Sequence[str] = (),
-    pictures: Sequence[Picture] = (),
-    glossary: Sequence[tuple[str, str]] = (),
-    back: str = "",
-    verbatim: Sequence[str] = (),
-) -> str:
+
+def plain_page(*, tables: Sequence[Table], terms: Sequence[tuple[str, str]] = (), **content: Any) -> str:
     """Return the HTML of a page.
 
-    `lead` has the first sentences, each with the name of its estimator; `verbatim` has lines that a program printed.
+    Args:
+        tables: Tables; those without rows are not shown.
+        terms: Terms to explain in the glossary, in addition to the columns.
+        **content: `kind`, `title` and `origin`; `lead`, the first sentences, each with the name of its estimator;
+            optionally `notes`, `pictures`, `back` (a link) and `verbatim` (lines that a program printed).
     """
-    return render(
-        "plain.html",
-        kind=kind,
-        title=title,
-        lead=lead,
-        notes=notes,
-        tables=tables,
-        pictures=pictures,
-        glossary=explained(glossary, tables),
-        origin=origin,
-        back=back,
-        verbatim=verbatim,
-    )
+    return render("plain.html", tables=tables, glossary=glossary(terms, tables), **(OPTIONAL | content))
 
 
 def figure_cell(value: float | None, form: str, mark: str = "") -> Cell:
     """Return a cell that shows a number."""
-    return Cell(cell(value, form) + mark, value)
+    return Cell(cell(value, form) + mark, sized(value))
 
 
 def interval_of(found: dict[str, Any] | None, form: str, mark: str = "") -> Cell:

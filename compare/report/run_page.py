@@ -9,7 +9,8 @@ from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING
 from slamgauge.compare.report.glossary import ESTIMATOR, KIND, TERMS, figure_heads, glossary
 from slamgauge.compare.report.page import render
-from slamgauge.compare.report.page_elements import Cell, Head, Table, looks, origin, pictures, sized
+from slamgauge.compare.report.page_elements import Cell, Head, Table, looks, origin, pictures
+from slamgauge.compare.report.plain_page import figure_cell
 from slamgauge.compare.report.replay_data import replay_data
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns
 from slamgauge.compare.scoring.comparison import Comparison, optimum_notes
@@ -120,7 +121,7 @@ def score_table(metrics: dict[str, Any], doubtful: set[str]) -> Table:
         for _, key, form in found:
             value = entry.get(key)
             mark = MARK if value is not None and key in RELATIVE and entry["kind"] in doubtful else ""
-            row.append(Cell(cell(value, form) + mark, sized(value)))
+            row.append(figure_cell(value, form, mark))
         rows.append(row)
     heads = [ESTIMATOR, KIND, *figure_heads("run")]
     return Table("scores", "Metrics of the whole run; click a column title to sort", heads, rows)
@@ -129,12 +130,10 @@ def score_table(metrics: dict[str, Any], doubtful: set[str]) -> Table:
 def drift_table(metrics: dict[str, Any]) -> Table:
     """Return the table of relative pose errors by length of the path segments."""
     rows = [
-        [Cell(name), Cell(f"{each['distance_m']:g}", each["distance_m"])]
-        + [
-            Cell(cell(each[key], form), each[key])
-            for key, form in (("translation_m", "{:.3f}"), ("heading_rad", "{:.4f}"))
+        [
+            *(Cell(name), figure_cell(each["distance_m"], "{:g}"), figure_cell(each["translation_m"], "{:.3f}")),
+            *(figure_cell(each["heading_rad"], "{:.4f}"), figure_cell(each["pieces"], "{}")),
         ]
-        + [Cell(str(each["pieces"]), each["pieces"])]
         for name, entry in metrics["estimators"].items()
         for each in entry.get("rpe_by_distance") or ()
     ]
@@ -164,7 +163,7 @@ def closure_table(metrics: dict[str, Any]) -> Table:
     every = max(-(-len(closures) // MOST_CLOSURES), 1)
     rows = [
         [Cell(name), Cell(str(closure["step"]), closure["step"])]
-        + [Cell(cell(closure[key], "{:.3f}"), sized(closure[key])) for key in keys]
+        + [figure_cell(closure[key], "{:.3f}") for key in keys]
         for name, closure in closures[::every]
     ]
     which = "each loop closure" if every == 1 else f"1 in {every} loop closures"

@@ -11,13 +11,13 @@ from slamgauge.compare.report.array_encoding import pack
 from slamgauge.compare.report.glossary import ESTIMATOR, HELP, TERMS, figure_heads, glossary
 from slamgauge.compare.report.page import render
 from slamgauge.compare.report.page_elements import Cell, Head, Look, Table, looks, origin, pictures, sized
+from slamgauge.compare.report.plain_page import figure_cell, interval_of
 from slamgauge.compare.report.rerun_command import command_of_run, swept
 from slamgauge.compare.scoring.aggregation import BAND_LEVEL, PerStep, nees_per_step, nis_per_step
 from slamgauge.compare.scoring.catalogue import columns
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.ray_figures import describe
 from slamgauge.compare.scoring.runs import Runs
-from slamgauge.compare.scoring.text_table import cell, interval_cell
 from slamgauge.compare.storage.result_files import REPORT, SUMMARY
 from slamgauge.compare.studies.stored_study import StoredStudy, load_study
 from slamgauge.compare.studies.study_run import run_seed
@@ -93,7 +93,7 @@ def summary_score_table(study: StoredStudy) -> Table:
         values = [entry.figure(key) for _, key, _ in found]
         share = entry.nees_share_inside_band
         cells = [Cell(text, _mean(value)) for text, value in zip(texts, values, strict=True)]
-        rows.append([Cell(name), Cell(str(entry.runs), entry.runs), *cells, Cell(cell(share, "{:.1%}"), share)])
+        rows.append([Cell(name), Cell(str(entry.runs), entry.runs), *cells, figure_cell(share, "{:.1%}")])
     band = Head(
         f"in {BAND_LEVEL:.1%} band", "share of steps whose mean pose NEES over runs lies in its chi-square band"
     )
@@ -135,16 +135,15 @@ def run_table(study: StoredStudy) -> Table:
     ates = {name: dict(zip(each.run.tolist(), each.figures["ate_m"], strict=True)) for name, each in study.runs.items()}
     rows = [
         [Cell(str(run), run), Cell(str(run_seed(study.summary.seed, run)))]
-        + [_figure(by_run.get(run)) for by_run in ates.values()]
+        + [_ate_cell(by_run.get(run)) for by_run in ates.values()]
         for run in range(study.summary.runs)
     ]
     heads = [RUN, Head("seed", "random seed of the run"), *(Head(name) for name in ates)]
     return Table("runs", "ATE [m] of every run", heads, rows)
 
 
-def _figure(value: float | None) -> Cell:
-    known = None if value is None or not np.isfinite(value) else float(value)
-    return Cell(cell(known, "{:.4f}"), known)
+def _ate_cell(value: float | None) -> Cell:
+    return figure_cell(None if value is None or not np.isfinite(value) else float(value), "{:.4f}")
 
 
 def comparison_tables(content: dict[str, Any]) -> list[Table]:
@@ -163,18 +162,12 @@ def comparison_tables(content: dict[str, Any]) -> list[Table]:
 
 
 def _compared(label: str, key: str, found: dict[str, Any]) -> list[Cell]:
-    p_value, runs = found["p_value"], found["runs"]
-    intervals = [_interval(found["ratio"], "{:.3f}"), _interval(found["difference"], "{:+.3f}")]
+    ratio, difference = interval_of(found["ratio"], "{:.3f}"), interval_of(found["difference"], "{:+.3f}")
     return [
-        *(Cell(label), Cell(COMPARED.get(key, key)), Cell(str(runs), runs)),
-        *intervals,
-        Cell(cell(p_value, "{:.2g}"), p_value),
+        *(Cell(label), Cell(COMPARED.get(key, key)), Cell(str(found["runs"]), found["runs"])),
+        *(ratio, difference._replace(text=difference.text.replace("± +", "± "))),
+        figure_cell(found["p_value"], "{:.2g}"),
     ]
-
-
-def _interval(found: dict[str, Any] | None, form: str) -> Cell:
-    interval = None if found is None else Interval(**found)
-    return Cell(interval_cell(interval, form).replace("± +", "± "), None if interval is None else interval.mean)
 
 
 def study_data(study: StoredStudy, shown: list[Look]) -> dict[str, Any]:

@@ -91,7 +91,7 @@ def read_recording_csv(folder: Path) -> Recording:
     start, odometry, observations = folder / START, folder / ODOMETRY, folder / OBSERVATIONS
     prior = _read(start, ("stamp", *POSE, *POSE_COV))
     if len(prior) != 1:
-        raise UserError(f"{start}: has {len(prior)} rows; write one row, the prior of the start pose")
+        raise UserError(f"{start}: has {len(prior)} rows; write one, the prior of the start pose")
     motion = _read(odometry, ("step", "stamp", *INCREMENT, *POSE_COV))
     _require_steps(odometry, motion[:, 0], first=1)
     lines = read_lines(observations)

@@ -23,7 +23,6 @@ from slamgauge.errors import UserError
 
 MANIFEST = ".slamgauge.json"
 REMEDY = "move it away or give another --out"
-DIGEST = re.compile("[0-9a-f]{64}")
 EMPTY = hashlib.sha256().hexdigest()
 
 

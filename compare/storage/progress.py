@@ -5,8 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from time import monotonic
-from types import TracebackType
-from typing import Protocol, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from tqdm import tqdm
 
@@ -15,29 +14,7 @@ T = TypeVar("T")
 FIRST, FACTOR = 30.0, 1.5  # time [s] of the first line in a log file, and factor between the times of lines
 
 
-class Progress(Protocol):
-    """Interface of tqdm bars and `LogLines`."""
-
-    def update(self) -> object:
-        """Count one finished item."""
-        ...
-
-    def set_description(self, text: str, /) -> object:
-        """Set the text before the counts."""
-        ...
-
-    def __enter__(self) -> Self:
-        """Start the display."""
-        ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> object:
-        """Close the display."""
-        ...
-
-
-def counted(total: int, unit: str, text: str = "", done: int = 0, *, leave: bool = False) -> Progress:
+def counted(total: int, unit: str, text: str = "", done: int = 0, *, leave: bool = False) -> tqdm[Any] | LogLines:
     """Return a progress display of `total` items, `done` of them finished; `leave` keeps the bar at the end."""
     if sys.stderr.isatty() or is_notebook():
         return tqdm(total=total, initial=done, unit=unit, desc=text or None, leave=leave, file=sys.stderr)

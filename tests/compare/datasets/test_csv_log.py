@@ -243,7 +243,7 @@ def test_csv_to_npz_to_csv_keeps_the_cost_of_batch(tmp_path: Path):
     ("name", "old", "new", "message"),
     [
         ("start.csv", "\n", "\n0,0,0,0,0,0,0,0,0,0\n", "start.csv: has 2 rows; write one, the prior"),
-        ("odometry.csv", "\n2,", "\n3,", "odometry.csv, line 3: step 3 where 2 should be"),
+        ("odometry.csv", "\n2,", "\n3,", "odometry.csv, line 3: step 3, expected 2"),
         (
             "observations.csv",
             "range",

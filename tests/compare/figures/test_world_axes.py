@@ -11,13 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from slamgauge.compare.figures import animation_scene, ray_strip
+from slamgauge.compare.figures import animation_scene, ray_strip, run_figures
 from slamgauge.compare.figures.animation_scene import Scene
 from slamgauge.compare.figures.run_figures import plot_errors, plot_run, save_figure
-from slamgauge.compare.figures.world_axes import label_plane, label_time, round_origin
+from slamgauge.compare.figures.world_axes import label_plane, round_origin
 from slamgauge.compare.storage.results_folder import Results
 from slamgauge.ekf import FilterSettings, Rays, riekf
-from slamgauge.recording import Recording
 from tests.reference.random_recordings import random_recording
 
 FAR = np.array([500_000.0, 4_600_000.0, 0.0])  # [m]: UTM coordinates of southern Europe
@@ -25,25 +24,11 @@ EPOCH = 1.7e9  # [s] since 1970
 MINUS, THIN = "\N{MINUS SIGN}", "\N{NARROW NO-BREAK SPACE}"
 
 
-def drawn(ax: Axes) -> tuple[list[str], list[str]]:
+def tick_labels(ax: Axes) -> tuple[list[str], list[str]]:
     """Return the tick labels of x and y as drawn."""
     assert isinstance(ax.figure, Figure)
     FigureCanvasAgg(ax.figure).draw()
-    for axis in (ax.xaxis, ax.yaxis):
-        assert axis.get_offset_text().get_text() == ""
     return [each.get_text() for each in ax.get_xticklabels()], [each.get_text() for each in ax.get_yticklabels()]
-
-
-def framed(x: tuple[float, float], y: tuple[float, float]) -> Axes:
-    ax = Figure().subplots()
-    ax.set(xlim=x, ylim=y)
-    label_plane(ax)
-    return ax
-
-
-def far_recording() -> Recording:
-    _, recording = random_recording(1, steps=40)
-    return replace(recording, prior_mean=recording.prior_mean + FAR, stamps=recording.stamps + EPOCH)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +39,7 @@ def far_recording() -> Recording:
         ((0, 80_000), (-40_000, 40_000), ("x [m]", "y [m]")),
         (
             (499_985, 500_015),
-            (4_599_995, 4_600_025),
+            (4.599995e6, 4.600025e6),
             (f"x {MINUS} 500{THIN}000 [m]", f"y {MINUS} 4{THIN}600{THIN}000 [m]"),
         ),
         ((-512_390, -512_340), (0, 50), (f"x + 512{THIN}400 [m]", "y [m]")),
@@ -64,9 +49,11 @@ def far_recording() -> Recording:
 def test_labels_name_the_origin_of_the_ticks(
     x: tuple[float, float], y: tuple[float, float], labels: tuple[str, str]
 ) -> None:
-    ax = framed(x, y)
+    ax = Figure().subplots()
+    ax.set(xlim=x, ylim=y)
+    label_plane(ax)
     assert (ax.get_xlabel(), ax.get_ylabel()) == labels
-    for texts, ticks, limits in zip(drawn(ax), (ax.get_xticks(), ax.get_yticks()), (x, y), strict=True):
+    for texts, ticks, limits in zip(tick_labels(ax), (ax.get_xticks(), ax.get_yticks()), (x, y), strict=True):
         origin = round_origin(*limits, max(x[1] - x[0], y[1] - y[0]))
         assert len({*texts}) == len(texts) > 2
         values = np.array([float(text.replace(MINUS, "-")) for text in texts])
@@ -77,55 +64,37 @@ def test_an_axis_without_extent_has_origin_zero() -> None:
     assert round_origin(5e5, 5e5, 0.0) == 0.0
 
 
-def test_large_times_have_an_origin_too() -> None:
-    ax = Figure().subplots()
-    ax.set_xlim(EPOCH, EPOCH + 60)
-    assert label_time(ax) == f"time {MINUS} 1{THIN}700{THIN}000{THIN}000 [s]"
-    assert "20" in drawn(ax)[0]
-    ax.set_xlim(0, 60)
-    assert label_time(ax) == "time [s]"
-
-
-def test_figures_of_a_distant_run_have_no_offset_text() -> None:
-    recording = far_recording()
-    estimates = {"riekf": riekf(recording)}
-    ax = Figure().subplots()
-    plot_run(ax, None, recording, estimates)
-    panels: list[Axes] = list(Figure().subplots(3))
-    plot_errors(panels, None, recording, estimates)
-    for each in (ax, *panels):
-        for text in (*drawn(each)[0], *drawn(each)[1]):
-            assert len(text) < 7
-            assert "e" not in text
-    assert "4" + THIN + "600" + THIN in ax.get_ylabel()
-    assert panels[-1].get_xlabel().startswith(f"time {MINUS} 1{THIN}700{THIN}")
-
-
-def test_animations_and_ray_strips_have_origins_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recording = far_recording()
+def test_all_figures_of_a_distant_run_have_short_tick_labels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = random_recording(1, steps=40)[1]
+    recording = replace(recording, prior_mean=recording.prior_mean + FAR, stamps=recording.stamps + EPOCH)
     bearings = replace(
         recording,
         sensor="bearing",
         observation=recording.observation[:, 1:],
         observation_cov=recording.observation_cov[:, 1:, 1:],
     )
-    estimate = riekf(bearings, FilterSettings(initialisation=Rays(), frames=20))
-    seen: list[Axes] = []
+    maps: list[Axes] = []
 
     def labelled(ax: Axes, **which: bool) -> None:
         label_plane(ax, **which)
-        seen.append(ax)
+        maps.append(ax)
 
-    for module in (animation_scene, ray_strip):
+    for module in (animation_scene, ray_strip, run_figures):
         monkeypatch.setattr(module, "label_plane", labelled)
-    ray_strip.save_ray_strip(tmp_path, None, bearings, "riekf", estimate, "a title")
-    Scene(Results("a title", None, bearings, {"riekf": estimate}), {"riekf": estimate}, {"riekf": estimate})
-    assert len(seen) > 2
-    for ax in seen:
-        for axis in (ax.xaxis, ax.yaxis):
-            assert axis.get_offset_text().get_text() == ""
-            assert all(len(text) < 7 for text in axis.get_major_formatter().format_ticks(list(axis.get_ticklocs())))
+    estimates = {"riekf": riekf(bearings, FilterSettings(initialisation=Rays(), frames=20))}
+    plot_run(Figure().subplots(), None, bearings, estimates)
+    ray_strip.save_ray_strip(tmp_path, None, bearings, "riekf", estimates["riekf"], "a title")
+    Scene(Results("a title", None, bearings, estimates), estimates, estimates)
+    assert len(maps) > 3
+    for ax in maps:
         assert {ax.get_xlabel()[:3], ax.get_ylabel()[:3]} <= {"", f"x {MINUS}", f"y {MINUS}"}
+    panels: list[Axes] = list(Figure().subplots(3))
+    plot_errors(panels, None, bearings, estimates)
+    for ax in (*maps, *panels):
+        for axis in (ax.xaxis, ax.yaxis):
+            texts = axis.get_major_formatter().format_ticks(list(axis.get_ticklocs()))
+            assert all(len(text) < 7 and "e" not in text for text in texts)
+            assert axis.get_offset_text().get_text() == ""
 
 
 def test_an_optimum_in_doubt_is_named_in_the_figure(tmp_path: Path) -> None:

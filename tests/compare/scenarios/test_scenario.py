@@ -230,7 +230,7 @@ def test_unknown_names_list_near_misses_or_all():
 def test_files_that_cannot_be_read(tmp_path: Path):
     assert mistakes(str(tmp_path / "none.toml")) == ["cannot be read (No such file or directory); check the path"]
     (tmp_path / "latin.toml").write_bytes(b'description = "\xe9"')
-    assert mistakes(str(tmp_path / "latin.toml")) == ["not a UTF-8 text; save it as UTF-8"]
+    assert mistakes(str(tmp_path / "latin.toml")) == ["not a text in UTF-8; save it as such"]
 
 
 # --- extending shipped scenarios -----------------------------------------------------------------
