@@ -1,10 +1,10 @@
-"""How long commands take when nothing is compiled yet, and again afterwards: one table.
+"""Measure the time of commands without compiled kernels, and again with them.
 
     python benchmarks/compile_times.py [--only NAME] [--slowest 20]
 
-Each command runs twice in a new folder of machine code: the first time it compiles the kernels that it needs, the
-second time it loads them. Times are processor times of the command with its workers. `--slowest` also lists the kernels
-that took longest to compile, without the time of the kernels that they call.
+Each command runs twice with a new kernel cache: the first run compiles its kernels, the second run loads them. Times
+are processor times of the command and its workers. `--slowest` also lists the kernels with the longest compilation
+times, which do not include the kernels that they call.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 RUN = ["run", "q1-long-dense", "--estimators", "dead-reckoning,ekf,riekf,causal,batch", "--out", "run"]
 COMMANDS = {
     "run q1-long-dense (README)": RUN,
-    "run, ekf alone": [*RUN[:3], "ekf", "--out", "ekf"],
+    "run, ekf only": [*RUN[:3], "ekf", "--out", "ekf"],
     "study q1-short-dense": ["study", "q1-short-dense", "--runs", "4", "--estimators", "ekf,riekf", "--out", "study"],
     "run q2-long-dense, ekf": ["run", "q2-long-dense", "--estimators", "ekf", "--out", "q2"],
     "run q4-ring, ekf": ["run", "q4-ring", "--estimators", "ekf", "--out", "q4"],
@@ -35,9 +35,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=COMMANDS, help="one of the commands")
     parser.add_argument("--slowest", type=int, default=0, help="kernels to list")
-    parser.add_argument("--inside", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
+    parser.add_argument("inside", nargs="*", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.inside is not None:
+    if options.inside:
         list_kernels(options.inside, options.slowest)
         return
     print(f"{'command':28}{'first [s]':>10}{'kernels':>9}{'again [s]':>11}")
@@ -49,7 +49,7 @@ def main() -> None:
                 print(f"{name:28}{first:10.1f}{kernels:9d}{again:11.2f}", flush=True)
             if options.slowest:
                 with tempfile.TemporaryDirectory() as folder:
-                    inside = [sys.executable, __file__, "--slowest", str(options.slowest), "--inside", *words]
+                    inside = [sys.executable, __file__, "--slowest", str(options.slowest), "--", *words]
                     subprocess.run(inside, cwd=folder, env=environment(folder), check=False)
 
 
@@ -62,12 +62,12 @@ def user_seconds(words: list[str], folder: str) -> float:
 
 
 def environment(folder: str) -> dict[str, str]:
-    """Return the environment of a command whose machine code lies in `folder`."""
+    """Return the environment of a command whose kernel cache is in `folder`."""
     return {**os.environ, "NUMBA_CACHE_DIR": str(Path(folder, "kernels"))}
 
 
 def list_kernels(words: list[str], most: int) -> None:
-    """Run a command in this process and print the kernels that took longest to compile."""
+    """Run a command in this process and print the kernels with the longest compilation times."""
     from time import process_time
 
     from numba.core import event
@@ -75,7 +75,7 @@ def list_kernels(words: list[str], most: int) -> None:
     from slamgauge.compare.cli.main import main as command
 
     rows: list[tuple[float, str]] = []
-    running: list[list[float]] = []  # start and time of called kernels
+    running: list[list[float]] = []  # start of a compilation, and time of the kernels that it calls
 
     class Listener(event.Listener):
         def on_start(self, event: Any) -> None:  # noqa: ARG002

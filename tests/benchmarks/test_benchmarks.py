@@ -53,6 +53,7 @@ SMALLEST = {
         "arguments ",
         "all 400 ",
     ),
+    "compile_times": ("--only=--version", "command first [s] kernels again [s]", "--version "),
     "large_maps": (  # 2 s
         "--landmarks 20",
         "landmarks filter median [ms] mean [ms] p95 [ms] worst [ms] difference memory/P",
