@@ -1,8 +1,9 @@
 """The manifest `.slamgauge.json`: the list of files in a folder that slamgauge wrote and may replace.
 
-slamgauge never replaces or removes a file that the manifest does not list. A listed name counts as written by slamgauge
-if it is a plain file and no folder on its path is a symbolic link. While files are replaced or removed, the manifest
-lists old and new names, so it is also right if the process is killed then.
+slamgauge never replaces or removes a file that the manifest does not list. A name under `files` counts as written by
+slamgauge if it is a plain file and no folder on its path is a symbolic link. While files are replaced or removed, their
+names are listed under `moving`, with the SHA-256 digests of the old and the new content. If the process is killed then,
+a file of such a name counts as written by slamgauge only if its digest is listed.
 """
 
 from __future__ import annotations
@@ -10,9 +11,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, cast
 
 from slamgauge.compare.storage.files import explained
 from slamgauge.compare.storage.partial_folder import partial_folder, publishing
@@ -21,6 +23,7 @@ from slamgauge.errors import UserError
 
 MANIFEST = ".slamgauge.json"
 REMEDY = "move it away or give another --out"
+EMPTY = hashlib.sha256().hexdigest()
 
 
 def owned(folder: Path) -> set[str]:
@@ -35,10 +38,15 @@ def owned(folder: Path) -> set[str]:
             return set()
         if not _is_plain_file(folder, MANIFEST):
             raise _no_manifest(path)
-        files = _parsed(path)
+        files, moving = _parsed(path)
         stores = [name for name in files if name.endswith(".sqlite")]
         files |= {f"{store}{ending}" for store in stores for ending in SIDE_FILES}
-        return {name for name in files if _is_plain_file(folder, name)}
+        ours = {name for name in files if _is_plain_file(folder, name)}
+        return ours | {
+            name
+            for name, digests in moving.items()
+            if _is_plain_file(folder, name) and digest_of(folder / name) in digests
+        }
 
 
 def require_free(folder: Path, names: Iterable[str], remedy: str = REMEDY) -> None:
@@ -65,10 +73,20 @@ def require_folder(folder: Path, name: str, remedy: str = REMEDY) -> Path:
     return path
 
 
-def write_manifest(folder: Path, files: Iterable[str], within: Path) -> None:
-    """Write the manifest of `folder` in one atomic step, by way of the partial folder `within`."""
+def write_manifest(
+    folder: Path, files: Iterable[str], within: Path, moving: Mapping[str, Iterable[str]] | None = None
+) -> None:
+    """Write the manifest in one atomic step, by way of the partial folder `within`.
+
+    Args:
+        folder: Folder that the manifest describes.
+        files: Names of the files that slamgauge wrote.
+        within: Partial folder on the same file system.
+        moving: Digests, old and new, of the files that are being replaced or removed, by name.
+    """
+    content = {"files": sorted(files), "moving": {name: [*digests] for name, digests in sorted((moving or {}).items())}}
     partial = within / f"{MANIFEST}.partial"
-    partial.write_text(json.dumps({"files": sorted(files)}, indent=2) + "\n", encoding="utf-8")
+    partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     partial.replace(folder / MANIFEST)
 
 
@@ -82,12 +100,9 @@ def begin_file(folder: Path, name: str) -> None:
     with explained(folder, "written"), partial_folder(folder) as within, publishing(folder):
         ours = owned(folder)
         if name not in ours:
-            write_manifest(folder, ours | {name}, within)
-            try:
-                (folder / name).touch(exist_ok=False)
-            except OSError:
-                write_manifest(folder, ours, within)
-                raise
+            write_manifest(folder, ours, within, {name: [EMPTY]})
+            (folder / name).touch(exist_ok=False)
+        write_manifest(folder, ours | {name}, within)
 
 
 def is_there(path: Path) -> bool:
@@ -105,16 +120,21 @@ def digest_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _parsed(path: Path) -> set[str]:
-    """Return the names in a manifest; check everything, because anyone can edit it."""
+def _parsed(path: Path) -> tuple[set[str], dict[str, list[str]]]:
+    """Return the names and the digests by name; check everything, because anyone can edit a manifest."""
     try:
         content: Any = json.loads(path.read_bytes())
     except (ValueError, RecursionError):
         raise _no_manifest(path) from None
-    files: Any = content.get("files") if isinstance(content, dict) else None
-    if not isinstance(files, list) or not all(_is_name(name) for name in files):
+    if not isinstance(content, dict) or content.keys() != {"files", "moving"}:
         raise _no_manifest(path)
-    return set(files)
+    files, moving = content["files"], content["moving"]
+    if not isinstance(files, list) or not isinstance(moving, dict):
+        raise _no_manifest(path)
+    digests = [*moving.values()]
+    if not all(_is_name(name) for name in (*files, *moving)) or not all(_are_digests(each) for each in digests):
+        raise _no_manifest(path)
+    return set(cast("list[str]", files)), cast("dict[str, list[str]]", moving)
 
 
 def _is_name(value: object) -> bool:
@@ -123,6 +143,12 @@ def _is_name(value: object) -> bool:
         return False
     name = PurePosixPath(value)
     return str(name) == value and not name.is_absolute() and ".." not in name.parts and value not in {".", MANIFEST}
+
+
+def _are_digests(value: object) -> bool:
+    return isinstance(value, list) and all(
+        isinstance(each, str) and re.fullmatch("[0-9a-f]{64}", each) for each in value
+    )
 
 
 def _no_manifest(path: Path) -> UserError:

@@ -91,7 +91,10 @@ def _appeared(stage: Path, out: Path, new: set[str]) -> bool:
 
 def _replace(stage: Path, out: Path, ours: set[str], new: set[str], stale: set[str], last: str) -> None:
     """Move the new files into `out` and remove the stale ones."""
-    write_manifest(out, ours | new, stage.parent)
+    moving = {
+        name: [digest_of(at / name) for at in (out, stage) if (at / name).exists()] for name in sorted(new | stale)
+    }
+    write_manifest(out, ours - moving.keys(), stage.parent, moving)
     if last in new:
         (out / last).unlink(missing_ok=True)
     for name in stale:

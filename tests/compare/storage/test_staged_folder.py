@@ -146,10 +146,32 @@ def test_nothing_is_written_or_removed_through_links(tmp_path: Path, name: str, 
 
 # --- invalid manifests -------------------------------------------------------------------------
 
+DIGEST = "0" * 64
+
 
 @pytest.mark.parametrize(
     "text",
-    ["", "\x00", "[]", "{}", '{"files": {}}', '{"files": "thesis.tex"}', '{"files": [["a.txt"]]}', "[" * 100_000],
+    [
+        "",
+        "{",
+        "\x00",
+        "[]",
+        "{}",
+        '{"files": []}',
+        '{"files": {}, "moving": {}}',
+        '{"files": "thesis.tex", "moving": {}}',
+        '{"files": [1], "moving": {}}',
+        '{"files": [null], "moving": {}}',
+        '{"files": [["a.txt"]], "moving": {}}',
+        '{"files": [], "moving": []}',
+        '{"files": [], "moving": {"a.txt": null}}',
+        f'{{"files": [], "moving": {{"a.txt": "{DIGEST}"}}}}',
+        '{"files": [], "moving": {"a.txt": [1]}}',
+        '{"files": [], "moving": {"a.txt": ["0"]}}',
+        f'{{"files": [], "moving": {{"../thesis.tex": ["{DIGEST}"]}}}}',
+        '{"files": [], "moving": {}, "more": []}',
+        "[" * 100_000,
+    ],
 )
 def test_an_invalid_manifest_is_an_error(tmp_path: Path, text: str):
     out = tmp_path / "out"
@@ -167,10 +189,25 @@ def test_an_invalid_manifest_is_an_error(tmp_path: Path, text: str):
 
 @pytest.mark.parametrize(
     "name",
-    ["", ".", "../thesis.tex", "/etc/passwd", "a/../../b", "./a", "a//b", "a/", "a\0", "\ud800", MANIFEST],
+    [
+        "",
+        ".",
+        "..",
+        "../thesis.tex",
+        "/etc/passwd",
+        "a/../../b",
+        "a/./b",
+        "./a",
+        "a//b",
+        "a/",
+        "a\0",
+        "a\nb",
+        "\ud800",
+        MANIFEST,
+    ],
 )
 def test_paths_outside_the_folder_are_an_error(tmp_path: Path, name: str):
-    (tmp_path / MANIFEST).write_text(json.dumps({"files": ["a.txt", name]}))
+    (tmp_path / MANIFEST).write_text(json.dumps({"files": ["a.txt", name], "moving": {}}))
     with pytest.raises(ValueError, match=r"not a list of files that slamgauge has written; move it away"):
         owned(tmp_path)
 
@@ -180,7 +217,7 @@ def test_a_manifest_with_names_of_other_files_does_not_remove_them(tmp_path: Pat
     (tmp_path / "deep").mkdir()
     for name, text in foreign.items():
         (tmp_path / name).write_text(text)
-    (tmp_path / MANIFEST).write_text(json.dumps({"files": [*foreign, "no/such/file"]}))
+    (tmp_path / MANIFEST).write_text(json.dumps({"files": [*foreign, "no/such/file"], "moving": {}}))
     publish(tmp_path, "new", FILES, ("estimates/*", "rays.png"))
     assert texts(tmp_path) == foreign | dict.fromkeys(FILES, "new")
 
@@ -194,7 +231,7 @@ def test_a_manifest_that_is_a_folder_or_a_link_is_an_error(tmp_path: Path, kind:
     else:
         (out / MANIFEST).symlink_to(elsewhere)
     if kind == "link":
-        elsewhere.write_text('{"files": []}')
+        elsewhere.write_text('{"files": [], "moving": {}}')
     with pytest.raises(ValueError, match="not a list of files that slamgauge has written"):
         publish(out, "new")
     assert [path.name for path in out.iterdir()] == [MANIFEST]

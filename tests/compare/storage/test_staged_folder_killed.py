@@ -16,7 +16,7 @@ from unittest.mock import Mock
 import pytest
 
 from slamgauge.compare.storage import manifest, partial_folder
-from slamgauge.compare.storage.manifest import begin_file, owned, write_manifest
+from slamgauge.compare.storage.manifest import begin_file, owned, require_free, write_manifest
 from slamgauge.compare.storage.staged_folder import staged_folder
 from tests.reference.published_files import FILES, LAST, fill, in_the_way, publish, texts
 
@@ -86,6 +86,30 @@ def test_an_interrupt_while_publishing_has_a_message_and_leaves_no_partial_folde
     assert not [*tmp_path.glob(".slamgauge.*.partial")]
     publish(tmp_path, "new")
     assert texts(tmp_path) == dict.fromkeys(FILES, "new")
+
+
+def test_a_file_that_replaces_an_unpublished_one_after_a_kill_is_of_another_origin(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """The manifest of the killed command lists these names under `moving`."""
+    old, new = ("estimates/ekf.npz", "a.txt", LAST), ("a.txt", "b.txt", LAST)
+    gaps = 0
+    for count in range(100):
+        out = tmp_path / str(count)
+        publish(out, "old", old)
+        if not killed_at(monkeypatch, count, lambda out=out: publish(out, "new", new, ("estimates/*",))):
+            break
+        for name in {*old, *new}:
+            if not (out / name).exists() and (out / name).parent.exists():
+                gaps += 1
+                (out / name).write_text("mine")
+                assert name not in owned(out)
+                with pytest.raises(ValueError, match=in_the_way(out / name)):
+                    require_free(out, [name])
+                publish(out, "other", ("other.txt",), ("*",))
+                assert (out / name).read_text() == "mine"
+                (out / name).unlink()
+    assert gaps > 8
 
 
 def test_a_file_written_in_place_stays_in_the_manifest(tmp_path: Path):

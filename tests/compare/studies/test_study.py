@@ -8,7 +8,6 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.scores import evaluate
-from slamgauge.compare.storage.manifest import MANIFEST, begin_file
+from slamgauge.compare.storage.manifest import MANIFEST, begin_file, write_manifest
 from slamgauge.compare.studies import study_run as study_run
 from slamgauge.compare.studies.cluster import dask_cluster
 from slamgauge.compare.studies.executors import local_processes
@@ -182,14 +181,23 @@ def test_a_store_without_a_manifest_is_read_but_not_written(
         run_study(scenario, 2, 0, ("ekf",), tmp_path, thread)
 
 
-@pytest.mark.parametrize("step", ["begin_file", "touch", "begin_store"])
+@pytest.mark.parametrize("step", ["begin_file", "begin_store", "write_manifest"])
 def test_a_study_killed_while_it_makes_its_store_goes_on(
     scenario: Scenario, thread: ThreadPoolExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
-    """Killed before the file exists, after it is listed in the manifest, and while it is empty."""
+    """Before anything is there, where the file is there and empty, and before it is settled whose that is."""
+    module = "storage.manifest" if step == "write_manifest" else "studies.study"
+    place = f"slamgauge.compare.{module}.{step}"
+    original, calls = write_manifest, list[object]()
+
+    def killed(*arguments: Any) -> None:
+        calls.append(arguments)
+        if step != "write_manifest" or len(calls) == 2:
+            raise KeyboardInterrupt
+        original(*arguments)
+
     with monkeypatch.context() as patch:
-        place = "pathlib.Path.touch" if step == "touch" else f"slamgauge.compare.studies.study.{step}"
-        patch.setattr(place, Mock(side_effect=KeyboardInterrupt))
+        patch.setattr(place, killed)
         with pytest.raises(KeyboardInterrupt):
             run_study(scenario, 1, 0, ("ekf",), tmp_path, thread)
     for runs in (1, 2):
