@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -12,9 +13,11 @@ from matplotlib.figure import Figure
 
 from slamgauge.compare.figures.map_at_step import map_at
 from slamgauge.compare.figures.map_layers import FAINTEST, MapLayer
-from slamgauge.compare.figures.publishing import ray_drawing
-from slamgauge.compare.figures.ray_frames import ray_frames
+from slamgauge.compare.figures.publishing import draw_comparison
+from slamgauge.compare.figures.ray_frames import has_rays, ray_frames
 from slamgauge.compare.figures.ray_strip import save_ray_strip
+from slamgauge.compare.scoring.comparison import Comparison
+from slamgauge.compare.scoring.comparison_files import write_comparison
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from tests.reference.rays_by_hand import AGES, BIRTHS, LANDMARKS, NOTED, STEPS, Fate, estimate_with_rays, half_loop
 
@@ -153,13 +156,14 @@ def test_few_records_give_few_moments():
 # --- the files ---------------------------------------------------------------------------------
 
 
-def test_files_of_the_strip_are_reproducible(tmp_path: Path):
+@pytest.mark.parametrize("fates", [("point", "point", "point"), ("lost", "ray", "point"), ("ray",)])
+def test_files_of_the_strip_are_reproducible(tmp_path: Path, fates: tuple[Fate, ...]):
     truth, recording = half_loop()
     contents: list[tuple[bytes, bytes]] = []
     for name in ("first", "second"):
         folder = tmp_path / name
         folder.mkdir()
-        save_ray_strip(folder, truth, recording, "ekf", estimate_with_rays(("lost", "ray", "point")), "a title")
+        save_ray_strip(folder, truth, recording, "ekf", estimate_with_rays(fates), "a title")
         contents.append(((folder / "rays.png").read_bytes(), (folder / "rays.svg").read_bytes()))
     assert contents[0] == contents[1]
     png, svg = contents[0]
@@ -207,11 +211,22 @@ def test_a_strip_without_truth_contains_every_member(monkeypatch: pytest.MonkeyP
     assert (members[:, 1] < panel.get_ylim()[1]).all()
 
 
-def test_the_first_estimate_with_rays_is_drawn(tmp_path: Path):
+def test_a_comparison_draws_the_first_estimate_with_rays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    truth, recording = half_loop()
     with_rays = estimate_with_rays()
     without = replace(with_rays, rays=None, history=None)
     none = np.zeros(0, np.int64)
     no_ray = replace(with_rays, rays=RayLog(none, none, none, none, np.zeros((0, 4)), np.zeros(STEPS + 1, np.int64)))
-    assert ray_drawing(*half_loop(), {"a": without, "b": no_ray}, "a title") == {}
-    ray_drawing(*half_loop(), {"a": without, "b": with_rays, "c": with_rays}, "a title")["rays"](tmp_path)
-    assert ">a title: rays of b<" in (tmp_path / "rays.svg").read_text(encoding="utf-8")
+    assert [has_rays(each) for each in (without, no_ray, with_rays)] == [False, False, True]
+    drawn: list[str] = []
+
+    def keep(*arguments: Any) -> None:
+        drawn.append(arguments[3])
+
+    monkeypatch.setattr("slamgauge.compare.figures.publishing.save_ray_strip", keep)
+    for i, estimates in enumerate(({"a": without, "b": no_ray}, {"a": without, "b": with_rays, "c": with_rays})):
+        comparison, folder = Comparison(truth, recording, estimates, {}), tmp_path / str(i)
+        folder.mkdir()
+        write_comparison(folder, comparison, {})
+        assert draw_comparison(folder, comparison, "a title")
+    assert drawn == ["b"]

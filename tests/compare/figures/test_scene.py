@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -40,6 +41,7 @@ def test_first_seen_is_the_step_of_the_first_observation():
 
 
 def test_first_seen_does_not_depend_on_the_chunk_size(monkeypatch: pytest.MonkeyPatch):
+    """Without chunks a run of a million steps needs half a gigabyte."""
     recording = simulate(load_scenario("q1-long-dense", ["trajectory.duration=20"]), 0)[1]
     assert recording.landmark is not None
     ids = np.arange(40)
@@ -50,6 +52,12 @@ def test_first_seen_does_not_depend_on_the_chunk_size(monkeypatch: pytest.Monkey
     for size in (7, len(recording.landmark)):
         monkeypatch.setattr(arrays, "CHUNK", size)
         assert first_seen(recording, places).tolist() == expected
+    monkeypatch.setattr(arrays, "CHUNK", 50)
+    tracemalloc.start()
+    first_seen(recording, places)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < len(recording.landmark) * len(ids) / 2
 
 
 def test_lines_of_sight_connect_the_robot_with_observed_landmarks():
@@ -62,6 +70,16 @@ def test_lines_of_sight_connect_the_robot_with_observed_landmarks():
     np.testing.assert_array_equal(blind[:, 0], np.tile(NO_HISTORY.poses[90, :2], (3, 1)))
     np.testing.assert_array_equal(blind[:, 1], LANDMARKS + 0.2)
     assert len(sight_lines(Truth(), replace(recording, landmark=None), NO_HISTORY, 80, 90)) == 0
+
+
+def test_a_scan_between_two_frames_is_shown_once():
+    truth, recording = half_loop()
+    assert truth.poses is not None
+    kept = recording.observation_step == 85
+    assert truth.association is not None
+    sparse, sparse_truth = recording.only(kept), replace(truth, association=truth.association[kept])
+    assert sight_lines(sparse_truth, sparse, NO_HISTORY, 80, 90)[0, 0].tolist() == truth.poses[85, :2].tolist()
+    assert len(sight_lines(sparse_truth, sparse, NO_HISTORY, 90, 100)) == 0
 
 
 # --- the scene ---------------------------------------------------------------------------------
@@ -116,7 +134,6 @@ def test_the_time_and_the_lines_of_sight_move():
 
 def test_a_scan_is_not_shown_again_in_later_frames():
     truth, recording = half_loop()
-    assert truth.poses is not None
     assert truth.association is not None
     kept = recording.observation_step == 85
     sparse_truth = replace(truth, association=truth.association[kept])
@@ -126,9 +143,7 @@ def test_a_scan_is_not_shown_again_in_later_frames():
     (sight,) = (each for each in scene.figure.axes[0].collections if isinstance(each, LineCollection))
     for step, lines in ((80, 0), (90, 3), (100, 0)):
         scene.show(step)
-        segments = np.asarray(sight.get_segments())
-        assert len(segments) == lines
-        np.testing.assert_array_equal(segments[:1].reshape(-1, 2)[:1], np.tile(truth.poses[85, :2], (lines > 0, 1)))
+        assert len(sight.get_segments()) == lines
 
 
 def test_scales_are_equal_and_limits_contain_everything():

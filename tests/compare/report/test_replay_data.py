@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slamgauge import Estimate, Truth, compare_estimators, load_estimators, load_scenario, simulate
+from slamgauge import Estimate, Recording, Truth, compare_estimators, load_estimators, load_scenario, simulate
 from slamgauge.arrays import Float
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.map_at_step import map_at
@@ -83,9 +83,21 @@ def test_observed_positions_agree_with_range_and_bearing(results: Results):
     np.testing.assert_allclose(np.arctan2(observations.body[:, 1], observations.body[:, 0]), seen[:, 1], atol=1e-12)
 
 
-def test_a_recording_without_observations_has_none_to_show(results: Results):
-    blind = results.recording.only(np.zeros(len(results.recording.observation), np.bool_))
-    observations = shown_observations(blind, frame_steps(3, 10), 1.0)
+def test_a_recording_without_observations_has_none_to_show():
+    stamps = np.arange(4.0)
+    recording = Recording(
+        stamps=stamps,
+        prior_mean=np.zeros(3),
+        prior_cov=np.eye(3),
+        odometry=np.zeros((3, 3)),
+        odometry_cov=np.tile(np.eye(3), (3, 1, 1)),
+        sensor="range-bearing",
+        observation_step=np.zeros(0, np.int64),
+        observation=np.zeros((0, 2)),
+        observation_cov=np.zeros((0, 2, 2)),
+        landmark=None,
+    )
+    observations = shown_observations(recording, frame_steps(3, 10), 1.0)
     assert observations.start.tolist() == [0] * 5
     assert observations.body.shape == (0, 2)
 

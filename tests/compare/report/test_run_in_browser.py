@@ -168,6 +168,10 @@ def test_a_narrow_screen_shows_everything_without_scrolling_sideways(reader: Rea
     assert reader.run("return document.getElementById('map-canvas').clientWidth") > 300
     assert reader.run("return document.querySelector('figure img').clientWidth") >= 600  # scrolls in its frame
     assert reader.complaints() == []
+
+
+def test_captions_of_tables_fit_a_narrow_screen(reader: Reader, run_page: Path):
+    reader.open(run_page, width=360)
     ends = reader.run(
         "return [...document.querySelectorAll('.caption')].map((each) => each.getBoundingClientRect().right)"
     )

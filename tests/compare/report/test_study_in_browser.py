@@ -14,7 +14,6 @@ import pytest
 from slamgauge import UserError, load_scenario
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.figures.publishing import write_study
-from slamgauge.compare.report.grade_page import FIGURES
 from slamgauge.compare.report.publishing import PAGES, publish_report
 from slamgauge.compare.report.rerun_command import command_of_run, swept
 from slamgauge.compare.storage.best_effort import decorate
@@ -160,7 +159,7 @@ def undecorated(*_: object) -> bool:
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A sweep with two short runs at each of two scales."""
     folder = tmp_path_factory.mktemp("sweeps") / "sweep"
-    words = [
+    words = (
         "study",
         "q1-short-dense",
         "--runs",
@@ -169,13 +168,12 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "1",
         "--estimators",
         "ekf,causal",
-        "--sweep",
-        "assumed.scale=1,2",
-    ]
+        "--out",
+        str(folder),
+    )
     with pytest.MonkeyPatch.context() as patch, lighter.studies_in_a_thread():
         patch.setattr("slamgauge.compare.figures.publishing.decorate", undecorated)
-        short = ["--estimators", "ekf,causal", "--set", "trajectory.duration=3"]
-        assert main([*words, *short, "--out", str(folder)]) == 0
+        assert main([*words, "--set", "trajectory.duration=3", "--sweep", "assumed.scale=1,2"]) == 0
     return folder
 
 
@@ -222,10 +220,24 @@ def claims(folder: Path) -> None:
 
 
 def grades(folder: Path) -> None:
-    row = {f"{key}{end}": "" for key, *_ in FIGURES for end in ("", "_low", "_high")}
-    row |= {"submission": 'a "<b>', "passed": "false", "graded": "true", "reason": f"{SCRIPT_NAME}; two"}
-    row |= {"failed_laws": "heading-wrap", "seconds_per_run": "0.5", "seed": "7", "digest": "of q1-long-dense"}
-    row |= {"ate_m": "0.3", "ate_m_low": "0.2", "ate_m_high": "0.4"}
+    row = {"submission": 'a "<b>', "passed": "false", "graded": "true", "reason": f"{SCRIPT_NAME}; two"}
+    row |= {
+        "failed_laws": "heading-wrap",
+        "seconds_per_run": "0.5",
+        "ate_m": "0.3",
+        "ate_m_low": "0.2",
+        "ate_m_high": "0.4",
+    }
+    ratios = (
+        "nees_per_dof",
+        "ratio_to_optimum",
+        "ate_ratio",
+        "nees_ratio",
+        "sigma_position_ratio",
+        "sigma_heading_ratio",
+    )
+    row |= {"seed": "7", "digest": "of q1-long-dense"}
+    row |= {f"{key}{end}": "" for key in ratios for end in ("", "_low", "_high")}
     with (folder / "grades.csv").open("w", encoding="utf-8", newline="") as file:
         table = csv.DictWriter(file, row)
         table.writeheader()

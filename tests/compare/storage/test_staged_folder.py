@@ -41,7 +41,7 @@ def test_a_failure_changes_nothing(tmp_path: Path, existing: bool, error: type[B
     if existing:
         publish(out, "old")
     before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(error), staged_folder(out, FILES, LAST, outdated=("*",)) as stage:
+    with pytest.raises(error), staged_folder(out, FILES, LAST) as stage:
         fill(stage, "new")
         raise error
     assert sorted(tmp_path.rglob("*")) == before
@@ -86,6 +86,13 @@ def test_an_emptied_folder_is_removed(tmp_path: Path):
     publish(tmp_path, "old")
     publish(tmp_path, "new", (LAST,), outdated=("estimates/*",))
     assert not (tmp_path / "estimates").exists()
+
+
+def test_a_failure_removes_no_outdated_file(tmp_path: Path):
+    publish(tmp_path, "old")
+    with pytest.raises(KeyError), staged_folder(tmp_path, (), LAST, ("*",)):
+        raise KeyError
+    assert texts(tmp_path) == dict.fromkeys(FILES, "old")
 
 
 # --- files of another origin -------------------------------------------------------------------
