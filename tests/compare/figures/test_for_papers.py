@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from matplotlib.figure import Figure
 
 from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
 from slamgauge.compare.cli.main import main
+from slamgauge.compare.figures.axis_limits import robust_limits
 from slamgauge.compare.figures.figure_size import INCHES, Sheet, Width, printed_on
 from slamgauge.compare.figures.publishing import write_study, write_sweep
 from slamgauge.compare.figures.redraw import drawings_of
@@ -168,6 +170,17 @@ def test_results_of_another_version_are_an_error(kind: str, tmp_path: Path, caps
     assert main(["export", str(tmp_path), "--format", "svg", "--out", str(tmp_path / "out")]) == 2
     assert "written by another version, or changed by hand; run its command again" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_axis_limits_ignore_a_diverged_estimator_and_name_it():
+    extents: Mapping[str, np.ndarray] = {
+        "a": np.array([1.0, 2.0]),
+        "b": np.array([2.0, 1.0]),
+        "c": np.array([1e6, 2.0]),
+    }
+    heights, gone = robust_limits(extents)
+    assert heights.tolist() == [2.0, 2.0]
+    assert gone == ["c"]
 
 
 def test_a_diverged_filter_does_not_change_the_limits_of_study_figures(
