@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import thread_time
 
 import numpy as np
 
 from slamgauge.arrays import Float
+from slamgauge.compare.estimators.cpu_time import cpu_seconds
 from slamgauge.compare.estimators.loading import spent_by
 from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.errors import UserError
@@ -43,16 +42,10 @@ class Subject:
 
     def cpu_seconds(self, recording: Recording) -> float:
         """Processor time of one run and of programs that it calls [s]; what else runs does not disturb it."""
-        start = _cpu_seconds()
+        start = cpu_seconds()
         run_estimator(self.name, self.estimator, recording)
         spent = spent_by(self.estimator)
-        return _cpu_seconds() - start if spent is None else spent.cpu_seconds
-
-
-def _cpu_seconds() -> float:
-    """Return the processor time of this thread and of finished child processes [s]."""
-    times = os.times()
-    return thread_time() + times.children_user + times.children_system
+        return cpu_seconds() - start if spent is None else spent.cpu_seconds
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import resource
 import shutil
 import signal
 import sys
@@ -20,10 +21,11 @@ from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from importlib.util import find_spec
 from pathlib import Path
-from time import perf_counter, thread_time
+from time import perf_counter
 from typing import Any, cast
 
 from slamgauge.compare.estimators.adapters import adapted
+from slamgauge.compare.estimators.cpu_time import cpu_seconds
 from slamgauge.compare.estimators.discovery import found_in
 from slamgauge.compare.estimators.isolated_process import FOLDERS, GIVEN, HERE, MADE
 from slamgauge.compare.estimators.landlock import write_only_in
@@ -46,9 +48,9 @@ def main() -> None:
     here, folder = Path.cwd(), Path.cwd().parent
     if here.name != HERE or not folder.name.startswith(FOLDERS):
         raise SystemExit("isolated_program: is started by slamgauge alone, in a folder that it will remove")
-    _limit("RLIMIT_FSIZE", LARGEST_FILE)
+    _limit(resource.RLIMIT_FSIZE, LARGEST_FILE)
     if sys.platform.startswith("linux"):  # elsewhere it does not count what is mapped, which is nearly all
-        _limit("RLIMIT_DATA", MOST_MEMORY)
+        _limit(resource.RLIMIT_DATA, MOST_MEMORY)
         with suppress(OSError):
             Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")  # where memory ends, this ends first
     signal.signal(signal.SIGTERM, _leave)
@@ -75,13 +77,8 @@ def _serve(requests: int, answers: int, folder: Path) -> None:
             _tell(out, _run(cast("Estimator", estimator), folder))
 
 
-def _limit(name: str, most: int) -> None:
+def _limit(what: int, most: int) -> None:
     """Limit this process and those that it starts, unless they are limited to less already."""
-    try:
-        import resource
-    except ImportError:  # a Python that was built without it
-        return
-    what = getattr(resource, name)
     least = min(each for each in (*resource.getrlimit(what), most) if each != resource.RLIM_INFINITY)
     resource.setrlimit(what, (least, least))
 
@@ -119,7 +116,7 @@ def _run(estimator: Estimator, folder: Path) -> Mapping[str, object]:
     """Run it on the recording that lies there; what it cost, or why there is no estimate."""
     recording = load_recording(folder / GIVEN)
     (folder / GIVEN).unlink()
-    start, cpu = perf_counter(), _cpu_seconds()
+    start, cpu = perf_counter(), cpu_seconds()
     try:
         with redirect_stdout(sys.stderr):
             estimate = cast("object", estimator(recording))
@@ -128,7 +125,7 @@ def _run(estimator: Estimator, folder: Path) -> Mapping[str, object]:
     except (Exception, SystemExit) as error:  # noqa: BLE001 whatever people's code raises is told
         most = f"; its process may take {MOST_MEMORY / 1e9:g} GB" if isinstance(error, MemoryError) else ""
         return {"reason": f"{reason_of(error)}{most}"}
-    spent = {"seconds": perf_counter() - start, "cpu_seconds": _cpu_seconds() - cpu}
+    spent = {"seconds": perf_counter() - start, "cpu_seconds": cpu_seconds() - cpu}
     save(folder / MADE, estimate)
     return spent
 
@@ -146,12 +143,6 @@ def _address(told: dict[str, Any]) -> Address:
         return Address(**told)
     files = tuple((path, b64decode(content)) for path, content in within["files"])
     return Address(**told, sources=Sources(within["folder"], within["module"], files))
-
-
-def _cpu_seconds() -> float:
-    """Of this thread, and of programs that it has called."""
-    times = os.times()
-    return thread_time() + times.children_user + times.children_system
 
 
 def _follow_parent(parent: int, folder: Path, done: threading.Event) -> None:

@@ -14,6 +14,7 @@ from slamgauge.compare.figures.axis_limits import exceeding, robust_limits
 from slamgauge.compare.figures.closure_marks import marked_closures
 from slamgauge.compare.figures.downsampling import extreme_rows
 from slamgauge.compare.figures.plot_style import DEAD_RECKONING, MARK_COLOR, TRUTH_COLOR, styles
+from slamgauge.compare.figures.world_axes import label_time
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt
 from slamgauge.compare.scoring.optimum_notes import MARK
 from slamgauge.compare.scoring.trajectory_error import pose_errors
@@ -54,7 +55,7 @@ def plot_errors(
     is_hidden = len(shown) > 1 and shown.pop(DEAD_RECKONING, None) is not None
     chosen = styles(shown)
     filled = band or next((name for name, each in shown.items() if each.pose_covs is not None), None)
-    times = recording.stamps - recording.stamps[0]
+    times = recording.stamps
     extents: dict[str, Float] = {}
     for name, estimate in shown.items():
         color, dashes = chosen[name]
@@ -76,10 +77,11 @@ def plot_errors(
     panels[0].set_title(_title(reference.title, f"({'; '.join(remarks)})" if remarks else ""))
     for panel, label, limit in zip(panels, PANELS, limits, strict=True):
         _finish(panel, label, times, times[closures], limit)
+    label = [label_time(panel) for panel in panels][-1]
     ticks = "loop closures" if mark == "loop closure" else mark
     is_row = panels[0].get_position().y0 == panels[-1].get_position().y0
     loc = "right" if is_row else "center"  # in a row the panel is narrower than its label
-    panels[-1].set_xlabel(f"time [s]; ticks: {ticks}" if len(closures) else "time [s]", loc=loc)
+    panels[-1].set_xlabel(f"{label}; ticks: {ticks}" if len(closures) else label, loc=loc)
 
 
 def _title(what: str, remark: str) -> str:

@@ -1,4 +1,4 @@
-"""Readable axes of maps with large coordinates, such as UTM positions."""
+"""Readable axes for large coordinates, such as UTM positions and seconds since 1970."""
 
 from __future__ import annotations
 
@@ -30,6 +30,12 @@ def label_plane(ax: Axes, *, x: bool = True, y: bool = True) -> None:
         ax.set_xlabel(f"x{from_x} [m]")
     if y:
         ax.set_ylabel(f"y{from_y} [m]")
+
+
+def label_time(ax: Axes) -> str:
+    """Show the time relative to a round number, and return the label of the axis."""
+    begin, end = ax.get_xlim()
+    return f"time{_count_from(ax.xaxis, round_origin(begin, end, end - begin))} [s]"
 
 
 def _count_from(axis: Axis, origin: float) -> str:

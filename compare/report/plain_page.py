@@ -7,23 +7,51 @@ from typing import Any
 
 from slamgauge.compare.report.glossary import glossary
 from slamgauge.compare.report.page import render
-from slamgauge.compare.report.page_elements import Cell, Table, sized
+from slamgauge.compare.report.page_elements import Cell, Picture, Table, sized
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.text_table import cell, interval_cell
 
-OPTIONAL: dict[str, Any] = {"notes": (), "pictures": (), "back": "", "verbatim": ()}
 
-
-def plain_page(*, tables: Sequence[Table], terms: Sequence[tuple[str, str]] = (), **content: Any) -> str:
+def plain_page(
+    *,
+    kind: str,
+    title: str,
+    lead: Sequence[tuple[str, str]],
+    tables: Sequence[Table],
+    origin: Sequence[tuple[str, str, bool]],
+    notes: Sequence[str] = (),
+    pictures: Sequence[Picture] = (),
+    terms: Sequence[tuple[str, str]] = (),
+    back: str = "",
+    verbatim: Sequence[str] = (),
+) -> str:
     """Return the HTML of a page.
 
     Args:
+        kind: Kind of page, shown above the title.
+        title: Title of the page.
+        lead: First sentences, each with the name of its estimator.
         tables: Tables; those without rows are not shown.
+        origin: Names and values of the command, version and seeds that made the results.
+        notes: Further sentences.
+        pictures: Pictures with captions.
         terms: Terms to explain in the glossary, in addition to the columns.
-        **content: `kind`, `title` and `origin`; `lead`, the first sentences, each with the name of its estimator;
-            optionally `notes`, `pictures`, `back` (a link) and `verbatim` (lines that a program printed).
+        back: Link to the page above.
+        verbatim: Lines that a program printed.
     """
-    return render("plain.html", tables=tables, glossary=glossary(terms, tables), **(OPTIONAL | content))
+    return render(
+        "plain.html",
+        kind=kind,
+        title=title,
+        lead=lead,
+        notes=notes,
+        tables=tables,
+        pictures=pictures,
+        glossary=glossary(terms, tables),
+        origin=origin,
+        back=back,
+        verbatim=verbatim,
+    )
 
 
 def figure_cell(value: float | None, form: str, mark: str = "") -> Cell:

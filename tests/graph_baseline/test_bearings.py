@@ -28,6 +28,16 @@ from tests.reference.small_problems import answer, cost_of
 OPTIMA = pytest.mark.parametrize("optimum", [batch, causal])
 
 
+def test_exact_bearings_intersect_in_the_landmark():
+    poses = np.array([[0.0, 0.0, 0.3], [1.0, -0.5, 1.0], [2.0, 0.5, -2.0]])
+    landmark = np.array([3.0, 4.0])
+    offset = landmark - poses[:, :2]
+    bearings = wrap(np.arctan2(offset[:, 1], offset[:, 0]) - poses[:, 2])
+    found = triangulate(poses, bearings, np.full(3, 1e-4), SURE)
+    assert found.placed
+    np.testing.assert_allclose(found.landmark, landmark, atol=1e-9)
+
+
 def pseudolinear(poses: Float, bearings: Float, variances: Float) -> Float:
     """Return the least-squares distance from all rays: a linear estimate, biased towards the robot."""
     angle = poses[:, 2] + bearings

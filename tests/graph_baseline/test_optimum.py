@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal, cost
 from slamgauge.graph_baseline.gtsam_graph import build_graph
 from slamgauge.recording import Recording
-from slamgauge.se2 import between, compose
+from slamgauge.se2 import between, compose, rotation
 from tests.reference.exact_graph import as_values, exact_graph, marginals, solve_graph
 from tests.reference.optimum import ExactProblem
 from tests.reference.random_recordings import random_recording
@@ -192,6 +193,20 @@ def test_a_motion_that_violates_a_constraint_has_infinite_cost(sensor: str) -> N
     assert cost_of(recording, answer(ekf_slam(recording))) == math.inf
     sideways = compose(found.poses, np.array([[0.0, 2e-6, 0.0]] * 13 + [[0.0, 0.0, 0.0]] * 13))
     assert cost(recording, sideways, found.ids, found.landmarks) == math.inf
+
+
+@SENSORS
+@SLIP
+@pytest.mark.parametrize("motion", [[3.0, -4.0, 2.0], [-20.0, 7.0, math.pi]])
+def test_a_moved_prior_moves_the_whole_optimum(sensor: str, slip: bool, motion: list[float]) -> None:
+    recording, before = problem(2, sensor, slip)[1], optimum(2, sensor, slip)
+    moved = replace(recording, prior_mean=compose(motion, recording.prior_mean))  # its covariance is isotropic
+    after = answer(batch(moved))
+    turn = np.eye(3)
+    turn[:2, :2] = rotation(motion[2])
+    np.testing.assert_allclose(between(compose(motion, before.poses), after.poses), 0.0, atol=1e-8)
+    np.testing.assert_allclose(after.pose_covs, turn @ before.pose_covs @ turn.T, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(after.landmarks, motion[:2] + before.landmarks @ turn[:2, :2].T, rtol=0, atol=1e-8)
 
 
 @OPTIMA

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from slamgauge.compare.figures import animation_scene, ray_strip, run_figures
 from slamgauge.compare.figures.animation_scene import Scene
 from slamgauge.compare.figures.run_figures import plot_errors, plot_run, save_figure
-from slamgauge.compare.figures.world_axes import label_plane, round_origin
+from slamgauge.compare.figures.world_axes import label_plane, label_time, round_origin
 from slamgauge.compare.storage.results_folder import Results
 from slamgauge.ekf import FilterSettings, Rays, riekf
 from tests.reference.random_recordings import random_recording
@@ -64,6 +64,15 @@ def test_an_axis_without_extent_has_origin_zero() -> None:
     assert round_origin(5e5, 5e5, 0.0) == 0.0
 
 
+def test_large_times_have_an_origin_too() -> None:
+    ax = Figure().subplots()
+    ax.set_xlim(EPOCH, EPOCH + 60)
+    assert label_time(ax) == f"time {MINUS} 1{THIN}700{THIN}000{THIN}000 [s]"
+    assert "20" in tick_labels(ax)[0]
+    ax.set_xlim(0, 60)
+    assert label_time(ax) == "time [s]"
+
+
 def test_all_figures_of_a_distant_run_have_short_tick_labels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recording = random_recording(1, steps=40)[1]
     recording = replace(recording, prior_mean=recording.prior_mean + FAR, stamps=recording.stamps + EPOCH)
@@ -88,8 +97,10 @@ def test_all_figures_of_a_distant_run_have_short_tick_labels(tmp_path: Path, mon
     assert len(maps) > 3
     for ax in maps:
         assert {ax.get_xlabel()[:3], ax.get_ylabel()[:3]} <= {"", f"x {MINUS}", f"y {MINUS}"}
+    assert f"4{THIN}600{THIN}" in maps[0].get_ylabel()
     panels: list[Axes] = list(Figure().subplots(3))
     plot_errors(panels, None, bearings, estimates)
+    assert panels[-1].get_xlabel().startswith(f"time {MINUS} 1{THIN}700{THIN}")
     for ax in (*maps, *panels):
         for axis in (ax.xaxis, ax.yaxis):
             texts = axis.get_major_formatter().format_ticks(list(axis.get_ticklocs()))
