@@ -5,6 +5,10 @@ alone: an edited kernel would live on in its callers. Each kept file therefore c
 code, of the kernel's module and of all modules of the project which that module imports. Code whose seal differs,
 because a source was edited or because a power cut left half a file, is compiled again. Contents are compared, not
 dates.
+
+The machine code of a checkout lies next to its sources, that of an installed package in the user's cache folder: pip
+does not remove files that it did not install, and a folder `slamgauge` that remained in site-packages would hide an
+editable install. NUMBA_CACHE_DIR names another folder for both.
 """
 
 from __future__ import annotations
@@ -18,11 +22,19 @@ from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache
+from numba.core.caching import (
+    CompileResultCacheImpl,
+    FunctionCache,
+    InTreeCacheLocator,
+    NullCache,
+    UserProvidedCacheLocator,
+    UserWideCacheLocator,
+)
 
 from slamgauge.compile_progress import note
 
 COMPILER = "slamgauge.jit"  # how kernels are compiled
+INSTALLED = {"site-packages", "dist-packages"}  # folders that pip installs into
 _IMPORT = re.compile(r"^(?:from ([\w.]+) import (\([^)]*\)|[^\n]*)|import ([\w., ]+))", re.MULTILINE)
 _folders: set[Path] = set()  # where numba keeps the kernels that have been imported
 
@@ -31,8 +43,19 @@ class DamagedError(Exception):
     """What is kept is not what was written, or of other sources or types."""
 
 
+class _InCheckout(InTreeCacheLocator):
+    """Stores machine code next to the sources, unless pip installed them."""
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., object], py_file: str) -> Any:
+        """Return a locator for the function, or None if its file is installed or its folder cannot be written to."""
+        return None if INSTALLED & {*Path(py_file).parts} else super().from_function(py_func, py_file)
+
+
 class _Sealed(CompileResultCacheImpl):
     """How the machine code of a function becomes a file, and a file machine code."""
+
+    _locator_classes = (UserProvidedCacheLocator, _InCheckout, UserWideCacheLocator, InTreeCacheLocator)
 
     def __init__(self, function: Callable[..., object]) -> None:
         super().__init__(function)

@@ -84,7 +84,11 @@ def _limit(what: int, most: int) -> None:
 
 
 def _caches_of_kernels() -> Iterator[Path]:
-    """Where compiled kernels are kept for later processes, ours and those of whoever else uses numba."""
+    """Yield the folders in which numba stores machine code of slamgauge and of user code."""
+    user_wide = Path(os.environ["XDG_CACHE_HOME"], "numba")
+    with suppress(OSError):  # without it kernels are compiled in every run
+        user_wide.mkdir(parents=True, exist_ok=True)
+    yield user_wide
     for name in ("slamgauge", "slamgauge.ekf", "slamgauge.graph_baseline"):
         spec = find_spec(name)
         for place in spec.submodule_search_locations or () if spec is not None else ():

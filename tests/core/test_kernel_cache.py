@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -128,6 +129,21 @@ def test_damage_in_a_folder_that_cannot_be_written_to_costs_a_compilation_each_t
     monkeypatch.setattr("numba.core.caching.IndexDataCacheFile._open_for_write", refuse)
     assert called(folder) == (2, False)
     assert called(folder) == (2, False)
+
+
+def test_an_installed_package_keeps_machine_code_in_the_users_cache_folder(
+    tmp_path: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """pip would leave machine code behind, and a folder of the package without its sources."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.syspath_prepend(tmp_path / "site-packages")
+    installed = shutil.copytree(
+        folder, tmp_path / "site-packages" / folder.name, ignore=shutil.ignore_patterns("__pycache__")
+    )
+    assert called(installed) == (2, False)
+    assert called(installed) == (2, True)
+    assert not [*installed.rglob("*.nb?")]
+    assert [*(tmp_path / "cache/numba").rglob("*.nbc")]
 
 
 def test_what_is_kept_is_told_and_cleared(folder: Path, monkeypatch: pytest.MonkeyPatch):
