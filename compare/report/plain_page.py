@@ -25,7 +25,7 @@ def plain_page(
     back: str = "",
     verbatim: Sequence[str] = (),
 ) -> str:
-    """Return the HTML of a page.
+    """Return the HTML of a page; each parameter is a part of the template `plain.html`.
 
     Args:
         kind: Kind of page, shown above the title.
