@@ -255,7 +255,7 @@ def _texts(folder: Path, recording: Recording, estimate: Estimate) -> list[Targe
 
 
 LOGS: dict[str, tuple[str, Callable[[Path], Any]]] = {
-    "CSV": ("csv log", lambda folder: read_csv_log(folder)[0].recording),
+    "CSV": ("csv log", lambda folder: read_csv_log(folder).recording),
     "G2O": ("g2o", lambda folder: read_g2o(folder / "graph.g2o").recording),
     "TORO": ("toro", lambda folder: read_g2o(folder / "graph.toro", isam=True, drop_loop_edges=True).recording),
     "MRCLAM": ("mrclam", lambda folder: read_mrclam(folder).recording),

@@ -1,4 +1,4 @@
-"""Recordings and estimates for other programs: `slamgauge export`."""
+"""Recordings, estimates, tables and figures for other programs: `slamgauge export`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import tyro
 
-from slamgauge.compare.cli.options import Folder, named_after, print_result, split_names
+from slamgauge.compare.cli.options import Folder, named_after, split_names
+from slamgauge.compare.cli.terminal import put
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
@@ -29,15 +30,15 @@ FIGURES = ("pdf", "png", "svg")
 
 @dataclass
 class Export:
-    """Write a recording, a run, an estimate, a study's table or figures in a form that other programs read.
+    """Write a recording, a run, an estimate, or the table or figures of a study in a format of other programs.
 
-    csv: a recording's three files in a folder, or an estimate's path and map (docs/your_filter.md). g2o: a recording as
-    a graph. mat: all that there is, for Octave and MATLAB. tum-cov: an estimate's poses and covariances.
+    csv: a recording as three files in a folder, or the path and map of an estimate (docs/your_filter.md). g2o: a
+    recording as a graph. mat: everything, for Octave and MATLAB. tum-cov: the poses and covariances of an estimate.
 
-    Of the folder of a study: its table, means with 95 % intervals. csv: with full precision. latex: with booktabs and
-    a caption. markdown. Printed on standard output without --out.
+    From the folder of a study: its table of means with 95 % intervals. csv: with full precision. latex: with booktabs
+    and a caption. markdown. Without --out it is printed on standard output.
 
-    Of the folder of a run, a study, a sweep, an error budget, noise or bench: its figures, drawn anew for a paper. pdf,
+    From the folder of a run, a study, a sweep, an error budget, noise or bench: its figures, redrawn for a paper. pdf,
     png, svg.
 
     For example:
@@ -47,53 +48,50 @@ class Export:
     """
 
     path: tyro.conf.Positional[Path]
-    """A recording.npz, the folder of a run, an estimate of one (FOLDER/estimates/NAME.npz), or a study's folder."""
+    """A recording.npz, an estimate of a run (FOLDER/estimates/NAME.npz), or the folder of a run or a study."""
 
     format: Literal["csv", "g2o", "mat", "tum-cov", "latex", "markdown", "pdf", "png", "svg"]
-    """What to write. Of the folder of a run csv and g2o take the recording."""
+    """The format. From the folder of a run, csv and g2o take the recording."""
 
     out: Folder = OUT
-    """The file to write, with the ending of its format if none is given; of a recording as csv, and of figures, the
-    folder. - is standard output, for a study's table."""
+    """The file. For a recording as csv and for figures: the folder. - is standard output, for the table of a study."""
 
     recording: Path | None = None
-    """The recording of an estimate, for the time stamps of tum-cov; by default the one of its run."""
+    """The recording of an estimate, for the time stamps of tum-cov. If not given: the recording of its run."""
 
     lend: float | None = None
-    """g2o: standard deviation [m, rad] lent to motions whose covariance is singular, which a graph cannot say."""
+    """For g2o: standard deviation [m, rad] of regularising noise for motions whose covariance is singular."""
 
     columns: str = ""
-    """Of a study: comma-separated keys of summary.json that have an interval; its key columns if not given."""
+    """For a study: comma-separated keys of summary.json that have an interval. If not given: its key columns."""
 
     estimators: str = ""
-    """Of a study, and of figures: comma-separated, all if not given."""
+    """For a study, and for figures: comma-separated. If not given: all."""
 
     means_only: bool = False
-    """Of a study: without intervals."""
+    """For a study: leave out the intervals."""
 
     width: Literal["column", "page"] = "page"
-    """Of figures: 3.4 in, a column of a paper in two columns, or 7.0 in, its page."""
+    """For figures: column is 3.4 in (one of two columns), page is 7.0 in."""
 
     band: str | None = None
-    """Of the figure of a run: the estimator whose 3-sigma bounds are filled; the first that has any if not given."""
+    """For the figure of a run: the estimator whose 3-sigma bounds are filled. If not given: the first that has some."""
 
     def __call__(self) -> None:
-        """Load and write."""
         from slamgauge.compare.storage.result_files import SUMMARY
 
         if self.out == STANDARD_OUTPUT and (self.format in FIGURES or not (self.path / SUMMARY).exists()):
-            raise UserError("out: - is standard output, which takes a study's table alone; name what to write")
+            raise UserError("out: - is standard output, which takes a study's table alone; name a file")
         if self.format in FIGURES:
             self._write_figures(self.format)
         elif (self.path / SUMMARY).exists():
             self._write_study_table()
         elif self.format in TABLES or self.columns or self.estimators or self.means_only:
-            raise UserError(f"{self.path}: no study is there, it has no summary.json; give the --out of a study")
+            raise UserError(f"{self.path}: not a study, it has no summary.json; give the --out of a study")
         else:
             self._write_records()
 
     def _write_figures(self, form: Format) -> None:
-        """Draw the figures of a folder of results."""
         from slamgauge.compare.figures.figure_size import Sheet, printed_on
         from slamgauge.compare.figures.redraw import drawings_of
         from slamgauge.compare.storage.staged_folder import staged_folder
@@ -101,26 +99,23 @@ class Export:
         drawings = drawings_of(self.path, split_names(self.estimators), self.band)
         out = named_after(OUT, self.path) if self.out == OUT else self.out
         files = [f"{name}.{form}" for name in drawings]
-        with (
-            staged_folder(out, files, last=files[0], remedy="move it away or give another --out") as folder,
-            printed_on(Sheet(self.width, (form,))),
-        ):
+        remedy = "move it away or give another --out"
+        with staged_folder(out, files, files[0], remedy=remedy) as folder, printed_on(Sheet(self.width, (form,))):
             for draw in drawings.values():
                 draw(folder)
-            written = [name for name in files if (folder / name).exists()]  # not everything has something to show
+            written = [name for name in files if (folder / name).exists()]  # a drawing without data writes no file
         print(f"written to {out}: {', '.join(written)}", file=sys.stderr)
 
     def _write_study_table(self) -> None:
-        """Print the table of a study, or write it."""
         from slamgauge.compare.storage.staged_folder import staged_folder
         from slamgauge.compare.studies.study_table import read_study_table
 
         if self.format not in ("csv", "latex", "markdown"):
-            raise UserError(f"format: {self.format} is none of a study's table; use csv, latex or markdown")
+            raise UserError(f"format: {self.format} is not for the table of a study; use csv, latex or markdown")
         keys, estimators = split_names(self.columns), split_names(self.estimators)
         text = read_study_table(self.path, keys, estimators, intervals=not self.means_only).text(self.format)
         if self.out in (OUT, STANDARD_OUTPUT):
-            print_result(text.rstrip("\n"))
+            put(text.rstrip("\n"))
             return
         with staged_folder(self.out.parent, [self.out.name], last=self.out.name) as folder:
             (folder / self.out.name).write_text(text, encoding="utf-8")
@@ -129,29 +124,25 @@ class Export:
     def _write_records(self) -> None:
         """Write recordings and estimates."""
         from slamgauge.compare.datasets.imported_log import of_file
+        from slamgauge.compare.storage.csv_folder import LANDMARKS, RECORDING_FILES
         from slamgauge.compare.storage.staged_folder import staged_folder
 
         if self.lend is not None and not 0.0 < self.lend < 1.0:
-            raise UserError(f"lend: {self.lend:g} is no small standard deviation; give one between 0 and 1")
+            raise UserError(f"lend: {self.lend:g} is not a small standard deviation; give one between 0 and 1")
         exported = _load(self.path)
         whole_folder = self.format == "csv" and exported.recording is not None
         if self.out == OUT:
             self.out = Path(f"{named_after(OUT, self.path)}{'' if whole_folder else ENDINGS[self.format]}")
         if not whole_folder and not self.out.name:
             raise UserError(f"out: {self.out} is a folder; name the file to write")
-        parent = self.out if whole_folder else self.out.parent
-        names = self._names(whole_folder=whole_folder)
+        parent, names = self.out.parent, (self.out.name,)
+        if whole_folder:
+            parent, names = self.out, RECORDING_FILES
+        elif self.format == "csv":
+            names = (self.out.name, LANDMARKS)
         with staged_folder(parent, names, last=names[0]) as folder, of_file(self.path):
             self._write(exported, folder if whole_folder else folder / self.out.name)
         print(f"written to {self.out}", file=sys.stderr)
-
-    def _names(self, *, whole_folder: bool) -> tuple[str, ...]:
-        """The files that may be written."""
-        from slamgauge.compare.storage.csv_folder import LANDMARKS, RECORDING_FILES
-
-        if whole_folder:
-            return RECORDING_FILES
-        return (self.out.name, LANDMARKS) if self.format == "csv" else (self.out.name,)
 
     def _write(self, exported: Exported, out: Path) -> None:
         from slamgauge.compare.datasets.g2o_writer import write_g2o
@@ -176,7 +167,7 @@ class Export:
             write_g2o(out, exported.recording, lend=self.lend)
 
     def _stamps(self, count: int) -> Float:
-        """The time stamps of an estimate of so many poses."""
+        """Return the time stamps of an estimate with `count` poses."""
         from slamgauge.compare.storage.files import load_recording
 
         folder = self.path if self.path.is_dir() else self.path.parent.parent
@@ -190,26 +181,26 @@ class Export:
 
 
 class Exported(NamedTuple):
-    """What lies at a path."""
+    """The records at a path."""
 
     recording: Recording | None
     truth: Truth | None
     estimates: dict[str, Estimate]
 
     def records(self) -> dict[str, Recording | Truth | Estimate]:
-        """All of it by name."""
-        there = {"recording": self.recording, "truth": self.truth}
-        return {name: record for name, record in there.items() if record is not None} | self.estimates
+        """Return all records by name."""
+        found = {"recording": self.recording, "truth": self.truth}
+        return {name: record for name, record in found.items() if record is not None} | self.estimates
 
     def single_estimate(self) -> Estimate:
-        """The one estimate that is there."""
+        """Return the estimate if there is exactly one."""
         if len(self.estimates) != 1:
             raise UserError(f"it has {len(self.estimates)} estimates; give one, as FOLDER/estimates/NAME.npz")
         return next(iter(self.estimates.values()))
 
 
 def _load(path: Path) -> Exported:
-    """What lies at a path: a recording or an estimate, or the folder of a run or an import."""
+    """Load a recording, an estimate, or the folder of a run or an import."""
     from slamgauge.compare.storage.files import load_recording, load_recording_or_estimate, load_truth
     from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH
     from slamgauge.compare.storage.results_folder import load_results

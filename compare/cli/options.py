@@ -1,10 +1,10 @@
-"""What several commands take and do."""
+"""Options and steps that several commands share."""
 
 from __future__ import annotations
 
-import json
 import math
 import os
+import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from slamgauge.compare.cli.streams import put
-from slamgauge.compare.cli.terminal import laid_out
-from slamgauge.compare.estimators.registry import FILTERS, HELP
+from slamgauge.compare.estimators.registry import HELP
+from slamgauge.compare.storage.result_files import REPORT
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
@@ -24,33 +23,33 @@ if TYPE_CHECKING:
     from slamgauge.compare.estimators.requests import Asked
     from slamgauge.compare.scenarios.scenario import Scenario
 
-OWN = "Your own: [LABEL=]FILE.py:callable or [LABEL=]package.module:callable. THIS LOADS AND RUNS THAT CODE."
-Estimators = Annotated[str, tyro.conf.arg(help=f"{HELP} {OWN}")]
-FilterName = Annotated[
-    str,
-    tyro.conf.arg(
-        help=f"The filter whose error is split: {', '.join(FILTERS)}. {OWN}",
-        aliases=["--estimators"],  # as every other command calls it
-    ),
+USER_CODE = "Your own: [LABEL=]FILE.py:callable or [LABEL=]package.module:callable. THIS LOADS AND RUNS THAT CODE."
+Estimators = Annotated[str, tyro.conf.arg(help=f"{HELP} {USER_CODE}")]
+NAMED = "A shipped scenario (`slamgauge scenarios` lists them) or the path of a TOML file"
+Sampled = Annotated[
+    tyro.conf.Positional[str],
+    tyro.conf.arg(help=f"{NAMED}. Each run draws its true start from the prior; --set start=mean fixes it."),
 ]
-Overrides = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
+RootSeed = Annotated[int, tyro.conf.arg(help="Root seed. The seed of each run is spawned from it.")]
+Repeated = Annotated[list[tuple[str, ...]], tyro.conf.UseAppendAction]
+Overrides = Annotated[Repeated, tyro.conf.arg(help="Override keys of the scenario: dotted.key=value ...")]
+Open = Annotated[bool, tyro.conf.arg(help=f"Open {REPORT} in the browser.")]
 PATIENCE = 600.0  # s
-ALL_CORES = os.cpu_count() or 1
 MOST_JOBS = 1024
 
 
 @dataclass(frozen=True)
 class OwnCode:
-    """How estimators of your own are run."""
+    """How your own estimators are run."""
 
     strict: bool = False
-    """Run your own code in processes of its own, without the truth, and refuse poses that use the future."""
+    """Run your own code in a separate process that has no truth, and reject poses that depend on the future."""
 
     timeout: float | None = None
-    """Seconds that your own code may take for a run, in a process of its own; 600 with --strict."""
+    """Run your own code in a separate process, and end a run after this time [s]. With --strict the default is 600."""
 
-    def kept_apart(self, asked: list[Asked]) -> list[Asked]:
-        """People's own code in processes of its own, if it is to be strict or has a time-out."""
+    def isolate(self, asked: list[Asked]) -> list[Asked]:
+        """Isolate user code among the requests if it is strict or has a time limit."""
         from slamgauge.compare.estimators.requests import Isolation, isolated
 
         if not self.strict and self.timeout is None:
@@ -61,14 +60,24 @@ class OwnCode:
 
 @dataclass(frozen=True)
 class Work:
-    """Who carries out the runs."""
+    """Where the runs are computed."""
 
-    jobs: int = ALL_CORES
+    jobs: int = os.cpu_count() or 1
     """Worker processes, one BLAS thread each."""
 
 
+@dataclass(frozen=True)
+class PageOptions:
+    """The page that explains the results."""
+
+    no_report: bool = False
+    """Do not write report.html next to the results."""
+
+    open: Open = False
+
+
 class EmptyPathError(Exception):
-    """A path of no characters, which would mean the current folder; no `UserError`, which tyro would reword."""
+    """An empty path, which `Path` takes for the current folder. Not a `UserError`: tyro would change its text."""
 
 
 def _path(words: list[str]) -> Path:
@@ -90,63 +99,84 @@ Folder = Annotated[
 
 
 def sampled_scenario(scenario: str, overrides: Sequence[Sequence[str]]) -> Scenario:
-    """The scenario with the true start drawn from the prior, as statistics need it, unless it is overridden."""
+    """Load a scenario; its true start is drawn from the prior, as statistics need it, unless overridden."""
     from slamgauge.compare.scenarios.scenario import load_scenario
 
     return load_scenario(scenario, ["start=sampled", *flattened(overrides)])
 
 
-def carried_by(jobs: int, scheduler: str | None = None) -> AbstractContextManager[Executor]:
-    """Who carries the runs."""
+def executor_for(jobs: int, scheduler: str | None = None) -> AbstractContextManager[Executor]:
+    """Return an executor of worker processes, or of the workers of a Dask scheduler."""
     if scheduler is not None:
         from slamgauge.compare.studies.cluster import dask_cluster
 
         return dask_cluster(scheduler)
     if not 1 <= jobs <= MOST_JOBS:
-        raise UserError(f"jobs: {jobs} processes carry nothing, or the machine does not; give 1 to {MOST_JOBS}")
+        raise UserError(f"jobs: {jobs} is out of range; give 1 to {MOST_JOBS}")
     from slamgauge.compare.studies.executors import local_processes
 
     return local_processes(jobs)
 
 
 def require_timeout(seconds: float) -> float:
-    """A time that people's code may take."""
+    """Refuse a time limit that is not a finite number above 0."""
     if not 0 < seconds < math.inf:
-        raise UserError(f"timeout: {seconds:g} s leaves no time, or no end; give seconds > 0")
+        raise UserError(f"timeout: {seconds:g} s leaves no time, or sets no limit; give seconds > 0")
     return seconds
 
 
 def split_names(comma_separated: str) -> list[str]:
-    """The names in a comma-separated list."""
+    """Split a comma-separated list."""
     return [name.strip() for name in comma_separated.split(",") if name.strip()]
+
+
+def flattened(groups: Sequence[Sequence[str]]) -> list[str]:
+    """Return the values of a repeated option in one list."""
+    return [text for group in groups for text in group]
 
 
 def results_folder(
     out: Path | None, writes: Sequence[str], last: str, outdated: Sequence[str] = ()
 ) -> AbstractContextManager[Path | None]:
-    """The staged folder for results, or nothing to write to."""
+    """Return the staged folder of the results, or a context of None without `out`."""
     from slamgauge.compare.storage.staged_folder import staged_folder
 
     return nullcontext() if out is None else staged_folder(out, writes, last, outdated)
 
 
 def named_after(out: Path, source: str | Path) -> Path:
-    """A default of --out with NAME in it, for the scenario, file or folder that `source` is."""
+    """Replace NAME in a default of --out by the name of a scenario, file or folder."""
     from slamgauge.compare.storage.safe_names import file_name
 
     name = Path(source).resolve().name.removesuffix(".toml").removesuffix(".npz")
     return Path(str(out).replace("NAME", file_name(name)))
 
 
-def flattened(groups: Sequence[Sequence[str]]) -> list[str]:
-    """The words of an option that was given several times, in one list."""
-    return [text for group in groups for text in group]
+def finish(out: Path, beside: str, page: PageOptions, *, done: bool) -> int:
+    """Print where the results are, write their page, and return the exit status."""
+    print(f"written to {out}", file=sys.stderr)
+    return 0 if write_page(out, beside, page) and done else 1
 
 
-def print_result(result: object) -> bool:
-    """Print a page (tables) or a text, or anything else as JSON, on standard output; whether that took it."""
-    from slamgauge.compare.scoring.text_page import Page
+def write_page(out: Path | None, beside: str, page: PageOptions) -> bool:
+    """Write the page of the results in the file `beside` in `out`; return False if that fails.
 
-    if isinstance(result, Page):
-        result = laid_out(result)
-    return put(result if isinstance(result, str) else json.dumps(result, indent=2, allow_nan=False))
+    If the page fails, the other results are kept.
+    """
+    if out is None or page.no_report:
+        return True
+    from slamgauge.compare.report.publishing import write_pages
+    from slamgauge.compare.storage.best_effort import decorate
+
+    drawn = decorate(out, beside, {"report": lambda stage: write_pages(stage, out, beside)}, [REPORT])
+    if drawn and page.open:
+        open_page(out)
+    return drawn
+
+
+def open_page(folder: Path) -> None:
+    """Open the page of a folder in the browser."""
+    import webbrowser
+
+    if not webbrowser.open((folder / REPORT).resolve().as_uri()):
+        print(f"no browser was found; open {folder / REPORT}", file=sys.stderr)

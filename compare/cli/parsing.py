@@ -1,4 +1,4 @@
-"""From words to a command: its options by tyro, its mistakes in one line."""
+"""Parse the words of a command line: options by tyro, each mistake in one line."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ class Command(Protocol):
     """A dataclass whose fields are the options."""
 
     def __call__(self) -> int | None:
-        """Carry it out; the exit status."""
+        """Run the command and return the exit status; None is 0."""
         ...
 
 
 CONFIG = (tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
 ABOUT = (
-    "How far is your SLAM filter from the best that its measurements allow? "
+    "Is your EKF-SLAM overconfident, and how much accuracy does it lose? "
     "(`slamgauge --version` prints its version, `slamgauge COMMAND --help` the options of a command.)"
 )
 BAD_INPUT = 2  # exit status
-IS_OPTION = re.compile(r"--|-[a-z]")  # and -1 is a number
-OWN = ("-h", "--help", "--tyro-print-completion")  # options of tyro that are no command's
-TOO_LONG = re.compile(r"Exceeds the limit \((\d+) digits\).*")  # of numbers; Python's advice is for programmers
-REPEATED = ("For full helptext", "Argument helptext")  # what follows is told by --help
+IS_OPTION = re.compile(r"--|-[a-z]")  # -1 is a number
+OF_TYRO = ("-h", "--help", "--tyro-print-completion")  # options of `slamgauge` itself
+TOO_LONG = re.compile(r"Exceeds the limit \((\d+) digits\).*")  # Python's error for long numbers, with its advice
+REPEATED = ("For full helptext", "Argument helptext")  # beginnings of lines that only repeat --help
 
 
 def parse(words: Sequence[str], commands: Mapping[str, type[Command]]) -> Command:
-    """The command that the words after `slamgauge` ask for.
+    """Return the command for the words after `slamgauge`.
 
     Raises:
-        UserError: there is no such command or option, or something is missing.
-        SystemExit: help was asked for, and is printed.
+        UserError: a command or option does not exist, or something is missing.
+        SystemExit: help was requested and printed.
     """
     if not words:
         raise UserError(f"no command is given; use one of {', '.join(commands)}, or --help")
@@ -51,60 +51,51 @@ def parse(words: Sequence[str], commands: Mapping[str, type[Command]]) -> Comman
         return _parsed(commands[name], f"slamgauge {name}", words[1:])
     if not name.startswith("-"):
         raise UserError(f"{name}: no such command; {did_you_mean(name, commands)}")
-    if name not in OWN:
+    if name not in OF_TYRO:
         raise UserError(f"{name}: no option of `slamgauge`; {did_you_mean(name, ('--version', '--help'))}")
-    return _parsed(overview(commands), "slamgauge", words, ABOUT)
-
-
-def overview(commands: Mapping[str, type[Command]]) -> Any:
-    """All commands as one type, each with the first line of what it says of itself."""
     lines = {name: (getdoc(each) or "").partition("\n")[0] for name, each in commands.items()}
     alternatives = [
         Annotated[each, tyro.conf.subcommand(name=name, description=lines[name])] for name, each in commands.items()
     ]
-    return Union[tuple(alternatives)]  # noqa: UP007 of types that are known at run time
+    return _parsed(Union[tuple(alternatives)], "slamgauge", words, ABOUT)  # noqa: UP007 types known at run time only
 
 
 def _parsed(kind: Any, program: str, words: Sequence[str], about: str | None = None) -> Command:
-    told = StringIO()
+    printed = StringIO()
     try:
-        with redirect_stderr(told):
+        with redirect_stderr(printed):
             return tyro.cli(kind, prog=program, description=about, args=words, config=CONFIG)
     except SystemExit as end:
         if end.code != BAD_INPUT:
             sys.stdout.flush()
             raise
-    raise UserError(_mistake(kind, program, words, told.getvalue()))
+    raise UserError(_mistake(kind, program, words, printed.getvalue()))
 
 
-def _mistake(kind: Any, program: str, words: Sequence[str], told: str) -> str:
-    """What is wrong in one line: an option that does not exist with the nearest that does, or what tyro has told."""
+def _mistake(kind: Any, program: str, words: Sequence[str], printed: str) -> str:
+    """Return one line: an option that does not exist and the nearest that does, or the message that tyro printed."""
     known = _options(kind, program, words)
     for word in words:
         option = word.partition("=")[0]
         if IS_OPTION.match(option) and known and option.replace("_", "-") not in known:
-            return f"{option}: no option of `{program}`; {_remedy(option, known, program)}"
-    lines = [line.strip("│| ") for line in told.splitlines() if re.search(r"\w", line)][1:]  # in tyro's box
-    said = " ".join(takewhile(lambda line: not line.startswith(REPEATED), lines))
-    said = TOO_LONG.sub(r"has more than \1 digits, give fewer", said)
-    return f"{said.rstrip('.')}; `{program} --help` tells more"
-
-
-def _remedy(option: str, known: set[str], program: str) -> str:
-    """What to give instead of an option: the nearest by its name; that all begin with dashes makes none near."""
-    near = near_names(option.lstrip("-"), [each.lstrip("-") for each in known])
-    meant = [each for each in known if each.lstrip("-") in near]
-    return f"did you mean {meant[0]}?" if meant else f"`{program} --help` lists them"
+            near = near_names(option.lstrip("-"), [each.lstrip("-") for each in known])  # dashes make no names near
+            meant = [each for each in known if each.lstrip("-") in near]
+            remedy = f"did you mean {meant[0]}?" if meant else f"`{program} --help` lists them"
+            return f"{option}: no option of `{program}`; {remedy}"
+    lines = [line.strip("│| ") for line in printed.splitlines() if re.search(r"\w", line)][1:]  # inside tyro's box
+    message = " ".join(takewhile(lambda line: not line.startswith(REPEATED), lines))
+    message = TOO_LONG.sub(r"has more than \1 digits, give fewer", message)
+    return f"{message.rstrip('.')}; see `{program} --help`"
 
 
 def _options(kind: Any, program: str, words: Sequence[str]) -> set[str]:
-    """The options of a command, as its help has them at the head of a row: what else it names is other commands'."""
+    """Return the options of a command: those at the head of a row of its help. Other options there are mentions."""
     before = list(takewhile(lambda word: not word.startswith("-"), words))
-    told = StringIO()
+    printed = StringIO()
     try:
-        with redirect_stdout(told), redirect_stderr(StringIO()):
+        with redirect_stdout(printed), redirect_stderr(StringIO()):
             tyro.cli(kind, prog=program, args=[*before, "--help"], config=CONFIG)
     except SystemExit:
         pass
-    heads = re.findall(r"(?m)^[│ ] {1,2}(-.*?)(?:  |$)", told.getvalue())
+    heads = re.findall(r"(?m)^[│ ] {1,2}(-.*?)(?:  |$)", printed.getvalue())
     return {option for head in heads for option in re.findall(r"(?<![\w-])-(?:h|-[a-z][\w-]*)", head)}

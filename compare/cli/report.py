@@ -1,24 +1,26 @@
-"""`slamgauge report`."""
+"""Results as a page and as a moving picture: `slamgauge report` and `animate`."""
 
 from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import tyro
 
-from slamgauge.compare.cli.options import Folder
-from slamgauge.compare.cli.pages import Open, open_page
+from slamgauge.compare.cli.options import Folder, Open, PageOptions, open_page, split_names
 from slamgauge.compare.cli.run import Run
 from slamgauge.compare.storage.result_files import REPORT
+from slamgauge.errors import UserError
 
 
 @dataclass
 class Report:
-    """Write report.html into a folder of results: one page that explains them, with a replay of a run.
+    """Write report.html into a folder of results: one page that explains them and replays a run.
 
-    It opens from disk, in any current browser, without network.
+    The results are those of run, evaluate --out, study, study --sweep, budget, claims, grade or noise. The page opens
+    from disk, in any current browser, without a network.
 
     For example:
       slamgauge report first-run --open
@@ -26,16 +28,14 @@ class Report:
     """
 
     what: tyro.conf.Positional[Folder]
-    """What run, evaluate --out, study, study --sweep, budget, claims, grade or noise has written; or q1, q2, q3, q4: a
-    question of the practical, which is carried out and explained on one page."""
+    """Folder of results. Or q1, q2, q3 or q4: a question of the exercise, whose runs are made first."""
 
     out: Folder | None = None
-    """Of a question: the folder of its runs and its page; results/QUESTION if not given."""
+    """For a question: the folder of its runs and its page. If not given: results/QUESTION."""
 
     open: Open = False
 
     def __call__(self) -> int:
-        """Write and, if asked to, open the page; the exit status."""
         from slamgauge.compare.report.exercise import QUESTIONS
         from slamgauge.compare.report.publishing import publish_question, publish_report
 
@@ -52,3 +52,64 @@ class Report:
         if self.open:
             open_page(folder)
         return status
+
+
+@dataclass
+class Animate:
+    """Draw a run as a moving picture: animation.gif, and animation.mp4 if ffmpeg is installed.
+
+    It shows the paths, robots and maps of the filtered estimates (of more than three, only the first) and the paths of
+    the smoothed ones. For a study it repeats the worst run, in the folder worst-run, and draws that.
+
+    For example:
+      slamgauge animate first-run --estimators ekf,riekf --seconds 20 --fps 25
+      slamgauge animate first-run --format strip
+    """
+
+    folder: tyro.conf.Positional[Folder]
+    """Folder that `slamgauge run`, `evaluate --out` or `study` wrote. The animation is written there too."""
+
+    estimators: str = ""
+    """Comma-separated: estimators to show, as the command of the run named them. No code of yours is run."""
+
+    seconds: float = 10.0
+    """Duration."""
+
+    fps: int = 10
+    """Frames per second. More frames make a larger GIF."""
+
+    format: Literal["usual", "gif", "mp4", "webm", "strip"] = "usual"
+    """usual: gif, and mp4 if ffmpeg is installed. strip: six moments side by side for print, as png and svg."""
+
+    def __call__(self) -> int:
+        from slamgauge.compare.figures.animation import animate, files_of
+        from slamgauge.compare.storage.result_files import METRICS, SUMMARY
+
+        status, folder = 0, self.folder
+        if (folder / SUMMARY).is_file() and not (folder / METRICS).is_file():
+            folder = self.folder / "worst-run"
+            status = self._repeat_worst_run(folder)
+        missing = animate(folder, split_names(self.estimators), self.seconds, self.fps, self.format)
+        written = [name for name in files_of(self.format) if not (missing and name.endswith(".mp4"))]
+        print(f"written to {folder}: {', '.join(written)}", file=sys.stderr)
+        if missing:
+            print(f"animation.mp4 was not written: {missing}", file=sys.stderr)
+        return status
+
+    def _repeat_worst_run(self, out: Path) -> int:
+        """Repeat the run of a study with the largest ATE of the first of `estimators`; return the exit status."""
+        from slamgauge.compare.report.rerun_command import run_of_study
+        from slamgauge.compare.report.study_page import runs_to_look_at
+        from slamgauge.compare.studies.stored_study import load_study
+        from slamgauge.compare.studies.study_run import run_seed
+
+        study, named = load_study(self.folder), split_names(self.estimators)
+        name = named[0] if named and named[0] in study.runs else next(iter(study.runs))
+        worst = runs_to_look_at(study.runs[name])["worst"]
+        if worst is None:
+            raise UserError(f"{self.folder}: {name} has no run with a known error; name another in --estimators")
+        run = int(study.runs[name].run[worst])
+        print(f"run {run}, the worst of {name}:", file=sys.stderr)
+        again = run_of_study(study.content, run_seed(study.summary.seed, run))
+        page = PageOptions(no_report=True)
+        return Run(again.scenario, again.seed, again.estimators, set=[tuple(again.settings)], out=out, page=page)()

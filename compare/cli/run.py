@@ -6,21 +6,23 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from slamgauge.compare.cli.options import (
+    NAMED,
     Estimators,
     Folder,
     Overrides,
     OwnCode,
+    PageOptions,
+    Repeated,
     flattened,
-    print_result,
     results_folder,
     split_names,
+    write_page,
 )
-from slamgauge.compare.cli.pages import PageOptions, write_page
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.storage.result_files import METRICS
 from slamgauge.errors import UserError
@@ -36,20 +38,19 @@ if TYPE_CHECKING:
     from slamgauge.truth import Truth
 
 DEFAULT_ESTIMATORS = "ekf,riekf,causal,batch"
-FRAMES = 240  # maps that filters keep for pictures
+FRAMES = 240  # maps that filters store for pictures
 
 
 @dataclass
 class Run:
-    """Simulate one run of a scenario and grade estimators on it.
+    """Simulate one run of a scenario and score estimators on it.
 
     For example:
       slamgauge run q1-long-dense --estimators ekf,riekf,causal,batch
       slamgauge run q2-long-dense --seed 3 --set association.gate=25
     """
 
-    scenario: tyro.conf.Positional[str]
-    """A shipped name (`slamgauge scenarios` lists them) or the path of a TOML file."""
+    scenario: Annotated[tyro.conf.Positional[str], tyro.conf.arg(help=f"{NAMED}.")]
 
     seed: int = 0
     """Seed of all noise."""
@@ -59,26 +60,24 @@ class Run:
     own_code: OwnCode = field(default_factory=OwnCode)
 
     set: Overrides = field(default_factory=list)
-    """Override keys of the scenario: dotted.key=value ..."""
 
     out: Folder | None = None
-    """Folder of the results; results/SCENARIO-seed-SEED if not given."""
+    """Folder of the results. If not given: results/SCENARIO-seed-SEED."""
 
     page: PageOptions = field(default_factory=PageOptions)
 
     output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
-        """Simulate, grade and write; the exit status."""
         from slamgauge.compare.scenarios.scenario import load_scenario
         from slamgauge.compare.storage.safe_names import file_name
 
         scenario = load_scenario(self.scenario, flattened(self.set))
         out = self.out or Path("results") / f"{file_name(scenario.name)}-seed-{self.seed}"
-        status = self._grade(scenario, out)  # what it needs of memory is free again before the page is written
+        status = self._score(scenario, out)  # its memory is free again before the page is written
         return status if write_page(out, METRICS, self.page) else 1
 
-    def _grade(self, scenario: Scenario, out: Path) -> int:
+    def _score(self, scenario: Scenario, out: Path) -> int:
         from slamgauge.compare.estimators.memory_check import require_room_for_estimates
         from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.scenarios.scenario_text import scenario_text
@@ -86,79 +85,67 @@ class Run:
         from slamgauge.compare.storage.manifest import require_free
         from slamgauge.compare.storage.result_files import comparison_files
 
-        asked = self.own_code.kept_apart(ask(split_names(self.estimators)))
+        asked = self.own_code.isolate(ask(split_names(self.estimators)))
         require_free(out, comparison_files(each.label for each in asked))
-        truth, recording, told = simulate_informed(scenario, self.seed)
-        require_room_for_estimates(told, len(asked))
-        title = f"{scenario.name}, seed {self.seed}"
-        grading = Grading(
-            asked,
-            out,
-            self.output.json,
-            title,
-            scenario.association,
-            scenario.initialisation_settings,
-            scenario.robustness,
-            scenario.name,
-            self.seed,
-            scenario_text(scenario),
-        )
-        return grading.grade(truth, recording, told)
+        truth, recording, informed = simulate_informed(scenario, self.seed)
+        require_room_for_estimates(informed, len(asked))
+        settings = (scenario.association, scenario.initialisation_settings, scenario.robustness)
+        origin = (scenario.name, self.seed, scenario_text(scenario))
+        scoring = Scoring(asked, out, self.output, f"{scenario.name}, seed {self.seed}", *settings, *origin)
+        return scoring.score(truth, recording, informed)
 
 
 @dataclass
 class Evaluate:
-    """Grade estimators, your own among them, on a stored recording.
+    """Score estimators, your own among them, on a stored recording.
 
-    With a truth that has associations, causal and batch use these; where nobody knows them, they use those of the first
-    estimator that makes any (causal@ekf). The noise that all assume is the recording's.
+    If the truth has associations, causal and batch use them. Otherwise causal and batch use the associations of the
+    first estimator that makes any (causal@ekf). All estimators assume the noise of the recording.
 
     For example:
       slamgauge evaluate first-run/recording.npz --estimators my_filter.py:estimate
     """
 
     recording: tyro.conf.Positional[Path]
-    """A recording.npz; a truth.npz beside it is used by itself."""
+    """A recording.npz. A truth.npz in its folder is read too."""
 
     truth: Path | None = None
-    """The truth, if it lies elsewhere."""
+    """The truth, if it is in another place."""
 
     estimators: Estimators = DEFAULT_ESTIMATORS
 
-    estimates: Overrides = field(default_factory=list)
-    """Estimates that are graded as they lie there, LABEL=PATH ...: an estimate.npz, CSV, or TUM with or without the
-    columns of covariances (docs/your_filter.md). Nothing of yours is run for them."""
+    estimates: Repeated = field(default_factory=list)
+    """Stored estimates, LABEL=PATH ...: npz, CSV or TUM (docs/your_filter.md). No code of yours is run for them."""
 
     own_code: OwnCode = field(default_factory=OwnCode)
 
     association: Literal["nearest-neighbour", "jcbb"] = "nearest-neighbour"
-    """How filters associate a recording without ids; jcbb is joint, and manages its map."""
+    """How filters associate a recording without ids. jcbb associates jointly and manages its map."""
 
     gate: float = 9.0
     """Largest squared Mahalanobis distance of an association."""
 
     robust: Literal["none", "gate", "student-t"] = "none"
-    """How filters guard their updates against outliers (docs/outliers.md)."""
+    """How filters protect their updates from outliers (docs/outliers.md)."""
 
     initialisation: Literal["fis", "inverse-depth", "delayed"] = "fis"
-    """How landmarks begin in filters where the recording has bearings alone."""
+    """How filters add landmarks if the recording is bearing-only."""
 
     reach: float = 10.0
-    """How far the sensor of such a recording sees [m]; the initialisation is fitted to it."""
+    """Largest range of the sensor of a bearing-only recording [m]. The initialisation is fitted to it."""
 
     out: Folder | None = None
-    """Folder of the results; without it only the table is printed."""
+    """Folder of the results. Without it the table is only printed."""
 
     page: PageOptions = field(default_factory=PageOptions)
 
     output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
-        """Load, grade and, if asked to, write; the exit status."""
-        status = self._grade()  # what it needs of memory is free again before the page is written
+        status = self._score()  # its memory is free again before the page is written
         return status if write_page(self.out, METRICS, self.page) else 1
 
-    def _grade(self) -> int:
+    def _score(self) -> int:
         from slamgauge.compare.estimators.memory_check import require_room_for_estimates
         from slamgauge.compare.estimators.requests import ask
         from slamgauge.compare.scenarios.schema import INITIALISATIONS, Association
@@ -172,22 +159,21 @@ class Evaluate:
         beside = self.recording.with_name("truth.npz")
         path = self.truth or (beside if beside.exists() else None)
         truth = None if path is None else load_truth(path, recording)
-        title = shown(f"{self.recording.parent.resolve().name}/{self.recording.name}")
         require(FilterAssociation, "gate", self.gate)
         settings = (
             Association(method=self.association, gate=self.gate),
             fitted(INITIALISATIONS[self.initialisation], self.reach),
             Robustness(self.robust),
         )
-        stored = {label: _as_it_lies(path, recording) for label, path in self._stored().items()}
-        named = self.own_code.kept_apart(ask(split_names(self.estimators)))
+        stored = {label: _stored_estimator(path, recording) for label, path in self._stored().items()}
+        named = self.own_code.isolate(ask(split_names(self.estimators)))
         require_room_for_estimates(recording, len(named))
-        asked = ask([*named, *ask(stored)])
-        grading = Grading(asked, self.out, self.output.json, title, *settings)
-        return grading.grade(truth, recording)
+        title = shown(f"{self.recording.parent.resolve().name}/{self.recording.name}")
+        scoring = Scoring(ask([*named, *ask(stored)]), self.out, self.output, title, *settings)
+        return scoring.score(truth, recording)
 
     def _stored(self) -> dict[str, Path]:
-        """Paths of estimates by label."""
+        """Return the paths of stored estimates by label."""
         pairs = [text.partition("=") for text in flattened(self.estimates)]
         for label, equals, path in pairs:
             if not label or not equals or not path:
@@ -195,29 +181,29 @@ class Evaluate:
         return {label: Path(path) for label, _, path in pairs}
 
 
-def _as_it_lies(path: Path, recording: Recording) -> Estimator:
-    """The estimator that returns what a file holds of the recording, or fails for the reason why it holds nothing."""
+def _stored_estimator(path: Path, recording: Recording) -> Estimator:
+    """Return an estimator that returns the estimate in a file, or raises the reason why it cannot be read."""
     from slamgauge.compare.estimators.running import StoredEstimate
     from slamgauge.compare.estimators.user_code import OwnCodeError
     from slamgauge.compare.storage.stored_estimates import load_stored
 
-    def lacking(_: Recording) -> Estimate:
+    def unreadable(_: Recording) -> Estimate:
         raise OwnCodeError(reason)
 
     try:
         return StoredEstimate(load_stored(path, recording))
     except UserError as error:
         reason = str(error)
-        return lacking
+        return unreadable
 
 
 @dataclass(frozen=True)
-class Grading:
-    """What `run` and `evaluate` share: estimators in, table and folder out."""
+class Scoring:
+    """The part that `run` and `evaluate` share: from requested estimators to table and folder."""
 
     asked: Sequence[Asked]
     out: Path | None
-    as_json: bool
+    output: Output
     title: str
     association: Association
     initialisation: Initialisation | None
@@ -226,8 +212,8 @@ class Grading:
     seed: int | None = None
     scenario_text: str | None = None
 
-    def grade(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> int:
-        """Run the estimators, print the table and write the folder; 1 if one of them failed, else 0."""
+    def score(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> int:
+        """Run the estimators, print the table and write the folder; return 1 if an estimator failed, else 0."""
         from slamgauge.compare.estimators.loading import load_each
         from slamgauge.compare.estimators.side_by_side import with_stand_ins
         from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
@@ -246,13 +232,13 @@ class Grading:
             give_back()
             comparison = replace(comparison, failures=failures | comparison.failures)
             content = metrics(comparison, self.scenario, self.seed, self.scenario_text)
-            done = print_result(content if self.as_json else table(comparison)) and not comparison.failures
+            done = self.output.show(content, table(comparison)) and not comparison.failures
             if folder is not None and self.out is not None:
                 from slamgauge.compare.scoring.comparison_files import write_comparison
 
                 with explained(self.out, "written"):
                     write_comparison(folder, comparison, content)
-                comparison, content = replace(comparison, scores={}), {}  # pictures need the estimates alone
+                comparison, content = replace(comparison, scores={}), {}  # figures need the estimates alone
         if self.out is not None:
             from slamgauge.compare.figures.publishing import draw_comparison
 

@@ -1,20 +1,20 @@
-"""How tables are printed: as wide as there is room, in sparing colours where somebody looks."""
+"""Standard streams, and the width and colours of the tables on them."""
 
 from __future__ import annotations
 
+import io
+import json
 import os
 import shutil
 import sys
-from collections.abc import Generator
-from contextlib import contextmanager
-from contextvars import ContextVar
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from slamgauge.compare.scoring.text_page import Page, Tone
 
-PIPED = 80  # characters, where no terminal says how many it has; no terminal is taken for narrower
+PIPED = 80  # characters: the width in pipes, and the smallest width on terminals
 SIGNS = {"plain": "", "head": "\x1b[1m", "good": "\x1b[32m", "bad": "\x1b[31m", "faint": "\x1b[2m"}
 END = "\x1b[0m"
 
@@ -27,43 +27,78 @@ class Output:
     """Print JSON (docs/json.md) on standard output instead of the table."""
 
     wide: bool = False
-    """Print all columns, and every line whole. Otherwise tables are as wide as the terminal, 80 characters at least
-    and in pipes."""
+    """Print all columns, and do not wrap lines. By default a table fits the terminal, or 80 characters in a pipe."""
 
     color: Literal["auto", "always", "never"] = "auto"
-    """Colours: on a terminal where NO_COLOR is not set, always, or never."""
+    """auto: print colours on a terminal if NO_COLOR is not set."""
 
+    def show(self, content: object, page: Page) -> bool:
+        """Print `content` as JSON, or the page; return whether standard output took it."""
+        return put(json.dumps(content, indent=2, allow_nan=False) if self.json else self.laid_out(page))
 
-_OUTPUT: ContextVar[Output] = ContextVar("_OUTPUT")
+    def laid_out(self, page: Page) -> str:
+        """Return the text of a page for this terminal or pipe."""
+        from slamgauge.compare.scoring.text_page import plain
 
+        width = max(PIPED, shutil.get_terminal_size().columns) if sys.stdout.isatty() else PIPED
+        return page.text(None if self.wide else width, _painted if self._has_colours() else plain)
 
-@contextmanager
-def printed_as(output: Output) -> Generator[None]:
-    """Within the block pages are laid out like this."""
-    token = _OUTPUT.set(output)
-    try:
-        yield
-    finally:
-        _OUTPUT.reset(token)
-
-
-def laid_out(page: Page) -> str:
-    """The page as it is to be printed on standard output."""
-    from slamgauge.compare.scoring.text_page import plain
-
-    output = _OUTPUT.get(Output())
-    return page.text(None if output.wide else _width(), _painted if _has_colours(output) else plain)
-
-
-def _width() -> int:
-    return max(PIPED, shutil.get_terminal_size().columns) if sys.stdout.isatty() else PIPED
-
-
-def _has_colours(output: Output) -> bool:
-    if output.color != "auto":
-        return output.color == "always"
-    return sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+    def _has_colours(self) -> bool:
+        if self.color != "auto":
+            return self.color == "always"
+        return sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
 def _painted(text: str, tone: Tone) -> str:
     return f"{SIGNS[tone]}{text}{END}" if SIGNS[tone] else text
+
+
+def put(text: str) -> bool:
+    """Print a text; return whether standard output took it. A pipe that its reader closes early does not count."""
+    try:
+        print(text)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        drop_output()
+    except OSError as error:
+        drop_output()
+        print(f"slamgauge: standard output: cannot be written ({error.strerror}); give it room", file=sys.stderr)
+        return False
+    return True
+
+
+def drop_output() -> None:
+    """Redirect standard output, with what is in its buffer, to the null device."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def prepare_streams() -> None:
+    """Make printing safe: every character can be printed, closed streams are replaced, and notes may be lost.
+
+    Standard output escapes characters that its encoding lacks. Standard error also ignores a full disk.
+    """
+    while (opened := os.open(os.devnull, os.O_RDWR)) <= 2:  # else a results file would become a standard stream
+        os.set_inheritable(opened, True)
+    os.close(opened)
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115 open until the process ends
+    elif isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
+    elif sys.stderr is sys.__stderr__ and type(sys.stderr) is io.TextIOWrapper:
+        encoding = sys.stderr.encoding
+        sys.stderr = _Notes(sys.stderr.detach(), encoding, errors="backslashreplace", line_buffering=True)
+
+
+class _Notes(io.TextIOWrapper):
+    """Standard error for notes and progress; a failure to write them is ignored."""
+
+    def write(self, text: str, /) -> int:
+        with suppress(OSError):
+            return super().write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with suppress(OSError):
+            super().flush()

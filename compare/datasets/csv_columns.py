@@ -1,29 +1,21 @@
-"""Columns of a CSV file by what they mean, in metres, radians and seconds."""
+"""Columns of a CSV file by their meaning, in metres, radians and seconds."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.csv_mapping import UNITS, Columns
+from slamgauge.compare.datasets.csv_mapping import KINDS, UNITS, FileTable
 from slamgauge.compare.datasets.text_lines import REMARKS, Line, read_lines
 from slamgauge.errors import UserError
 from slamgauge.sensors import SENSORS
-from slamgauge.suggestions import did_you_mean
 
-KINDS: dict[str, tuple[str, ...]] = {
-    "increments": ("stamp", "dx", "dy", "dtheta"),
-    "velocities": ("stamp", "v", "vy", "omega"),
-    "poses": ("stamp", "x", "y", "theta"),
-    **{name: ("stamp", "landmark", *model.columns) for name, model in SENSORS.items()},
-    "landmarks": ("landmark", "x", "y"),
-}
 OPTIONAL = {"increments": "dy", "velocities": "vy"} | dict.fromkeys(SENSORS, "landmark")
-WITHOUT = {"dy": 0.0, "vy": 0.0, "landmark": -1.0}  # what an optional column says where it is missing
+WITHOUT = {"dy": 0.0, "vy": 0.0, "landmark": -1.0}  # values of an optional column that is missing
 DIMENSIONS = {
     "time": ("stamp",),
     "length": ("dx", "dy", "v", "vy", "x", "y", "range"),
@@ -31,92 +23,79 @@ DIMENSIONS = {
 }
 
 
-@dataclass(frozen=True)
-class Source:
-    """A CSV file, the names or numbers that its columns have there, and the units of time, length and angle."""
-
-    path: Path
-    columns: Columns
-    units: Mapping[str, str]
-
-
-@dataclass(frozen=True)
-class Table:
-    """The rows (n, k) of a CSV file, in the order of its kind's columns, and where they stand."""
+class Rows(NamedTuple):
+    """Values (n, k) of a CSV file, in the order of the columns of its kind, and the lines they are on."""
 
     kind: str
     lines: Sequence[Line]
     values: Float
 
 
-def read_columns(source: Source, kinds: Sequence[str], section: str, kind: str | None = None) -> Table:
-    """The columns of a file that are told by their names, or by their order where it has no header.
+def read_columns(path: Path, table: FileTable, kinds: Sequence[str], section: str, kind: str | None = None) -> Rows:
+    """Read the columns of a file: by their names, or by their order if it has no header.
 
     Args:
-        source: The file.
-        kinds: Of which the file is one: the one whose columns it has.
-        section: Of recording.toml that says more of it.
-        kind: The one that it is, if that was said.
+        path: The file.
+        table: Its columns and units.
+        kinds: Kinds that the file may be; the one whose columns it has is chosen.
+        section: Section of recording.toml for the file (for messages).
+        kind: The kind of the file, if it is stated there.
 
     Raises:
-        UserError: the file has not the columns, or a row is wrong; by its line.
+        UserError: the file does not have the columns, or a row is wrong; with its line.
     """
-    lines = list(read_lines(source.path, comment="", separators=",;\t"))
+    lines = list(read_lines(path, comment="", separators=",;\t"))
     if not lines:
-        raise UserError(f"{source.path}: no line in it; write a header and rows")
+        raise UserError(f"{path}: no line in it; write a header and rows")
     header, rows = _header(lines)
     names = [word.strip('"').lstrip("#%").strip() for word in header.words]
     has_header = not all(map(_is_number, names))
     if not has_header and kind is None:
-        remedy = f"write one, or say what its columns are with {section}.kind"
-        raise header.refused(f"no header, and {section}.kind is not said", remedy)
+        remedy = f"write one, or give the kind of its columns with {section}.kind"
+        raise header.refused(f"no header, and {section}.kind is not given", remedy)
     candidates = [kind] if kind is not None else list(kinds)
-    found = [(each, places) for each in candidates if (places := _places(source, each, names, has_header)) is not None]
-    found = [
-        (each, places) for each, places in found if not any({*KINDS[each]} < {*KINDS[other]} for other, _ in found)
-    ]
-    if len(found) != 1:
-        raise _undecided(header, candidates if not found else [each for each, _ in found], section, bool(found))
-    return Table(found[0][0], rows, _values(source, rows, *found[0], len(names)))
+    found = {each: at for each in candidates if (at := _places(table, each, names, has_header)) is not None}
+    found = {each: at for each, at in found.items() if not any({*KINDS[each]} < {*KINDS[other]} for other in found)}
+    if len(found) > 1:
+        raise header.refused(f"could be {' or '.join(found)}", f"give the kind with {section}.kind")
+    if not found:
+        forms = " or ".join(",".join(KINDS[each]) for each in candidates)
+        raise header.refused(f"does not have the columns {forms}", f"name its own in {section}.columns")
+    ((kind, places),) = found.items()
+    return Rows(kind, rows, _values(table, rows, kind, places, len(names)))
 
 
 def _header(lines: list[Line]) -> tuple[Line, list[Line]]:
-    """The line that names the columns, or the first row if there is none, and the rows.
+    """Return the line that names the columns (or the first row if no line does) and the rows.
 
-    Lines that begin with # or % are remarks. But the one above the first row names its columns if it has as many words.
+    Lines that begin with # or % are remarks. The remark above the first row names the columns if it has as many words.
     """
-    said = [line for line in lines if not line.words[0].startswith(REMARKS)]
-    if not said:
+    content = [line for line in lines if not line.words[0].startswith(REMARKS)]
+    if not content:
         return lines[-1], []
-    above = next((line for line in reversed(lines) if line.number < said[0].number), None)
-    if all(map(_is_number, said[0].words)):
-        return (above, said) if above is not None and len(above.words) == len(said[0].words) else (said[0], said)
-    return said[0], said[1:]
+    first = content[0]
+    if not all(map(_is_number, first.words)):
+        return first, content[1:]
+    above = next((line for line in reversed(lines) if line.number < first.number), None)
+    return (above if above is not None and len(above.words) == len(first.words) else first), content
 
 
-def _places(source: Source, kind: str, names: list[str], has_header: bool) -> list[int | None] | None:
-    """Where each column of a kind stands in the file, None for one that may be missing; or None if one must not."""
+def _places(table: FileTable, kind: str, names: list[str], has_header: bool) -> list[int | None] | None:
+    """Return the place of each column of a kind, None for an optional one that is missing; None if another is."""
     wanted, optional = KINDS[kind], OPTIONAL.get(kind)
     if not has_header:
-        stand = wanted if len(names) >= len(wanted) else tuple(name for name in wanted if name != optional)
-        numbers = {name: at for at, name in enumerate(stand, 1)} | source.columns
+        in_order = wanted if len(names) >= len(wanted) else tuple(name for name in wanted if name != optional)
+        numbers = {name: at for at, name in enumerate(in_order, 1)} | table.columns
         places = [numbers.get(name) for name in wanted]
     else:
-        own = [source.columns.get(name, name) for name in wanted]
+        own = [table.columns.get(name, name) for name in wanted]
         places = [name if isinstance(name, int) else names.index(name) + 1 if name in names else None for name in own]
     fits = all(isinstance(at, int) and 0 < at <= len(names) for at in places if at is not None)
     lacks = any(at is None and name != optional for name, at in zip(wanted, places, strict=True))
     return [at - 1 if isinstance(at, int) else None for at in places] if fits and not lacks else None
 
 
-def _undecided(header: Line, kinds: Sequence[str], section: str, several: bool) -> UserError:
-    if several:
-        return header.refused(f"could be {' or '.join(kinds)}", f"say which with {section}.kind")
-    forms = " or ".join(",".join(KINDS[kind]) for kind in kinds)
-    return header.refused(f"has not the columns {forms}", f"name its own in {section}.columns")
-
-
-def _values(source: Source, rows: list[Line], kind: str, places: list[int | None], width: int) -> Float:
+def _values(table: FileTable, rows: list[Line], kind: str, places: list[int | None], width: int) -> Float:
     values = np.empty((len(rows), len(places)))
     for at, line in enumerate(rows):
         if len(line.words) != width:
@@ -128,17 +107,8 @@ def _values(source: Source, rows: list[Line], kind: str, places: list[int | None
             else:
                 values[at, column] = line.id_at(place, least=-1) if name == "landmark" else line.number_at(place)
     for dimension, names in DIMENSIONS.items():
-        of_it = [name in names for name in KINDS[kind]]
-        values[:, of_it] *= UNITS[source.units[dimension]]
+        values[:, [name in names for name in KINDS[kind]]] *= UNITS[getattr(table, dimension)]
     return values
-
-
-def require_known(columns: Columns, kinds: Sequence[str], where: str) -> None:
-    """Refuse a mapping of a column that no kind has."""
-    known = list(dict.fromkeys(name for kind in kinds for name in KINDS[kind]))
-    for name in columns:
-        if name not in known:
-            raise UserError(f"{where}.{name}: unknown column; {did_you_mean(name, known)}")
 
 
 def _is_number(word: str) -> bool:

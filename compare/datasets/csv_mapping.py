@@ -1,4 +1,4 @@
-"""How the CSV files of a robot's log are to be read: what `recording.toml` and `--set` say.
+"""Settings for reading the CSV files of a robot's log, from `recording.toml` and `--set`.
 
     [odometry]      file, kind (increments, velocities, poses), holds, time, length, angle, columns
     [observations]  file, kind (range-bearing, bearing, position), time, length, angle, columns
@@ -6,14 +6,15 @@
     [start]         stamp, pose, sigmas: [s], [m, m, rad]
     [truth]         file, landmarks, max_gap, time, length, angle, columns, landmark_columns
 
-Every key has a default but the noise. `columns` gives the file's own names, or numbers from 1 where it has no header.
+Every key has a default, except the noise. `columns` maps our columns to the names in the file, or to numbers from 1 if
+it has no header.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from math import pi
 from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -21,46 +22,42 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 from slamgauge.compare.storage.result_files import MAPPING
 from slamgauge.compare.storage.toml_tables import Table, override, read_toml
 from slamgauge.errors import UserError
-from slamgauge.sensors import Sensor
+from slamgauge.sensors import SENSORS, Sensor
 from slamgauge.suggestions import did_you_mean
 from slamgauge.validation import LARGEST
 
 Columns = dict[str, str | int]
-Time = Literal["s", "ms", "us", "ns"]
-Length = Literal["m", "cm", "mm"]
-Angle = Literal["rad", "deg"]
-LONGEST = 100  # characters of an unknown name that are told
-UNITS = {
-    "s": 1.0,
-    "ms": 1e-3,
-    "us": 1e-6,
-    "ns": 1e-9,
-    "m": 1.0,
-    "cm": 1e-2,
-    "mm": 1e-3,
-    "rad": 1.0,
-    "deg": math.pi / 180,
+LONGEST = 100  # characters of an unknown name in messages
+UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "rad": 1.0, "deg": pi / 180}
+ODOMETRIES = ("increments", "velocities", "poses")
+KINDS: dict[str, tuple[str, ...]] = {  # columns of each kind of file
+    "increments": ("stamp", "dx", "dy", "dtheta"),
+    "velocities": ("stamp", "v", "vy", "omega"),
+    "poses": ("stamp", "x", "y", "theta"),
+    **{name: ("stamp", "landmark", *model.columns) for name, model in SENSORS.items()},
+    "landmarks": ("landmark", "x", "y"),
+}
+KINDS_OF: dict[tuple[str, str], tuple[str, ...]] = {  # kinds of a file, by section and key that map its columns
+    ("odometry", "columns"): ODOMETRIES,
+    ("observations", "columns"): tuple(SENSORS),
+    ("truth", "columns"): ("poses",),
+    ("truth", "landmark_columns"): ("landmarks",),
 }
 
 
 @dataclass(frozen=True)
 class FileTable:
-    """What may be said of any file: its units, and its own names or numbers of columns."""
+    """Units of a file, and its names or numbers of columns."""
 
-    time: Time = "s"
-    length: Length = "m"
-    angle: Angle = "rad"
+    time: Literal["s", "ms", "us", "ns"] = "s"
+    length: Literal["m", "cm", "mm"] = "m"
+    angle: Literal["rad", "deg"] = "rad"
     columns: Columns = field(default_factory=Columns)
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Of times, lengths and angles."""
-        return {"time": self.time, "length": self.length, "angle": self.angle}
 
 
 @dataclass(frozen=True)
 class OdometryTable(FileTable):
-    """The file of odometry. A velocity holds until the next row, or since the last one."""
+    """The file of odometry. A velocity is valid until the next row, or since the last one."""
 
     file: str = "odometry.csv"
     kind: Literal["increments", "velocities", "poses"] | None = None
@@ -77,7 +74,7 @@ class ObservationsTable(FileTable):
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations [m, rad]: of a row of odometry, of a second of it, or of speeds (by s); of the sensor."""
+    """Standard deviations [m, rad] of a row of odometry, of a second of it, or of its speeds, and of the sensor."""
 
     forward: float | None = None
     lateral: float = 0.0
@@ -90,7 +87,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Start:
-    """What is known of the start: its time [s], its pose [m, m, rad], by default the truth's, and its sigmas."""
+    """Time [s], pose [m, m, rad] (by default the true one) and standard deviations of the start."""
 
     stamp: float | None = None
     pose: tuple[float, float, float] | None = None
@@ -99,7 +96,7 @@ class Start:
 
 @dataclass(frozen=True)
 class TruthTable(FileTable):
-    """The files of ground truth; read if they are there, and if named they must be. Gaps [s] longer than that stay."""
+    """The files of ground truth. Poses are not interpolated over gaps longer than `max_gap` [s]."""
 
     file: str | None = None
     landmarks: str | None = None
@@ -109,7 +106,7 @@ class TruthTable(FileTable):
 
 @dataclass(frozen=True)
 class LogMapping:
-    """All of it, and the folder from which its files' names count."""
+    """All sections, the folder that file names are relative to, and the file of the sections (for messages)."""
 
     folder: Path
     where: str
@@ -120,7 +117,7 @@ class LogMapping:
     truth: TruthTable
 
     def sections(self) -> dict[str, dict[str, Any]]:
-        """Its sections as tables, with the files' full names."""
+        """Return the sections as tables, with absolute paths."""
         tables = {name: asdict(getattr(self, name)) for name in SECTIONS}
         for table in tables.values():
             for key in ("file", "landmarks"):
@@ -129,28 +126,22 @@ class LogMapping:
         return tables
 
     def sigma(self, name: str) -> float:
-        """A standard deviation of [noise] that is needed and has no default."""
+        """Return a standard deviation of [noise]; raise `UserError` if it is missing."""
         value = getattr(self.noise, name)
         if value is None:
             raise UserError(f"{self.where}: noise.{name}: missing; add it, or give --set noise.{name}=SIGMA")
         return value
 
 
-SECTIONS: dict[str, type[Any]] = {
-    "odometry": OdometryTable,
-    "observations": ObservationsTable,
-    "noise": Noise,
-    "start": Start,
-    "truth": TruthTable,
-}
+SECTIONS = {name: kind for name, kind in get_type_hints(LogMapping).items() if is_dataclass(kind)}
 Section = TypeVar("Section")
 
 
 def load_mapping(path: Path, overrides: Sequence[str] = ()) -> LogMapping:
-    """The mapping of a log.
+    """Load the mapping of a log.
 
     Args:
-        path: its folder, in which recording.toml may lie, or such a file of any name.
+        path: The folder of the log, with or without a recording.toml, or such a file with any name.
         overrides: `section.key=value`, on top of the file.
 
     Raises:
@@ -162,58 +153,62 @@ def load_mapping(path: Path, overrides: Sequence[str] = ()) -> LogMapping:
     table: Table = read_toml(file) if file.exists() or not path.is_dir() else {}
     for text in overrides:
         override(table, text)
-    where = str(file)
     for name, section in table.items():
         if name not in SECTIONS:
-            raise UserError(f"{where}: {name[:LONGEST]}: unknown section; {did_you_mean(name, SECTIONS)}")
+            raise UserError(f"{file}: {name[:LONGEST]}: unknown section; {did_you_mean(name, SECTIONS)}")
         if not isinstance(section, dict):
-            raise UserError(f"{where}: {name}: must be a section; write [{name}]")
-    made = {name: _section(kind, table.get(name, {}), f"{where}: {name}") for name, kind in SECTIONS.items()}
-    mapping = LogMapping(file.parent, where, **made)
-    _require_sizes(mapping)
+            raise UserError(f"{file}: {name}: must be a section; write [{name}]")
+    made = {name: _section(kind, table.get(name, {}), f"{file}: {name}") for name, kind in SECTIONS.items()}
+    mapping = LogMapping(file.parent, str(file), **made)
+    _require_values(mapping)
     return mapping
 
 
 def _section(kind: type[Section], table: Mapping[str, Any], where: str) -> Section:
-    """A section of its table; every value of the type that its field has."""
+    """Make a section of its table; refuse unknown keys and values that do not fit the type of their field."""
     hints = get_type_hints(kind)
-    names = [each.name for each in fields(kind)]  # pyright: ignore[reportArgumentType]
-    for key in table:
-        if key not in names:
+    for key, value in table.items():
+        if key not in hints:
+            names = [each.name for each in fields(kind)]  # pyright: ignore[reportArgumentType]
             raise UserError(f"{where}.{key[:LONGEST]}: unknown key; {did_you_mean(key, names)}")
-    return kind(**{key: _value(value, hints[key], f"{where}.{key}") for key, value in table.items()})
+        fits, expected = _fits(value, hints[key])
+        if not fits:
+            raise UserError(f"{where}.{key}: must be {expected}, not {str(value)[:40]!r}; correct it")
+    return kind(**table)
 
 
-def _value(value: object, hint: Any, where: str) -> object:
-    """The value as its hint has it, or one line that says what it must be."""
+def _fits(value: object, hint: Any) -> tuple[bool, str]:
+    """Return whether a value of a TOML file has the type of a field, and a description of the type."""
     hint = next((each for each in get_args(hint) if each is not NoneType), hint) if NoneType in get_args(hint) else hint
     if get_origin(hint) is Literal:
-        fits, must = value in get_args(hint), f"one of {', '.join(get_args(hint))}"
-    elif hint is float:
-        fits, must = _is_number(value), "a number"
-    elif hint is str:
-        fits, must = isinstance(value, str) and value != "", "a text"
-    elif get_origin(hint) is tuple:
-        fits, must = isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)), "three numbers"
-    else:
-        fits = isinstance(value, dict) and all(type(each) in (str, int) for each in value.values())
-        must = "a table of columns' names or numbers"
-    if not fits:
-        raise UserError(f"{where}: must be {must}, not {str(value)[:40]!r}; correct it")
-    return value
+        return value in get_args(hint), f"one of {', '.join(get_args(hint))}"
+    if hint is float:
+        return _is_number(value), "a number"
+    if hint is str:
+        return isinstance(value, str) and value != "", "a text"
+    if get_origin(hint) is tuple:
+        return isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)), "three numbers"
+    is_mapping = isinstance(value, dict) and all(type(each) in (str, int) for each in value.values())
+    return is_mapping, "a table of columns' names or numbers"
 
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST
 
 
-def _require_sizes(mapping: LogMapping) -> None:
-    """Refuse standard deviations and gaps below zero, and none at all of the sensor."""
-    noise = {key: value for key, value in asdict(mapping.noise).items() if isinstance(value, float | int)}
-    for key, value in noise.items():
-        if value < 0.0 or (value == 0.0 and key in ("range", "bearing", "position")):
-            raise UserError(f"{mapping.where}: noise.{key}: {value:g} is no standard deviation; give one > 0")
+def _require_values(mapping: LogMapping) -> None:
+    """Refuse negative standard deviations and gaps, sensor noise of 0, and columns that do not exist."""
+    for key, value in asdict(mapping.noise).items():
+        of_sensor = key in ("range", "bearing", "position")
+        if isinstance(value, float | int) and (value < 0.0 or (of_sensor and value == 0.0)):
+            raise UserError(f"{mapping.where}: noise.{key}: {value:g} is not a standard deviation; give one > 0")
     if min(mapping.start.sigmas) < 0.0:
-        raise UserError(f"{mapping.where}: start.sigmas: none may be negative; correct them")
+        raise UserError(f"{mapping.where}: start.sigmas: must not be negative; correct them")
     if mapping.truth.max_gap < 0.0:
         raise UserError(f"{mapping.where}: truth.max_gap: {mapping.truth.max_gap:g} s; give seconds >= 0")
+    for (section, key), kinds in KINDS_OF.items():
+        known = list(dict.fromkeys(name for kind in kinds for name in KINDS[kind]))
+        for name in getattr(getattr(mapping, section), key):
+            if name not in known:
+                where = f"{mapping.where}: {section}.{key}.{name}"
+                raise UserError(f"{where}: unknown column; {did_you_mean(name, known)}")

@@ -1,9 +1,9 @@
-"""Pose graphs with landmarks in the text form of g2o, with the tags of TORO, GTSAM and iSAM beside its own.
+"""Pose graphs with landmarks in the text form of g2o, with the tags of g2o, TORO, GTSAM and iSAM.
 
-    VERTEX_SE2 i x y theta, VERTEX2 ...                           a pose, as it is believed at the start
-    VERTEX_XY l x y                                               a landmark, likewise
+    VERTEX_SE2 i x y theta, VERTEX2 ...                           a pose: a first guess
+    VERTEX_XY l x y                                               a landmark: a first guess
     FIX i ...                                                     poses that are known exactly
-    EDGE_PRIOR_SE2 i x y theta  Ixx Ixy Ixt Iyy Iyt Itt           what is known of a pose
+    EDGE_PRIOR_SE2 i x y theta  Ixx Ixy Ixt Iyy Iyt Itt           prior of a pose
     EDGE_SE2 i j x y theta      Ixx Ixy Ixt Iyy Iyt Itt           pose j in the frame of pose i
     EDGE2    i j x y theta      Ixx Ixy Iyy Itt Ixt Iyt           the same in TORO's order of entries
     ODOMETRY i j x y theta      cxx cxy cxt cyy cyt ctt           the same with a covariance
@@ -12,36 +12,35 @@
     BR i l bearing range bearing-sigma range-sigma                         its bearing and range
 
 I are entries of the information matrix, c of the covariance. Sources: g2o's wiki (File Format SLAM 2D), TORO's
-README, GTSAM's dataset.cpp for BR and for what ends ODOMETRY and LANDMARK; iSAM, whose tags these two are, ends them
-with the square root of the information, R of R'R.
+README, GTSAM's dataset.cpp for BR and for the endings of ODOMETRY and LANDMARK. iSAM introduced these two tags and ends
+them with the square root of the information, R of R'R.
 
 In g2o and GTSAM the error of an edge is the pose z^-1 x_i^-1 x_j, and its matrix weighs that in the frame of the pose
-that z leads to. So do our optima, and `batch` of a recording has the cost of its graph; filters take the matrix in the
-frame of pose i, which differs by the turn of one step. A prior is of z^-1 x_i, and turned to the world's frame.
+to which z leads. Our optima do the same, so that `batch` of a recording has the cost of its graph. Filters take the
+matrix in the frame of pose i, which differs by the turn of one step. A prior is of z^-1 x_i, and turned to the world's
+frame.
 
-Vertices are a first guess, and no truth. The start is that of EDGE_PRIOR_SE2; else the vertex, and fixed; else the
+Vertices are a first guess, not a truth. The start is that of EDGE_PRIOR_SE2; else the vertex, and fixed; else the
 origin. Graphs have no time stamps: step k is at k seconds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from slamgauge.arrays import Float, Int
+from slamgauge.arrays import Float
 from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, of_file, require_covariances
 from slamgauge.compare.datasets.pose_chain import Edges, chained
-from slamgauge.compare.datasets.text_lines import Line, read_lines
+from slamgauge.compare.datasets.text_lines import Line, read_tagged
 from slamgauge.compare.storage.covariance_columns import from_triangles
 from slamgauge.covariances import inverted
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import rotation, wrap
 from slamgauge.sensors import Sensor
-from slamgauge.suggestions import did_you_mean
 
 VERTICES = {"VERTEX_SE2": "VERTEX_SE2 i x y theta", "VERTEX2": "VERTEX2 i x y theta", "VERTEX_XY": "VERTEX_XY l x y"}
 PRIOR = "EDGE_PRIOR_SE2"
@@ -50,33 +49,33 @@ MOTIONS = {
     "EDGE2": "EDGE2 i j x y theta Ixx Ixy Iyy Itt Ixt Iyt",
     "ODOMETRY": "ODOMETRY i j x y theta cxx cxy cxt cyy cyt ctt",
 }
-SIGHTS = {
+OBSERVATIONS = {
     "EDGE_SE2_XY": "EDGE_SE2_XY i l x y Ixx Ixy Iyy",
     "LANDMARK": "LANDMARK i l x y cxx cxy cyy",
     "EDGE_BEARING_SE2_XY": "EDGE_BEARING_SE2_XY i l bearing I",
     "BR": "BR i l bearing range bearing-sigma range-sigma",
 }
-FORMS = VERTICES | MOTIONS | SIGHTS | {PRIOR: f"{PRIOR} i x y theta Ixx Ixy Ixt Iyy Iyt Itt"}
+FORMS = VERTICES | MOTIONS | OBSERVATIONS | {PRIOR: f"{PRIOR} i x y theta Ixx Ixy Ixt Iyy Iyt Itt"}
 SENSORS: dict[str, Sensor] = {
     "EDGE_SE2_XY": "position",
     "LANDMARK": "position",
     "EDGE_BEARING_SE2_XY": "bearing",
     "BR": "range-bearing",
 }
-RAW = ("ROBOTLASER1", "PARAMS_SE2OFFSET")  # what g2o's files carry along: scans, and the place of an unused sensor
-TORO_ORDER = np.array([0, 1, 4, 2, 5, 3])  # where TORO has xx xy xt yy yt tt
+RAW = ("ROBOTLASER1", "PARAMS_SE2OFFSET")  # in g2o's files and not used: laser scans, the place of another sensor
+TORO_ORDER = np.array([0, 1, 4, 2, 5, 3])  # places of xx xy xt yy yt tt in TORO's order
 REMEDY = "give every quantity a finite variance > 0, in the order of entries that its tag has"
 
 Lines = dict[str, list[Line]]
 
 
 def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -> Imported:
-    """The recording of a graph whose poses are one path.
+    """Read the recording of a graph whose poses are one path.
 
     Args:
         path: The graph.
-        drop_loop_edges: Whether edges between poses beside the path are left out; else they are refused.
-        isam: Whether ODOMETRY and LANDMARK end with the square root of the information, as iSAM writes them.
+        drop_loop_edges: Whether edges between poses that are not on the path are dropped; else they are refused.
+        isam: Whether ODOMETRY and LANDMARK end with the square root of the information, as in iSAM.
 
     Raises:
         UserError: With the file, the line and the remedy.
@@ -88,10 +87,13 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
     for line in _of(lines, ("VERTEX_SE2", "VERTEX2")):
         if line.id_at(1) not in step_of:
             raise line.refused(f"pose {line.words[1]} is on no edge of the path", "join it, or remove the line")
-    sights = _sights(lines, step_of, isam=isam)
-    order = np.argsort(sights.step, kind="stable")
+    observed = _observations(lines, step_of)
+    step = np.array([step_of[line.id_at(1)] for line in observed], dtype=np.int64)
+    landmark = np.array([line.id_at(2) for line in observed], dtype=np.int64)
+    values, covs = _measured(observed, np.array([line.numbers(3) for line in observed]), isam=isam)
+    order = np.argsort(step, kind="stable")
     prior_mean, prior_cov = _prior(lines, chain.poses[0])
-    notes = [f"{chain.dropped} edges between poses beside the path are left out"] if chain.dropped else []
+    notes = [f"{chain.dropped} edges between poses that are not on the path are dropped"] if chain.dropped else []
     ignored = len(_of(lines, RAW))
     notes += [f"{ignored} lines {' and '.join(tag for tag in RAW if lines[tag])} are not used"] if ignored else []
     with of_file(path):
@@ -102,28 +104,22 @@ def read_g2o(path: Path, *, drop_loop_edges: bool = False, isam: bool = False) -
             odometry=chain.increments,
             odometry_cov=chain.covs,
             sensor=sensor,
-            observation_step=sights.step[order],
-            observation=sights.value[order],
-            observation_cov=sights.cov[order],
-            landmark=sights.landmark[order],
+            observation_step=step[order],
+            observation=values[order],
+            observation_cov=covs[order],
+            landmark=landmark[order],
         )
-    return Imported(recording, None, tuple(notes))
+    return Imported(recording, notes=tuple(notes))
 
 
 def _read(path: Path) -> Lines:
-    """The lines by their tags, each with as many numbers as it must have."""
-    known = (*FORMS, "FIX", *RAW)
-    lines: Lines = {tag: [] for tag in known}
-    for line in read_lines(path):
-        tag = line.words[0]
-        if tag not in lines:
-            raise line.refused(f"{tag[:30]!r} is no tag of planar graphs", did_you_mean(tag[:30], known))
-        if tag in FORMS:
-            line.require(FORMS[tag])
-            line.numbers(1)
-        elif tag == "FIX" and len(line.words) == 1:
+    """Read the lines by their tags; refuse repeated vertices, words that are not numbers and graphs without motions."""
+    lines = read_tagged(path, FORMS | dict.fromkeys(("FIX", *RAW), ""))
+    for line in _of(lines, FORMS):
+        line.numbers(1)
+    for line in lines["FIX"]:
+        if len(line.words) == 1:
             raise line.refused("fixes nothing", "write FIX i")
-        lines[tag].append(line)
     for tags in (("VERTEX_SE2", "VERTEX2"), ("VERTEX_XY",)):
         met = set[int]()
         for line in _of(lines, tags):
@@ -136,28 +132,25 @@ def _read(path: Path) -> Lines:
 
 
 def _of(lines: Lines, tags: Iterable[str]) -> list[Line]:
-    """The lines of these tags, tag by tag."""
+    """Return the lines of these tags, tag by tag."""
     return [line for tag in tags for line in lines[tag]]
 
 
 def _sensor(path: Path, lines: Lines) -> Sensor:
-    """What sees the landmarks: the same in all lines."""
-    tags = [tag for tag in SIGHTS if lines[tag]]
+    """Return the kind of sensor, the same for all observations."""
+    tags = [tag for tag in OBSERVATIONS if lines[tag]]
     if not tags:
-        raise UserError(f"{path}: no landmark is seen in it, only poses; give a graph with {', '.join(SIGHTS)}")
+        raise UserError(f"{path}: it has no observation of a landmark; give a graph with {', '.join(OBSERVATIONS)}")
     sensor = SENSORS[tags[0]]
     for tag in tags:
         if SENSORS[tag] != sensor:
-            what = f"a sensor of kind {SENSORS[tag]} beside one of {sensor}"
+            what = f"a sensor of kind {SENSORS[tag]}, and others of kind {sensor}"
             raise lines[tag][0].refused(what, "keep the edges of one kind")
     return sensor
 
 
-# --- edges between poses -----------------------------------------------------------------------
-
-
 def _motions(lines: Lines, *, isam: bool) -> Edges:
-    """The edges between poses in the order of the file, as increments with covariances."""
+    """Return the edges between poses in the order of the file, as increments with covariances."""
     edges = list[Line](), list[Float](), list[Float]()
     for tag in MOTIONS:
         if not (found := lines[tag]):
@@ -175,12 +168,12 @@ def _motions(lines: Lines, *, isam: bool) -> Edges:
 
 
 def _stated(lines: list[Line], entries: Float, size: int, *, isam: bool) -> Float:
-    """Covariances of the entries that end ODOMETRY and LANDMARK: their own, or of iSAM's square root of information."""
+    """Return covariances of the entries that end ODOMETRY and LANDMARK: covariances, or iSAM's square roots."""
     if isam:
         root = np.triu(from_triangles(entries, size))
         return _inverse(lines, root.swapaxes(1, 2) @ root)
     covs = from_triangles(entries, size)
-    require_covariances(lines, covs, "the covariance", REMEDY, definite=size == 2)  # a motion's may be singular
+    require_covariances(lines, covs, "the covariance", REMEDY, definite=size == 2)  # a motion may have a singular one
     return covs
 
 
@@ -189,21 +182,18 @@ def _inverse(lines: list[Line], information: Float) -> Float:
     return inverted(information)
 
 
-# --- the start ---------------------------------------------------------------------------------
-
-
 def _start(lines: Lines) -> tuple[int, Line] | None:
-    """The pose that is fixed or has a prior, if there is one, and where this stands."""
+    """Return the pose that is fixed or has a prior, and its line; None without such a pose."""
     found = [(line.id_at(at), line) for line in lines["FIX"] for at in range(1, len(line.words))]
     found += [(line.id_at(1), line) for line in lines[PRIOR]]
     poses = {pose for pose, _ in found}
     if len(poses) > 1 or len(lines[PRIOR]) > 1:
-        raise found[-1][1].refused("more than the start of the path is known", "fix one pose, the first")
+        raise found[-1][1].refused("more poses than the start are fixed or have a prior", "fix one pose, the first")
     return found[0] if found else None
 
 
 def _prior(lines: Lines, first: int) -> tuple[Float, Float]:
-    """Mean (3,) and covariance (3, 3) of the first pose."""
+    """Return mean (3,) and covariance (3, 3) of the first pose."""
     if lines[PRIOR] and not lines["FIX"]:
         numbers = np.array([lines[PRIOR][0].numbers(2)])
         turn = np.eye(3)
@@ -213,48 +203,32 @@ def _prior(lines: Lines, first: int) -> tuple[Float, Float]:
     return np.array(vertices[0]) if vertices else np.zeros(3), np.zeros((3, 3))
 
 
-# --- landmarks ---------------------------------------------------------------------------------
-
-
-class _Sights(NamedTuple):
-    """Step (M,), landmark (M,), value (M, d) and covariance (M, d, d) of observations."""
-
-    step: Int
-    landmark: Int
-    value: Float
-    cov: Float
-
-
-def _sights(lines: Lines, step_of: dict[int, int], *, isam: bool) -> _Sights:
-    """The observations, in the order of the file."""
-    found = sorted(_of(lines, SIGHTS), key=lambda line: line.number)
-    poses = {line.id_at(1) for line in _of(lines, ("VERTEX_SE2", "VERTEX2"))}
+def _observations(lines: Lines, poses: Container[int]) -> list[Line]:
+    """Return the observations in the order of the file; refuse poses that are not on the path."""
+    found = sorted(_of(lines, OBSERVATIONS), key=lambda line: line.number)
+    vertices = {line.id_at(1) for line in _of(lines, ("VERTEX_SE2", "VERTEX2"))}
     for line in found:
-        if line.id_at(1) not in step_of:
+        if line.id_at(1) not in poses:
             raise line.refused(f"pose {line.words[1]} is not on the path", "correct the id")
-        if line.words[0] in ("EDGE_SE2_XY", "EDGE_BEARING_SE2_XY") and line.id_at(2) in poses:
+        if line.words[0] in ("EDGE_SE2_XY", "EDGE_BEARING_SE2_XY") and line.id_at(2) in vertices:
             raise line.refused(f"vertex {line.words[2]} is a pose, not a landmark", "correct the id")
-    step = np.array([step_of[line.id_at(1)] for line in found], dtype=np.int64)
-    landmark = np.array([line.id_at(2) for line in found], dtype=np.int64)
-    numbers = np.array([line.numbers(3) for line in found])
-    return _Sights(step, landmark, *_measured(found, numbers, isam=isam))
+    return found
 
 
 def _measured(lines: list[Line], numbers: Float, *, isam: bool) -> tuple[Float, Float]:
-    """Values (M, d) and covariances (M, d, d) of what ends the lines of one sensor."""
+    """Return values (M, d) and covariances (M, d, d) of the numbers (M, k) that end the lines of one sensor."""
     match SENSORS[lines[0].words[0]]:
         case "position":
             stated = np.array([line.words[0] == "LANDMARK" for line in lines])
             covs = np.empty((len(lines), 2, 2))
-            theirs = [line for line, is_stated in zip(lines, stated, strict=True) if is_stated]
-            others = [line for line, is_stated in zip(lines, stated, strict=True) if not is_stated]
-            covs[stated] = _stated(theirs, numbers[stated, 2:], 2, isam=isam)
-            covs[~stated] = _inverse(others, from_triangles(numbers[~stated, 2:], 2))
+            landmarks, edges = ([lines[at] for at in np.flatnonzero(which)] for which in (stated, ~stated))
+            covs[stated] = _stated(landmarks, numbers[stated, 2:], 2, isam=isam)
+            covs[~stated] = _inverse(edges, from_triangles(numbers[~stated, 2:], 2))
             return numbers[:, :2], covs
         case "bearing":
             return wrap(numbers[:, :1]), _inverse(lines, numbers[:, 1:, None])
         case _:
             bearing, distance, *sigmas = numbers.T
             if (wrong := (distance < 0.0) | (np.min(sigmas, axis=0) <= 0.0)).any():
-                raise lines[int(np.argmax(wrong))].refused("a range below 0, or a sigma not above it", "correct it")
+                raise lines[int(np.argmax(wrong))].refused("a range < 0, or a sigma not > 0", "correct it")
             return np.column_stack([distance, wrap(bearing)]), diagonal_covariances(np.column_stack(sigmas[::-1]))

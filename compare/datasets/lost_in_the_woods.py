@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.datasets.imported_log import require_max_range, require_sigmas
+from slamgauge.compare.datasets.imported_log import of_file, require_max_range, require_sigmas
 from slamgauge.compare.datasets.mat_arrays import read_mat
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
@@ -25,14 +25,14 @@ Fields = dict[str, Float]
 def read_lost_in_the_woods(
     path: str | Path, *, max_range: float = 5.0, lateral_slip: float = 0.02
 ) -> tuple[Recording, Truth]:
-    """The recording and its ground truth, with the body frame at the laser, `d` metres ahead of the robot's centre.
+    """Read the recording and its ground truth, with the body frame at the laser, `d` m ahead of the robot's centre.
 
-    The start is the true first pose, fixed; association is known. The control of index k leads from
-    pose k-1 to pose k. Poses without valid ground truth are rows of NaN.
+    The start is the true first pose, fixed. Association is known. Control k moves the robot from pose k-1 to pose k.
+    Poses without valid ground truth are rows of NaN.
 
     Args:
         path: The MATLAB file (dataset2.mat).
-        max_range: Observations farther than this [m] are left out.
+        max_range: Observations of landmarks beyond this range [m] are dropped.
         lateral_slip: Standard deviation of the sideways velocity at the robot's centre [m/s], not in the file.
 
     Raises:
@@ -43,11 +43,11 @@ def read_lost_in_the_woods(
     fields = _read_fields(path)
     poses = _true_sensor_poses(fields)
     if np.isnan(poses[0]).any():
-        raise UserError(f"{path}: true_valid: no ground truth at the first step, where the map starts; cut the file")
+        raise UserError(f"{path}: true_valid: no ground truth at the first step; cut the file")
     seen_at, seen = np.nonzero((fields["r"] > 0) & (fields["r"] <= max_range))
     observation = np.column_stack([fields["r"][seen_at, seen], wrap(fields["b"][seen_at, seen])])
     odometry, odometry_cov = _sensor_increments(fields, lateral_slip)
-    try:
+    with of_file(Path(path)):
         truth = Truth(poses=poses, landmark_ids=np.arange(len(fields["l"])), landmarks=fields["l"], association=seen)
         recording = Recording(
             stamps=fields["t"],
@@ -61,20 +61,18 @@ def read_lost_in_the_woods(
             observation_cov=np.tile(np.diag([fields["r_var"], fields["b_var"]]), (len(seen), 1, 1)),
             landmark=seen,
         )
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from None
     return recording, truth
 
 
 def _true_sensor_poses(fields: Fields) -> Float:
-    """True poses (N+1, 3) of the sensor; NaN where the ground truth is not valid."""
+    """Return true poses (N+1, 3) of the sensor; NaN where the ground truth is not valid."""
     robot = np.column_stack([fields["x_true"], fields["y_true"], fields["th_true"]])
     robot[fields["true_valid"] == 0] = np.nan
     return compose(robot, np.array([fields["d"], 0.0, 0.0]))
 
 
 def _sensor_increments(fields: Fields, lateral_slip: float) -> tuple[Float, Float]:
-    """Increments (N, 3) of the sensor frame, and their covariances (N, 3, 3).
+    """Return increments (N, 3) of the sensor frame, and their covariances (N, 3, 3).
 
     The robot's centre moves by (v dt, slip dt, omega dt); a sensor at (d, 0) on it adds
     (d (cos dtheta - 1), d sin dtheta, 0).
@@ -84,7 +82,7 @@ def _sensor_increments(fields: Fields, lateral_slip: float) -> tuple[Float, Floa
     sine, cosine = np.sin(turn), np.cos(turn)
     increments = np.column_stack([fields["v"][1:] * dt + ahead * (cosine - 1.0), ahead * sine, turn])
 
-    jacobian = np.tile(np.eye(3), (len(dt), 1, 1))  # by (v, slip, omega), over dt
+    jacobian = np.tile(np.eye(3), (len(dt), 1, 1))  # derivatives by (v, slip, omega), divided by dt
     jacobian[:, 0, 2] = -ahead * sine
     jacobian[:, 1, 2] = ahead * cosine
     jacobian *= dt[:, None, None]
@@ -93,17 +91,17 @@ def _sensor_increments(fields: Fields, lateral_slip: float) -> tuple[Float, Floa
 
 
 def _read_fields(path: str | Path) -> Fields:
-    """The file's columns (N+1,), tables (N+1, L) and (L, 2) and scalars (), of a believable size."""
+    """Read columns (N+1,), tables (N+1, L) and (L, 2) and scalars (); refuse missing, infinite and misshapen ones."""
     names = (*_COLUMNS, *_SCALARS, *_TABLES)
     raw = read_mat(Path(path), names)
     for name in names:
         if name not in raw:
             raise UserError(f"{path}: field {name} is missing; give dataset2.mat of Lost in the Woods")
         if not (np.abs(raw[name]) < LARGEST).all():
-            raise UserError(f"{path}: field {name} does not hold finite numbers; correct it")
+            raise UserError(f"{path}: field {name} must have finite numbers; correct it")
     steps, landmarks = len(raw["t"]), len(raw["l"])
     shapes = dict.fromkeys(_COLUMNS, (steps, 1)) | dict.fromkeys(_SCALARS, (1, 1))
-    shapes |= {"r": (steps, landmarks), "b": (steps, landmarks), "l": (landmarks, 2)}
+    shapes |= dict.fromkeys(("r", "b"), (steps, landmarks)) | {"l": (landmarks, 2)}
     for name, shape in shapes.items():
         if raw[name].shape != shape:
             raise UserError(f"{path}: field {name} has shape {raw[name].shape}, not {shape}; correct it")

@@ -1,14 +1,14 @@
 """One robot's log of the UTIAS Multi-Robot Cooperative Localization and Mapping data (Leung et al., IJRR 30(8), 2011).
 
-    Odometry.dat               time [s], forward velocity [m/s], yaw rate [rad/s]: in force until the next line
+    Odometry.dat               time [s], forward velocity [m/s], yaw rate [rad/s]: valid until the next line
     Measurement.dat            time [s], barcode, range [m], bearing [rad]
     Barcodes.dat               subject, barcode
     Groundtruth.dat            time [s], x [m], y [m], heading [rad]; may be missing
-    Landmark_Groundtruth.dat   subject, x [m], y [m], and two standard deviations; used beside the last alone
+    Landmark_Groundtruth.dat   subject, x [m], y [m], two standard deviations; used only with Groundtruth.dat
 
 Odometry, Measurement and Groundtruth may have the robot's prefix, as in the archive: `Robot1_Odometry.dat`. Subjects 1
-to 5 are robots, and no landmarks. With ground truth the log begins at the first odometry for which there is some, and
-the start is known exactly; else it begins at the origin. Observations are put on the odometry as `timeline` says.
+to 5 are robots, not landmarks. With ground truth the log begins at the first odometry that has a true pose, and the
+start is known exactly; else it begins at the origin. `synchronisation` splits steps at observations.
 """
 
 from __future__ import annotations
@@ -19,13 +19,7 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.datasets.imported_log import Imported, diagonal_covariances, of_file, require_sigmas
-from slamgauge.compare.datasets.synchronisation import (
-    Odometry,
-    constant_twist,
-    interpolated,
-    joined,
-    require_turns,
-)
+from slamgauge.compare.datasets.synchronisation import Odometry, constant_twist, interpolated, joined, require_turns
 from slamgauge.compare.datasets.text_lines import Line, read_table, require_order, require_ranges
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
@@ -33,7 +27,7 @@ from slamgauge.se2 import wrap
 from slamgauge.truth import Truth
 
 ROBOTS = 5
-MAX_GAP = 1.0  # s without ground truth beyond which none is made up
+MAX_GAP = 1.0  # s: ground truth is not interpolated over longer gaps
 
 
 def read_mrclam(
@@ -46,17 +40,17 @@ def read_mrclam(
     range_sigma: float = 0.15,
     bearing_sigma: float = 0.05,
 ) -> Imported:
-    """The recording of one robot, `range-bearing` and with subjects for ids, and its ground truth.
+    """Read the recording of one robot, `range-bearing` and with subjects as ids, and its ground truth.
 
-    The files state no noise; the defaults are starting values, not measurements. Each of the seven parameters is an
-    option of `slamgauge import mrclam`.
+    The files do not contain the noise; the defaults are starting values, not measurements. Each of the seven parameters
+    is an option of `slamgauge import mrclam`.
 
     Args:
-        folder: Of the files.
-        robot: Number of the robot in the files' names; None if there is but one.
-        forward: Standard deviation of the way forward in a second [m], whose variance grows with time.
-        lateral: The same sideways [m].
-        turn: The same of the heading [rad].
+        folder: Folder of the files.
+        robot: Number of the robot in the files' names; None if the folder has one robot.
+        forward: Standard deviation of the forward motion in one second [m]; its variance grows with time.
+        lateral: Standard deviation of the sideways motion in one second [m].
+        turn: Standard deviation of the turn in one second [rad].
         range_sigma: Standard deviation of ranges [m].
         bearing_sigma: Standard deviation of bearings [rad].
 
@@ -65,12 +59,13 @@ def read_mrclam(
     """
     require_sigmas(forward=forward, lateral=lateral, turn=turn, range=range_sigma, bearing=bearing_sigma)
     prefix = _prefix(folder, robot)
-    ground = _read_poses(folder / f"{prefix}Groundtruth.dat")
+    true_path = folder / f"{prefix}Groundtruth.dat"
+    ground = _in_time(true_path, "time x y heading")[1] if true_path.exists() else None
     lines, commands, notes = _read_commands(folder / f"{prefix}Odometry.dat", ground)
     odometry = _odometry(lines, commands, np.array([forward, lateral, turn]))
-    sights, landmark, more = _read_sights(folder, prefix)
-    odometry, steps, inside, outside = joined(odometry, sights[:, 0])
-    sights, landmark = sights[inside], landmark[inside]
+    observed, landmark, more = _read_observations(folder, prefix)
+    odometry, steps, inside, outside = joined(odometry, observed[:, 0])
+    observed, landmark = observed[inside], landmark[inside]
     poses = None if ground is None else interpolated(ground[:, 0], ground[:, 1:], odometry.stamps, MAX_GAP)
     truth = _truth(folder / "Landmark_Groundtruth.dat", poses, landmark)
     with of_file(folder):
@@ -82,15 +77,15 @@ def read_mrclam(
             odometry_cov=odometry.covs,
             sensor="range-bearing",
             observation_step=steps,
-            observation=np.column_stack([sights[:, 2], wrap(sights[:, 3])]),
-            observation_cov=diagonal_covariances(np.tile([range_sigma, bearing_sigma], (len(sights), 1))),
+            observation=np.column_stack([observed[:, 2], wrap(observed[:, 3])]),
+            observation_cov=diagonal_covariances(np.tile([range_sigma, bearing_sigma], (len(observed), 1))),
             landmark=landmark,
         )
     return Imported(recording, truth, (*notes, *more, *outside))
 
 
 def _prefix(folder: Path, robot: int | None) -> str:
-    """What stands before the names of the robot's files."""
+    """Return the prefix of the names of the robot's files."""
     if robot is not None:
         return f"Robot{robot}_"
     if (folder / "Odometry.dat").exists():
@@ -104,7 +99,7 @@ def _prefix(folder: Path, robot: int | None) -> str:
 
 
 def _in_time(path: Path, form: str) -> tuple[list[Line], Float]:
-    """The table of a file whose first column is time; of lines at one time the last counts."""
+    """Read a table whose first column is time; of several lines with the same time, the last is used."""
     lines, table = read_table(path, form)
     require_order(lines, table[:, 0], strict=False)
     last = np.diff(table[:, 0], append=np.inf) > 0.0
@@ -112,17 +107,22 @@ def _in_time(path: Path, form: str) -> tuple[list[Line], Float]:
 
 
 def _read_commands(path: Path, ground: Float | None) -> tuple[list[Line], Float, list[str]]:
-    """Time, velocity and yaw rate (n, 3) from the ground truth's begin on, their lines, and what was left out."""
+    """Return lines, time, velocity and yaw rate (n, 3) from the first true pose on, and a note about dropped lines."""
     lines, commands = _in_time(path, "time velocity yaw-rate")
-    begin = 0 if ground is None else _first_known(ground, commands[:, 0], path)
+    begin = 0
+    if ground is not None:
+        known = ~np.isnan(interpolated(ground[:, 0], ground[:, 1:], commands[:, 0], MAX_GAP)[:, 0])
+        if not known.any():
+            raise UserError(f"{path}: no ground truth for any time in it; give files of one data set, or no truth")
+        begin = int(np.argmax(known))
     if len(commands) < begin + 2:
-        raise UserError(f"{path}: fewer than two moments of odometry; give the whole log")
-    notes = [f"{begin} lines of odometry are before the ground truth and left out"] if begin else []
+        raise UserError(f"{path}: fewer than two stamps of odometry; give the whole log")
+    notes = [f"{begin} lines of odometry are before the ground truth and are dropped"] if begin else []
     return lines[begin:], commands[begin:], notes
 
 
 def _odometry(lines: list[Line], commands: Float, sigmas: Float) -> Odometry:
-    """Each command in force until the next, with noise whose variance grows with time."""
+    """Return increments at velocities that are valid until the next line, with variances that grow with time."""
     seconds = np.diff(commands[:, 0])
     velocities = np.column_stack([commands[:-1, 1], np.zeros(len(seconds)), commands[:-1, 2]])
     increments = constant_twist(velocities, seconds)
@@ -130,38 +130,25 @@ def _odometry(lines: list[Line], commands: Float, sigmas: Float) -> Odometry:
     return Odometry(commands[:, 0], increments, diagonal_covariances(sigmas * np.sqrt(seconds)[:, None]))
 
 
-def _read_sights(folder: Path, prefix: str) -> tuple[Float, Int, list[str]]:
-    """Time, barcode, range and bearing (M, 4) of landmarks, their subjects (M,), and what was left out."""
+def _read_observations(folder: Path, prefix: str) -> tuple[Float, Int, list[str]]:
+    """Return time, barcode, range and bearing (M, 4) of landmarks, their subjects (M,), and notes about others."""
     barcodes, _ = read_table(folder / "Barcodes.dat", "subject barcode")
     subject_of = {line.id_at(1): line.id_at(0) for line in barcodes}
-    lines, sights = read_table(folder / f"{prefix}Measurement.dat", "time barcode range bearing")
-    require_order(lines, sights[:, 0], strict=False)
-    require_ranges(lines, sights[:, 2])
+    lines, observed = read_table(folder / f"{prefix}Measurement.dat", "time barcode range bearing")
+    require_order(lines, observed[:, 0], strict=False)
+    require_ranges(lines, observed[:, 2])
     subjects = np.array([subject_of.get(line.id_at(1), -1) for line in lines], dtype=np.int64)
-    left_out: dict[str, Marks] = {
+    dropped: dict[str, Marks] = {
         "are of other robots": (subjects >= 1) & (subjects <= ROBOTS),
-        "have a barcode that Barcodes.dat does not know": subjects == -1,
+        "have a barcode that is not in Barcodes.dat": subjects == -1,
     }
-    notes = [f"{np.sum(marks)} observations {why} and are left out" for why, marks in left_out.items() if marks.any()]
-    kept = ~np.logical_or.reduce([*left_out.values()])
-    return sights[kept], subjects[kept], notes
-
-
-def _read_poses(path: Path) -> Float | None:
-    """Time and pose (n, 4) of the ground truth, if there is any."""
-    return _in_time(path, "time x y heading")[1] if path.exists() else None
-
-
-def _first_known(ground: Float, stamps: Float, path: Path) -> int:
-    """Index of the first stamp for which there is ground truth."""
-    known = ~np.isnan(interpolated(ground[:, 0], ground[:, 1:], stamps, MAX_GAP)[:, 0])
-    if not known.any():
-        raise UserError(f"{path}: no ground truth for any time in it; give files of one data set, or none of the truth")
-    return int(np.argmax(known))
+    notes = [f"{np.sum(marks)} observations {why} and are dropped" for why, marks in dropped.items() if marks.any()]
+    kept = ~np.logical_or.reduce([*dropped.values()])
+    return observed[kept], subjects[kept], notes
 
 
 def _truth(path: Path, poses: Float | None, landmark: Int) -> Truth | None:
-    """The truth of the path and, in the same frame, of the landmarks; none without a path."""
+    """Return the truth of the path and, in the same frame, of the landmarks; None without a path."""
     if poses is None or not path.exists():
         return None if poses is None else Truth(poses=poses, association=landmark)
     lines, table = read_table(path, "subject x y x-sigma y-sigma")

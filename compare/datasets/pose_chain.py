@@ -1,8 +1,8 @@
-"""The one path along the edges of a pose graph.
+"""The path along the edges of a pose graph.
 
-If all edges make up a single path, that is it, from the pose that is known at the start, else from the end with the
-smaller id. Otherwise the path goes from id to id in increasing order, by the first edge between any two of them, and
-all other edges close loops.
+If all edges make up a single path, it is this one. It begins at the pose that is known at the start, else at the end
+with the smaller id. Otherwise the path goes from id to id in increasing order, by the first edge between each two. All
+other edges close loops.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ class Edges(NamedTuple):
     """Edges in the order of a file.
 
     Attributes:
-        lines: where they stand.
+        lines: Their lines.
         ids: (n, 2) poses i and j.
         increments: (n, 3) pose j in the frame of pose i [m, m, rad].
-        covs: (n, 3, 3) of what is left of them, z^-1 x_i^-1 x_j, in the frame of pose j.
+        covs: (n, 3, 3) of their errors z^-1 x_i^-1 x_j, in the frame of pose j.
     """
 
     lines: Sequence[Line]
@@ -35,7 +35,7 @@ class Edges(NamedTuple):
 
 
 class Chain(NamedTuple):
-    """Ids of the N+1 poses of a path; its increments (N, 3) with covariances (N, 3, 3); how many edges were dropped."""
+    """Ids of the N+1 poses of a path, its increments (N, 3) with covariances (N, 3, 3), number of dropped edges."""
 
     poses: list[int]
     increments: Float
@@ -44,38 +44,37 @@ class Chain(NamedTuple):
 
 
 def chained(edges: Edges, *, drop_loop_edges: bool, start: tuple[int, Line] | None) -> Chain:
-    """The path.
+    """Return the path.
 
-    An edge that leads backwards is turned round: what is left of it is then -Ad(z) of what was, its cost the same.
+    An edge that leads backwards is reversed: its error is then -Ad(z) times what it was, and its cost is the same.
 
     Args:
-        edges: of the graph.
-        drop_loop_edges: Whether edges beside the path are left out; else they are refused.
-        start: The pose at which the path must begin, and the line that says so.
+        edges: All edges of the graph.
+        drop_loop_edges: Whether edges that are not on the path are dropped; else they are refused.
+        start: The pose at which the path must begin, and the line that states it.
 
     Raises:
-        UserError: the edges have no such path, or others beside it; with the line.
+        UserError: the edges have no such path, or others are not on it; with the line.
     """
     for line, (i, j) in zip(edges.lines, edges.ids.tolist(), strict=True):
         if i == j:
             raise line.refused(f"pose {i} is joined to itself", "correct the ids")
-    found = _single_path(edges.ids, None if start is None else start[0])
-    poses, path = found or _in_order_of_ids(edges)
-    beside = np.ones(len(edges.lines), dtype=bool)
-    beside[path] = False
-    if beside.any() and not drop_loop_edges:
-        at = int(np.argmax(beside))
+    poses, path = _single_path(edges.ids, None if start is None else start[0]) or _in_order_of_ids(edges)
+    closes_loop = np.ones(len(edges.lines), dtype=bool)
+    closes_loop[path] = False
+    if closes_loop.any() and not drop_loop_edges:
+        at = int(np.argmax(closes_loop))
         i, j = edges.ids[at]
-        what = f"an edge between the poses {i} and {j} beside the path; only landmarks may tie poses together"
-        raise edges.lines[at].refused(what, "leave such edges out with --drop-loop-edges")
+        what = f"the edge between the poses {i} and {j} is not on the path; only landmarks may connect other poses"
+        raise edges.lines[at].refused(what, "drop such edges with `import g2o --drop-loop-edges`")
     if start is not None and start[0] != poses[0]:
-        raise start[1].refused(f"pose {start[0]} is known, but the path begins at {poses[0]}", "fix that one alone")
+        raise start[1].refused(f"pose {start[0]} is known, but the path begins at {poses[0]}", "fix only that one")
     backwards = edges.ids[path, 0] != poses[:-1]
-    return Chain(poses, *_turned_round(edges.increments[path], edges.covs[path], backwards), int(beside.sum()))
+    return Chain(poses, *_reversed(edges.increments[path], edges.covs[path], backwards), int(closes_loop.sum()))
 
 
 def _single_path(ids: Int, start: int | None) -> tuple[list[int], list[int]] | None:
-    """Poses and edges of the path that all edges make up, or None if they make up something else."""
+    """Return poses and edges of the path that all edges make up; None if they are not a single path."""
     at_pose: dict[int, list[int]] = {}
     for edge, pair in enumerate(ids.tolist()):
         for pose in pair:
@@ -91,7 +90,7 @@ def _single_path(ids: Int, start: int | None) -> tuple[list[int], list[int]] | N
 
 
 def _in_order_of_ids(edges: Edges) -> tuple[list[int], list[int]]:
-    """Poses and edges of the path from id to id."""
+    """Return poses and edges of the path from id to id."""
     first: dict[tuple[int, int], int] = {}
     for edge, (i, j) in enumerate(edges.ids.tolist()):
         first.setdefault((min(i, j), max(i, j)), edge)
@@ -100,14 +99,14 @@ def _in_order_of_ids(edges: Edges) -> tuple[list[int], list[int]]:
     for pair in pairwise(poses):
         if pair not in first:
             line = next(line for line, ids in zip(edges.lines, edges.ids, strict=True) if pair[1] in ids)
-            what = f"no edge joins the poses {pair[0]} and {pair[1]}, and the edges make up no single path"
+            what = f"no edge joins the poses {pair[0]} and {pair[1]}, and the edges are not a single path"
             raise line.refused(what, "join all poses to one path, their ids in its order")
         path.append(first[pair])
     return poses, path
 
 
-def _turned_round(increments: Float, covs: Float, backwards: Marks) -> tuple[Float, Float]:
-    """Increments (n, 3) and covariances (n, 3, 3), those marked `backwards` (n,) seen from their other end."""
+def _reversed(increments: Float, covs: Float, backwards: Marks) -> tuple[Float, Float]:
+    """Reverse the increments (n, 3), with covariances (n, 3, 3), that are marked `backwards` (n,)."""
     if not backwards.any():
         return increments, covs
     adjoint = adjoints(increments[backwards])
@@ -118,7 +117,7 @@ def _turned_round(increments: Float, covs: Float, backwards: Marks) -> tuple[Flo
 
 
 def adjoints(increments: Float) -> Float:
-    """Adjoints Ad(z) (n, 3, 3) of increments z (n, 3): z exp(v) = exp(Ad(z) v) z for motions v = (x, y, heading)."""
+    """Return adjoints Ad(z) (n, 3, 3) of increments z (n, 3): z exp(v) = exp(Ad(z) v) z, v = (x, y, heading)."""
     x, y, heading = increments.T
     adjoint = np.zeros((len(increments), 3, 3))
     adjoint[:, :2, :2] = rotation(heading)

@@ -1,8 +1,8 @@
-"""Odometry and observations that have clocks of their own, brought onto the steps of one recording.
+"""Odometry and observations with different clocks, brought onto the steps of one recording.
 
-The rule: an observation belongs to the moment of its stamp. Where that falls between two rows of odometry, the step
-between them is split there. The robot is taken to move at constant speed and yaw rate within the step, so that the
-parts, composed, are the whole; their noise is the step's in proportion to their duration.
+An observation belongs to the moment of its stamp. If that is between two rows of odometry, the step between them is
+split there. The robot is assumed to move at constant speed and yaw rate within the step: the parts, composed, are the
+whole step, and each has a share of its noise in proportion to its duration.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from slamgauge.arrays import Float, Int, Marks
 from slamgauge.compare.datasets.text_lines import Line
 from slamgauge.se2 import exp, log, wrap
 
-SAME = 1e-6  # s: stamps that are nearer than this are one; stamps of today in seconds resolve some 2e-7
+SAME = 1e-6  # s: nearer stamps are the same; a float64 of today's time in seconds resolves 2e-7 s
 
 
 class Odometry(NamedTuple):
@@ -39,28 +39,28 @@ def constant_twist(velocities: Float, seconds: Float) -> Float:
 
 
 def require_turns(lines: Sequence[Line], increments: Float) -> None:
-    """Refuse the first line whose increment (n, 3) turns by more than half a circle, which no odometry resolves."""
+    """Refuse the first line whose increment (n, 3) turns by more than half a circle: odometry cannot resolve that."""
     wild = np.abs(increments[:, 2]) > np.pi
     if wild.any():
         at = int(np.argmax(wild))
         remedy = "check the unit of angles, or write lines in between"
-        raise lines[at].refused(f"the robot turns by {increments[at, 2]:.3g} rad within a row", remedy)
+        raise lines[at].refused(f"the robot turns by {increments[at, 2]:.3g} rad in one row", remedy)
 
 
 def joined(odometry: Odometry, times: Float) -> tuple[Odometry, Int, Marks, tuple[str, ...]]:
-    """The odometry with a stamp wherever something was seen, at times (M,) [s].
+    """Split odometry at the times (M,) [s] of observations.
 
     Returns:
-        The odometry; the step of each observation within its span; which observations (M,) these are; and what to say
-        of the others, which are left out.
+        The odometry; the step of each observation within its span; which observations (M,) these are; and a note about
+        the others, which are dropped.
     """
     inside = (times >= odometry.stamps[0] - SAME) & (times <= odometry.stamps[-1] + SAME)
-    notes = () if inside.all() else (f"{np.sum(~inside)} observations outside the odometry's time are left out",)
+    notes = () if inside.all() else (f"{np.sum(~inside)} observations outside the odometry's time are dropped",)
     return *split_at(odometry, times[inside]), inside, notes
 
 
 def split_at(odometry: Odometry, times: Float) -> tuple[Odometry, Int]:
-    """The odometry with a stamp at each of the times (M,), all in its span, and the step (M,) that each has there."""
+    """Split odometry at times (M,) within its span; return it and the step (M,) of each time."""
     stamps = odometry.stamps
     new = np.unique(times[np.abs(times - stamps[_nearest(stamps, times)]) > SAME])
     new = new[np.diff(new, prepend=-np.inf) > SAME]
@@ -72,9 +72,9 @@ def split_at(odometry: Odometry, times: Float) -> tuple[Odometry, Int]:
 
 
 def interpolated(stamps: Float, poses: Float, times: Float, max_gap: float) -> Float:
-    """Poses (M, 3) at times (M,) [s] between those of (n,) stamps, headings along the shorter arc.
+    """Interpolate poses (n, 3) at stamps (n,) to times (M,) [s], headings along the shorter arc.
 
-    Rows of NaN stand where the times lie outside the stamps, or between two that are more than `max_gap` [s] apart.
+    A row is NaN if its time is outside the stamps, or between two that are more than `max_gap` [s] apart.
     """
     before = np.clip(np.searchsorted(stamps, times + SAME, side="right") - 1, 0, len(stamps) - 1)
     after = np.minimum(before + 1, len(stamps) - 1)
@@ -96,6 +96,6 @@ def _part(increments: Float, fraction: Float) -> Float:
 
 
 def _nearest(stamps: Float, times: Float) -> Int:
-    """Index (M,) of the stamp that is nearest to each time."""
+    """Return the index (M,) of the stamp nearest to each time."""
     after = np.clip(np.searchsorted(stamps, times), 1, len(stamps) - 1)
     return np.where(times - stamps[after - 1] <= stamps[after] - times, after - 1, after)

@@ -1,13 +1,13 @@
-"""Lines of people's text files, each with its place, so that whatever is wrong is told by file and line.
+"""Lines of users' text files with their places, so that each error names file and line.
 
-Files are UTF-8 with any line ends; what follows a # and empty lines are left out.
+Files are UTF-8 with any line ends. Text after a # and empty lines are ignored.
 """
 
 from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,86 +17,78 @@ from tqdm import tqdm
 from slamgauge.arrays import Float
 from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
+from slamgauge.suggestions import did_you_mean
 from slamgauge.validation import LARGEST
 
-LARGEST_ID = 2**53  # beyond it not every whole number is a float64
-REMARKS = ("#", "%")  # what lines of tables begin with that are remarks, or names of columns
+LARGEST_ID = 2**53  # not every larger whole number is a float64
+REMARKS = ("#", "%")  # first characters of lines of tables that are remarks, or names of columns
 PATIENCE = 2.0  # seconds of reading before a terminal shows progress
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One line: its file, its number from 1, and its words."""
+    """A line: its file, its number from 1, and its words."""
 
     path: Path
     number: int
     words: list[str]
 
-    @property
-    def where(self) -> str:
-        """Its place, as error texts begin."""
-        return f"{self.path}, line {self.number}"
-
     def refused(self, what: str, remedy: str) -> UserError:
-        """The error that tells what is wrong with the line."""
-        return UserError(f"{self.where}: {what}; {remedy}")
+        """Return the error for a mistake in the line."""
+        return UserError(f"{self.path}, line {self.number}: {what}; {remedy}")
 
     def require(self, form: str) -> None:
-        """Refuse the line unless it has as many words as its form, `TAG i j x y` for instance."""
+        """Refuse the line unless it has as many words as its form, for example `TAG i j x y`."""
         if len(self.words) != len(form.split()):
             raise self.refused(f"has {len(self.words)} words, not {len(form.split())}", f"write {form}")
 
-    def numbers(self, first: int, last: int | None = None) -> list[float]:
-        """The words from `first` up to `last` as numbers of a believable size."""
-        return [self.number_at(at) for at in range(first, len(self.words) if last is None else last)]
+    def numbers(self, first: int) -> list[float]:
+        """Return the words from place `first` on as numbers, see `number_at`."""
+        return [self.number_at(at) for at in range(first, len(self.words))]
 
     def number_at(self, at: int) -> float:
-        """The word at a place as a number of a believable size."""
+        """Return the word at a place as a number; refuse it if it is not finite or larger than `LARGEST`."""
         try:
             number = float(self.words[at])
         except ValueError:
             number = math.nan
         if not abs(number) < LARGEST:
-            raise self.refused(f"{self.words[at][:40]!r} is no finite number", "correct it, or remove the line")
+            raise self.refused(f"{self.words[at][:40]!r} is not a finite number", "correct it, or remove the line")
         return number
 
     def id_at(self, at: int, least: int = 0) -> int:
-        """The word at a place as a whole number, `least` or more; 3.0 is one, too."""
+        """Return the word at a place as a whole number, `least` or more; 3.0 is one, too."""
         number = self.number_at(at)
         if not number.is_integer() or not least <= number < LARGEST_ID:
-            raise self.refused(f"{self.words[at][:40]!r} is no id", f"give a whole number from {least} below 2**53")
+            raise self.refused(f"{self.words[at][:40]!r} is not an id", f"give a whole number from {least} below 2**53")
         return int(number)
 
 
 def read_lines(path: Path, *, comment: str = "#", separators: str = "") -> Iterator[Line]:
-    """The lines of a text file that say something; a terminal shows progress if this takes long.
+    """Yield the lines of a text file that are not empty; if it takes long, a terminal shows progress.
 
     Args:
         path: The file.
-        comment: What begins a remark, up to the end of its line; none if empty.
-        separators: Characters that may stand between words: the first of them that the first line without a # or a % in
-            front has does, and white space where it has none.
+        comment: Begins a remark that ends with its line; "" for none.
+        separators: Characters that may separate words. The first of them in the first line that does not begin with #
+            or % is used; if it has none of them, white space is.
 
     Raises:
-        UserError: the file cannot be read, or is no text.
+        UserError: the file cannot be read, or is not a text.
     """
-    text = io.StringIO(read_text(path), newline=None)
+    text = io.StringIO(_read_text(path), newline=None)
     first = next((line for line in text if line.strip() and line.lstrip()[0] not in REMARKS), "")
     separator = next((each for each in separators if each in first), None)
     text.seek(0)
     shown = tqdm(text, desc=path.name, delay=PATIENCE, disable=None, leave=False, unit="line")
     for number, line in enumerate(shown, start=1):
-        said = line.partition(comment)[0] if comment else line
-        if said.strip():
-            yield Line(path, number, [word.strip() for word in said.split(separator)])
+        content = line.partition(comment)[0] if comment else line
+        if content.strip():
+            yield Line(path, number, [word.strip() for word in content.split(separator)])
 
 
-def read_text(path: Path) -> str:
-    """The text of a file in UTF-8, with or without a byte order mark.
-
-    Raises:
-        UserError: the file cannot be read, or the line at which it is no text.
-    """
+def _read_text(path: Path) -> str:
+    """Read a file in UTF-8, with or without a byte order mark; refuse it with the line that is not a text."""
     with explained(path, "read"):
         content = path.read_bytes()
     broken = content.find(b"\0")
@@ -111,28 +103,48 @@ def read_text(path: Path) -> str:
 
 
 def read_table(path: Path, form: str) -> tuple[list[Line], Float]:
-    """The lines of a file of numbers alone, and the numbers (n, k) of its k columns.
+    """Read a file of numbers only; return its lines and the numbers (n, k) of its k columns.
 
     Args:
         path: The file.
-        form: Names of the columns, `time x y` for instance.
+        form: Names of the columns, for example `time x y`.
 
     Raises:
-        UserError: the file cannot be read, a line has not the form, or there is none.
+        UserError: the file cannot be read or has no lines, or a line does not have the form.
     """
-    lines, rows = list(read_lines(path)), list[list[float]]()
+    lines = list(read_lines(path))
     for line in lines:
         line.require(form)
-        rows.append(line.numbers(0))
-    if not rows:
+    if not lines:
         raise UserError(f"{path}: no line in it; write lines of {form}")
-    return lines, np.array(rows)
+    return lines, np.array([line.numbers(0) for line in lines])
+
+
+def read_tagged(path: Path, forms: Mapping[str, str]) -> dict[str, list[Line]]:
+    """Read the lines of a file by their first word, the tag.
+
+    Args:
+        path: The file.
+        forms: Form of the lines of each tag, for example `SENSOR id range bearing`; "" allows any number of words.
+
+    Raises:
+        UserError: the file cannot be read, a tag is unknown, or a line does not have the form of its tag.
+    """
+    lines: dict[str, list[Line]] = {tag: [] for tag in forms}
+    for line in read_lines(path):
+        tag = line.words[0]
+        if tag not in forms:
+            raise line.refused(f"{tag[:30]!r} is an unknown tag", did_you_mean(tag[:30], forms))
+        if forms[tag]:
+            line.require(forms[tag])
+        lines[tag].append(line)
+    return lines
 
 
 def require_order(lines: Sequence[Line], stamps: Float, *, strict: bool) -> None:
-    """Refuse the first line whose stamp [s] is before that of the line above, or not after it if `strict`."""
-    ahead = np.diff(stamps)
-    wrong = ahead <= 0.0 if strict else ahead < 0.0
+    """Refuse the first line whose stamp [s] is before that of the line above, or equal to it if `strict`."""
+    steps = np.diff(stamps)
+    wrong = steps <= 0.0 if strict else steps < 0.0
     if wrong.any():
         at = int(np.argmax(wrong)) + 1
         last, here = stamps[at - 1], stamps[at]
@@ -140,7 +152,7 @@ def require_order(lines: Sequence[Line], stamps: Float, *, strict: bool) -> None
 
 
 def require_ranges(lines: Sequence[Line], ranges: Float) -> None:
-    """Refuse the first line whose range [m] is below 0."""
+    """Refuse the first line whose range [m] is negative."""
     negative = ranges < 0.0
     if negative.any():
         raise lines[int(np.argmax(negative))].refused("the range is negative", "remove the line")

@@ -221,9 +221,8 @@ GRAPHS = tuple(entry.name for entry in _ENTRIES if entry.takes_associations)
 OPTIMA = {str(entry.kind): entry.name for entry in _ENTRIES if entry.role == "optimum"}  # by the kind of estimates
 CAUSAL, HINDSIGHT = OPTIMA["filtered"], OPTIMA["smoothed"]
 BENCHED = ",".join((DEAD_RECKONING, *FILTERS, *OPTIMA.values()))  # what `slamgauge bench` measures by default
-_HELPED = (*_ENTRIES, BOUNDS[BOUND])
 HELP = (
-    f"Comma-separated: {', '.join(f'{each.name} ({each.note})' if each.note else each.name for each in _HELPED)}; "
+    f"Comma-separated: {', '.join(f'{each.name} ({each.note})' if each.note else each.name for each in _ENTRIES)}; "
     f"{CAUSAL}{UNDER}{FILTERS[0]} is {CAUSAL} under the associations that {FILTERS[0]} makes."
 )
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from slamgauge import __version__, kernel_cache
-from slamgauge.compare.cli import doctor
+from slamgauge.compare.cli import machine
 from slamgauge.compare.cli.main import main
 
 
@@ -18,7 +18,7 @@ def test_versions_and_what_works_of_them(capsys: pytest.CaptureFixture[str]):
     assert main(["doctor", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["slamgauge"].startswith(f"{__version__}, ")
-    assert {name: found[name] for name in doctor.LIBRARIES} == {name: version(name) for name in doctor.LIBRARIES}
+    assert {name: found[name] for name in machine.LIBRARIES} == {name: version(name) for name in machine.LIBRARIES}
     assert found["BLAS"].startswith("numpy: ")
     assert "OPENBLAS_NUM_THREADS=1" in found["threads"]
     assert found["filter kernels"].startswith("ready in ")
@@ -31,14 +31,14 @@ def test_versions_and_what_works_of_them(capsys: pytest.CaptureFixture[str]):
 def test_the_table_has_a_line_for_each(capsys: pytest.CaptureFixture[str]):
     assert main(["doctor"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].split() == ["slamgauge", f"{__version__},", str(Path(doctor.__file__).parents[2])]
-    assert len(lines) == len(doctor.examine())
+    assert lines[0].split() == ["slamgauge", f"{__version__},", str(Path(machine.__file__).parents[2])]
+    assert len(lines) == len(machine.examine())
 
 
 def test_what_is_missing_is_a_line_and_exit_status_1(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(doctor, "LIBRARIES", ("numpy", "no-such-library"))
+    monkeypatch.setattr(machine, "LIBRARIES", ("numpy", "no-such-library"))
     assert main(["doctor"]) == 1
     assert "no-such-library    missing" in capsys.readouterr().out.splitlines()
 
@@ -60,7 +60,7 @@ def test_kept_machine_code_is_removed_and_nothing_else(
 ):
     for name in ("models.observe-12.py311.nbi", "models.observe-12.py311.1.nbc", "models.cpython-311.pyc"):
         (tmp_path / name).touch()
-    for module, _ in doctor.WARM_UPS.values():
+    for module, _ in machine.WARM_UPS.values():
         importlib.import_module(module)  # from here on their folders are known
     monkeypatch.setattr(kernel_cache, "_folders", {tmp_path})
     assert main(["doctor", "--clear-cache"]) == 0

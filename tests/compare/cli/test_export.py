@@ -110,7 +110,7 @@ def test_an_estimate_without_covariances(run: Path, tmp_path: Path, capsys: pyte
         ("none.npz", "csv", (), "none.npz: cannot be read"),
         ("metrics.json", "mat", (), "metrics.json: not a whole npz file"),
         ("", "g2o", (), "odometry_cov[0]: is singular"),
-        ("", "g2o", ("--lend", "-1"), "lend: -1 is no small standard deviation"),
+        ("", "g2o", ("--lend", "-1"), "lend: -1 is not a small standard deviation"),
     ],
 )
 def test_what_cannot_be_exported_is_one_line(

@@ -75,5 +75,5 @@ def test_a_number_of_processes_out_of_range_is_refused_in_a_line(
 ) -> None:
     words = ("study", "q1-short-dense", "--runs", "1", "--estimators", "dead-reckoning", "--jobs", jobs)
     assert main([*words, "--out", str(tmp_path / "out")]) == 2
-    told = f"jobs: {jobs} processes carry nothing, or the machine does not; give 1 to 1024"
+    told = f"jobs: {jobs} is out of range; give 1 to 1024"
     assert capsys.readouterr().err == f"slamgauge: {told}\n"

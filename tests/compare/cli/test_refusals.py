@@ -139,7 +139,7 @@ def test_misspelt_commands_and_options_are_refused(capsys: pytest.CaptureFixture
         ("import", "csv", "log", "--set=a.b=1", "--ouut", "x"): "--ouut: no option of `slamgauge import`; did you mean",
         ("run", "q1-long-dense", "--seed", "x"): "Error parsing --seed: ",
         ("run", "q1-long-dense", "--seed", "9" * 5000): "Error parsing --seed: has more than 4300 digits, give fewer",
-        ("run", "q1-long-dense", "more"): "Unrecognized options: more; `slamgauge run --help` tells more",
+        ("run", "q1-long-dense", "more"): "Unrecognized options: more; see `slamgauge run --help`",
         ("animate", ".", "--out", "x"): "--out: no option of `slamgauge animate`; `slamgauge animate --help` lists",
         ("--versoin",): "--versoin: no option of `slamgauge`; did you mean --version?",
     }

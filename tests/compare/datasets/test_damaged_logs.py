@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from time import perf_counter
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ OWN = {  # as `slamgauge export --format csv` writes it
     "1,0.1,1,0,0.1,0.01,0.001,0,0.02,0,0.01\n2,0.2,1,0,0.1,0.01,0,0,0,0,0.01\n",
     "observations.csv": "step,landmark,range,bearing,cov_rr,cov_rb,cov_bb\n0,3,2,0.1,0.01,0,0.1\n2,3,1,0,0.01,0,0.1\n",
 }
-Reader = Callable[[Path], object]
+Reader = Callable[[Path], Any]
 FORMATS: dict[str, tuple[dict[str, str], Reader]] = {
     "csv": (CSV, read_csv_log),
     "own": (OWN, read_recording_csv),
@@ -103,3 +105,24 @@ def test_commands_refuse_what_is_not_there(name: str, tmp_path: Path, capsys: py
     assert told.count("\n") == 1
     assert "none" in told
     assert not (tmp_path / "out").exists()
+
+
+CSV_LINES = {
+    "odometry.csv": "stamp,v,omega\n" + "".join(f"{0.1 * k:.1f},0.5,0.01\n" for k in range(100_000)),
+    "observations.csv": "stamp,landmark,range,bearing\n"
+    + "".join(f"{0.1 * k + 0.03:.2f},{k % 97},2.0,0.1\n" for k in range(99_999)),
+    "recording.toml": CSV["recording.toml"],
+}
+G2O_LINES = {
+    "graph.g2o": "".join(f"EDGE_SE2 {k} {k + 1} 1 0 0.1 1 0 0 1 0 1\n" for k in range(50_000))
+    + "".join(f"EDGE_SE2_XY {k} {100_000 + k % 99} 1 0 1 0 1\n" for k in range(50_000))
+}
+
+
+@pytest.mark.parametrize(("name", "files", "steps"), [("csv", CSV_LINES, 199_998), ("g2o", G2O_LINES, 50_000)])
+def test_a_hundred_thousand_lines_take_seconds(name: str, files: dict[str, str], steps: int, tmp_path: Path):
+    """No loop is quadratic; the bound is ten times the usual time."""
+    written(tmp_path, files)
+    begin = perf_counter()
+    assert FORMATS[name][1](tmp_path).recording.steps == steps
+    assert perf_counter() - begin < 30.0

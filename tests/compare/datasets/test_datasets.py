@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,6 +35,7 @@ LANDMARK 3 2 3 4 0.4 0.1 0.5
 
 LANDMARK 0 2 6 8 0.4 0 0.4
 """
+NO_IDS = (str(10**20), str(2**53), "1" * 5000)
 
 
 def given(field: T | None) -> T:
@@ -56,12 +58,7 @@ def test_victoria_park_has_the_stated_counts():
     np.testing.assert_array_equal(recording.stamps, np.arange(6969))
     np.testing.assert_array_equal(recording.odometry_cov - np.diag([1e-4, 4e-6, 4e-6]), 0.0)
     np.testing.assert_array_equal(recording.observation_cov - 0.4 * np.eye(2), 0.0)
-
-
-@needs_victoria_park
-def test_victoria_park_first_observation():
-    recording = read_victoria_park(VICTORIA_PARK)  # LANDMARK 4 5 11.5387 -3.2007
-    np.testing.assert_array_equal(recording.observation[0], [11.5387, -3.2007])
+    np.testing.assert_array_equal(recording.observation[0], [11.5387, -3.2007])  # LANDMARK 4 5 11.5387 -3.2007
     assert (recording.observation_step[0], given(recording.landmark)[0]) == (4, 5)
 
 
@@ -94,45 +91,33 @@ def test_park_observations_out_of_range_are_left_out(park: Write):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("ODOMETRY 1 3", "ODOMETRY 2 3", "line 2: starts at pose 2, but the path is at 1; sort the edges"),
-        ("ODOMETRY 1 3", "ODOMETRY 1 0", "line 2: pose 0 was there before; give every pose an id of its own"),
-        ("LANDMARK 3 2", "LANDMARK 4 2", "line 3: pose 4 is on no ODOMETRY line; correct the id"),
-        ("LANDMARK 3 2 3", "LANDMARK 3 2", "line 3: LANDMARK needs two ids >= 0 and 5 finite numbers"),
-        ("LANDMARK 3 2", "LANDMARK 3 -2", "line 3: LANDMARK needs two ids >= 0 and 5 finite numbers"),
-        ("ODOMETRY 0 1 1", "ODOMETRY 0 1 one", "line 1: ODOMETRY needs two ids >= 0 and 9 finite numbers"),
-        ("ODOMETRY 0 1 1", "ODOMETRY 0 1 nan", "line 1: ODOMETRY needs two ids >= 0 and 9 finite numbers"),
-        ("LANDMARK 0", "BEACON 0", "line 5: 'BEACON' is neither ODOMETRY nor LANDMARK; remove the line"),
-        ("0.4 0.1 0.5", "0.4 0.1 -0.5", ": observation_cov[1]"),
-        (PARK, "", ": no ODOMETRY line in it"),
-        (PARK, "\x00\xff", ": line 1:"),
+        ("ODOMETRY 1 3", "ODOMETRY 2 3", "line 2: no edge joins the poses 1 and 2"),
+        ("ODOMETRY 1 3", "ODOMETRY 1 0", "line 2: the edge between the poses 1 and 0 is not on the path"),
+        ("LANDMARK 3 2", "LANDMARK 4 2", "line 3: pose 4 is not on the path; correct the id"),
+        ("LANDMARK 3 2 3", "LANDMARK 3 2", "line 3: has 7 words, not 8; write LANDMARK i l x y cxx cxy cyy"),
+        ("LANDMARK 3 2", "LANDMARK 3 -2", "line 3: '-2' is not an id"),
+        ("ODOMETRY 0 1 1", "ODOMETRY 0 1 one", "line 1: 'one' is not a finite number"),
+        ("ODOMETRY 0 1 1", "ODOMETRY 0 1 nan", "line 1: 'nan' is not a finite number"),
+        *(("LANDMARK 3 2", f"LANDMARK 3 {name}", f"line 3: '{name[:40]}' is not a") for name in NO_IDS),
+        *(("ODOMETRY 0 1", f"ODOMETRY 0 {name}", f"line 1: '{name[:40]}' is not a") for name in NO_IDS),
+        ("LANDMARK 0", "BEACON 0", "line 5: 'BEACON' is an unknown tag"),
+        ("0.4 0.1 0.5", "0.4 0.1 -0.5", "line 3: the covariance is not positive definite"),
+        (PARK, "", "no edge between poses in it"),
+        (PARK, "\x00\xff", "line 1: not a text"),
     ],
 )
 def test_malformed_parks_are_refused_with_their_line(park: Write, old: str, new: str, message: str):
-    path = park(PARK.replace(old, new))
+    path = park(PARK.replace(old, new, 1))
     with pytest.raises(ValueError, match=r"^[^\n]+$") as caught:
         read_victoria_park(path)
-    assert str(caught.value).startswith(str(path))
-    assert message.removeprefix(": ") in str(caught.value)
-
-
-@pytest.mark.parametrize("name", [str(10**20), str(2**53), "1" * 5000])
-def test_ids_that_no_number_holds_are_refused_with_their_line(park: Write, name: str):
-    for line, old in ((3, "LANDMARK 3 2"), (1, "ODOMETRY 0 1")):
-        path = park(PARK.replace(old, f"{old.rsplit(' ', 1)[0]} {name}", 1))
-        with pytest.raises(ValueError, match=rf"line {line}: {old.split()[0]} needs two ids[^\n]*$"):
-            read_victoria_park(path)
+    assert re.match(rf"{path}[:,] {re.escape(message)}", str(caught.value))
 
 
 @pytest.mark.parametrize("reach", [np.nan, -1.0, 0.0])
 def test_ranges_that_let_nothing_be_seen_are_refused(park: Write, tmp_path: Path, reach: float):
     for read_it, path in ((read_victoria_park, park(PARK)), (read_lost_in_the_woods, tmp_path / "none.mat")):
-        with pytest.raises(ValueError, match=r"^max-range: (nan|-1|0) m lets nothing be seen; give metres above 0$"):
+        with pytest.raises(ValueError, match=r"^max-range: (nan|-1|0) m excludes every landmark; give metres above 0$"):
             read_it(path, max_range=reach)
-
-
-def test_missing_parks(tmp_path: Path):
-    with pytest.raises(ValueError, match=r"none.txt: cannot be read \(No such file or directory\); check the path"):
-        read_victoria_park(tmp_path / "none.txt")
 
 
 # --- Lost in the Woods -------------------------------------------------------------------------
@@ -149,6 +134,7 @@ def woods(**changes: Any) -> dict[str, Any]:
     return {name: value for name, value in (fields | changes).items() if value is not None}
 
 
+NOT_REAL = "is text, complex, sparse, a cell array or a struct; save a full matrix"
 EMPTY = ("v", "om", "x_true", "y_true", "th_true", "true_valid", "r", "b")  # beside t, columns of the steps
 
 
@@ -198,20 +184,14 @@ def test_woods_observations(tmp_path: Path):
         ({"v": None}, "field v is missing; give dataset2.mat"),
         ({"v": np.ones((3, 1))}, "field v has shape (3, 1), not (4, 1); correct it"),
         ({"r": np.ones((4, 2))}, "field r has shape (4, 2), not (4, 1); correct it"),
-        ({"om": np.full((4, 1), np.nan)}, "field om does not hold finite numbers; correct it"),
-        ({"d": "half"}, "field d is text, complex, sparse, a cell array or a struct; save a full matrix"),
-        (
-            {"r": csc_matrix(np.eye(4)[:, :1])},
-            "field r is text, complex, sparse, a cell array or a struct; save a full matrix",
-        ),
-        (
-            {"om": np.full((4, 1), 1 + 1e-9j)},
-            "field om is text, complex, sparse, a cell array or a struct; save a full matrix",
-        ),
-        ({"t": {"a": 1}}, "field t is text, complex, sparse, a cell array or a struct; save a full matrix"),
+        ({"om": np.full((4, 1), np.nan)}, "field om must have finite numbers; correct it"),
+        ({"d": "half"}, f"field d {NOT_REAL}"),
+        ({"r": csc_matrix(np.eye(4)[:, :1])}, f"field r {NOT_REAL}"),
+        ({"om": np.full((4, 1), 1 + 1e-9j)}, f"field om {NOT_REAL}"),
+        ({"t": {"a": 1}}, f"field t {NOT_REAL}"),
         ({"t": np.ones((4, 1, 2))}, "field t has shape (4, 1, 2); save a matrix of rows and columns"),
         ({"t": np.zeros((0, 1))} | dict.fromkeys(EMPTY, np.zeros((0, 1))), "field t has no steps"),
-        ({"v": np.full((4, 1), 1e60)}, "field v does not hold finite numbers; correct it"),
+        ({"v": np.full((4, 1), 1e60)}, "field v must have finite numbers; correct it"),
         ({"true_valid": np.zeros((4, 1))}, "true_valid: no ground truth at the first step"),
         ({"t": np.ones((4, 1))}, "stamps[1]"),
     ],

@@ -17,7 +17,6 @@ from slamgauge.compare.datasets.g2o import read_g2o
 from slamgauge.compare.datasets.g2o_writer import write_g2o
 from slamgauge.compare.datasets.imported_log import Imported
 from slamgauge.compare.datasets.pose_chain import adjoints
-from slamgauge.compare.datasets.victoria_park import read_victoria_park
 from slamgauge.compare.storage.files import save
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch
@@ -27,7 +26,6 @@ from tests.reference.jacobians import assert_jacobian
 from tests.reference.random_recordings import random_recording, recording_of
 from tests.reference.robot_logs import G2O, TORO
 
-VICTORIA_PARK = Path(__file__).parents[3] / "../shared/data/victoria_park/victoria_park.txt"
 GRAPH, TORO_GRAPH = G2O["graph.g2o"], TORO["graph.toro"]
 Read = Callable[..., Imported]
 
@@ -43,7 +41,7 @@ def read(tmp_path: Path) -> Read:
 
 
 def test_graphs_of_g2o(read: Read):
-    recording, truth, notes = read(GRAPH)
+    recording, truth, notes, _ = read(GRAPH)
     assert_array_equal(recording.odometry, [[1, 0, 0.1], [1, 0.1, 0.2]])
     information = np.array([[100, 10, 0], [10, 200, 0], [0, 0, 300]])
     assert_allclose(recording.odometry_cov[0] @ information, np.eye(3), atol=1e-14)
@@ -90,11 +88,6 @@ def test_endings_of_isam_and_of_gtsam(read: Read):
     assert_allclose(isam.odometry_cov[0], cov, rtol=1e-12)
     assert_allclose(isam.odometry_cov, gtsams.odometry_cov, rtol=1e-12)
     assert_allclose(isam.observation_cov, gtsams.observation_cov, rtol=1e-12)
-
-
-@pytest.mark.skipif(not VICTORIA_PARK.exists(), reason=f"{VICTORIA_PARK} is not there")
-def test_victoria_park_is_a_graph():
-    assert read_g2o(VICTORIA_PARK).recording == read_victoria_park(VICTORIA_PARK)
 
 
 def test_adjoint_is_the_jacobian_of_moving_a_motion_to_the_other_side():
@@ -155,13 +148,11 @@ LOOP = "EDGE_SE2 10 15 2 0 0.3 1 0 0 1 0 1\n"
 
 
 def test_loop_edges_are_refused_or_dropped(read: Read):
-    with pytest.raises(
-        UserError, match=r"line 11: an edge between the poses 10 and 15 beside the path.*--drop-loop-edges"
-    ):
+    with pytest.raises(UserError, match=r"line 11: the edge between the poses 10 and 15 is not.*--drop-loop-edges"):
         read(GRAPH + LOOP)
-    recording, _, notes = read(GRAPH + LOOP, drop_loop_edges=True)
+    recording, _, notes, _ = read(GRAPH + LOOP, drop_loop_edges=True)
     assert recording == read(GRAPH).recording
-    assert notes == ("1 edges between poses beside the path are left out",)
+    assert notes == ("1 edges between poses that are not on the path are dropped",)
 
 
 def test_a_path_may_have_ids_in_any_order(read: Read):
@@ -174,7 +165,7 @@ def test_a_path_may_have_ids_in_any_order(read: Read):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("EDGE_SE2_XY 15 4 2 1 25 5 16\nEDGE_SE2_XY 10 4 4 -1 25 0 25\n", "", "no landmark is seen in it, only poses"),
+        ("EDGE_SE2_XY 15 4 2 1 25 5 16\nEDGE_SE2_XY 10 4 4 -1 25 0 25\n", "", "it has no observation of a landmark"),
         ("EDGE_SE2 11 15", "EDGE_SE2 12 15", "no edge joins the poses 11 and 12"),
         ("EDGE_SE2 11 15", "EDGE_SE2 15 15", "line 7: pose 15 is joined to itself"),
         ("VERTEX_SE2 15", "VERTEX_SE2 11", "line 4: vertex 11 was there before; give every vertex one line"),
@@ -183,19 +174,19 @@ def test_a_path_may_have_ids_in_any_order(read: Read):
         ("EDGE_SE2_XY 15 4", "EDGE_SE2_XY 15 11", "line 9: vertex 11 is a pose, not a landmark"),
         ("FIX 10", "FIX 11", "line 6: pose 11 is known, but the path begins at 10"),
         ("FIX 10", "FIX", "line 6: fixes nothing; write FIX i"),
-        ("VERTEX_XY 4 5 5", "VERTEX_XY 4 nan 5", "line 5: 'nan' is no finite number"),
-        ("FIX 10", "FIX 10 15", "line 6: more than the start of the path is known"),
+        ("VERTEX_XY 4 5 5", "VERTEX_XY 4 nan 5", "line 5: 'nan' is not a finite number"),
+        ("FIX 10", "FIX 10 15", "line 6: more poses than the start are fixed"),
         ("100 10 0 200 0 300", "100 200 0 200 0 300", "line 8: the information matrix is not positive definite"),
         ("100 10 0 200 0 300", "100 10 0 200 0 0", "line 8: the information matrix is not positive definite"),
-        ("25 5 16", "25 5 inf", "line 9: 'inf' is no finite number"),
+        ("25 5 16", "25 5 inf", "line 9: 'inf' is not a finite number"),
         ("EDGE_SE2 10 11 1 0", "EDGE_SE2 10 11 1", "line 8: has 11 words, not 12; write EDGE_SE2 i j x y theta Ixx"),
-        ("EDGE_SE2 10 11", "EDGE_SE2 10 99999999999999999", "line 8: '99999999999999999' is no id"),
-        ("EDGE_SE2_XY 10 4 4 -1 25 0 25", "BR 10 4 1 1 1 1", "a sensor of kind range-bearing beside one of position"),
+        ("EDGE_SE2 10 11", "EDGE_SE2 10 99999999999999999", "line 8: '99999999999999999' is not an id"),
         (
-            "EDGE_SE2_XY 10",
-            "EDGE_SE_XY 10",
-            "line 10: 'EDGE_SE_XY' is no tag of planar graphs; did you mean EDGE_SE2_XY?",
+            "EDGE_SE2_XY 10 4 4 -1 25 0 25",
+            "BR 10 4 1 1 1 1",
+            "a sensor of kind range-bearing, and others of",
         ),
+        ("EDGE_SE2_XY 10", "EDGE_SE_XY 10", "line 10: 'EDGE_SE_XY' is an unknown tag; did you mean EDGE_SE2_XY?"),
         ("EDGE_SE2 1", "# EDGE_SE2 1", "no edge between poses in it"),
     ],
 )
@@ -208,27 +199,12 @@ def test_wrong_graphs_are_refused_in_one_line(read: Read, tmp_path: Path, old: s
 
 
 def test_the_order_of_another_program_is_not_taken_for_toros(read: Read):
-    with pytest.raises(
-        UserError, match=r"line 3: the information matrix is not positive definite; .* order of entries"
-    ):
+    with pytest.raises(UserError, match=r"line 3: the information matrix is not positive definite; .* order of"):
         read(TORO_GRAPH.replace("50 1 60 100 2 3", "50 0 0 60 0 100"))
 
 
 def test_scans_are_not_used(read: Read):
     assert read(f"ROBOTLASER1 0 1 2 3\n{GRAPH}").notes == ("1 lines ROBOTLASER1 are not used",)
-
-
-def test_a_hundred_thousand_lines_take_seconds(tmp_path: Path):
-    """No loop is quadratic; the bound is ten times what it takes."""
-    from time import perf_counter
-
-    path = tmp_path / "long.g2o"
-    motions = (f"EDGE_SE2 {k} {k + 1} 1 0 0.1 1 0 0 1 0 1\n" for k in range(50_000))
-    sights = (f"EDGE_SE2_XY {k} {100_000 + k % 99} 1 0 1 0 1\n" for k in range(50_000))
-    path.write_text("".join([*motions, *sights]))
-    begin = perf_counter()
-    assert read_g2o(path).recording.steps == 50_000
-    assert perf_counter() - begin < 30.0
 
 
 # --- and back ----------------------------------------------------------------------------------
@@ -254,19 +230,6 @@ def test_recordings_come_back_to_twelve_digits(tmp_path: Path, sensor: str, fixe
     for name in ("prior_cov", "odometry_cov", "observation_cov"):
         given, found = getattr(recording, name), getattr(back, name)
         assert_allclose(found, given, rtol=1e-12, atol=1e-12 * np.abs(given).max())
-
-
-@pytest.mark.parametrize("sensor", ["range-bearing", "position"])
-def test_g2o_to_npz_to_g2o_keeps_the_cost_of_batch(tmp_path: Path, sensor: str):
-    recording = recording_of(sensor)
-    recording = uncorrelated(recording) if sensor == "range-bearing" else recording
-    first, again = tmp_path / "first.g2o", tmp_path / "again.g2o"
-    write_g2o(first, recording)
-    assert main(["import", "g2o", str(first), "--out", str(tmp_path / "npz")]) == 0
-    assert main(["export", str(tmp_path / "npz"), "--format", "g2o", "--out", str(again)]) == 0
-    costs = [batch(read_g2o(path).recording).chi_square for path in (first, again)]
-    assert costs[0] == pytest.approx(costs[1], rel=1e-9)
-    assert costs[0] == pytest.approx(batch(recording).chi_square, rel=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -69,7 +69,7 @@ def test_what_is_outside_the_odometry_is_known():
     _, steps, inside, notes = joined(one_step(np.ones(3)), np.array([4.9, 5.0, 7.0, 7.1]))
     assert_array_equal(inside, [False, True, True, False])
     assert_array_equal(steps, [0, 1])
-    assert notes == ("2 observations outside the odometry's time are left out",)
+    assert notes == ("2 observations outside the odometry's time are dropped",)
 
 
 def test_headings_take_the_shorter_arc():

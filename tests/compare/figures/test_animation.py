@@ -146,7 +146,7 @@ def test_only_finished_files_appear(folder: Path, monkeypatch: pytest.MonkeyPatc
     assert printed.out == ""
     assert printed.err.splitlines() == [
         f"written to {folder}: animation.gif",
-        "animation.mp4 is left out: ffmpeg is not on the PATH",
+        "animation.mp4 was not written: ffmpeg is not on the PATH",
     ]
 
 
@@ -225,7 +225,7 @@ def test_the_gif_is_kept_if_ffmpeg_fails(
     before = contents(folder)
     assert animate(folder, *SHORT) == 0
     assert contents(folder).keys() - before.keys() == {"animation.gif", MANIFEST}
-    assert capsys.readouterr().err.endswith("animation.mp4 is left out: ffmpeg failed\n")
+    assert capsys.readouterr().err.endswith("animation.mp4 was not written: ffmpeg failed\n")
 
 
 @pytest.mark.parametrize("frame", [3, pytest.param(9, marks=needs_ffmpeg)])

@@ -14,8 +14,8 @@ import pytest
 from slamgauge import compare_estimators, find_noise, load_estimators, load_scenario, simulate
 from slamgauge.compare.bench.step_times import run_bench
 from slamgauge.compare.checks.examination import check_estimator, verdicts_json
+from slamgauge.compare.cli.listings import Kind
 from slamgauge.compare.cli.main import main
-from slamgauge.compare.cli.schema import Kind
 from slamgauge.compare.grading.grades import grade
 from slamgauge.compare.grading.grading import Grades
 from slamgauge.compare.grading.trial import Trial

@@ -99,7 +99,7 @@ def test_commands_take_a_twin_like_any_scenario(
     save(tmp_path / "recording.npz", log())
     assert main(["twin", str(tmp_path / "recording.npz"), "--out", str(tmp_path / "twin")]) == 0
     told = capsys.readouterr().err
-    assert "sightings: written to" in told
+    assert "observations: written to" in told
     assert max(len(line) for line in told.splitlines() if "written to" not in line) <= 80
     toml = str(tmp_path / "twin" / "twin.toml")
     assert main(["run", toml, "--estimators", "ekf", "--out", str(tmp_path / "run")]) == 0
@@ -113,7 +113,7 @@ def test_a_log_without_ids_is_associated_first(tmp_path: Path, capsys: pytest.Ca
     save(tmp_path / "recording.npz", recording)
     assert main(["twin", str(tmp_path / "recording.npz"), "--out", str(tmp_path / "twin")]) == 0
     told = capsys.readouterr().err
-    assert "no ids: associated by riekf with jcbb, right or wrong" in told
+    assert "no ids: associated by riekf with jcbb, which may be wrong" in told
     assert load_scenario(tmp_path / "twin" / "twin.toml").association.method == "jcbb"
 
 

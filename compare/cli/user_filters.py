@@ -1,0 +1,124 @@
+"""User filters: `slamgauge check` (properties of one) and `grade` (a folder of submissions)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from slamgauge.compare.cli.options import (
+    NAMED,
+    Folder,
+    PageOptions,
+    Work,
+    executor_for,
+    finish,
+    require_timeout,
+    results_folder,
+    sampled_scenario,
+)
+from slamgauge.compare.cli.terminal import Output
+from slamgauge.errors import UserError
+
+
+@dataclass
+class Check:
+    """Test an estimator with checks that every right filter passes; each check names the part that is wrong.
+
+    Exit status 1 if a check fails. A limit of the textbook method itself is reported, but does not fail.
+
+    For example:
+      slamgauge check my_filter.py:estimate
+    """
+
+    estimator: tyro.conf.Positional[str]
+    """A built-in name, or your own: [LABEL=]FILE.py:callable or module:callable. THIS LOADS AND RUNS THAT CODE."""
+
+    seed: int = 0
+    """Seed of the random recordings of the checks."""
+
+    timeout: float = 60.0
+    """Seconds that a check of your own code may take. If it takes longer, it fails and the others are not run."""
+
+    output: Output = field(default_factory=Output)
+
+    def __call__(self) -> int:
+        from slamgauge.compare.checks.examination import check_estimator, verdicts_json, verdicts_table
+        from slamgauge.compare.estimators.isolated_process import can_isolate
+        from slamgauge.compare.estimators.loading import load
+        from slamgauge.compare.estimators.requests import Isolation, ask, isolated
+
+        if self.seed < 0:
+            raise UserError(f"seed {self.seed}: a seed must not be negative; give one >= 0")
+        isolation = Isolation(require_timeout(self.timeout), strict=False)  # the check no-future does that
+        (asked,) = isolated(ask([self.estimator]), isolation if can_isolate() else None)
+        verdicts = check_estimator(asked.label, load(asked), self.seed)
+        printed = self.output.show(verdicts_json(verdicts), verdicts_table(verdicts))
+        return 0 if printed and not any(verdict.is_failure for verdict in verdicts) else 1
+
+
+@dataclass
+class Grade:
+    """Grade a folder of submissions against a reference filter. Each runs in a separate process without the truth.
+
+    Exit status 1 if a submission could not be graded; the other grades are kept.
+
+    For example:
+      slamgauge grade submissions --scenario q1-long-dense --runs 20
+    """
+
+    folder: tyro.conf.Positional[Folder]
+    """Python files and folders, each a submission (docs/your_filter.md). THIS LOADS AND RUNS THAT CODE."""
+
+    scenario: Annotated[str, tyro.conf.arg(help=f"{NAMED}. Each run draws its true start from the prior.")]
+
+    runs: int = 20
+    """Number of runs."""
+
+    seed: int = 0
+    """Root seed. The seed of each run is spawned from it. Anyone who knows it can compute the truth: keep it secret."""
+
+    reference: str = "ekf"
+    """Submissions must not be significantly worse than this: a built-in name or [LABEL=]FILE.py:callable."""
+
+    timeout: float = 60.0
+    """Seconds that a submission may take for a run."""
+
+    work: Work = field(default_factory=Work)
+
+    out: Folder | None = None
+    """Folder of grades.csv, grades.xml (JUnit) and submissions/NAME.md. If not given: results/grades-FOLDER."""
+
+    page: PageOptions = field(default_factory=PageOptions)
+
+    output: Output = field(default_factory=Output)
+
+    def __call__(self) -> int:
+        from slamgauge.compare.estimators.isolated_process import require_isolation
+        from slamgauge.compare.estimators.requests import ask
+        from slamgauge.compare.grading.grade_files import write_grades, write_pages
+        from slamgauge.compare.grading.grade_table import grade_table
+        from slamgauge.compare.grading.grading import GradeSettings, grade_folder
+        from slamgauge.compare.grading.submissions import submissions_in
+        from slamgauge.compare.storage.result_files import GRADES, PAGES, grade_files
+        from slamgauge.compare.storage.safe_names import file_name
+
+        require_isolation("grade on Linux or macOS")
+        out = self.out or Path("results") / f"grades-{file_name(self.folder.resolve().name)}"
+        scenario, (reference,) = sampled_scenario(self.scenario, []), ask([self.reference])
+        submissions, timeout = submissions_in(self.folder), require_timeout(self.timeout)
+        writes = grade_files(each.name for each in submissions)
+        with results_folder(out, writes, GRADES, [f"{PAGES}/*.md", f"{PAGES}/*.html"]) as staged:
+            with executor_for(self.work.jobs) as executor:
+                settings = GradeSettings(scenario, self.runs, self.seed, reference, timeout)
+                grades = grade_folder(self.folder, submissions, settings, executor)
+            if not any(each.is_graded for each in grades.grades):
+                first = grades.grades[0]
+                raise UserError(f"{self.folder}: nothing could be graded; {first.submission}: {first.reasons[0]}")
+            printed = self.output.show(grades.to_json(), grade_table(grades))
+            if staged is not None:
+                write_grades(staged, grades)
+        done = write_pages(out, grades) and printed and all(each.is_graded for each in grades.grades)
+        return finish(out, GRADES, self.page, done=done)
