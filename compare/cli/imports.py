@@ -26,6 +26,7 @@ class Format(ABC):
     """A format, with its options."""
 
     path: tyro.conf.Positional[Path]
+    """The log, described above."""
 
     out: Folder = Path("results/import-NAME")
     """Folder of recording.npz, and of truth.npz and recording.toml if the format has them."""
@@ -43,6 +44,8 @@ class Format(ABC):
 class Csv(Format):
     """CSV files of your own robot: odometry, observations and, if you have it, ground truth.
 
+    PATH is the folder of the files, or a recording.toml with any name.
+
     odometry.csv has columns stamp,dx,dy,dtheta or stamp,v,omega or stamp,x,y,theta: increments, velocities or poses.
 
     observations.csv has stamp,landmark,range,bearing or stamp,landmark,bearing or stamp,landmark,x,y (x forward).
@@ -55,9 +58,6 @@ class Csv(Format):
     An observation between two rows of odometry splits the step between them. A folder that `slamgauge export` wrote as
     csv needs no options.
     """
-
-    path: tyro.conf.Positional[Path]
-    """The folder of the files, or a recording.toml with any name."""
 
     set: Repeated = field(default_factory=list)
     """Describe the files: section.key=value ..."""
@@ -72,11 +72,8 @@ class Csv(Format):
 class G2o(Format):
     """A graph with landmarks in the form of g2o, TORO or GTSAM (no ground truth).
 
-    Its poses must make up one path. Observations are EDGE_SE2_XY, EDGE_BEARING_SE2_XY, LANDMARK or BR.
+    PATH is the file. Its poses must make up one path. Observations are EDGE_SE2_XY, EDGE_BEARING_SE2_XY, LANDMARK or BR.
     """
-
-    path: tyro.conf.Positional[Path]
-    """The graph."""
 
     drop_loop_edges: bool = False
     """Drop edges between poses that are not consecutive. Without it they are an error."""
@@ -94,11 +91,9 @@ class G2o(Format):
 class Mrclam(Format):
     """One robot of a UTIAS MRCLAM data set, with its ground truth if the folder has it.
 
-    The files contain no noise; the defaults are starting values. Observations of other robots are dropped.
+    PATH is the folder of Odometry.dat, Measurement.dat, Barcodes.dat, Groundtruth.dat and Landmark_Groundtruth.dat. The
+    files contain no noise; the defaults are starting values. Observations of other robots are dropped.
     """
-
-    path: tyro.conf.Positional[Path]
-    """Folder of Odometry.dat, Measurement.dat, Barcodes.dat, Groundtruth.dat and Landmark_Groundtruth.dat."""
 
     robot: int | None = None
     """Number of the robot, if the folder has files of several: Robot1_Odometry.dat and so on."""
@@ -128,11 +123,8 @@ class Mrclam(Format):
 class Dlr(Format):
     """A landmark log in the form of the DLR Spatial Cognition data set (no ground truth).
 
-    If some observations have ids, those with the id -1 are dropped.
+    PATH is the file, with lines STEP and LANDMARK. If some observations have ids, those with the id -1 are dropped.
     """
-
-    path: tyro.conf.Positional[Path]
-    """The log, with lines STEP and LANDMARK."""
 
     without_ids: bool = False
     """Drop the ids and keep all observations. Filters then associate."""
@@ -147,11 +139,8 @@ class Dlr(Format):
 class Freiburg(Format):
     """A log of the SLAM course at Freiburg: sensor_data.dat, and world.dat in its folder for the true landmarks.
 
-    The log contains no noise. The defaults fit simulated logs; give the noise of your log.
+    PATH is the log or its folder. The log contains no noise. The defaults fit simulated logs; give the noise of your log.
     """
-
-    path: tyro.conf.Positional[Path]
-    """The log, or the folder of both files."""
 
     rotation_sigma: float = 0.005
     """Standard deviation of each of the two turns of a step [rad]."""
@@ -173,10 +162,7 @@ class Freiburg(Format):
 
 @dataclass
 class VictoriaPark(Format):
-    """The Victoria Park recording, as distributed with the examples of GTSAM (no ground truth)."""
-
-    path: tyro.conf.Positional[Path]
-    """victoria_park.txt"""
+    """The Victoria Park recording, victoria_park.txt as distributed with the examples of GTSAM (no ground truth)."""
 
     max_range: float = math.inf
     """Drop observations of landmarks beyond this range [m]."""
@@ -190,10 +176,7 @@ class VictoriaPark(Format):
 
 @dataclass
 class LostInTheWoods(Format):
-    """The Lost in the Woods recording (University of Toronto, AER1513), with ground truth."""
-
-    path: tyro.conf.Positional[Path]
-    """dataset2.mat"""
+    """The Lost in the Woods recording (University of Toronto, AER1513), dataset2.mat, with ground truth."""
 
     max_range: float = 5.0
     """Drop observations of landmarks beyond this range [m]."""

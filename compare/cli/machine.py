@@ -9,6 +9,7 @@ import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -111,7 +112,7 @@ def examine() -> dict[str, str]:
     found |= {name: _version(name, "not installed (an extra)") for name in EXTRAS}
     found["BLAS"] = _attempt(_blas)
     found["threads"] = ", ".join(f"{name}={os.environ[name]}" for name in BLAS_VARIABLES if name in os.environ)
-    found |= {f"{kernels} kernels": _attempt(_warm(*warm_up)) for kernels, warm_up in WARM_UPS.items()}
+    found |= {f"{kernels} kernels": _attempt(partial(_warm, *warm_up)) for kernels, warm_up in WARM_UPS.items()}
     found["kept machine code"] = _attempt(_kept)
     found["browser"] = next(filter(None, map(shutil.which, BROWSERS)), "none found (pages open in any)")
     found["ffmpeg"] = shutil.which("ffmpeg") or "none found (animations are GIF only)"
@@ -147,13 +148,10 @@ def _blas() -> str:
     return f"numpy: {named(np)}; scipy: {named(scipy)}"
 
 
-def _warm(module: str, warm_up: str) -> Callable[[], str]:
-    def look() -> str:
-        begin = perf_counter()
-        getattr(importlib.import_module(module), warm_up)()
-        return f"ready in {perf_counter() - begin:.1f} s"
-
-    return look
+def _warm(module: str, warm_up: str) -> str:
+    begin = perf_counter()
+    getattr(importlib.import_module(module), warm_up)()
+    return f"ready in {perf_counter() - begin:.1f} s"
 
 
 def _kept() -> str:

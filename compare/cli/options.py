@@ -7,12 +7,13 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.estimators.registry import HELP
 from slamgauge.compare.storage.result_files import REPORT
 from slamgauge.errors import UserError
@@ -65,6 +66,14 @@ class Work:
     jobs: int = os.cpu_count() or 1
     """Worker processes, one BLAS thread each."""
 
+    def executor(self) -> AbstractContextManager[Executor]:
+        """Return an executor of worker processes."""
+        from slamgauge.compare.studies.executors import local_processes
+
+        if not 1 <= self.jobs <= MOST_JOBS:
+            raise UserError(f"jobs: {self.jobs} is out of range; give 1 to {MOST_JOBS}")
+        return local_processes(self.jobs)
+
 
 @dataclass(frozen=True)
 class PageOptions:
@@ -105,19 +114,6 @@ def sampled_scenario(scenario: str, overrides: Sequence[Sequence[str]]) -> Scena
     return load_scenario(scenario, ["start=sampled", *flattened(overrides)])
 
 
-def executor_for(jobs: int, scheduler: str | None = None) -> AbstractContextManager[Executor]:
-    """Return an executor of worker processes, or of the workers of a Dask scheduler."""
-    if scheduler is not None:
-        from slamgauge.compare.studies.cluster import dask_cluster
-
-        return dask_cluster(scheduler)
-    if not 1 <= jobs <= MOST_JOBS:
-        raise UserError(f"jobs: {jobs} is out of range; give 1 to {MOST_JOBS}")
-    from slamgauge.compare.studies.executors import local_processes
-
-    return local_processes(jobs)
-
-
 def require_timeout(seconds: float) -> float:
     """Refuse a time limit that is not a finite number above 0."""
     if not 0 < seconds < math.inf:
@@ -152,10 +148,18 @@ def named_after(out: Path, source: str | Path) -> Path:
     return Path(str(out).replace("NAME", file_name(name)))
 
 
-def finish(out: Path, beside: str, page: PageOptions, *, done: bool) -> int:
-    """Print where the results are, write their page, and return the exit status."""
-    print(f"written to {out}", file=sys.stderr)
-    return 0 if write_page(out, beside, page) and done else 1
+@dataclass(kw_only=True)
+class WithPage:
+    """A command that prints a table, and explains its results on a page."""
+
+    page: PageOptions = field(default_factory=PageOptions)
+
+    output: Output = field(default_factory=Output)
+
+    def finish(self, out: Path, beside: str, *, done: bool) -> int:
+        """Print where the results are, write their page, and return the exit status."""
+        print(f"written to {out}", file=sys.stderr)
+        return 0 if write_page(out, beside, self.page) and done else 1
 
 
 def write_page(out: Path | None, beside: str, page: PageOptions) -> bool:

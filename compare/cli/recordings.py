@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import tyro
 
-from slamgauge.compare.cli.options import Folder, PageOptions, named_after, results_folder, write_page
+from slamgauge.compare.cli.options import Folder, WithPage, named_after, results_folder, write_page
 from slamgauge.compare.cli.terminal import Output
 from slamgauge.errors import UserError
 
@@ -17,7 +17,7 @@ REMEDY = "move it away or give another --write"
 
 
 @dataclass
-class Noise:
+class Noise(WithPage):
     """Estimate the noise of a recording from its measurements, with intervals, outliers and a diagnosis.
 
     For example:
@@ -38,10 +38,6 @@ class Noise:
 
     heading: Literal["sensor", "odometry"] = "sensor"
     """The direction that the start heading gives, if --systematic finds a bearing offset. The other one is turned."""
-
-    page: PageOptions = field(default_factory=PageOptions)
-
-    output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
         from slamgauge.compare.noise.estimation import find_noise

@@ -16,8 +16,8 @@ from slamgauge.compare.cli.options import (
     Folder,
     Overrides,
     OwnCode,
-    PageOptions,
     Repeated,
+    WithPage,
     flattened,
     results_folder,
     split_names,
@@ -42,7 +42,7 @@ FRAMES = 240  # maps that filters store for pictures
 
 
 @dataclass
-class Run:
+class Run(WithPage):
     """Simulate one run of a scenario and score estimators on it.
 
     For example:
@@ -63,10 +63,6 @@ class Run:
 
     out: Folder | None = None
     """Folder of the results. If not given: results/SCENARIO-seed-SEED."""
-
-    page: PageOptions = field(default_factory=PageOptions)
-
-    output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
         from slamgauge.compare.scenarios.scenario import load_scenario
@@ -96,7 +92,7 @@ class Run:
 
 
 @dataclass
-class Evaluate:
+class Evaluate(WithPage):
     """Score estimators, your own among them, on a stored recording.
 
     If the truth has associations, causal and batch use them. Otherwise causal and batch use the associations of the
@@ -136,10 +132,6 @@ class Evaluate:
 
     out: Folder | None = None
     """Folder of the results. Without it the table is only printed."""
-
-    page: PageOptions = field(default_factory=PageOptions)
-
-    output: Output = field(default_factory=Output)
 
     def __call__(self) -> int:
         status = self._score()  # its memory is free again before the page is written

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,12 +15,10 @@ from slamgauge.compare.cli.options import (
     Folder,
     Overrides,
     OwnCode,
-    PageOptions,
     RootSeed,
     Sampled,
+    WithPage,
     Work,
-    executor_for,
-    finish,
     flattened,
     named_after,
     results_folder,
@@ -28,12 +26,13 @@ from slamgauge.compare.cli.options import (
     split_names,
     write_page,
 )
-from slamgauge.compare.cli.terminal import Output
 from slamgauge.compare.estimators.registry import BOUND, BOUNDS, FILTERS, HELP
 from slamgauge.compare.storage.result_files import BUDGET, BUDGET_FILES, CLAIMS, SUMMARY, SWEEP
 from slamgauge.errors import UserError
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from slamgauge.compare.estimators.requests import Asked
     from slamgauge.compare.scoring.runs import Runs
     from slamgauge.compare.studies.summary import Summary
@@ -46,9 +45,15 @@ class WorkAnywhere(Work):
     scheduler: str | None = None
     """A Dask scheduler, tcp://host:port or tls://host:port. Anyone who can reach it can run code on it and here."""
 
+    def executor(self) -> AbstractContextManager[Executor]:
+        """Return an executor of the workers of the scheduler, or of worker processes."""
+        from slamgauge.compare.studies.cluster import dask_cluster
+
+        return super().executor() if self.scheduler is None else dask_cluster(self.scheduler)
+
 
 @dataclass
-class Study:
+class Study(WithPage):
     """Monte Carlo: many independent runs, their statistics and figures. After an interruption, it continues.
 
     With --precision it stops when each ratio of ATEs, to --against or else to the optima, is known well enough. The
@@ -91,10 +96,6 @@ class Study:
 
     work: WorkAnywhere = field(default_factory=WorkAnywhere)
 
-    page: PageOptions = field(default_factory=PageOptions)
-
-    output: Output = field(default_factory=Output)
-
     def __post_init__(self) -> None:
         self.out = named_after(self.out, self.scenario)
 
@@ -104,7 +105,7 @@ class Study:
         asked = self.own_code.isolate(ask(split_names(self.estimators)))
         with continued_later():
             done = self._study(asked) if self.sweep is None else self._sweep(self.sweep, asked)
-        return finish(self.out, SUMMARY if self.sweep is None else SWEEP, self.page, done=done)
+        return self.finish(self.out, SUMMARY if self.sweep is None else SWEEP, done=done)
 
     def _study(self, asked: list[Asked]) -> bool:
         """Run a study; return whether everything succeeded."""
@@ -117,7 +118,7 @@ class Study:
 
         scenario = sampled_scenario(self.scenario, self.set)
         require_free(self.out, STUDY_FILES)
-        with executor_for(self.work.jobs, self.work.scheduler) as executor:
+        with self.work.executor() as executor:
             until = None if self.precision is None else Until(self.precision, self.max_runs)
             arguments = (scenario, self.runs, self.seed, asked, self.out, executor)
             summary = run_study(*arguments, against=split_names(self.against), until=until)
@@ -138,7 +139,7 @@ class Study:
             drawn.append(write_study(folder, summary, runs, step))
             drawn.append(write_page(folder, SUMMARY, replace(self.page, open=False)))
 
-        with executor_for(self.work.jobs, self.work.scheduler) as executor:
+        with self.work.executor() as executor:
             overrides = ["start=sampled", *flattened(self.set)]
             arguments = (self.scenario, overrides, sweep, self.runs, self.seed, asked, self.out, executor)
             result = run_sweep(*arguments, finished=finished)
@@ -148,7 +149,7 @@ class Study:
 
 
 @dataclass
-class Budget:
+class Budget(WithPage):
     """The error budget: split a filter's error into its causes, rung by rung, on the same measurements.
 
     For example:
@@ -179,10 +180,6 @@ class Budget:
 
     work: Work = field(default_factory=Work)
 
-    page: PageOptions = field(default_factory=PageOptions)
-
-    output: Output = field(default_factory=Output)
-
     def __post_init__(self) -> None:
         self.out = named_after(self.out, self.scenario)
 
@@ -193,16 +190,16 @@ class Budget:
 
         scenario = sampled_scenario(self.scenario, self.set)
         staged = results_folder(self.out, BUDGET_FILES, last=BUDGET)
-        with staged as folder, executor_for(self.work.jobs) as executor:
+        with staged as folder, self.work.executor() as executor:
             budget = error_budget(scenario, self.filter, self.runs, self.seed, executor, self.lag)
             printed = self.output.show(budget.to_json(), budget_table(budget))
             if folder is not None:
                 write_json(folder / BUDGET, budget.to_json())
-        return finish(self.out, BUDGET, self.page, done=draw_budget(self.out, budget) and printed)
+        return self.finish(self.out, BUDGET, done=draw_budget(self.out, budget) and printed)
 
 
 @dataclass
-class Claims:
+class Claims(WithPage):
     """Test each conclusion of the exercise over as many runs as a verdict needs. After an interruption, it continues.
 
     A verdict is valid wherever its runs end.
@@ -225,18 +222,14 @@ class Claims:
 
     work: Work = field(default_factory=Work)
 
-    page: PageOptions = field(default_factory=PageOptions)
-
-    output: Output = field(default_factory=Output)
-
     def __call__(self) -> int:
         from slamgauge.compare.studies.claims import claims_table, judge_claims, write_claims
 
-        with continued_later(), executor_for(self.work.jobs) as executor:
+        with continued_later(), self.work.executor() as executor:
             claims = judge_claims(self.runs, self.seed, self.out, executor, self.max_runs)
         printed = self.output.show([each.to_json() for each in claims.judgements], claims_table(claims))
         write_claims(self.out, claims)
-        return finish(self.out, CLAIMS, self.page, done=printed)
+        return self.finish(self.out, CLAIMS, done=printed)
 
 
 @contextmanager

@@ -11,10 +11,8 @@ import tyro
 from slamgauge.compare.cli.options import (
     NAMED,
     Folder,
-    PageOptions,
+    WithPage,
     Work,
-    executor_for,
-    finish,
     require_timeout,
     results_folder,
     sampled_scenario,
@@ -60,7 +58,7 @@ class Check:
 
 
 @dataclass
-class Grade:
+class Grade(WithPage):
     """Grade a folder of submissions against a reference filter. Each runs in a separate process without the truth.
 
     Exit status 1 if a submission could not be graded; the other grades are kept.
@@ -91,10 +89,6 @@ class Grade:
     out: Folder | None = None
     """Folder of grades.csv, grades.xml (JUnit) and submissions/NAME.md. If not given: results/grades-FOLDER."""
 
-    page: PageOptions = field(default_factory=PageOptions)
-
-    output: Output = field(default_factory=Output)
-
     def __call__(self) -> int:
         from slamgauge.compare.estimators.isolated_process import require_isolation
         from slamgauge.compare.estimators.requests import ask
@@ -111,7 +105,7 @@ class Grade:
         submissions, timeout = submissions_in(self.folder), require_timeout(self.timeout)
         writes = grade_files(each.name for each in submissions)
         with results_folder(out, writes, GRADES, [f"{PAGES}/*.md", f"{PAGES}/*.html"]) as staged:
-            with executor_for(self.work.jobs) as executor:
+            with self.work.executor() as executor:
                 settings = GradeSettings(scenario, self.runs, self.seed, reference, timeout)
                 grades = grade_folder(self.folder, submissions, settings, executor)
             if not any(each.is_graded for each in grades.grades):
@@ -121,4 +115,4 @@ class Grade:
             if staged is not None:
                 write_grades(staged, grades)
         done = write_pages(out, grades) and printed and all(each.is_graded for each in grades.grades)
-        return finish(out, GRADES, self.page, done=done)
+        return self.finish(out, GRADES, done=done)

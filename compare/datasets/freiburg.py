@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgauge.arrays import Float
+from slamgauge.arrays import Float, Int
 from slamgauge.compare.datasets.imported_log import (
     Imported,
     diagonal_covariances,
@@ -21,7 +21,7 @@ from slamgauge.compare.datasets.imported_log import (
     require_sigmas,
     steps_of,
 )
-from slamgauge.compare.datasets.text_lines import Line, read_table, read_tagged, require_ranges
+from slamgauge.compare.datasets.text_lines import read_table, read_tagged, require_ranges
 from slamgauge.errors import UserError
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
@@ -75,7 +75,7 @@ def read_freiburg(
             observation_cov=diagonal_covariances(np.tile([range_sigma, bearing_sigma], (len(seen), 1))),
             landmark=landmark,
         )
-    return Imported(recording, _world(path.with_name(WORLD), seen))
+    return Imported(recording, _world(path.with_name(WORLD), landmark))
 
 
 def increments(motion: Float) -> Float:
@@ -94,18 +94,11 @@ def increment_jacobians(motion: Float) -> Float:
     return jacobians
 
 
-def _world(path: Path, seen: list[Line]) -> Truth | None:
-    """Return the truth of world.dat if the file exists."""
+def _world(path: Path, landmark: Int) -> Truth | None:
+    """Return the truth of world.dat, with the observed landmarks (M,), if the file exists."""
     if not path.exists():
         return None
     lines, table = read_table(path, "id x y")
-    known = set[int]()
-    for line in lines:
-        if line.id_at(0) in known:
-            raise line.refused(f"landmark {line.words[0]} was there before", "give every landmark one line")
-        known.add(line.id_at(0))
-    for line in seen:
-        if line.id_at(1) not in known:
-            raise line.refused(f"landmark {line.words[1]} is not in {path.name}", "add it there, or remove the line")
-    ids, association = [line.id_at(0) for line in lines], [line.id_at(1) for line in seen]
-    return Truth(landmark_ids=np.array(ids), landmarks=table[:, 1:], association=np.array(association, dtype=np.int64))
+    ids = np.array([line.id_at(0) for line in lines], dtype=np.int64)
+    with of_file(path):
+        return Truth(landmark_ids=ids, landmarks=table[:, 1:], association=landmark)

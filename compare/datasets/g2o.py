@@ -151,30 +151,32 @@ def _sensor(path: Path, lines: Lines) -> Sensor:
 
 def _motions(lines: Lines, *, isam: bool) -> Edges:
     """Return the edges between poses in the order of the file, as increments with covariances."""
-    edges = list[Line](), list[Float](), list[Float]()
-    for tag in MOTIONS:
-        if not (found := lines[tag]):
-            continue
-        numbers = np.array([line.numbers(3) for line in found])
-        entries = numbers[:, 3 + TORO_ORDER] if tag == "EDGE2" else numbers[:, 3:]
-        is_stated = tag == "ODOMETRY"
-        covs = _stated(found, entries, 3, isam=isam) if is_stated else _inverse(found, from_triangles(entries, 3))
-        for collected, more in zip(edges, (found, numbers[:, :3], covs), strict=True):
-            collected.extend(more)
-    order = sorted(range(len(edges[0])), key=lambda at: edges[0][at].number)
-    found = [edges[0][at] for at in order]
+    found = sorted(_of(lines, MOTIONS), key=lambda line: line.number)
     ids = np.array([[line.id_at(1), line.id_at(2)] for line in found], dtype=np.int64)
-    return Edges(found, ids, np.array(edges[1])[order], np.array(edges[2])[order])
+    numbers = np.array([line.numbers(3) for line in found])
+    increments, entries = numbers[:, :3], numbers[:, 3:]
+    of_toro = [line.words[0] == "EDGE2" for line in found]
+    entries[of_toro] = entries[of_toro][:, TORO_ORDER]
+    return Edges(found, ids, increments, _covariances(found, entries, 3, isam=isam))
 
 
-def _stated(lines: list[Line], entries: Float, size: int, *, isam: bool) -> Float:
-    """Return covariances of the entries that end ODOMETRY and LANDMARK: covariances, or iSAM's square roots."""
+def _covariances(lines: list[Line], entries: Float, size: int, *, isam: bool) -> Float:
+    """Return covariances (n, size, size) of the entries (n, k) that end edges.
+
+    ODOMETRY and LANDMARK end with a covariance, or in iSAM with a square root of the information. A motion may have a
+    singular covariance.
+    """
+    matrices = from_triangles(entries, size)
+    stated = np.array([line.words[0] in ("ODOMETRY", "LANDMARK") for line in lines])
     if isam:
-        root = np.triu(from_triangles(entries, size))
-        return _inverse(lines, root.swapaxes(1, 2) @ root)
-    covs = from_triangles(entries, size)
-    require_covariances(lines, covs, "the covariance", REMEDY, definite=size == 2)  # a motion may have a singular one
-    return covs
+        roots = np.triu(matrices[stated])
+        matrices[stated] = roots.swapaxes(1, 2) @ roots
+        stated[:] = False
+    require_covariances(
+        [lines[at] for at in np.flatnonzero(stated)], matrices[stated], "the covariance", REMEDY, definite=size == 2
+    )
+    matrices[~stated] = _inverse([lines[at] for at in np.flatnonzero(~stated)], matrices[~stated])
+    return matrices
 
 
 def _inverse(lines: list[Line], information: Float) -> Float:
@@ -219,12 +221,7 @@ def _measured(lines: list[Line], numbers: Float, *, isam: bool) -> tuple[Float, 
     """Return values (M, d) and covariances (M, d, d) of the numbers (M, k) that end the lines of one sensor."""
     match SENSORS[lines[0].words[0]]:
         case "position":
-            stated = np.array([line.words[0] == "LANDMARK" for line in lines])
-            covs = np.empty((len(lines), 2, 2))
-            landmarks, edges = ([lines[at] for at in np.flatnonzero(which)] for which in (stated, ~stated))
-            covs[stated] = _stated(landmarks, numbers[stated, 2:], 2, isam=isam)
-            covs[~stated] = _inverse(edges, from_triangles(numbers[~stated, 2:], 2))
-            return numbers[:, :2], covs
+            return numbers[:, :2], _covariances(lines, numbers[:, 2:], 2, isam=isam)
         case "bearing":
             return wrap(numbers[:, :1]), _inverse(lines, numbers[:, 1:, None])
         case _:

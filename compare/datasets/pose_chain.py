@@ -107,8 +107,6 @@ def _in_order_of_ids(edges: Edges) -> tuple[list[int], list[int]]:
 
 def _reversed(increments: Float, covs: Float, backwards: Marks) -> tuple[Float, Float]:
     """Reverse the increments (n, 3), with covariances (n, 3, 3), that are marked `backwards` (n,)."""
-    if not backwards.any():
-        return increments, covs
     adjoint = adjoints(increments[backwards])
     increments, covs = increments.copy(), covs.copy()
     increments[backwards] = between(increments[backwards], np.zeros(3))

@@ -1,4 +1,4 @@
-"""What tests of the command line share: a stored run, modules of one's own, folders that refusals leave alone."""
+"""Shared by tests of the command line: a stored run, modules of user code, folders that refusals must not change."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from slamgauge.ekf.kernels.warm_up import compile_once
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
 from tests.reference.command_line import SHORT, Module, Refuse, run
 
+NUMBERS = itertools.count()  # a process imports a module once, so that each needs a new name
+
 
 @pytest.fixture(scope="package")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a short run of the shipped estimators, with seed 3."""
-    compile_once()  # when kernels are compiled for the first time, standard error says so
+    compile_once()  # the first compilation prints a note on standard error
     compile_graphs_once()
     folder = tmp_path_factory.mktemp("stored") / "run"
     assert run("run", "q1-long-sparse", "--set", *SHORT, "--seed", 3, "--out", folder) == 0
@@ -25,7 +27,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, numbers: itertools.count[int]) -> Module:
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Module:
     """Writes source code to a module in the current folder and returns its import name."""
     folder = tmp_path / "code"
     folder.mkdir()
@@ -33,22 +35,16 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, numbers: itertools.c
     monkeypatch.setattr(sys, "path", [*sys.path])
 
     def write(source: str) -> str:
-        name = f"own_{next(numbers)}"
+        name = f"own_{next(NUMBERS)}"
         (folder / f"{name}.py").write_text(source, encoding="utf-8")
         return name
 
     return write
 
 
-@pytest.fixture(scope="session")
-def numbers() -> itertools.count[int]:
-    """A module is imported once per process; every test gets one of its own."""
-    return itertools.count()
-
-
 @pytest.fixture(params=["new folder", "older results"])
 def refuse(request: pytest.FixtureRequest, tmp_path: Path, stored: Path, capsys: pytest.CaptureFixture[str]) -> Refuse:
-    """Into a folder that is not there, and into one that holds the results of a run."""
+    """Run a refused command with a new folder, and with one that has the results of a run."""
     out = tmp_path / "results/run"
     out.parent.mkdir()
     if request.param == "older results":

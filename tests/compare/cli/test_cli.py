@@ -9,7 +9,6 @@ import shutil
 import subprocess
 import sys
 import webbrowser
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.cli import terminal
+from slamgauge.compare.estimators.registry import BOUNDS
 from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
 from slamgauge.compare.storage.manifest import MANIFEST
 from tests.reference.command_line import SHORT, Module, arrays, command, metrics_of, run
@@ -31,31 +31,9 @@ SCENARIOS = sorted(path.stem for path in (ROOT / "compare/scenarios").glob("*.to
 SHIPPED = ("ekf", "riekf", "causal", "batch")
 TIMES = ("seconds_total", "seconds_per_step_median")
 
-# as in DESIGN.md
-METRICS_KEYS = {
-    "version",
-    "command",
-    "scenario_text",
-    "scenario",
-    "seed",
-    "digest",
-    "truth",
-    "estimators",
-    "failures",
-    "notes",
-}
-ESTIMATOR_KEYS = {
-    *("kind", "ate_m", "ate_aligned_m", "heading_rmse_rad", "final_position_error_m", "final_heading_error_rad"),
-    *("rpe_m", "nees_pose", "nis_per_dof", "landmark_rmse_m", "landmarks_mapped", "landmarks_true"),
-    *("wrong_associations", "ratio_to_optimum", "sigma_ratio_to_optimum", "mahalanobis_to_optimum"),
-    *("coverage_50", "coverage_95", "coverage_99", "log_score", "log_score_to_optimum", "verdict"),
-    *("loop_closure", "seconds_total", "seconds_per_step_median"),
-}
-CLOSURE_KEYS = {"step", "error_before_m", "error_after_m", "sigma_before_m", "sigma_after_m"}
-
 
 def assert_same_estimates(one: Path, other: Path) -> None:
-    """Equal to the last bit, computing times aside."""
+    """Equal to the last bit, except for computing times."""
     for name in SHIPPED:
         first, second = (arrays(folder / "estimates" / f"{name}.npz") for folder in (one, other))
         assert first.keys() == second.keys()
@@ -96,7 +74,7 @@ def test_scenarios_fit_a_terminal(capsys: pytest.CaptureFixture[str], monkeypatc
 @pytest.mark.parametrize(
     ("arguments", "mentions"),
     [
-        ([], ["scenarios", "run", "evaluate", "import"]),
+        ([], ["Is your EKF-SLAM overconfident", "scenarios", "run", "evaluate", "import"]),
         (["scenarios"], ["--json"]),
         (["run"], ["--seed", "--estimators", "--set", "--out", "--json"]),
         (["evaluate"], ["--truth", "--estimators", "--estimates", "--out", "--json", "THIS LOADS AND RUNS"]),
@@ -123,17 +101,28 @@ def test_help_of_large_commands_is_in_groups(command: str, capsys: pytest.Captur
     assert max(sizes.values()) <= 10
 
 
-def test_help_of_the_installed_command_answers_at_once(tmp_path: Path):
-    """By the processor's time: other programs may keep it waiting."""
-    script = Path(sys.executable).with_name("slamgauge")
-    seconds = []
+@pytest.mark.parametrize(
+    ("words", "status"), [("--help", 0), ("--version", 0), ("run --help", 0), ("runn", 2), ("run q1 --sed 3", 2)]
+)
+def test_help_version_and_mistakes_take_little_processor_time(words: str, status: int, tmp_path: Path):
+    """Processor time does not depend on other programs as much as the time on the clock."""
+    script, seconds = Path(sys.executable).with_name("slamgauge"), []
     for _ in range(3):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        done = subprocess.run([script, "--help"], cwd=tmp_path, capture_output=True, text=True, check=True)
+        done = subprocess.run([script, *words.split()], cwd=tmp_path, capture_output=True, text=True, check=False)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         seconds.append(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
-        assert "usage: slamgauge" in done.stdout
-    assert min(seconds) < 0.5
+        assert (done.returncode, "slamgauge" in done.stdout + done.stderr) == (status, True)
+    assert min(seconds) < 0.3
+
+
+@pytest.mark.parametrize("command", ["run", "evaluate", "bench"])
+def test_help_offers_no_estimator_that_the_command_refuses(command: str, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit):
+        run(command, "--help")
+    offered = capsys.readouterr().out
+    assert "gtsam-batch" in offered
+    assert not [name for name in BOUNDS if re.search(rf"(?<![\w-]){name}(?![\w-])", offered)]
 
 
 def test_the_module_is_the_command(tmp_path: Path):
@@ -142,16 +131,6 @@ def test_the_module_is_the_command(tmp_path: Path):
     refused = subprocess.run(command("run", "q9"), cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (refused.returncode, refused.stdout) == (2, "")
     assert refused.stderr.startswith("slamgauge: q9: no such scenario")
-
-
-def test_a_reader_that_stops_early_is_no_error(tmp_path: Path):
-    arguments = command("scenarios")
-    with subprocess.Popen(arguments, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        process.stdout.close()
-        assert process.stderr.read() == b""
-    assert process.returncode == 0
 
 
 # --- run and evaluate --------------------------------------------------------------------------
@@ -180,31 +159,26 @@ def test_run_writes_every_file(stored: Path):
         np.testing.assert_array_equal(np.loadtxt(stored / f"trajectories/{name}.tum")[:, 1:3], poses[:, :2])
 
 
-def test_metrics_have_every_key(stored: Path):
+def test_metrics_have_every_value_that_exists(stored: Path):
+    """The schema requires every key; the values that are None are those that an estimator cannot have."""
     metrics = metrics_of(stored)
-    assert set(metrics) == METRICS_KEYS
     assert (metrics["scenario"], metrics["seed"], metrics["truth"]) == ("q1-long-sparse", 3, True)
     assert re.fullmatch("[0-9a-f]{64}", metrics["digest"])
-    assert list(metrics["estimators"]) == list(SHIPPED)
-    for name, entry in metrics["estimators"].items():
-        assert set(entry) >= ESTIMATOR_KEYS
-        assert {name: entry["kind"]} == {name: "smoothed" if name == "batch" else "filtered"}
-        assert len(entry["sigma_ratio_to_optimum"]) == 3
-        assert [set(closure) for closure in entry["loop_closure"]] == [CLOSURE_KEYS]
-    of_optima = {"optimum_check_sigma", "chi_square_per_dof", "observations_left_out"}
-    empty = {
-        (name, key)
-        for name, entry in metrics["estimators"].items()
-        for key, value in entry.items()
-        if value is None and key not in of_optima and key != "verdict"  # there may be nothing to say
+    entries = metrics["estimators"]
+    assert {name: entry["kind"] for name, entry in entries.items()} == dict.fromkeys(SHIPPED, "filtered") | {
+        "batch": "smoothed"
     }
+    of_optima = {"optimum_check_sigma", "chi_square_per_dof", "observations_left_out"}
+    empty: set[tuple[str, str]] = set()
+    for name, entry in entries.items():
+        assert len(entry["sigma_ratio_to_optimum"]) == 3
+        assert len(entry["loop_closure"]) == 1
+        missing = {key for key, value in entry.items() if value is None}
+        assert (of_optima <= missing) == (name not in ("causal", "batch"))
+        empty |= {(name, key) for key in missing - of_optima - {"verdict"}}
     of_batch = {("batch", key) for key in ("nis_per_dof", "seconds_per_step_median", "yardstick_check_sigma")}
     assert empty == {("causal", "nis_per_dof")} | of_batch
-    filters = [entry for name, entry in metrics["estimators"].items() if name not in ("causal", "batch")]
-    assert all({entry[key] for key in of_optima} == {None} for entry in filters)
-    assert (
-        metrics["estimators"]["causal"]["ratio_to_optimum"] == metrics["estimators"]["batch"]["ratio_to_optimum"] == 1
-    )
+    assert entries["causal"]["ratio_to_optimum"] == entries["batch"]["ratio_to_optimum"] == 1
 
 
 @pytest.mark.usefixtures("empty_pictures")
@@ -219,16 +193,16 @@ def test_the_seed_decides_everything(stored: Path, tmp_path: Path):
 
 
 @pytest.mark.usefixtures("empty_pictures")
-def test_run_prints_a_table_and_keeps_talk_off_standard_output(
+def test_run_prints_a_table_and_writes_notes_on_standard_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.chdir(tmp_path)
     arguments = ("run", "q1-long-sparse", "--set", SHORT[0], "--set", *SHORT[1:], "--estimators", "dead-reckoning, ekf")
     assert run(*arguments) == 0
     printed = capsys.readouterr()
-    *lines, luck = printed.out.splitlines()
+    *lines, note = printed.out.splitlines()
     assert [line.split()[0] for line in lines] == ["estimator", "dead-reckoning", "ekf", "empty:"]
-    assert luck.startswith("a single run: ")
+    assert note.startswith("a single run: ")
     assert printed.err == "written to results/q1-long-sparse-seed-0\n"
     assert run(*arguments, "--json") == 0
     assert json.loads(capsys.readouterr().out) == metrics_of(tmp_path / "results/q1-long-sparse-seed-0")
@@ -245,7 +219,7 @@ def test_evaluate_reproduces_the_run(stored: Path, tmp_path: Path, capsys: pytes
     assert_same_estimates(stored, tmp_path / "again")
 
 
-def test_the_page_is_opened_where_that_is_asked_for(
+def test_the_page_is_opened_with_open(
     stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     opened: list[str] = []
@@ -263,7 +237,7 @@ def test_the_page_is_opened_where_that_is_asked_for(
     assert capsys.readouterr().err.endswith(f"no browser was found; open {tmp_path / 'a page' / 'report.html'}\n")
 
 
-def test_evaluate_without_truth_invents_nothing(stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_evaluate_without_truth_has_no_errors(stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     shutil.copy(stored / "recording.npz", tmp_path)
     arguments = ("evaluate", tmp_path / "recording.npz", "--estimators", "riekf,causal", "--json")
     assert run(*arguments) == 0
@@ -291,9 +265,7 @@ def estimate(recording):
 
 
 @pytest.mark.usefixtures("empty_pictures")
-def test_ones_own_estimator_gets_a_row(
-    stored: Path, tmp_path: Path, module: Module, capsys: pytest.CaptureFixture[str]
-):
+def test_user_code_gets_a_row(stored: Path, tmp_path: Path, module: Module, capsys: pytest.CaptureFixture[str]):
     own = f"{module(OWN)}:estimate"
     chosen = ("--estimators", f"dead-reckoning,causal,{own}")
     assert run("evaluate", stored / "recording.npz", *chosen, "--out", tmp_path / "out") == 0
@@ -317,18 +289,7 @@ def test_ones_own_estimator_gets_a_row(
     assert set(json.loads(capsys.readouterr().out)["estimators"]) == {"dead-reckoning", "causal", own}
 
 
-def test_every_array_that_estimators_see_is_read_only(stored: Path):
-    recording = load_recording(stored / "recording.npz")
-    for field in fields(recording):
-        value = getattr(recording, field.name)
-        if isinstance(value, np.ndarray):
-            with pytest.raises(ValueError, match="read-only"):
-                value[...] = 0
-
-
-def test_estimates_are_graded_as_they_lie_and_one_that_cannot_be_read_is_a_row(
-    stored: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_stored_estimates_are_scored_and_an_unreadable_one_is_a_row(stored: Path, capsys: pytest.CaptureFixture[str]):
     whole, path = stored / "estimates/ekf.npz", stored / "trajectories/ekf.tum"
     words = ("evaluate", stored / "recording.npz", "--estimators", "causal", "--json", "--estimates")
     assert run(*words, f"mine={whole}", f"path={path}", "gone=none.csv") == 1
@@ -347,15 +308,20 @@ def test_estimates_are_graded_as_they_lie_and_one_that_cannot_be_read_is_a_row(
 # --- real recordings ---------------------------------------------------------------------------
 
 
-@pytest.mark.skipif(not VICTORIA_PARK.exists(), reason=f"{VICTORIA_PARK} is not there")
-def test_victoria_park(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert run("import", "victoria-park", VICTORIA_PARK, "--out", tmp_path / "park") == 0
+def imported_and_scored(capsys: pytest.CaptureFixture[str], out: Path, *words: object) -> tuple[str, dict[str, Any]]:
+    """Import a recording and score estimators on it; return the note of the import and the metrics."""
+    assert run("import", *words, "--out", out) == 0
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert printed.err.startswith("6968 steps, 3640 observations, no ground truth: written to ")
+    assert run("evaluate", out / "recording.npz", "--estimators", "ekf,riekf,batch", "--json") == 0
+    return printed.err, json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.skipif(not VICTORIA_PARK.exists(), reason=f"{VICTORIA_PARK} is not there")
+def test_victoria_park(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    note, metrics = imported_and_scored(capsys, tmp_path / "park", "victoria-park", VICTORIA_PARK)
+    assert note.startswith("6968 steps, 3640 observations, no ground truth: written to ")
     assert {path.name for path in (tmp_path / "park").iterdir()} == {"recording.npz", MANIFEST}
-    assert run("evaluate", tmp_path / "park/recording.npz", "--estimators", "ekf,riekf,batch", "--json") == 0
-    metrics = json.loads(capsys.readouterr().out)
     assert metrics["truth"] is False
     assert metrics["estimators"]["riekf"]["final_distance_to_batch_m"] < 0.1
     assert metrics["estimators"]["ekf"]["final_distance_to_batch_m"] > 2.0
@@ -364,12 +330,10 @@ def test_victoria_park(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
 
 @pytest.mark.skipif(not LOST_IN_THE_WOODS.exists(), reason=f"{LOST_IN_THE_WOODS} is not there")
 def test_lost_in_the_woods(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    out = tmp_path / "woods"
-    assert run("import", "lost-in-the-woods", LOST_IN_THE_WOODS, "--out", out, "--max-range", 5) == 0
-    assert "12608 steps, 58135 observations, with ground truth" in capsys.readouterr().err
-    assert {path.name for path in out.iterdir()} == {"recording.npz", "truth.npz", MANIFEST}
-    assert run("evaluate", out / "recording.npz", "--estimators", "ekf,riekf,batch", "--json") == 0
-    metrics = json.loads(capsys.readouterr().out)
+    words = ("lost-in-the-woods", LOST_IN_THE_WOODS, "--max-range", 5)
+    note, metrics = imported_and_scored(capsys, tmp_path / "woods", *words)
+    assert "12608 steps, 58135 observations, with ground truth" in note
+    assert {path.name for path in (tmp_path / "woods").iterdir()} == {"recording.npz", "truth.npz", MANIFEST}
     ate = {name: entry["ate_m"] for name, entry in metrics["estimators"].items()}
     assert metrics["truth"] is True
     assert ate["batch"] <= 0.033

@@ -1,4 +1,4 @@
-"""The commands where landmarks have no ids: what is written, what the optima are told, and what is refused."""
+"""The commands on recordings without ids: written files, the associations that the optima receive, and refusals."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slamgauge.compare.cli.main import main
-from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth
+from slamgauge.compare.storage.files import load_estimate
 from slamgauge.ekf.kernels.warm_up import compile_association_once, compile_once
 from slamgauge.graph_baseline.solver.warm_up import compile_graphs_once
+from tests.reference.command_line import run
 
-pytestmark = pytest.mark.gtsam  # the run of all has robust-batch
+pytestmark = pytest.mark.gtsam  # robust-batch needs it
 DURATION = "trajectory.duration=6"
 
 
@@ -23,10 +23,6 @@ def compiled_kernels() -> None:
     compile_once()
     compile_association_once()
     compile_graphs_once()
-
-
-def run(*arguments: object) -> int:
-    return main([str(argument) for argument in arguments])
 
 
 @pytest.fixture(scope="module")
@@ -41,14 +37,7 @@ def entries(folder: Path) -> dict[str, Any]:
     return json.loads((folder / "metrics.json").read_text())["estimators"]
 
 
-def test_the_stored_recording_has_no_ids_and_the_truth_has_them(folder: Path):
-    recording, truth = load_recording(folder / "recording.npz"), load_truth(folder / "truth.npz")
-    assert recording.landmark is None
-    assert truth.association is not None
-    assert len(truth.association) == len(recording.observation)
-
-
-def test_the_figures_of_association(folder: Path):
+def test_the_metrics_of_association(folder: Path):
     found = entries(folder)
     for name in ("causal", "batch"):
         assert (found[name]["wrong_associations"], found[name]["landmarks_spurious"]) == (0, 0)
@@ -61,7 +50,7 @@ def test_the_figures_of_association(folder: Path):
     assert np.array_equal(np.asarray(load_estimate(folder / "estimates/causal@ekf.npz").association), given)
 
 
-def test_evaluating_the_stored_recording_says_the_same(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_evaluating_the_stored_recording_gives_the_same_metrics(folder: Path, capsys: pytest.CaptureFixture[str]):
     assert run("evaluate", folder / "recording.npz", "--estimators", "ekf,causal", "--json") == 0
     again = json.loads(capsys.readouterr().out)["estimators"]
     for name, entry in again.items():
@@ -71,7 +60,7 @@ def test_evaluating_the_stored_recording_says_the_same(folder: Path, capsys: pyt
         assert {key: entry[key] for key in keys} == {key: known[key] for key in keys}
 
 
-def test_evaluate_associates_as_it_is_told(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_evaluate_associates_as_its_options_state(folder: Path, capsys: pytest.CaptureFixture[str]):
     mapped: list[int] = []
     for options in (("--gate", 1), ("--gate", 9), ("--association", "jcbb")):
         assert run("evaluate", folder / "recording.npz", "--estimators", "riekf", "--json", *options) == 0
@@ -79,14 +68,14 @@ def test_evaluate_associates_as_it_is_told(folder: Path, capsys: pytest.CaptureF
     assert mapped[0] > mapped[1] > mapped[2]
 
 
-def test_what_is_refused(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_refused_gates_and_optima(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert run("evaluate", folder / "recording.npz", "--gate", 0) == 2
     assert "gate: 0.0 lets nothing pass; choose it above 0" in capsys.readouterr().err
     assert run("evaluate", folder / "recording.npz", "--gate", 1e308) == 2
     assert capsys.readouterr().err == "slamgauge: gate: 1e+308 is beyond 1e+50; choose a smaller one\n"
     alone = tmp_path / "recording.npz"
     alone.write_bytes((folder / "recording.npz").read_bytes())
-    assert run("evaluate", alone, "--estimators", "dead-reckoning,batch") == 1  # nobody associates
+    assert run("evaluate", alone, "--estimators", "dead-reckoning,batch") == 1  # neither makes associations
     reason = capsys.readouterr().out.splitlines()[-1]
     assert reason.startswith("estimator batch: landmark: the graph needs known association")
     assert reason.endswith("batch@ekf")

@@ -26,7 +26,7 @@ TYPED = [
     ("slamgauge study --runs 3 --preci", "--precision"),
     ("slamgauge run q1-long-dense --out rec", "record.npz"),
 ]
-# what readline does: asks the function, and takes files where it says nothing, by -o default
+# like readline: call the function and, if it returns nothing, complete files (-o default)
 BASH = """
 source {script}
 COMP_WORDS=({typed})
@@ -36,17 +36,14 @@ $(sed 's/.*-F //; s/ .*//' <<< "$registered")
 [[ ${{#COMPREPLY[@]}} = 0 && $registered = *"-o default"* ]] && COMPREPLY=($(compgen -f "${{COMP_WORDS[-1]}}"))
 echo "${{COMPREPLY[@]}}"
 """
-ZSHRC = "fpath+=~/.zfunc; autoload -Uz compinit; compinit -u; PROMPT='ready '\n"  # -u: whoever owns the folders
+ZSHRC = "fpath+=~/.zfunc; autoload -Uz compinit; compinit -u; PROMPT='ready '\n"  # -u: whatever the owners
 
 
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A user's own folder with one file in it, and the command on the path."""
-    for variable, value in {
-        "HOME": str(tmp_path),
-        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
-    }.items():
-        monkeypatch.setenv(variable, value)
+    """A home folder with one file in it, and the command on the path."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
     monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "record.npz").touch()
@@ -62,20 +59,13 @@ def install(shell: str, home: Path, capsys: pytest.CaptureFixture[str]) -> Path:
     return script
 
 
-def test_bash_completes(home: Path, capsys: pytest.CaptureFixture[str]):
-    script = install("bash", home, capsys)
+@pytest.mark.parametrize("shell", ["bash", "fish"])
+def test_bash_and_fish_complete(shell: str, home: Path, capsys: pytest.CaptureFixture[str]):
+    script = install(shell, home, capsys)
     for typed, expected in TYPED:
-        told = subprocess.run(
-            ["bash", "-c", BASH.format(script=script, typed=typed)], capture_output=True, text=True, check=False
-        )
-        assert told.stdout.split() == [expected], told
-
-
-def test_fish_completes(home: Path, capsys: pytest.CaptureFixture[str]):
-    install("fish", home, capsys)
-    for typed, expected in TYPED:
-        told = subprocess.run(["fish", "-c", f"complete -C '{typed}'"], capture_output=True, text=True, check=False)
-        assert [line.split("\t")[0] for line in told.stdout.splitlines()] == [expected], told
+        code = BASH.format(script=script, typed=typed) if shell == "bash" else f"complete -C '{typed}'"
+        done = subprocess.run([shell, "-c", code], capture_output=True, text=True, check=False)
+        assert [line.split("\t")[0].strip() for line in done.stdout.splitlines()] == [expected], done
 
 
 def test_zsh_completes(home: Path, capsys: pytest.CaptureFixture[str]):
@@ -89,14 +79,14 @@ def test_zsh_completes(home: Path, capsys: pytest.CaptureFixture[str]):
         for typed, expected in TYPED:
             os.write(terminal, f"{typed}\t".encode())
             read_until(terminal, expected.removeprefix(typed.split()[-1]))
-            os.write(terminal, b"\x15")  # control and u: the line is emptied
+            os.write(terminal, b"\x15")  # control and u empty the line
     finally:
         os.close(terminal)  # the shell ends with its terminal
         os.waitpid(child, 0)
 
 
 def read_until(terminal: int, expected: str) -> None:
-    """Read what a terminal shows until this text is there; fails after half a minute."""
+    """Read the terminal until it shows this text; fail after half a minute."""
     shown, end = "", time.monotonic() + 30
     while expected not in shown:
         assert select.select([terminal], [], [], max(0.0, end - time.monotonic()))[0], f"no {expected!r} in {shown!r}"

@@ -1,4 +1,4 @@
-"""`slamgauge doctor`: what it finds, what it makes of what is missing or broken, and that it clears up."""
+"""`slamgauge doctor`: its findings, missing and broken libraries, and --clear-cache."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import importlib
 import json
 from importlib.metadata import version
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -14,7 +15,7 @@ from slamgauge.compare.cli import machine
 from slamgauge.compare.cli.main import main
 
 
-def test_versions_and_what_works_of_them(capsys: pytest.CaptureFixture[str]):
+def test_versions_and_findings(capsys: pytest.CaptureFixture[str]):
     assert main(["doctor", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["slamgauge"].startswith(f"{__version__}, ")
@@ -35,33 +36,32 @@ def test_the_table_has_a_line_for_each(capsys: pytest.CaptureFixture[str]):
     assert len(lines) == len(machine.examine())
 
 
-def test_what_is_missing_is_a_line_and_exit_status_1(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("changed", "value", "line"),
+    [
+        ("compare.cli.machine.LIBRARIES", ("numpy", "no-such-library"), "no-such-library    missing"),
+        (
+            "graph_baseline.solver.warm_up.compile_graphs_once",
+            Mock(side_effect=ImportError("libgtsam.so:\nwrong ELF class")),
+            "graph kernels      broken: ImportError: libgtsam.so: wrong ELF class",
+        ),
+    ],
+)
+def test_a_missing_or_broken_library_is_a_line_and_exit_status_1(
+    changed: str, value: object, line: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(machine, "LIBRARIES", ("numpy", "no-such-library"))
+    monkeypatch.setattr(f"slamgauge.{changed}", value)
     assert main(["doctor"]) == 1
-    assert "no-such-library    missing" in capsys.readouterr().out.splitlines()
+    assert line in capsys.readouterr().out.splitlines()
 
 
-def test_what_is_broken_is_a_line_and_exit_status_1(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
-    def refuse() -> None:
-        raise ImportError("libgtsam.so:\nwrong ELF class")
-
-    monkeypatch.setattr("slamgauge.graph_baseline.solver.warm_up.compile_graphs_once", refuse)
-    assert main(["doctor"]) == 1
-    lines = capsys.readouterr().out.splitlines()
-    assert "graph kernels      broken: ImportError: libgtsam.so: wrong ELF class" in lines
-
-
-def test_kept_machine_code_is_removed_and_nothing_else(
+def test_only_stored_machine_code_is_removed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     for name in ("models.observe-12.py311.nbi", "models.observe-12.py311.1.nbc", "models.cpython-311.pyc"):
         (tmp_path / name).touch()
     for module, _ in machine.WARM_UPS.values():
-        importlib.import_module(module)  # from here on their folders are known
+        importlib.import_module(module)  # registers their folders
     monkeypatch.setattr(kernel_cache, "_folders", {tmp_path})
     assert main(["doctor", "--clear-cache"]) == 0
     out, error = capsys.readouterr()

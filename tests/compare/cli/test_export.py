@@ -1,4 +1,4 @@
-"""`slamgauge export`: what it writes is read back, by us and by scipy, and what cannot be written is one line."""
+"""`slamgauge export`: written files are read back, by us and by scipy; what cannot be written is one line."""
 
 from __future__ import annotations
 
@@ -38,7 +38,9 @@ def test_a_recording_as_csv_and_g2o(run: Path, place: str, tmp_path: Path):
     assert export(run / place, "csv", tmp_path / "csv") == 0
     assert read_recording_csv(tmp_path / "csv") == recording
     assert export(run / place, "g2o", tmp_path / "graph.g2o", "--lend", "1e-4") == 0
-    back = read_g2o(tmp_path / "graph.g2o").recording
+    assert main(["import", "g2o", str(tmp_path / "graph.g2o"), "--out", str(tmp_path / "npz")]) == 0
+    back = load_recording(tmp_path / "npz/recording.npz")
+    assert read_g2o(tmp_path / "graph.g2o").recording == back
     assert_array_equal(back.odometry, recording.odometry)
     assert_array_equal(back.landmark, recording.landmark)
 

@@ -29,7 +29,7 @@ def test_places_that_cannot_be_written(stored: Path, tmp_path: Path, refuse: Ref
 
 
 def evaluate_with_room(stored: Path, out: Path, room: int) -> subprocess.CompletedProcess[str]:
-    """A command that may write so many bytes into a file."""
+    """Run a command that may write `room` bytes into a file."""
     limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))"
     arguments = ("evaluate", stored / "recording.npz", "--estimators", "dead-reckoning", "--no-report", "--out", out)
     return subprocess.run(command_after(limit, *arguments), capture_output=True, text=True, check=False)
@@ -58,7 +58,7 @@ def test_a_disk_that_fills_up_at_the_figure_costs_that_alone(stored: Path, refus
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(refuse: Refuse, number: int, status: int):
     before = contents(refuse.out.parent)
-    compile_graphs_once()  # compilation swallows an interrupt now and then
+    compile_graphs_once()  # compilation sometimes swallows an interrupt
     arguments = ("q1-long-dense", "--set", "trajectory.duration=500", "--estimators", "causal", "--out", refuse.out)
     # pytest may run in the background, where interrupts are ignored
     heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
@@ -66,8 +66,8 @@ def test_a_run_that_is_interrupted_or_terminated_leaves_nothing_behind(refuse: R
         command_after(heed, "run", *arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     try:
-        wait_for(lambda: contents(refuse.out.parent) != before)  # the staging folder
-        time.sleep(0.5)  # well into iSAM2, which needs many seconds
+        wait_for(lambda: contents(refuse.out.parent) != before)  # until the staging folder exists
+        time.sleep(0.5)  # `causal` now runs, for many seconds
         process.send_signal(number)
         out, err = process.communicate(timeout=30)
     finally:

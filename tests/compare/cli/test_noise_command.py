@@ -1,4 +1,4 @@
-"""`slamgauge noise`: what it writes and prints, and what it refuses."""
+"""`slamgauge noise`: its table and files, and its refusals."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_it_prints_writes_and_tells_again(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_it_prints_writes_and_finds_the_same_again(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     out, tuned = tmp_path / "out", tmp_path / "tuned" / "log.npz"
     assert main(["noise", str(log), "--out", str(out), "--write", str(tuned)]) == 0
     printed = capsys.readouterr().out
@@ -43,10 +43,7 @@ def test_mistakes_are_one_line(log: Path, tmp_path: Path, capsys: pytest.Capture
     (tmp_path / "mine.npz").write_bytes(b"mine")
     cases = (
         (["--write", str(log)], f"{log}: is the recording itself; give another --write"),
-        (
-            ["--write", str(tmp_path / "mine.npz")],
-            "and slamgauge has not written it; move it away or give another --write",
-        ),
+        (["--write", str(tmp_path / "mine.npz")], "and slamgauge has not written it; move it away or give another"),
     )
     for words, message in cases:
         assert main(["noise", str(log), *words]) == 2

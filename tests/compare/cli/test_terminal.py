@@ -1,4 +1,4 @@
-"""Tables fit pipes and terminals, colours stay on terminals, and whoever closes a pipe hears nothing of it."""
+"""Tables fit pipes and terminals, colours stay on terminals, and closed or full streams cost no results."""
 
 from __future__ import annotations
 
@@ -6,23 +6,33 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from slamgauge.compare.cli import terminal
 from slamgauge.compare.cli.main import COMMANDS, main
+from slamgauge.ekf.kernels.warm_up import compile_once
 from tests.reference import lighter
 
-pytestmark = pytest.mark.usefixtures("empty_pictures")
-
 COMMAND = [sys.executable, "-m", "slamgauge"]
+RUN = ("run", "q1-short-dense", "--set", "trajectory.duration=1", "--estimators", "ekf", "--out", "out")
 STUDY = ["study", "q1-short-dense", "--set", "trajectory.duration=1", "--runs", "2", "--jobs", "1"]
 ESTIMATORS = ["--estimators", "dead-reckoning,ekf,causal,batch"]
 
 
+pictures_empty = pytest.mark.usefixtures("empty_pictures")
+needs_full = pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled_kernels() -> None:
+    compile_once()
+
+
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    """A command whose runs are all there already."""
+    """A command whose runs are stored already."""
     command = [*STUDY, *ESTIMATORS, "--out", str(tmp_path_factory.mktemp("study") / "out")]
     with lighter.studies_in_a_thread(), lighter.empty_pictures():
         assert main(command) == 0
@@ -35,6 +45,7 @@ def printed(capsys: pytest.CaptureFixture[str], *words: str) -> list[str]:
     return capsys.readouterr().out.splitlines()
 
 
+@pictures_empty
 def test_a_study_in_a_pipe_has_no_line_over_80_characters(
     study: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
@@ -49,6 +60,7 @@ def test_a_study_in_a_pipe_has_no_line_over_80_characters(
     assert not any("\x1b" in line for line in (*lines, *whole))
 
 
+@pictures_empty
 def test_a_wide_terminal_shows_all_columns(
     study: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
@@ -60,6 +72,7 @@ def test_a_wide_terminal_shows_all_columns(
     assert len(printed(capsys, *study)[0]) > 60
 
 
+@pictures_empty
 @pytest.mark.parametrize(
     ("color", "environment", "is_terminal", "coloured"),
     [
@@ -87,13 +100,13 @@ def test_colours(
     assert printed(capsys, *study, "--color", color)[0].startswith("\x1b[1mestimator") == coloured
 
 
-@pytest.mark.parametrize("words", [["--help"], ["study", "--help"]])
-def test_a_closed_pipe_is_silent(words: list[str]):
+@pytest.mark.parametrize("words", [["--help"], ["study", "--help"], ["scenarios"]])
+def test_a_closed_pipe_is_not_an_error(words: list[str]):
     reading, writing = os.pipe()
     os.close(reading)
     ended = subprocess.run([*COMMAND, *words], stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
     os.close(writing)
-    assert ended.stderr == ""
+    assert (ended.returncode, ended.stderr) == (0, "")
 
 
 def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[str]):
@@ -103,3 +116,51 @@ def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[st
         assert done.value.code == 0
         told = capsys.readouterr().out
         assert re.search(rf"^  slamgauge {name} ?", told, re.MULTILINE), name
+
+
+def in_shell(
+    folder: Path, redirection: str, *words: str, environment: dict[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run a command from a shell that redirects its streams."""
+    given = {**os.environ, "PATH": os.defpath, **(environment or {})}
+    command = ["sh", "-c", f'"$@" {redirection}', "sh", sys.executable, "-m", "slamgauge", *words]
+    return subprocess.run(command, cwd=folder, env=given, capture_output=True, text=True, check=False)
+
+
+@needs_full
+@pytest.mark.parametrize(
+    ("redirection", "status", "said"),
+    [
+        ("2>&-", 0, ""),
+        ("<&- >&- 2>&-", 0, ""),
+        (">/dev/full", 1, "slamgauge: standard output: cannot be written (No space left on device); give it room\n"),
+        (">/dev/full 2>&1", 1, ""),
+        ("| true", 0, ""),  # a reader that stops early
+    ],
+)
+def test_closed_and_full_streams_cost_no_results(tmp_path: Path, redirection: str, status: int, said: str):
+    done = in_shell(tmp_path, redirection, *RUN)
+    notes = "" if "2>" in redirection else f"{said}written to out\n"
+    assert (done.returncode, done.stderr) == (status, notes)
+    assert (tmp_path / "out/metrics.json").exists()
+    assert (tmp_path / "out/figure.png").exists()
+    assert done.stdout.startswith("estimator" if redirection == "2>&-" else "")
+    assert "written to" not in done.stdout
+
+
+def test_a_poor_encoding_and_no_home(tmp_path: Path):
+    """A table has signs that ASCII lacks; a progress bar needs a terminal and matplotlib a home folder."""
+    poor = {"PYTHONIOENCODING": "ascii", "LANG": "C", "LC_ALL": "C", "HOME": "/nowhere", "TERM": ""}
+    done = in_shell(tmp_path, "", *STUDY, *ESTIMATORS[:1], "ekf", "--out", "out", environment=poor)
+    assert done.returncode == 0
+    assert "\\xb1" in done.stdout
+    assert "Traceback" not in done.stderr
+    assert {"summary.json", "nees.png"} < {path.name for path in (tmp_path / "out").iterdir()}
+
+
+@needs_full
+@pytest.mark.parametrize("words", [("--help",), ("run", "--help"), ("--version",)])
+def test_help_on_a_full_disk_is_one_line(tmp_path: Path, words: tuple[str, ...]):
+    done = in_shell(tmp_path, ">/dev/full", *words)
+    assert done.returncode in (1, 71)
+    assert re.fullmatch(r"slamgauge: [^\n]*No space left on device[^\n]*\n", done.stderr)

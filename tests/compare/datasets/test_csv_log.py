@@ -1,4 +1,4 @@
-"""Robots' own CSV files: what their columns mean, the rule for stamps, and one-line refusals."""
+"""CSV files of robots: the meaning of their columns, the rule for stamps, and one-line refusals."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_the_whole_log(log: Log):
 
 
 def test_increments_poses_and_velocities_of_one_drive_agree(log: Log):
-    """Rows that look back begin at start.stamp, or at the first row."""
+    """Rows that describe the time before their stamp begin at start.stamp, or at the first row."""
     twists = np.array([[1.0, 0.2, 0.5], [0.5, 0.0, -0.4], [0.3, -0.1, 3.0]])
     stamps = np.array([0.0, 1.0, 2.0, 3.0])
     half = twists[:, 2] / 2
@@ -101,7 +101,7 @@ def test_noise_of_motions(log: Log, per: str, growth: float):
     assert_allclose(recording.odometry_cov[1], growth * np.diag([0.1, 0.02, 0.05]) ** 2, rtol=1e-12)
 
 
-def test_columns_and_units_of_ones_own(log: Log):
+def test_columns_and_units_of_the_log(log: Log):
     files = {
         "odometry.csv": '"t";"speed";"note";"rate"\n1000;500;"a, b";90\n2000;0;x;0\n',
         "observations.csv": "# milliseconds\n",
@@ -136,7 +136,7 @@ def test_positions_and_missing_ids(log: Log):
     assert_allclose(recording.observation_cov[0], 0.09 * np.eye(2))
 
 
-def test_observations_without_an_id_among_others_and_outside_the_odometry_are_left_out(log: Log):
+def test_observations_without_an_id_or_outside_the_odometry_are_dropped(log: Log):
     text = "stamp,landmark,range,bearing\n-1,7,1,0\n0,-1,1,0\n1,7,1,0\n2,7,1,0\n5,7,1,0\n"
     recording, _, notes, _ = log(observations(text), *NOISE)
     assert_array_equal(recording.observation_step, [1, 2])
@@ -162,22 +162,10 @@ DRIVE = "stamp,v,omega\n0,1,0\n1,1,0\n"
         (odometry("stamp,v,omega\n0,1,0\n0,1,0\n"), "", "odometry.csv, line 3: stamp 0.000000000 comes after"),
         (odometry("stamp,v,omega\n0,1,0\n1,nan,0\n"), "", "odometry.csv, line 3: 'nan' is not a finite number"),
         (odometry("stamp,v,omega\n0,1,0\n1,1\n"), "", "odometry.csv, line 3: has 2 columns where the first line has 3"),
-        (
-            odometry("stamp,v,omega\n0,1,90\n1,1,0\n"),
-            "",
-            "line 2: the robot turns by 90 rad in one row; check the",
-        ),
+        (odometry("stamp,v,omega\n0,1,90\n1,1,0\n"), "", "line 2: the robot turns by 90 rad in one row; check the"),
         (odometry("stamp,v,omega\n0,1,0\n"), "", "odometry.csv: fewer than two stamps"),
-        (
-            odometry("time,v,omega\n0,1,0\n"),
-            "",
-            "line 1: does not have the columns stamp,dx,dy,dtheta or stamp,v,vy",
-        ),
-        (
-            odometry("stamp,x,y,theta,v,omega\n0,1,0,0,0,0\n"),
-            "",
-            "could be velocities or poses; give the kind with",
-        ),
+        (odometry("time,v,omega\n0,1,0\n"), "", "line 1: does not have the columns stamp,dx,dy,dtheta or stamp,v,vy"),
+        (odometry("stamp,x,y,theta,v,omega\n0,1,0,0,0,0\n"), "", "could be velocities or poses; give the kind with"),
         (odometry("0,1,0\n1,1,0\n"), "", "line 1: no header, and odometry.kind is not given"),
         (odometry(DRIVE), "start.stamp=0", "start.stamp: the log starts at the first row of velocities"),
         (observations("stamp,landmark,range,bearing\n1,2.5,1,0\n"), "", "observations.csv, line 2: '2.5' is not an id"),
@@ -208,7 +196,7 @@ def test_noise_must_be_stated(log: Log):
         log(odometry(DRIVE))
 
 
-def test_the_mapping_that_was_in_force_reads_the_same_log_again(tmp_path: Path):
+def test_the_stored_mapping_reads_the_same_log_again(tmp_path: Path):
     for name, text in CSV.items():
         (tmp_path / name).write_text(text)
     first, again = tmp_path / "first", tmp_path / "again"

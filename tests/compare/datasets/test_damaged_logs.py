@@ -1,4 +1,4 @@
-"""Whatever is done to a log's files, an import writes a recording or refuses in one line: never a traceback."""
+"""From damaged files, an import makes a recording or refuses them in one line, without a traceback."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from slamgauge.compare.storage.csv_folder import read_recording_csv
 from slamgauge.errors import UserError
 from tests.reference.robot_logs import CSV, DLR, FREIBURG, G2O, MRCLAM, TORO
 
-OWN = {  # as `slamgauge export --format csv` writes it
+OWN = {  # files of `slamgauge export --format csv`
     "start.csv": "stamp,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n0,0,0,0,0.1,0,0,0.1,0,0.01\n",
     "odometry.csv": "step,stamp,dx,dy,dtheta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt\n"
     "1,0.1,1,0,0.1,0.01,0.001,0,0.02,0,0.01\n2,0.2,1,0,0.1,0.01,0,0,0,0,0.01\n",
@@ -47,7 +47,7 @@ def written(folder: Path, files: dict[str, str]) -> Path:
 
 
 def read_or_refused(read: Reader, folder: Path) -> str:
-    """The refusal, empty if there was none."""
+    """Read a folder; return the refusal, empty without one."""
     try:
         with np.errstate(all="raise", under="ignore"):
             read(folder)
@@ -85,7 +85,7 @@ def test_files_without_text_are_refused(name: str, file: str, content: bytes, tm
     files, read = FORMATS[name]
     (written(tmp_path, files) / file).write_bytes(content)
     refusal = read_or_refused(read, tmp_path)
-    if file != "recording.toml" or content.strip():  # without that file the noise is missing, which is another test's
+    if file != "recording.toml" or content.strip():  # without that file the noise is missing
         assert refusal.startswith(str(tmp_path / file))
 
 
@@ -99,11 +99,11 @@ def test_line_ends_and_byte_order_marks_make_no_difference(name: str, file: str,
 
 
 @pytest.mark.parametrize("name", ["csv", "g2o", "mrclam", "dlr", "freiburg"])
-def test_commands_refuse_what_is_not_there(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_commands_refuse_missing_files(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["import", name, str(tmp_path / "none"), "--out", str(tmp_path / "out")]) == 2
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    assert "none" in told
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "none" in error
     assert not (tmp_path / "out").exists()
 
 

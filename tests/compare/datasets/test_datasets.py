@@ -1,4 +1,4 @@
-"""Recordings of others: the counts that their description states, and one-line refusals of damaged files."""
+"""Published recordings: the counts that their descriptions state, and one-line refusals of damaged files."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_park_edges_are_chained_and_observations_sorted(park: Write):
     np.testing.assert_array_equal(recording.landmark, [2, 2])
 
 
-def test_park_observations_out_of_range_are_left_out(park: Write):
+def test_park_observations_out_of_range_are_dropped(park: Write):
     np.testing.assert_array_equal(read_victoria_park(park(PARK), max_range=9.0).observation, [[3, 4]])
 
 
@@ -114,7 +114,7 @@ def test_malformed_parks_are_refused_with_their_line(park: Write, old: str, new:
 
 
 @pytest.mark.parametrize("reach", [np.nan, -1.0, 0.0])
-def test_ranges_that_let_nothing_be_seen_are_refused(park: Write, tmp_path: Path, reach: float):
+def test_ranges_that_exclude_every_landmark_are_refused(park: Write, tmp_path: Path, reach: float):
     for read_it, path in ((read_victoria_park, park(PARK)), (read_lost_in_the_woods, tmp_path / "none.mat")):
         with pytest.raises(ValueError, match=r"^max-range: (nan|-1|0) m excludes every landmark; give metres above 0$"):
             read_it(path, max_range=reach)
@@ -135,7 +135,7 @@ def woods(**changes: Any) -> dict[str, Any]:
 
 
 NOT_REAL = "is text, complex, sparse, a cell array or a struct; save a full matrix"
-EMPTY = ("v", "om", "x_true", "y_true", "th_true", "true_valid", "r", "b")  # beside t, columns of the steps
+EMPTY = ("v", "om", "x_true", "y_true", "th_true", "true_valid", "r", "b")  # columns of the steps, except t
 
 
 def read(path: Path, **changes: Any) -> tuple[Recording, Truth]:
@@ -202,7 +202,7 @@ def test_malformed_woods_are_refused_with_their_field(tmp_path: Path, changes: d
     assert message in str(caught.value)
 
 
-def test_files_that_are_not_matlab(tmp_path: Path):
+def test_files_that_are_not_matlab_files(tmp_path: Path):
     path = tmp_path / "woods.mat"
     savemat(path, woods())
     whole = path.read_bytes()

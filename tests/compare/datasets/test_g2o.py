@@ -1,4 +1,4 @@
-"""Graphs of g2o, TORO, GTSAM and iSAM: what their lines mean, which of them are paths, and back again."""
+"""Graphs of g2o, TORO, GTSAM and iSAM: the meaning of their lines, graphs that are paths, and written graphs."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from slamgauge.compare.datasets.g2o import read_g2o
 from slamgauge.compare.datasets.g2o_writer import write_g2o
 from slamgauge.compare.datasets.imported_log import Imported
 from slamgauge.compare.datasets.pose_chain import adjoints
+from slamgauge.compare.storage.covariance_columns import from_triangles, upper_triangles
 from slamgauge.compare.storage.files import save
 from slamgauge.errors import UserError
 from slamgauge.graph_baseline import batch
@@ -59,7 +60,7 @@ def test_graphs_of_g2o(read: Read):
 
 
 def test_graphs_of_toro_and_gtsam(read: Read):
-    """TORO's order of entries; its edges lead from the later pose to the earlier; BR has sigmas, bearing first."""
+    """TORO has its own order of entries and edges from later to earlier poses; BR has sigmas, bearing first."""
     recording = read(TORO_GRAPH).recording
     backwards = np.array([-1, 0.1, -0.2])
     assert_allclose(recording.odometry, [between(backwards, np.zeros(3))])
@@ -75,13 +76,13 @@ def test_endings_of_isam_and_of_gtsam(read: Read):
     """The same noise as the square root of an information and as a covariance."""
     root = np.array([[10, 1, 2], [0, 20, 3], [0, 0, 50]])
     cov = np.linalg.inv(root.T @ root)
-    line, sight = "ODOMETRY 0 1 1 0 0.1 {}", "LANDMARK 0 3 2 1 {}"
+    forms = ("ODOMETRY 0 1 1 0 0.1 {}", "LANDMARK 0 3 2 1 {}")
 
     def graph(matrix: Float) -> str:
         upper = np.triu_indices(3)
         part = matrix[:2, :2] if not matrix[1, 0] else np.linalg.inv(root[:2, :2].T @ root[:2, :2])
         ends = (matrix[upper], part[np.triu_indices(2)])
-        lines = [form.format(" ".join(map(repr, end.tolist()))) for form, end in zip((line, sight), ends, strict=True)]
+        lines = [form.format(" ".join(map(repr, end.tolist()))) for form, end in zip(forms, ends, strict=True)]
         return "\n".join(lines)
 
     isam, gtsams = read(graph(root), isam=True).recording, read(graph(cov)).recording
@@ -101,8 +102,8 @@ def test_adjoint_is_the_jacobian_of_moving_a_motion_to_the_other_side():
         assert_jacobian(moved, adjoints(z[None])[0], np.zeros(3), angles=[2])
 
 
-def test_an_edge_turned_round_has_the_same_cost(tmp_path: Path, read: Read):
-    """GTSAM judges both ways alike: every other edge of a graph is turned round, with its matrix where it belongs."""
+def test_a_reversed_edge_has_the_same_cost(tmp_path: Path, read: Read):
+    """Every other edge of a graph is reversed, with its matrix in the frame that GTSAM uses."""
     recording = recording_of("position", seed=6)
     write_g2o(tmp_path / "there.g2o", recording)
     lines = (tmp_path / "there.g2o").read_text().splitlines()
@@ -110,11 +111,8 @@ def test_an_edge_turned_round_has_the_same_cost(tmp_path: Path, read: Read):
         words = line.split()
         if words[0] == "EDGE_SE2" and at % 2:
             z, entries = np.array(words[3:6], dtype=float), np.array(words[6:], dtype=float)
-            information = np.zeros((3, 3))
-            information[np.triu_indices(3)] = entries
-            information = np.triu(information) + np.triu(information, 1).T
             Ad = adjoints(between(z, np.zeros(3))[None])[0]
-            turned = (Ad.T @ information @ Ad)[np.triu_indices(3)]
+            turned = upper_triangles((Ad.T @ from_triangles(entries[None], 3)[0] @ Ad)[None])[0]
             numbers = [*between(z, np.zeros(3)).tolist(), *turned.tolist()]
             lines[at] = " ".join(["EDGE_SE2", words[2], words[1], *map(repr, numbers)])
     back = read("\n".join(lines)).recording
@@ -124,7 +122,7 @@ def test_an_edge_turned_round_has_the_same_cost(tmp_path: Path, read: Read):
 
 @pytest.mark.gtsam
 def test_our_optimum_has_gtsams_cost_of_the_file(tmp_path: Path):
-    """Of ranges and bearings GTSAM reads the very file: its error at our optimum is half our chi-square."""
+    """GTSAM reads our file of ranges and bearings: its error at our optimum is half our chi-square."""
     import gtsam
 
     recording = replace(uncorrelated(random_recording(7)[1]), prior_cov=np.zeros((3, 3)))
@@ -156,8 +154,8 @@ def test_loop_edges_are_refused_or_dropped(read: Read):
 
 
 def test_a_path_may_have_ids_in_any_order(read: Read):
-    motion, sight = "EDGE_SE2 {} {} 1 0 {} 1 0 0 1 0 1\n", "EDGE_SE2_XY 7 9 1 0 1 0 1\n"
-    recording = read(motion.format(5, 2, 0.2) + motion.format(3, 5, 0.1) + motion.format(2, 7, 0.3) + sight).recording
+    motion, seen = "EDGE_SE2 {} {} 1 0 {} 1 0 0 1 0 1\n", "EDGE_SE2_XY 7 9 1 0 1 0 1\n"
+    recording = read(motion.format(5, 2, 0.2) + motion.format(3, 5, 0.1) + motion.format(2, 7, 0.3) + seen).recording
     assert_array_equal(recording.odometry[:, 2], [0.1, 0.2, 0.3])
     assert_array_equal(recording.observation_step, [3])
 
@@ -181,11 +179,7 @@ def test_a_path_may_have_ids_in_any_order(read: Read):
         ("25 5 16", "25 5 inf", "line 9: 'inf' is not a finite number"),
         ("EDGE_SE2 10 11 1 0", "EDGE_SE2 10 11 1", "line 8: has 11 words, not 12; write EDGE_SE2 i j x y theta Ixx"),
         ("EDGE_SE2 10 11", "EDGE_SE2 10 99999999999999999", "line 8: '99999999999999999' is not an id"),
-        (
-            "EDGE_SE2_XY 10 4 4 -1 25 0 25",
-            "BR 10 4 1 1 1 1",
-            "a sensor of kind range-bearing, and others of",
-        ),
+        ("EDGE_SE2_XY 10 4 4 -1 25 0 25", "BR 10 4 1 1 1 1", "a sensor of kind range-bearing, and others of"),
         ("EDGE_SE2_XY 10", "EDGE_SE_XY 10", "line 10: 'EDGE_SE_XY' is an unknown tag; did you mean EDGE_SE2_XY?"),
         ("EDGE_SE2 1", "# EDGE_SE2 1", "no edge between poses in it"),
     ],
@@ -198,12 +192,12 @@ def test_wrong_graphs_are_refused_in_one_line(read: Read, tmp_path: Path, old: s
     assert str(caught.value).startswith(str(tmp_path / "graph.g2o"))
 
 
-def test_the_order_of_another_program_is_not_taken_for_toros(read: Read):
+def test_another_order_of_entries_is_refused(read: Read):
     with pytest.raises(UserError, match=r"line 3: the information matrix is not positive definite; .* order of"):
         read(TORO_GRAPH.replace("50 1 60 100 2 3", "50 0 0 60 0 100"))
 
 
-def test_scans_are_not_used(read: Read):
+def test_laser_scans_are_not_used(read: Read):
     assert read(f"ROBOTLASER1 0 1 2 3\n{GRAPH}").notes == ("1 lines ROBOTLASER1 are not used",)
 
 
@@ -241,7 +235,7 @@ def test_recordings_come_back_to_twelve_digits(tmp_path: Path, sensor: str, fixe
         (replace(recording_of("position"), prior_cov=np.diag([0.1, 0.0, 0.0])), r"prior_cov\[0\]: is singular"),
     ],
 )
-def test_what_has_no_graph_is_refused_in_one_line(
+def test_recordings_without_a_graph_are_refused_in_one_line(
     tmp_path: Path, recording: Recording, message: str, capsys: pytest.CaptureFixture[str]
 ):
     save(tmp_path / "recording.npz", recording)
@@ -252,9 +246,8 @@ def test_what_has_no_graph_is_refused_in_one_line(
     assert not (tmp_path / "graph.g2o").exists()
 
 
-def test_a_sigma_can_be_lent_to_singular_motions(tmp_path: Path):
+def test_regularising_noise_is_added_to_singular_motions(tmp_path: Path):
     recording = random_recording(9, sensor="position", slip=False)[1]
     write_g2o(tmp_path / "graph.g2o", recording, lend=1e-3)
     back = read_g2o(tmp_path / "graph.g2o").recording
-    lent = recording.odometry_cov + 1e-6 * np.eye(3)
-    assert_allclose(back.odometry_cov, lent, rtol=1e-9, atol=1e-15)
+    assert_allclose(back.odometry_cov, recording.odometry_cov + 1e-6 * np.eye(3), rtol=1e-9, atol=1e-15)

@@ -1,4 +1,4 @@
-"""Odometry and observations on one clock: parts make up the whole, and truth is interpolated along the shorter arc."""
+"""Odometry split at observations: the parts compose to the whole; truth is interpolated along the shorter arc."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_several_observations_at_one_moment_make_one_step():
     assert_array_equal(steps, [1, 1, 1, 2])
 
 
-def test_what_is_outside_the_odometry_is_known():
+def test_observations_outside_the_odometry_are_dropped():
     _, steps, inside, notes = joined(one_step(np.ones(3)), np.array([4.9, 5.0, 7.0, 7.1]))
     assert_array_equal(inside, [False, True, True, False])
     assert_array_equal(steps, [0, 1])
@@ -80,7 +80,7 @@ def test_headings_take_the_shorter_arc():
     assert_allclose(wrap(found[:, 2] - 3.0), arc * np.array([0, 0.25, 0.5, 1.0]), atol=1e-15)
 
 
-def test_no_truth_is_made_up_outside_it_or_in_gaps():
+def test_truth_is_not_interpolated_outside_it_or_in_gaps():
     stamps = np.array([0.0, 1.0, 5.0, 6.0])
     poses = np.column_stack([stamps, stamps, np.zeros(4)])
     times = np.array([-0.1, 0.5, 1.0, 3.0, 5.0, 6.0, 6.1])

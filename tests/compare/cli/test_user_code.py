@@ -1,8 +1,9 @@
-"""`--strict` and `--timeout`: own code apart from ours, in every command that takes it."""
+"""User code that fails, and user code in isolation: `--strict` and `--timeout`."""
 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -15,11 +16,12 @@ from slamgauge.compare.estimators.isolated_process import Isolated, OverdueError
 from slamgauge.compare.estimators.user_code import address
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
+from tests.reference.command_line import Module, Refuse, run
 from tests.reference.held_by_schemas import held
 
 RIGHT = """
 from slamgauge import Estimate, chain
-def estimate(recording):  # no filter of ours: that would first load a compiler, in every process
+def estimate(recording):  # dead reckoning: a filter would load the compiler first, in every process
     return Estimate("filtered", chain(recording.prior_mean, recording.odometry))
 """
 FILES = {
@@ -38,7 +40,7 @@ SHORT = ("--set", "trajectory.duration=4", "start=sampled")
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The current folder, with those files."""
+    """The current folder, with `FILES`."""
     for name, content in FILES.items():
         (tmp_path / f"{name}.py").write_text(content)
     monkeypatch.chdir(tmp_path)
@@ -50,7 +52,7 @@ def own(*names: str) -> str:
 
 
 def reasons(out: Path, *done: str) -> list[str]:
-    """Why the others failed; these did not."""
+    """Return the errors of failed estimators; those in `done` did not fail."""
     content = json.loads((out / "metrics.json").read_text())
     assert {*done} == content["estimators"].keys()
     return [each["error"] for each in content["failures"]]
@@ -71,7 +73,7 @@ def test_run_and_evaluate(folder: Path):
 
 
 @pytest.mark.usefixtures("empty_pictures")
-def test_without_strict_the_future_is_not_looked_for(folder: Path):
+def test_without_strict_the_use_of_the_future_is_not_tested(folder: Path):
     words = ("--estimators", f"ekf,{own('right', 'shifted')}", "--timeout", "60")
     assert main(["run", "q1-short-dense", *SHORT, *words, "--out", "run"]) == 0
     assert not reasons(folder / "run", "ekf", "right", "shifted")
@@ -80,7 +82,7 @@ def test_without_strict_the_future_is_not_looked_for(folder: Path):
 @pytest.mark.usefixtures("studies_in_a_thread", "empty_pictures")
 def test_study(folder: Path):
     words = ("--runs", "2", "--jobs", "1", "--estimators", f"ekf,{own('right', 'shifted')}", "--out", "study")
-    for strict, expected in (((), set[str]()), (("--strict",), {"shifted"})):  # and what is stored is not taken for it
+    for strict, expected in (((), set[str]()), (("--strict",), {"shifted"})):  # not one from the other's store
         command = ["study", "q1-short-dense", "--set", "trajectory.duration=4", *words, *strict]
         assert main(command) == (1 if expected else 0)
         content = held("summary", json.loads((folder / "study/summary.json").read_text()))
@@ -89,7 +91,7 @@ def test_study(folder: Path):
 
 
 @pytest.mark.usefixtures("folder")
-def test_check_ends_at_the_law_that_takes_too_long(capsys: pytest.CaptureFixture[str]):
+def test_check_ends_at_the_check_that_takes_too_long(capsys: pytest.CaptureFixture[str]):
     assert main(["check", own("endless"), "--timeout", "2", "--json"]) == 1
     first, *others = json.loads(capsys.readouterr().out)
     assert first["passed"] is False
@@ -106,7 +108,7 @@ def test_check_finds_the_future_and_times_the_code_where_it_runs(capsys: pytest.
     assert verdicts["step-time"] is True
 
 
-def test_processor_time_is_that_of_the_other_process(folder: Path):
+def test_processor_time_is_that_of_the_isolated_process(folder: Path):
     (folder / "busy.py").write_text(
         "from time import thread_time\nfrom slamgauge import riekf\n"
         "def estimate(recording):\n"
@@ -119,7 +121,7 @@ def test_processor_time_is_that_of_the_other_process(folder: Path):
         assert law_module.Subject("busy", estimator).cpu_seconds(recording) >= 0.5
 
 
-def test_a_law_after_one_that_took_too_long_is_not_run():
+def test_a_check_after_one_that_took_too_long_is_not_run():
     runs: list[int] = []
 
     def estimator(recording: Recording) -> Estimate:
@@ -131,8 +133,70 @@ def test_a_law_after_one_that_took_too_long_is_not_run():
 
 
 @pytest.mark.parametrize("seconds", ["0", "-1", "inf"])
-def test_a_time_that_is_none(folder: Path, seconds: str, capsys: pytest.CaptureFixture[str]):
+def test_a_time_limit_of_no_time_is_refused(folder: Path, seconds: str, capsys: pytest.CaptureFixture[str]):
     assert main(["check", own("right"), "--timeout", seconds]) == 2
     assert main(["run", "q1-short-dense", "--estimators", own("right"), "--timeout", seconds, "--out", "run"]) == 2
     assert "leaves no time" in capsys.readouterr().err
     assert not (folder / "run").exists()
+
+
+# --- code that fails ---------------------------------------------------------------------------
+
+ESTIMATE = "from slamgauge import Estimate\nimport numpy as np\nimport sys\n\ndef estimate(recording):\n    "
+BODIES = {
+    "raise KeyError('gain\\nof\\nthe filter')": r"it raised KeyError: .*gain.* \(OWN.py, line 6\); mend it",
+    "raise RuntimeError('a\\nb')": r"it raised RuntimeError: a b \(OWN.py, line 6\); mend it",
+    "return None": "returned a NoneType; return a slamgauge.Estimate",
+    "return recording.odometry": "returned a ndarray; return a slamgauge.Estimate",
+    "return Estimate('filtered', np.zeros((5, 3)))": "returned 5 poses; return 151, one for the start and one for",
+    "return Estimate('filtered', np.zeros((151, 3)), association=[-1])": r"association has 1 entries; return \d+, one",
+    "return Estimate('filtered', np.full((151, 3), np.nan))": r"it raised UserError: poses\[0\] = \[nan, nan, nan\]: .*"
+    r" \(OWN.py, line 6\); mend it and run again",
+    "recording.odometry[0] = 0.0": r"it raised ValueError: assignment destination is read-only \(OWN.py, line 6\)",
+    "recording.stamps += 1.0": r"it raised ValueError: .*read-only \(OWN.py, line 6\)",
+    "recording.odometry = None": r"it raised FrozenInstanceError: .* \(OWN.py, line 6\)",
+    "sys.exit(0)": r"it raised SystemExit: 0 \(OWN.py, line 6\); mend it and run again",
+    "sys.exit()": r"it raised SystemExit: \(no message\) \(OWN.py, line 6\)",
+}
+MODULES = {
+    "import sys\nsys.exit(0)": r"cannot be loaded, it raised SystemExit: 0 \(OWN.py, line 2\)",
+    "def estimate(recording)\n": r"cannot be loaded, it raised SyntaxError: .*OWN.py, line 1\)",
+    "1 / 0": r"cannot be loaded, it raised ZeroDivisionError: division by zero \(OWN.py, line 1\)",
+    "import nowhere_at_all": r"cannot be loaded, it raised ModuleNotFoundError: .* \(OWN.py, line 1\)",
+    "def estimates(recording): ...": "OWN has no 'estimate'; did you mean estimates?",
+    "": "OWN has no 'estimate'; name a callable Recording -> Estimate of that module",
+    "estimate = 3": "is a int; give a callable Recording -> Estimate",
+}
+
+
+@pytest.mark.parametrize(
+    ("source", "message"), [*((ESTIMATE + body, message) for body, message in BODIES.items()), *MODULES.items()]
+)
+def test_estimators_that_fail(
+    stored: Path, refuse: Refuse, module: Module, source: str, message: str, capsys: pytest.CaptureFixture[str]
+):
+    """Alone it is a mistake in one line; with others it is a row with that line as its reason."""
+    own = module(source)
+    reason = f"estimator {own}:estimate: {message.replace('OWN', own)}.*"
+    line = refuse.line("evaluate", stored / "recording.npz", "--estimators", f"{own}:estimate")
+    assert re.fullmatch(reason, line)
+    assert run("evaluate", stored / "recording.npz", "--estimators", f"dead-reckoning,{own}:estimate") == 1
+    head, ours, row, *notes = capsys.readouterr().out.splitlines()
+    assert head.split()[0] == "estimator"
+    assert ours.split()[:2] == ["dead-reckoning", "filtered"]
+    assert row.split()[:2] == [f"{own}:estimate", "failed"]
+    assert any(re.fullmatch(reason, note) for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        ("nowhere_at_all:estimate", "no module 'nowhere_at_all' is found; run in its folder or install it"),
+        ("nowhere.at.all:estimate", "no module 'nowhere' is found; "),
+        (":estimate", "write FILE.py:callable or module:callable, for example my_filter.py:estimate"),
+        (".relative:estimate", "cannot be loaded, it raised TypeError"),
+    ],
+)
+def test_import_paths_that_do_not_exist(stored: Path, refuse: Refuse, module: Module, path: str, message: str):
+    module("")
+    assert message in refuse.line("evaluate", stored / "recording.npz", "--estimators", path)
