@@ -72,7 +72,7 @@ class Csv(Format):
 class G2o(Format):
     """A graph with landmarks in the form of g2o, TORO or GTSAM (no ground truth).
 
-    PATH is the file. Its poses must make up one path. Observations are EDGE_SE2_XY, EDGE_BEARING_SE2_XY, LANDMARK or BR.
+    The poses must make up one path. Observations are EDGE_SE2_XY, EDGE_BEARING_SE2_XY, LANDMARK or BR.
     """
 
     drop_loop_edges: bool = False
@@ -139,7 +139,7 @@ class Dlr(Format):
 class Freiburg(Format):
     """A log of the SLAM course at Freiburg: sensor_data.dat, and world.dat in its folder for the true landmarks.
 
-    PATH is the log or its folder. The log contains no noise. The defaults fit simulated logs; give the noise of your log.
+    PATH is the log or its folder. It contains no noise. The defaults fit simulated logs; give the noise of your log.
     """
 
     rotation_sigma: float = 0.005
