@@ -47,9 +47,11 @@ class WorkAnywhere(Work):
 
     def executor(self) -> AbstractContextManager[Executor]:
         """Return an executor of the workers of the scheduler, or of worker processes."""
+        if self.scheduler is None:
+            return super().executor()
         from slamgauge.compare.studies.cluster import dask_cluster
 
-        return super().executor() if self.scheduler is None else dask_cluster(self.scheduler)
+        return dask_cluster(self.scheduler)
 
 
 @dataclass
@@ -57,7 +59,7 @@ class Study(WithPage):
     """Monte Carlo: many independent runs, their statistics and figures. After an interruption, it continues.
 
     With --precision it stops when each ratio of ATEs, to --against or else to the optima, is known well enough. The
-    intervals are valid wherever it stops. Exit status 1 if an estimator failed in a run; the other results are kept.
+    intervals are valid whenever it stops. Exit status 1 if an estimator failed in a run; the other results are kept.
 
     For example:
       slamgauge study q1-long-dense --runs 100 --estimators ekf,riekf,causal
@@ -86,7 +88,7 @@ class Study(WithPage):
     """Comma-separated, from --estimators: compare the other estimators with these on the same runs, in ATE and NEES."""
 
     precision: float | None = None
-    """After --runs, add runs until the half-width of each interval is below this share of its ratio, 0.02 say."""
+    """After --runs, add runs until each interval's half-width is below this share of its ratio, for example 0.02."""
 
     max_runs: int = 2000
     """Largest number of runs with --precision."""
@@ -202,7 +204,7 @@ class Budget(WithPage):
 class Claims(WithPage):
     """Test each conclusion of the exercise over as many runs as a verdict needs. After an interruption, it continues.
 
-    A verdict is valid wherever its runs end.
+    A verdict is valid whenever its runs stop.
 
     For example:
       slamgauge claims

@@ -23,9 +23,9 @@ from slamgauge.errors import UserError
 
 @dataclass
 class Check:
-    """Test an estimator with checks that every right filter passes; each check names the part that is wrong.
+    """Test an estimator with checks that every right filter passes. A failed check names the part that is wrong.
 
-    Exit status 1 if a check fails. A limit of the textbook method itself is reported, but does not fail.
+    Exit status 1 if a check fails. A limit of the textbook method is reported, but does not count as a failure.
 
     For example:
       slamgauge check my_filter.py:estimate

@@ -13,7 +13,7 @@ it has no header.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields
 from math import pi
 from pathlib import Path
 from types import NoneType
@@ -133,7 +133,7 @@ class LogMapping:
         return value
 
 
-SECTIONS = {name: kind for name, kind in get_type_hints(LogMapping).items() if is_dataclass(kind)}
+SECTIONS = {name: kind for name, kind in get_type_hints(LogMapping).items() if name not in ("folder", "where")}
 Section = TypeVar("Section")
 
 

@@ -102,6 +102,7 @@ def test_park_observations_out_of_range_are_dropped(park: Write):
         *(("ODOMETRY 0 1", f"ODOMETRY 0 {name}", f"line 1: '{name[:40]}' is not a") for name in NO_IDS),
         ("LANDMARK 0", "BEACON 0", "line 5: 'BEACON' is an unknown tag"),
         ("0.4 0.1 0.5", "0.4 0.1 -0.5", "line 3: the covariance is not positive definite"),
+        (PARK[PARK.index("LANDMARK") :], "BR 3 2 0.1 4 0.1 0.1\n", "no LANDMARK line in it"),
         (PARK, "", "no edge between poses in it"),
         (PARK, "\x00\xff", "line 1: not a text"),
     ],

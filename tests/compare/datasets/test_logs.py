@@ -173,11 +173,10 @@ def test_noise_that_is_zero_is_refused(read: Read):
 
 # --- mistakes ----------------------------------------------------------------------------------
 
-READERS: dict[str, tuple[Read, dict[str, str]]] = {
-    "log.txt": (lambda folder: read_dlr(folder / "log.txt"), DLR),
-    "sensor_data.dat": (read_freiburg, FREIBURG),
-    "world.dat": (read_freiburg, FREIBURG),
-    **dict.fromkeys(MRCLAM, (read_mrclam, MRCLAM)),
+READERS: dict[str, tuple[Read, dict[str, str], str]] = {
+    "log.txt": (read_dlr, DLR, "log.txt"),
+    **dict.fromkeys(FREIBURG, (read_freiburg, FREIBURG, "")),
+    **dict.fromkeys(MRCLAM, (read_mrclam, MRCLAM, "")),
 }
 ODOMETRY, MEASUREMENT, LANDMARKS = "Robot2_Odometry.dat", "Robot2_Measurement.dat", "Landmark_Groundtruth.dat"
 
@@ -211,8 +210,8 @@ ODOMETRY, MEASUREMENT, LANDMARKS = "Robot2_Odometry.dat", "Robot2_Measurement.da
     ],
 )
 def test_wrong_logs_are_refused_in_one_line(read: Read, name: str, old: str, new: str, message: str):
-    reader, files = READERS[name]
+    reader, files, place = READERS[name]
     text = files[name].replace(old, new) if old else new
     with pytest.raises(UserError, match=r"^[^\n]+$") as caught:
-        read(reader, files | {name: text})
+        read(reader, files | {name: text}, place)
     assert message in str(caught.value)
