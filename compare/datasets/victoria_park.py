@@ -11,16 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgauge.compare.datasets.g2o import read_g2o
+from slamgauge.compare.datasets.g2o import FORMS, read_g2o
 from slamgauge.compare.datasets.imported_log import require_max_range
-from slamgauge.errors import UserError
+from slamgauge.compare.datasets.text_lines import read_tagged
 from slamgauge.recording import Recording
 
 
 def read_victoria_park(path: str | Path, *, max_range: float = math.inf) -> Recording:
     """Read a Victoria Park file: `position` sensor, association known, step k at k seconds.
 
-    The first pose is the origin and fixed.
+    The first pose is the origin and fixed. The ids of poses increase along the path; some ids between are landmarks.
 
     Args:
         path: The text file.
@@ -30,7 +30,11 @@ def read_victoria_park(path: str | Path, *, max_range: float = math.inf) -> Reco
         UserError: With the file, the line and the remedy.
     """
     require_max_range(max_range)
+    reached: int | None = None
+    for line in read_tagged(Path(path), {tag: FORMS[tag] for tag in ("ODOMETRY", "LANDMARK")})["ODOMETRY"]:
+        start, end = line.id_at(1), line.id_at(2)
+        if end <= start or reached not in (None, start):
+            raise line.refused(f"leads from pose {start} to {end}, after pose {reached}", "sort the edges by ids")
+        reached = end
     recording = read_g2o(Path(path)).recording
-    if recording.sensor != "position":
-        raise UserError(f"{path}: no LANDMARK line in it; give the Victoria Park text file")
     return recording.only(np.hypot(*recording.observation.T) <= max_range)
