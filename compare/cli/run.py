@@ -198,11 +198,11 @@ class Evaluate:
 def _as_it_lies(path: Path, recording: Recording) -> Estimator:
     """The estimator that returns what a file holds of the recording, or fails for the reason why it holds nothing."""
     from slamgauge.compare.estimators.running import StoredEstimate
-    from slamgauge.compare.estimators.user_code import OwnCodeError
+    from slamgauge.compare.estimators.user_code import UserCodeError
     from slamgauge.compare.storage.stored_estimates import load_stored
 
     def lacking(_: Recording) -> Estimate:
-        raise OwnCodeError(reason)
+        raise UserCodeError(reason)
 
     try:
         return StoredEstimate(load_stored(path, recording))
@@ -229,7 +229,7 @@ class Grading:
     def grade(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> int:
         """Run the estimators, print the table and write the folder; 1 if one of them failed, else 0."""
         from slamgauge.compare.estimators.loading import load_each
-        from slamgauge.compare.estimators.side_by_side import with_stand_ins
+        from slamgauge.compare.estimators.running import with_stand_ins
         from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
         from slamgauge.compare.storage.files import explained
         from slamgauge.compare.storage.result_files import OUTDATED, comparison_files

@@ -1,38 +1,35 @@
-"""People's files are scripts as a rule: what they draw while they are loaded opens no window and waits for nobody."""
+"""Loading of user scripts without windows: figures that they draw are neither shown nor waited for."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
-from typing import Any
+from collections.abc import Generator
+from contextlib import ExitStack, contextmanager
 
-BACKEND = "MPLBACKEND"  # read by matplotlib when it is first imported
+BACKEND = "MPLBACKEND"  # matplotlib reads it at its first import
 WINDOWED = {"matplotlib": ("use",), "matplotlib.pyplot": ("show", "pause")}
 
-_held: dict[tuple[str, str], Callable[..., Any]] | None = None  # what stands in for nothing while files are loaded
+_restores: ExitStack | None = None  # restores the functions of matplotlib that `hold_windows` replaced
 
 
 @contextmanager
 def without_windows() -> Generator[None]:
-    """Nothing that is loaded in here shows figures or waits for them; those that it made are closed at the end."""
-    global _held
-    if _held is not None:
+    """Disable windows and pauses of matplotlib, and close at the end the figures that were made inside."""
+    global _restores
+    if _restores is not None:
         yield
         return
     environment, figures = os.environ.get(BACKEND), _figures()
     os.environ[BACKEND] = "agg"
     if "matplotlib" in sys.modules and "matplotlib.pyplot" not in sys.modules:
         sys.modules["matplotlib"].use("agg")
-    _held = {}
-    hold_windows()
     try:
-        yield
+        with ExitStack() as _restores:
+            hold_windows()
+            yield
     finally:
-        for (module, name), function in _held.items():
-            setattr(sys.modules[module], name, function)
-        _held = None
+        _restores = None
         for number in _figures() - figures:
             sys.modules["matplotlib.pyplot"].close(number)
         if environment is None:
@@ -42,22 +39,23 @@ def without_windows() -> Generator[None]:
 
 
 def hold_windows() -> None:
-    """Within `without_windows`: also hold what has been imported since."""
-    if _held is None:
+    """Disable the windows of modules that have been imported since `without_windows` began; do nothing outside it."""
+    if _restores is None:
         return
-    for module, names in WINDOWED.items():
-        for name in names:
-            function = getattr(sys.modules.get(module), name, None)  # none while matplotlib itself is being imported
-            if function is not None and (module, name) not in _held:
-                _held[module, name] = function
-                setattr(sys.modules[module], name, _nothing)
+    for name, functions in WINDOWED.items():
+        module = sys.modules.get(name)
+        for each in functions:
+            function = getattr(module, each, None)  # missing while matplotlib itself is being imported
+            if function is not None and function is not _nothing:
+                _restores.callback(setattr, module, each, function)
+                setattr(module, each, _nothing)
 
 
 def _nothing(*_: object, **__: object) -> None:
-    """What a window does that nobody sees."""
+    """Do nothing, in place of a function that opens or waits for a window."""
 
 
 def _figures() -> set[int]:
-    """Numbers of the open figures."""
+    """Return the numbers of the open figures."""
     pyplot = sys.modules.get("matplotlib.pyplot")
     return set() if pyplot is None else {*pyplot.get_fignums()}

@@ -9,7 +9,7 @@ import pytest
 
 import slamgauge
 from slamgauge.compare.estimators.adapters import adapt
-from slamgauge.compare.estimators.course_steps import Sight, turn
+from slamgauge.compare.estimators.function_pairs import CourseObservation, turn
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.ekf import ekf_slam
 from slamgauge.ekf.slam_filter import SlamFilter
@@ -98,7 +98,7 @@ def test_increments_as_turns_and_a_way(increment: tuple[float, ...], meant: tupl
 
 
 def test_a_sight_has_its_fields_by_position_and_name():
-    sight = Sight(2, 3.0, 0.5)
+    sight = CourseObservation(2, 3.0, 0.5)
     assert sight[0] == sight["id"] == sight.id == 2
     assert [*sight] == [2, 3.0, 0.5]
 

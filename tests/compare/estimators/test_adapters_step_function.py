@@ -1,4 +1,4 @@
-"""Step functions of the practical: told the recording's noise exactly, and as many kinds of copies as there are."""
+"""Step functions of the exercise: told the recording's noise exactly, and as many kinds of copies as there are."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_a_textbook_one_is_our_ekf(own: Own, capsys: pytest.CaptureFixture[str])
     estimate, reference = own(BLOCKED, recording), ekf_slam(recording)
     agree(estimate, reference)
     assert np.array_equal(np.asarray(estimate.association), np.asarray(reference.association))
-    assert "mine: step function of the practical (xEst, PEst, u, y)\n" in capsys.readouterr().err
+    assert "mine: step function of the exercise (xEst, PEst, u, y)\n" in capsys.readouterr().err
 
 
 def test_the_handout_feeds_it_as_its_own_simulation_does(own: Own):
@@ -272,7 +272,7 @@ def test_its_own_noise_is_a_choice(own: Own):
     assert len(own(wrapped, short(), "mine").poses) == 41
     with pytest.raises(slamgauge.UserError, match="noise: 'mine' is not known; use 'recording' or 'file'"):
         step_function(ekf_slam, noise="mine")  # pyright: ignore[reportArgumentType]
-    with pytest.raises(slamgauge.UserError, match=r"step_function: ekf_slam\(recording\) is none"):
+    with pytest.raises(slamgauge.UserError, match=r"step_function: ekf_slam\(recording\) has another form"):
         step_function(ekf_slam)
 
 
@@ -294,7 +294,7 @@ def test_what_cannot_be_said(own: Own):
     with pytest.raises(slamgauge.UserError, match="step 0: observations of one scan have different noise"):
         own(spy("pass"), replace(recording, observation_cov=cov))
     for Py in ("None", "0.1", "np.ones(2)", "np.eye(1)"):
-        with pytest.raises(slamgauge.UserError, match="its Py is no square matrix of at least 2 rows"):
+        with pytest.raises(slamgauge.UserError, match="its Py must be a square matrix of at least 2 rows"):
             own(f"{spy('pass')}\nPy = {Py}\n", recording)
     positions = replace(recording, sensor="position")
     with pytest.raises(slamgauge.UserError, match="this recording has positions"):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.estimators.discovery import found_in
+from slamgauge.compare.estimators.adapters import found_in
 from slamgauge.compare.estimators.sources import sources_of
 from slamgauge.compare.estimators.user_code import Address
 from slamgauge.errors import UserError

@@ -136,13 +136,16 @@ def test_a_graph_under_a_filters_associations_is_no_optimum():
 def test_the_box_is_listed_with_all_its_names():
     assert all(name in HELP for name in REGISTRY)
     assert "causal (causal optimum), batch (hindsight), robust-batch, isam2 (GTSAM's iSAM2), gtsam-batch (" in HELP
-    assert "; causal@ekf is causal under" in HELP
+    assert "; causal@ekf is causal with" in HELP
 
 
 def test_people_may_not_take_a_name_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text("def f(recording): ...\n")
-    for own, whose in ((["ekf=own.py:f"], "ekf is one of ours"), (["a=own.py:f", "a=own:f"], "a stands there twice")):
+    for own, whose in (
+        (["ekf=own.py:f"], "ekf is a built-in estimator"),
+        (["a=own.py:f", "a=own:f"], "a is given twice"),
+    ):
         with pytest.raises(ValueError, match=f"{whose}; write another LABEL= in front"):
             load_estimators(["causal", *own])
     assert [*load_estimators(["causal", "a=own.py:f", "own:f", "own.py:f"])] == ["causal", "a", "own:f", "own.py:f"]

@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 from textwrap import dedent, indent
 from time import monotonic, sleep
@@ -24,7 +25,7 @@ from slamgauge.compare.estimators.loading import load, spent_by
 from slamgauge.compare.estimators.requests import Isolation, ask
 from slamgauge.compare.estimators.requests import isolated as kept_apart
 from slamgauge.compare.estimators.running import run_estimator
-from slamgauge.compare.estimators.user_code import OwnCodeError, address
+from slamgauge.compare.estimators.user_code import UserCodeError, address
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.errors import UserError
 
@@ -59,7 +60,7 @@ def made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Generator[Made]:
 
 
 def reason(estimator: Isolated) -> str:
-    with pytest.raises(OwnCodeError) as caught:
+    with pytest.raises(UserCodeError) as caught:
         estimator(short())
     return str(caught.value)
 
@@ -68,7 +69,7 @@ def test_the_estimate_is_the_same_to_the_last_bit_and_the_form_is_told(capsys: p
     (asked,) = kept_apart(ask([f"mine={EXAMPLES}/student_ekf.py:ekf_slam"]), Isolation(60.0, strict=False))
     recording = short()
     apart = load(asked)
-    assert capsys.readouterr().err == "mine: step function of the practical (xEst, PEst, u, y)\n"
+    assert capsys.readouterr().err == "mine: step function of the exercise (xEst, PEst, u, y)\n"
     (within,) = ask([f"mine={EXAMPLES}/student_ekf.py:ekf_slam"])
     estimates = [run_estimator("mine", each, recording)[0] for each in (apart, load(within))]
     for field in ("poses", "pose_covs", "landmark_ids", "landmarks", "landmark_covs", "association"):
@@ -151,7 +152,7 @@ def test_an_external_program_that_does_not_end_is_ended_too(tmp_path: Path, monk
     estimator = Isolated(address(f"{tmp_path / 'mine.py'}:estimate"), 5.0)
     with ThreadPoolExecutor(1) as beside:
         noted = beside.submit(pid_noted, tmp_path)
-        with estimator, pytest.raises(OverdueError):
+        with closing(estimator), pytest.raises(OverdueError):
             estimator(short())
     assert ended(noted.result())
 
@@ -215,8 +216,8 @@ def test_a_flood_of_prints_fills_neither_memory_nor_disk_and_ends(made: Made):
 def test_prints_of_a_right_filter_are_kept_to_their_last_lines(made: Made):
     estimator = made("for i in range(20_000):\n    print('line', i)\nreturn dead_reckoning(recording)")
     estimator(short())
-    assert estimator.last_words.splitlines()[-2:] == ["line 19998", "line 19999"]
-    assert len(estimator.last_words) < isolated_process.TAIL
+    assert estimator.last_output.splitlines()[-2:] == ["line 19998", "line 19999"]
+    assert len(estimator.last_output) < isolated_process.TAIL
 
 
 def test_no_file_grows_without_end(made: Made):
@@ -251,7 +252,7 @@ def test_memory_that_it_may_take_can_be_taken_and_where_the_machines_ends_it_goe
 @pytest.mark.parametrize(
     ("left", "expected"),
     [
-        ("open(path, 'wb').write(b'junk')", "its process has left what is no estimate"),
+        ("open(path, 'wb').write(b'junk')", "not a whole npz file of plain arrays"),
         ("None", "its process has left no estimate"),
         ("os.symlink('/dev/zero', path)", "its process has left no estimate"),
         ("__import__('numpy').savez(path, kind=object())", "not a whole npz file of plain arrays"),
@@ -281,7 +282,7 @@ def test_an_answer_that_is_none_is_a_line(made: Made):
         out.flush()
         return dead_reckoning(recording)
     """
-    assert reason(made(body)).startswith("its process answered what is no answer")
+    assert reason(made(body)).startswith("its process wrote a wrong answer")
 
 
 @pytest.mark.parametrize(
@@ -297,8 +298,8 @@ def test_an_answer_that_is_none_is_a_line(made: Made):
 def test_code_that_cannot_be_loaded_is_a_line_that_names_it(tmp_path: Path, source: str, expected: str):
     file = tmp_path / "mine.py"
     file.write_text(source)
-    with pytest.raises(UserError) as caught, Isolated(address(f"{file}:estimate"), 2.0) as estimator:
-        estimator.begin()
+    with pytest.raises(UserError) as caught:
+        Isolated(address(f"{file}:estimate"), 2.0).begin()
     assert str(caught.value).startswith(f"estimator {file}:estimate: ")
     assert expected in str(caught.value)
 

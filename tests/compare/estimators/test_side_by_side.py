@@ -12,7 +12,7 @@ import pytest
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.loading import load_estimators
-from slamgauge.compare.estimators.side_by_side import run_side_by_side, with_stand_ins
+from slamgauge.compare.estimators.running import run_side_by_side, with_stand_ins
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.storage.files import save

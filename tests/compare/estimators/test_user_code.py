@@ -19,7 +19,7 @@ import pytest
 import slamgauge.ekf
 from slamgauge.compare.estimators.adapters import adapted
 from slamgauge.compare.estimators.private_import import PrivateFolder
-from slamgauge.compare.estimators.user_code import address, load_own_module
+from slamgauge.compare.estimators.user_code import address, load_callable_module
 
 from .conftest import short
 
@@ -46,7 +46,7 @@ def value(text: str) -> object:
 
 
 def own(text: str) -> slamgauge.Estimator:
-    return adapted(address(text), announced=False)
+    return adapted(address(text)).estimator
 
 
 @pytest.mark.parametrize(
@@ -236,7 +236,7 @@ def test_their_classes_can_be_pickled_and_their_source_read(write: Write):
 
 def test_installed_modules_are_found_where_the_folder_has_none(write: Write):
     write({})
-    assert load_own_module(address("slamgauge.ekf:dead_reckoning")) is slamgauge.ekf
+    assert load_callable_module(address("slamgauge.ekf:dead_reckoning")) is slamgauge.ekf
     assert own("textwrap:dedent")(" a") == "a"  # pyright: ignore[reportArgumentType]
 
 

@@ -101,7 +101,7 @@ def test_every_form_is_graded_and_the_others_are_named_with_their_reasons(graded
     assert {name for name, row in found.items() if row["passed"] == "true"} == right
     assert {name for name, row in found.items() if row["graded"] == "true"} == right | {"student_ekf_wrong_jacobian"}
     reasons = {name: row["reason"] for name, row in found.items() if row["reason"]}
-    assert "breaks the laws prediction-jacobian, rigid-motion" in reasons.pop("student_ekf_wrong_jacobian")
+    assert "fails the checks prediction-jacobian, rigid-motion" in reasons.pop("student_ekf_wrong_jacobian")
     assert reasons.pop("shifted").startswith("run 0: uses the future: from the recording up to step 15 alone, ")
     assert reasons.pop("broken").startswith("cannot be loaded, it raised SyntaxError: expected ':' (broken.py, line 1)")
     assert reasons == {"a.b": "a.b.py: no Python module can have a dot in its name; rename the file"}
@@ -111,7 +111,7 @@ def test_a_right_filter_has_the_figures_of_the_reference(graded: Path):
     row = rows(graded)["student_ekf"]
     assert [*row][:3] == ["submission", "passed", "reason"]
     assert (row["callable"], row["kind"], row["runs"], row["failed_laws"]) == ("ekf_slam", "filtered", "3", "")
-    assert row["form"] == "step function of the practical (xEst, PEst, u, y)"
+    assert row["form"] == "step function of the exercise (xEst, PEst, u, y)"
     for key in ("ate_ratio", "nees_ratio", "sigma_position_ratio", "sigma_heading_ratio"):
         assert float(row[key]) == pytest.approx(1.0, abs=0.03)
         assert float(row[f"{key}_low"]) <= float(row[key]) <= float(row[f"{key}_high"])
@@ -134,7 +134,7 @@ def test_a_page_tells_each_of_them_what_there_is_to_know(graded: Path):
     assert page.startswith("# student_ekf_wrong_jacobian: FAILED\n\nlittle, 3 of 3 runs; reference: ekf.\n")
     assert "\n    prediction-jacobian: " in page  # the part that is to blame
     assert "| ATE [m] | " in page
-    assert "do not judge it: its noise is its own" in (graded / "submissions/own_noise.md").read_text()
+    assert "do not apply: it ignores the noise of the recording" in (graded / "submissions/own_noise.md").read_text()
     assert (graded / "submissions/broken.md").read_text().startswith("# broken: not graded\n")
     assert {path.name for path in graded.iterdir()} == {
         "grades.csv",
@@ -183,7 +183,7 @@ def test_the_middle_run_is_looked_at_and_who_takes_too_much_memory_is_a_row(
 @pytest.mark.parametrize(
     ("files", "words", "said"),
     [
-        ({}, (), "holds no submission; give a folder of Python files"),
+        ({}, (), "contains no submission; give a folder of Python files"),
         ({"a.py": "1 / 0"}, (), "nothing could be graded; a: cannot be loaded, it raised ZeroDivisionError"),
         ({"a.py": ""}, ("--runs", "1"), "runs: 1 has no interval"),
         ({"a.py": ""}, ("--reference", "efk"), "estimator 'efk' is not known"),
@@ -226,7 +226,7 @@ def test_poses_that_know_the_future_do_not_pass_beside_a_filter():
     theirs = scores(ate=1.0, spread=0.1)
     smoothed = [replace(each, kind="smoothed") for each in theirs]
     reasons = grade("mine", Trial(scores=smoothed), theirs).reasons
-    assert reasons[0] == "says that its poses are smoothed; filtered ones are asked for"
+    assert reasons[0] == "its poses are smoothed; filtered poses are required"
 
 
 def _relative(score: Score, best: float | None, check: float | None = None) -> Score:
