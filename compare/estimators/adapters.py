@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -41,13 +40,6 @@ class Form(NamedTuple):
     example: str
 
 
-class Adapted(NamedTuple):
-    """An estimator made from user code, and the description of its form; empty for `Recording -> Estimate`."""
-
-    estimator: Estimator
-    form: str
-
-
 FORMS = (
     Form(online_class.description, online_class.OnlineClass, "a class with predict and update"),
     Form(
@@ -78,38 +70,30 @@ def adapt(given: Callee | ModuleType, name: str) -> Estimator:
     return estimator
 
 
-def adapted_callable(given: Callee | ModuleType, name: str) -> Adapted:
-    """`adapt`, without printing."""
+def adapted_callable(given: Callee | ModuleType, name: str) -> tuple[Estimator, str]:
+    """Adapt without printing; return the estimator and its form in words, empty for `Recording -> Estimate`."""
     if isinstance(given, ModuleType):
         found = estimators_in(given)
         if len(found) != 1:
             raise UserError(f"estimator {name}: module {given.__name__} has no {', '.join(NAMES)}; name its callable")
         given = getattr(given, found[0])
     form, words = _form_of(uncopied(given), name)
-    return Adapted(given if form is None else form.estimator(GivenCode(given)), words)
+    return given if form is None else form.estimator(GivenCode(given)), words
 
 
-def adapted(where: Address) -> Adapted:
-    """Load and adapt the callable at an address; `Recording -> Estimate` is not loaded again for each run."""
+def adapted(where: Address) -> tuple[Estimator, str]:
+    """`adapted_callable` for user code at an address; `Recording -> Estimate` is not loaded again for each run."""
     module = load_callable_module(where)
     callee = getattr(module, where.attribute)
     form, words = _form_of(Fresh(callee, vars(module)), where.label)
-    return Adapted(
-        LoadedCallable(callee, module) if form is None else form.estimator(AddressedCode(where, module)), words
-    )
+    if form is not None:
+        return form.estimator(AddressedCode(where, module)), words
 
+    def run(recording: Recording) -> Estimate:
+        with present(module):
+            return callee(recording)
 
-@dataclass(frozen=True)
-class LoadedCallable:
-    """A callable `Recording -> Estimate` of a loaded module."""
-
-    callee: Callee
-    module: ModuleType
-
-    def __call__(self, recording: Recording) -> Estimate:
-        """Run the callable."""
-        with present(self.module):
-            return self.callee(recording)
+    return run, words
 
 
 def found_in(where: Address) -> Address:

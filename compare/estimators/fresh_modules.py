@@ -5,10 +5,10 @@ from __future__ import annotations
 import ast
 import inspect
 from collections.abc import Generator, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from copy import deepcopy
 from types import FunctionType, ModuleType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,14 +24,6 @@ class Fresh(NamedTuple):
 
     callee: Callee
     names: dict[str, Any]
-
-
-class Code(Protocol):
-    """Source of a callable for many runs."""
-
-    def fresh(self) -> AbstractContextManager[Fresh]:
-        """Return the callable for one run, as its file defines it."""
-        ...
 
 
 class AddressedCode:
@@ -71,6 +63,9 @@ class GivenCode:
     def fresh(self) -> Generator[Fresh]:
         """Copy the callable."""
         yield _copied(self._kept)
+
+
+Code = AddressedCode | GivenCode
 
 
 def uncopied(given: Callee) -> Fresh:

@@ -87,7 +87,7 @@ class Isolated:
         self._child: _Child | None = None
 
     def begin(self) -> str:
-        """Start the process and load the code; return the description of its form (see `adapters.Adapted`).
+        """Start the process and load the code; return the description of its form (see `adapters.adapted_callable`).
 
         Raises:
             UserError: the code cannot be loaded.

@@ -7,6 +7,9 @@ other import finds user files, whatever their names. Two folders, or two loading
 installed libraries.
 
 `sys.modules` contains the modules while they are loaded and run (`present`). Imports that run later still find them.
+
+User files are often scripts that draw: while they are loaded, figures are neither shown nor waited for
+(`without_windows`).
 """
 
 from __future__ import annotations
@@ -15,25 +18,27 @@ import builtins
 import importlib
 import importlib.util
 import itertools
+import os
 import re
 import sys
 import threading
 from collections.abc import Callable, Collection, Generator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from functools import partial
 from importlib.machinery import BuiltinImporter, FrozenImporter, ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
 from weakref import WeakValueDictionary
 
-from slamgauge.compare.estimators.headless_import import hold_windows
-
 PREFIX = "_slamgauge_own_"
 OURS = "slamgauge"  # user code that imports this name always gets this program
+BACKEND = "MPLBACKEND"  # matplotlib reads it at its first import
+WINDOWED = {"matplotlib": ("use",), "matplotlib.pyplot": ("show", "pause")}
 
 _numbers = itertools.count(1)
 _folders: WeakValueDictionary[str, PrivateFolder] = WeakValueDictionary()  # package name -> folder
 _presence = threading.RLock()  # reentrant: code that the garbage collector runs inside may import, too
+_restores: ExitStack | None = None  # restores the functions of matplotlib that `_hold_windows` replaced
 
 
 class PrivateFolder:
@@ -134,7 +139,7 @@ class PrivateFolder:
                 return found if fromlist else sys.modules[self._private(name.partition(".")[0])]
         with self.present() if level else nullcontext():
             found = builtins.__import__(name, globals, locals, fromlist or (), level)
-        hold_windows()
+        _hold_windows()
         return self._own_importlib() if found is importlib else found
 
     def _own_importlib(self) -> ModuleType:
@@ -185,3 +190,51 @@ def present(module: ModuleType) -> AbstractContextManager[None]:
 def public(text: str) -> str:
     """Replace the names of private modules in a text by the names that users wrote."""
     return re.sub(rf"{PREFIX}\d+\.?", "", text)
+
+
+@contextmanager
+def without_windows() -> Generator[None]:
+    """Disable windows and pauses of matplotlib, and close at the end the figures that were made inside."""
+    global _restores
+    if _restores is not None:
+        yield
+        return
+    environment, figures = os.environ.get(BACKEND), _figures()
+    os.environ[BACKEND] = "agg"
+    if "matplotlib" in sys.modules and "matplotlib.pyplot" not in sys.modules:
+        sys.modules["matplotlib"].use("agg")
+    try:
+        with ExitStack() as _restores:
+            _hold_windows()
+            yield
+    finally:
+        _restores = None
+        for number in _figures() - figures:
+            sys.modules["matplotlib.pyplot"].close(number)
+        if environment is None:
+            del os.environ[BACKEND]
+        else:
+            os.environ[BACKEND] = environment
+
+
+def _hold_windows() -> None:
+    """Disable the windows of modules that have been imported since `without_windows` began; do nothing outside it."""
+    if _restores is None:
+        return
+    for name, functions in WINDOWED.items():
+        module = sys.modules.get(name)
+        for each in functions:
+            function = getattr(module, each, None)  # missing while matplotlib itself is being imported
+            if function is not None and function is not _nothing:
+                _restores.callback(setattr, module, each, function)
+                setattr(module, each, _nothing)
+
+
+def _nothing(*_: object, **__: object) -> None:
+    """Do nothing, in place of a function that opens or waits for a window."""
+
+
+def _figures() -> set[int]:
+    """Return the numbers of the open figures."""
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    return set() if pyplot is None else {*pyplot.get_fignums()}

@@ -13,8 +13,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from slamgauge import errors
-from slamgauge.compare.estimators.headless_import import without_windows
-from slamgauge.compare.estimators.private_import import PrivateFolder, public
+from slamgauge.compare.estimators.private_import import PrivateFolder, public, without_windows
 from slamgauge.compare.estimators.sources import Sources, sources_of
 from slamgauge.compare.storage.safe_names import LONGEST
 from slamgauge.errors import UserError

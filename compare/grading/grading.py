@@ -12,15 +12,17 @@ from slamgauge.compare.estimators.memory_check import require_room_for_runs
 from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.grading.grades import Grade, grade
 from slamgauge.compare.grading.submissions import Submission
-from slamgauge.compare.grading.trial import ReferenceRun, Trial, reference_run, run_trial
+from slamgauge.compare.grading.trial import Trial, reference_run, run_trial
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.scenario_text import scenario_text
+from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate
 
 T = TypeVar("T")
 
@@ -97,11 +99,14 @@ def grade_folder(
     seeds = [run_seed(seed, run) for run in range(runs)]
     arguments = [(scenario, each, reference) for each in seeds]
     measured = dict(_results(executor, reference_run, arguments, "run"))
-    lost = next((each for each in measured.values() if isinstance(each, Exception)), None)
-    if lost is not None:
-        raise UserError(f"reference {reference.label}: {lost}")
-    references = [each for _, each in sorted(measured.items()) if isinstance(each, ReferenceRun)]
-    optima, scores = [each.optimum for each in references], [each.reference for each in references]
+    scores: list[Score] = []
+    optima: list[Estimate | None] = []
+    for run in range(runs):
+        done = measured[run]
+        if isinstance(done, Exception):
+            raise UserError(f"reference {reference.label}: {done}")
+        scores.append(done[0])
+        optima.append(done[1])
     runnable = [(place, each) for place, each in enumerate(submissions) if each.where is not None]
     arguments = [(each.where, each.name, scenario, seeds, optima, settings.timeout) for _, each in runnable]
     trials = {place: Trial(reason=each.reason) for place, each in enumerate(submissions)}

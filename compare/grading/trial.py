@@ -33,14 +33,6 @@ FEW_STEPS, LOUDER = 20, 4.0  # steps, and factor of variances, of a recording wi
 
 
 @dataclass(frozen=True)
-class ReferenceRun:
-    """Score of the reference on a run, and estimate of the causal optimum; None if it is undetermined."""
-
-    reference: Score
-    optimum: Estimate | None
-
-
-@dataclass(frozen=True)
 class Trial:
     """Runs and checks of a submission.
 
@@ -63,8 +55,8 @@ class Trial:
     reason: str | None = None
 
 
-def reference_run(scenario: Scenario, seed: int, reference: Asked) -> ReferenceRun:
-    """Run the reference and the causal optimum on one simulated run.
+def reference_run(scenario: Scenario, seed: int, reference: Asked) -> tuple[Score, Estimate | None]:
+    """Return the score of the reference on a run, and the estimate of the causal optimum; None if it is undetermined.
 
     Raises:
         UserError: the reference fails.
@@ -79,7 +71,7 @@ def reference_run(scenario: Scenario, seed: int, reference: Asked) -> ReferenceR
         optimum = run_estimator(CAUSAL, without(load(best), informed, truth.misleading), informed)[0]
     except UserError:  # the recording does not determine it
         optimum = None
-    return ReferenceRun(_scored(truth, recording, estimate, optimum, seconds), optimum)
+    return _scored(truth, recording, estimate, optimum, seconds), optimum
 
 
 def run_trial(
