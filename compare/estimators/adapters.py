@@ -75,10 +75,13 @@ def adapted_callable(given: Callee | ModuleType, name: str) -> tuple[Estimator, 
     if isinstance(given, ModuleType):
         found = estimators_in(given)
         if len(found) != 1:
-            raise UserError(f"estimator {name}: module {given.__name__} has no {', '.join(NAMES)}; name its callable")
-        given = getattr(given, found[0])
-    form, words = _form_of(uncopied(given), name)
-    return given if form is None else form.estimator(GivenCode(given)), words
+            what = f"may be {', '.join(found)}" if found else f"has no {', '.join(NAMES)} of a form that is known"
+            raise UserError(f"estimator {name}: module {given.__name__} {what}; name its callable")
+        callee: Callee = getattr(given, found[0])
+    else:
+        callee = given
+    form, words = _form_of(uncopied(callee), name)
+    return callee if form is None else form.estimator(GivenCode(callee)), words
 
 
 def adapted(where: Address) -> tuple[Estimator, str]:

@@ -237,7 +237,7 @@ class _Child:
 
 
 def environment(ours: Mapping[str, str], here: Path) -> dict[str, str]:
-    """Return the environment of the child: the places of libraries, and its own folder `here` in place of ours."""
+    """Return the environment of the child: the places of libraries, and `here` as home folder."""
     kept = {name: value for name, value in ours.items() if name in KEPT or name.startswith(KEPT_BEGINNINGS)}
     caches = ours.get("XDG_CACHE_HOME") or str(Path("~/.cache").expanduser())  # font lists, compiled kernels
     homes = {"HOME": str(here), "TMPDIR": str(here), "PWD": str(here), "XDG_CACHE_HOME": caches}

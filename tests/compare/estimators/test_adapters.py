@@ -228,7 +228,9 @@ def test_the_callable_of_a_module_is_found():
     module = ModuleType("mine")
     vars(module)["Online"] = type("Online", (SlamFilter,), {"__module__": "mine"})
     agree(adapt(module, "mine")(short()), ekf_slam(short()), atol=0.0)
-    with pytest.raises(slamgauge.UserError, match="module other has no estimate, ekf_slam, prediction_step, predict;"):
+    with pytest.raises(
+        slamgauge.UserError, match="module other has no estimate, ekf_slam, prediction_step, predict of"
+    ):
         adapt(ModuleType("other"), "mine")
 
 

@@ -23,6 +23,8 @@ from slamgauge.compare.studies.study_run import run_once
 from slamgauge.ekf import dead_reckoning, ekf_slam
 from slamgauge.errors import UserError
 
+from .conftest import EXAMPLES, short
+
 MINE = "from helper import chosen\ndef estimate(recording):\n    return chosen(recording)\n"
 HELPER = "from slamgauge.ekf import {} as chosen\n"
 SHORT = ["start=sampled", "trajectory.duration=2"]
@@ -67,16 +69,14 @@ def test_edited_code_is_another_estimator(folder: Path) -> None:
 def test_a_pickled_request_keeps_its_sources(folder: Path) -> None:
     (asked,) = pickle.loads(pickle.dumps(ask(["mine.py:estimate"])))
     (folder / "helper.py").write_text("raise ImportError\n")
-    recording = __import__("slamgauge").simulate(load_scenario("q1-short-dense", SHORT), 0)[1]
+    recording = short("q1-short-dense", "trajectory.duration=2")
     assert (load(asked)(recording).poses == ekf_slam(recording).poses).all()
 
 
 def test_a_loaded_step_function_can_be_pickled(folder: Path) -> None:
     (folder / "mine.py").write_text("DT = Q = Py = 1.0\ndef ekf_slam(xEst, PEst, u, y):\n    return xEst + DT, PEst\n")
     loaded = load(ask(["mine.py:ekf_slam"])[0])
-    recording = __import__("slamgauge").simulate(load_scenario("q1-short-dense", [*SHORT, "sensor.max_range=0.1"]), 0)[
-        1
-    ]
+    recording = short("q1-short-dense", "trajectory.duration=2", "sensor.max_range=0.1")
     assert (pickle.loads(pickle.dumps(loaded))(recording).poses == loaded(recording).poses).all()
 
 
@@ -119,10 +119,9 @@ def estimate(recording):
 
 
 def test_a_map_without_ids_causes_no_warning() -> None:
-    example = Path(__file__).parents[3] / "examples/student_ekf.py"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        (outcome,) = run_once(load_scenario("q2-short-dense", SHORT), 0, [f"{example}:ekf_slam"])
+        (outcome,) = run_once(load_scenario("q2-short-dense", SHORT), 0, [f"{EXAMPLES}/student_ekf.py:ekf_slam"])
     assert outcome.error is None
     assert outcome.figures["landmark_error_near_m"] is None
 

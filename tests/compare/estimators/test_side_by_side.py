@@ -17,13 +17,16 @@ from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.storage.files import save
 from slamgauge.ekf import ekf_slam
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
+
+SCENARIO = load_scenario("q2-long-dense", ["trajectory.duration=4"])
 
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    return simulate(load_scenario("q2-long-dense", ["trajectory.duration=4"]), 0)[1]
+    return simulate(SCENARIO, 0)[1]
 
 
 def own(recording: Recording) -> Estimate:
@@ -59,7 +62,7 @@ def test_without_any_associations_the_optima_fail(recording: Recording):
 
 
 def test_true_associations_are_used_if_known(recording: Recording):
-    truth = simulate(load_scenario("q2-long-dense", ["trajectory.duration=4"]), 0)[0]
+    truth = simulate(SCENARIO, 0)[0]
     assert truth.association is not None
     informed = recording.associated(truth.association)
     ran = run_side_by_side(load_estimators(["ekf", "causal", "causal@ekf"]), recording, informed)
@@ -85,8 +88,6 @@ def test_a_failure_of_batch_leaves_other_results(
     recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     def refuses(*_: object, **__: object) -> Estimate:
-        from slamgauge.errors import UserError
-
         raise UserError("motion 3: undetermined")
 
     monkeypatch.setattr("slamgauge.graph_baseline.batch", refuses)
