@@ -176,11 +176,11 @@ class Evaluate(WithPage):
 def _stored_estimator(path: Path, recording: Recording) -> Estimator:
     """Return an estimator that returns the estimate in a file, or raises the reason why it cannot be read."""
     from slamgauge.compare.estimators.running import StoredEstimate
-    from slamgauge.compare.estimators.user_code import OwnCodeError
+    from slamgauge.compare.estimators.user_code import UserCodeError
     from slamgauge.compare.storage.stored_estimates import load_stored
 
     def unreadable(_: Recording) -> Estimate:
-        raise OwnCodeError(reason)
+        raise UserCodeError(reason)
 
     try:
         return StoredEstimate(load_stored(path, recording))
@@ -207,7 +207,7 @@ class Scoring:
     def score(self, truth: Truth | None, recording: Recording, informed: Recording | None = None) -> int:
         """Run the estimators, print the table and write the folder; return 1 if an estimator failed, else 0."""
         from slamgauge.compare.estimators.loading import load_each
-        from slamgauge.compare.estimators.side_by_side import with_stand_ins
+        from slamgauge.compare.estimators.running import with_stand_ins
         from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
         from slamgauge.compare.storage.files import explained
         from slamgauge.compare.storage.result_files import OUTDATED, comparison_files

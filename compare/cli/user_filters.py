@@ -92,8 +92,7 @@ class Grade(WithPage):
     def __call__(self) -> int:
         from slamgauge.compare.estimators.isolated_process import require_isolation
         from slamgauge.compare.estimators.requests import ask
-        from slamgauge.compare.grading.grade_files import write_grades, write_pages
-        from slamgauge.compare.grading.grade_table import grade_table
+        from slamgauge.compare.grading.grade_output import grade_table, write_grades, write_pages
         from slamgauge.compare.grading.grading import GradeSettings, grade_folder
         from slamgauge.compare.grading.submissions import submissions_in
         from slamgauge.compare.storage.result_files import GRADES, PAGES, grade_files

@@ -1,1 +1,1 @@
-"""Estimators by name: ours, and people's own."""
+"""Estimators by name: built-in ones, graphs with the associations of a filter, and user code."""

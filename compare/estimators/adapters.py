@@ -1,24 +1,24 @@
-"""People's own filters as they are, made into estimators `Recording -> Estimate`: `slamgauge.adapters`.
+"""Forms of user code, made into estimators `Recording -> Estimate`: `slamgauge.adapters`.
 
-The form is found from the signature of what they bring (`adapt`), and said on standard error.
+The form of a callable follows from its signature; `adapt` prints it on standard error.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from slamgauge.compare.estimators import course_steps, online_class, predict_update
+from slamgauge.compare.estimators import function_pairs as pairs
+from slamgauge.compare.estimators import online_class
 from slamgauge.compare.estimators import step_function as steps
-from slamgauge.compare.estimators.external_program import external
-from slamgauge.compare.estimators.fresh_modules import AddressedCode, Code, Fresh, GivenCode, as_it_stands
+from slamgauge.compare.estimators.external_program import ExternalProgram, external
+from slamgauge.compare.estimators.fresh_modules import AddressedCode, Code, Fresh, GivenCode, uncopied
 from slamgauge.compare.estimators.private_import import present
 from slamgauge.compare.estimators.signatures import required
 from slamgauge.compare.estimators.step_function import Noise, StepFunction
-from slamgauge.compare.estimators.user_code import Address, Callee, load_own_module
+from slamgauge.compare.estimators.user_code import Address, Callee, load_callable_module, load_whole_module
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 from slamgauge.recording import Recording
@@ -27,12 +27,12 @@ __all__ = ["adapt", "external", "step_function"]
 
 
 class Form(NamedTuple):
-    """A form in which people bring their filters.
+    """A form of user code.
 
     Attributes:
-        description: what they are told of a callable of this form; None for another.
-        estimator: what makes an estimator of their code.
-        example: how it is spelt.
+        description: describes a callable of this form; returns None for another.
+        estimator: makes an estimator from the code.
+        example: its signature, for error messages.
     """
 
     description: Callable[[Fresh], str | None]
@@ -43,101 +43,140 @@ class Form(NamedTuple):
 FORMS = (
     Form(online_class.description, online_class.OnlineClass, "a class with predict and update"),
     Form(
-        course_steps.description,
-        course_steps.CourseSteps,
+        pairs.course_description,
+        pairs.CourseSteps,
         "prediction_step(mu, sigma, u) with correction_step(mu, sigma, z, observed)",
     ),
-    Form(
-        predict_update.description,
-        predict_update.PredictUpdate,
-        "predict(eta, P, z_odo) with update(eta, P, z)",
-    ),
+    Form(pairs.pair_description, pairs.PredictUpdate, "predict(eta, P, z_odo) with update(eta, P, z)"),
     Form(steps.description, StepFunction, "ekf_slam(xEst, PEst, u, y)"),
 )
 EXAMPLES = ("estimate(recording)", *(form.example for form in FORMS))
-NAMES = ("estimate", "ekf_slam", course_steps.PREDICTION, predict_update.PREDICT)  # looked for in a module
+NAMES = ("estimate", "ekf_slam", pairs.PREDICTION, pairs.PREDICT)  # searched for in a module, in this order
 
 
-def adapt(given: Callee | ModuleType, name: str, *, announced: bool = True) -> Estimator:
-    """An estimator of a callable, or of a module that has one, in any of the forms.
+def adapt(given: Callee | ModuleType, name: str) -> Estimator:
+    """Make an estimator from a callable of any form, and print its form on standard error.
 
     Args:
-        given: a callable; of a module its `estimate`, `ekf_slam`, `prediction_step` or `predict` is taken, or its only
-            class with `predict` and `update`.
-        name: what it is called on standard error.
-        announced: whether its form is said there.
+        given: a callable, or a module that `estimators_in` finds one callable in.
+        name: name of the estimator in messages.
 
     Raises:
-        UserError: it has none of the forms.
+        UserError: the callable has none of the forms.
     """
-    callee = _within(given, name) if isinstance(given, ModuleType) else given
-    form = _form_of(as_it_stands(callee), name, announced=announced)
-    return callee if form is None else form.estimator(GivenCode(callee))
+    estimator, form = adapted_callable(given, name)
+    if form:
+        print(f"{name}: {form}", file=sys.stderr)
+    return estimator
 
 
-def adapted(where: Address, *, announced: bool = True) -> Estimator:
-    """`adapt` for what stands in a file or module; but for a callable `Recording -> Estimate` loaded for every run."""
-    module = load_own_module(where)
+def adapted_callable(given: Callee | ModuleType, name: str) -> tuple[Estimator, str]:
+    """Adapt without printing; return the estimator and its form in words, empty for `Recording -> Estimate`."""
+    if isinstance(given, ModuleType):
+        found = estimators_in(given)
+        if len(found) != 1:
+            what = f"may be {', '.join(found)}" if found else f"has no {', '.join(NAMES)} of a form that is known"
+            raise UserError(f"estimator {name}: module {given.__name__} {what}; name its callable")
+        callee: Callee = getattr(given, found[0])
+    else:
+        callee = given
+    form, words = _form_of(uncopied(callee), name)
+    return callee if form is None else form.estimator(GivenCode(callee)), words
+
+
+def adapted(where: Address) -> tuple[Estimator, str]:
+    """`adapted_callable` for user code at an address; `Recording -> Estimate` is not loaded again for each run."""
+    module = load_callable_module(where)
     callee = getattr(module, where.attribute)
-    form = _form_of(Fresh(callee, vars(module)), where.label, announced=announced)
-    return LoadedCallable(callee, module) if form is None else form.estimator(AddressedCode(where, module))
+    form, words = _form_of(Fresh(callee, vars(module)), where.label)
+    if form is not None:
+        return form.estimator(AddressedCode(where, module)), words
+
+    def run(recording: Recording) -> Estimate:
+        with present(module):
+            return callee(recording)
+
+    return run, words
 
 
-@dataclass(frozen=True)
-class LoadedCallable:
-    """A callable `Recording -> Estimate` of a module that has been loaded; called like any."""
+def found_in(where: Address) -> Address:
+    """Return the address of the only estimator in a file (see `estimators_in`). THIS RUNS USER CODE.
 
-    callee: Callee
-    module: ModuleType
+    Raises:
+        UserError: the file cannot be loaded, or contains no estimator or several.
+    """
+    found = estimators_in(load_whole_module(where))
+    if len(found) == 1:
+        return where._replace(attribute=found[0])
+    if found:
+        raise UserError(f"{where.text}: may be {', '.join(found)}; call the one that counts {NAMES[0]}")
+    try:
+        load_callable_module(where._replace(attribute=NAMES[0]))
+    except UserError as error:
+        if isinstance(error.__cause__, SystemExit):  # the file called `exit()` before it defined anything
+            raise
+    raise UserError(f"{where.text}: defines no callable of a form that is known; give {', '.join(EXAMPLES)}")
 
-    def __call__(self, recording: Recording) -> Estimate:
-        """Run it."""
-        with present(self.module):
-            return self.callee(recording)
+
+def estimators_in(module: ModuleType) -> list[str]:
+    """Return the names of the callables that may be the estimator of a module; one name if it is clear.
+
+    First choice is `estimate`, `ekf_slam`, `prediction_step` or `predict`, the first of them that has one of the forms;
+    then the only online class; then all callables of any form. An imported callable counts only under those names.
+    """
+    named = [name for name in NAMES if _has_a_form(module, name)]
+    others = [name for name in vars(module) if _is_defined_by(module, name) and _has_a_form(module, name)]
+    classes = [name for name in others if isinstance(getattr(module, name), type)]
+    return named[:1] or (classes if len(classes) == 1 else others)
 
 
-def _form_of(fresh: Fresh, name: str, *, announced: bool) -> Form | None:
-    """The form of a callable, said on standard error if `announced`; None for one that takes a recording."""
+def _has_a_form(module: ModuleType, name: str) -> bool:
+    given: Any = getattr(module, name, None)
+    if isinstance(given, ExternalProgram | StepFunction):
+        return True
+    if not callable(given):
+        return False
+    parameters = required(given)
+    if name == NAMES[0] or (parameters == ["recording"] and not isinstance(given, type)):
+        return len(parameters) == 1
+    return any(form.description(Fresh(given, vars(module))) is not None for form in FORMS)
+
+
+def _is_defined_by(module: ModuleType, name: str) -> bool:
+    given = getattr(module, name)
+    is_own = getattr(given, "__module__", None) == module.__name__
+    return not name.startswith("_") and (is_own or isinstance(given, ExternalProgram | StepFunction))
+
+
+def _form_of(fresh: Fresh, name: str) -> tuple[Form | None, str]:
+    """Return the form of a callable and its description; None for one that takes a recording."""
     for form in FORMS:
         words = form.description(fresh)
         if words is not None:
-            if announced:
-                print(f"{name}: {words}", file=sys.stderr)
-            return form
+            return form, words
     if isinstance(fresh.callee, type) or len(required(fresh.callee)) > 1:
-        what = f"{_spelt(fresh.callee)} has none of the forms that are known"
+        what = f"{_signature(fresh.callee)} has none of the forms that are known"
         raise UserError(f"estimator {name}: {what}; give {', or '.join(EXAMPLES)}")
-    return None
+    return None, ""
 
 
 def step_function(given: Callee, noise: Noise = "recording") -> StepFunction:
-    """A step function of the practical as an estimator.
+    """Make an estimator from a step function of the exercise.
 
     Args:
         given: `ekf_slam(xEst, PEst, u, y) -> xEst, PEst`.
-        noise: what it assumes: `recording`, where its globals Q and Py are set to the recording's, or `file`.
+        noise: `recording` sets its globals Q and Py to the noise of the recording; `file` keeps those of its file.
 
     Raises:
-        UserError: another noise, or a callable of another form.
+        UserError: unknown noise, or a callable of another form.
     """
     if noise not in ("recording", "file"):
         raise UserError(f"noise: {noise!r} is not known; use 'recording' or 'file'")
-    if steps.description(as_it_stands(given)) is None:
-        raise UserError(f"step_function: {_spelt(given)} is none; give ekf_slam(xEst, PEst, u, y)")
+    if steps.description(uncopied(given)) is None:
+        raise UserError(f"step_function: {_signature(given)} has another form; give ekf_slam(xEst, PEst, u, y)")
     return StepFunction(GivenCode(given), noise)
 
 
-def _spelt(given: Callee) -> str:
+def _signature(given: Callee) -> str:
     kind = "class " if isinstance(given, type) else ""
     return f"{kind}{getattr(given, '__name__', repr(given))}({', '.join(required(given))})"
-
-
-def _within(module: ModuleType, name: str) -> Callee:
-    """What a module brings."""
-    classes = [each for each in vars(module).values() if isinstance(each, type) and each.__module__ == module.__name__]
-    online = [each for each in classes if online_class.description(as_it_stands(each)) is not None]
-    named = [getattr(module, each) for each in NAMES if callable(getattr(module, each, None))]
-    found = [*named, *(online if len(online) == 1 else [])]
-    if not found:
-        raise UserError(f"estimator {name}: module {module.__name__} has no {', '.join(NAMES)}; name its callable")
-    return found[0]

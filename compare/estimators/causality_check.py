@@ -1,78 +1,68 @@
-"""A filtered estimate held to its word: what it says of a step may not depend on what comes after it."""
+"""Check that a filtered estimate uses no later measurements: what it reports of a step must not depend on them."""
 
 from __future__ import annotations
+
+from contextlib import closing
 
 import numpy as np
 
 from slamgauge.arrays import Float
-from slamgauge.compare.estimators.isolated_process import Isolated, Spent
-from slamgauge.compare.estimators.user_code import OwnCodeError
+from slamgauge.compare.estimators.isolated_process import Isolated
+from slamgauge.compare.estimators.user_code import UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 
-PARTS = (0.25, 0.5, 0.75)  # of the recording, which it is run on again
-SAME_POSE = 1e-5  # [m], [rad]: far above rounding, far below what a step tells
-SAME_COV = 1e-3  # of the product of both sigmas
+PARTS = (0.25, 0.5, 0.75)  # fractions of the recording on which it runs again
+SAME_POSE = 1e-5  # [m], [rad]: far above rounding, far below the effect of a measurement
+SAME_COV = 1e-3  # relative to the product of both sigmas
 
 
-class Strict:
-    """An estimator in a process of its own, looked at for the future at every run.
-
-    Args:
-        estimator: in its process.
-    """
-
-    def __init__(self, estimator: Isolated) -> None:
-        self.estimator = estimator
-
-    @property
-    def spent(self) -> Spent:
-        """What its last run has cost, the looking not counted."""
-        return self.estimator.spent
+class Strict(Isolated):
+    """An isolated estimator whose every run is checked."""
 
     def __call__(self, recording: Recording) -> Estimate:
-        """Run it, and look.
+        """Run the estimator and check its estimate.
 
         Raises:
-            OwnCodeError: it raised, or uses the future.
+            UserCodeError: it raised an error, or uses the future.
         """
-        estimate = self.estimator(recording)
-        require_causal(self.estimator, recording, estimate)
+        estimate = super().__call__(recording)
+        require_causal(self, recording, estimate)
         return estimate
 
 
 def require_causal(estimator: Isolated, recording: Recording, estimate: Estimate) -> None:
-    """Refuse a filtered estimate that the recordings up to some steps do not lead to.
+    """Refuse a filtered estimate that differs from the estimates of the recordings up to some steps.
 
-    They are given to another process, the shortest first, so that nobody remembers what came later.
+    Another process estimates them, the shortest first, so that it has never received later measurements.
 
     Raises:
-        OwnCodeError: it uses the future, or its answers differ from run to run.
+        UserCodeError: it uses the future, or its estimates differ from run to run.
     """
-    if estimate.kind != "filtered" or len(estimate.poses) != recording.steps + 1:  # the latter is refused by itself
+    if estimate.kind != "filtered" or len(estimate.poses) != recording.steps + 1:  # `run_estimator` refuses the latter
         return
     steps = sorted({int(part * recording.steps) for part in PARTS} - {0})
-    with estimator.fresh() as other:
+    with closing(estimator.fresh()) as other:
         for step in steps:
             what = _difference(estimate, other(recording.first(step)), step)
             if what:
                 _require_repeatable(estimator, recording.first(step))
                 remedy = "store a pose before the next step begins, or say kind='smoothed'"
-                raise OwnCodeError(f"uses the future: from the recording up to step {step} alone, {what}; {remedy}")
+                raise UserCodeError(f"uses the future: from the recording up to step {step} alone, {what}; {remedy}")
 
 
 def _require_repeatable(estimator: Isolated, recording: Recording) -> None:
-    """Refuse an estimator whose answers to one recording differ: it cannot be told whether it uses the future."""
-    with estimator.fresh() as one, estimator.fresh() as another:
+    """Refuse an estimator whose estimates of one recording differ: the check cannot judge it."""
+    with closing(estimator.fresh()) as one, closing(estimator.fresh()) as another:
         answers = one(recording), another(recording)
         if _difference(*answers, last=len(answers[0].poses) - 1):
             remedy = "seed its random numbers, and draw them step by step"
-            raise OwnCodeError(f"its answers to one recording differ from run to run; {remedy}")
+            raise UserCodeError(f"its answers to one recording differ from run to run; {remedy}")
 
 
 def _difference(estimate: Estimate, part: Estimate, last: int) -> str:
-    """What of the steps up to `last` is not as in an estimate that ends there; nothing if all is."""
+    """Describe the first difference up to step `last` from an estimate that ends there; empty if they agree."""
     if len(part.poses) != last + 1:
         return f"it returns {len(part.poses)} poses, not {last + 1}"
     apart = np.abs(estimate.poses[: last + 1] - part.poses)
@@ -90,6 +80,6 @@ def _difference(estimate: Estimate, part: Estimate, last: int) -> str:
 
 
 def _differing(is_apart: np.ndarray, ours: Float, theirs: Float) -> int | None:
-    """The first step at which they differ, or one of them is NaN alone."""
+    """Return the first step at which the values differ, or only one of them is NaN."""
     rows = (is_apart | (np.isnan(ours) != np.isnan(theirs))).reshape(len(ours), -1).any(axis=1)
     return int(rows.argmax()) if rows.any() else None

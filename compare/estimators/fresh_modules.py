@@ -1,45 +1,37 @@
-"""People's code afresh for every run: what one run leaves in global lists and arrays, the next one does not find."""
+"""User code as new for every run, so that no run finds what an earlier run left in global lists and arrays."""
 
 from __future__ import annotations
 
 import ast
 import inspect
 from collections.abc import Generator, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from copy import deepcopy
 from types import FunctionType, ModuleType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from slamgauge.compare.estimators.private_import import present
-from slamgauge.compare.estimators.user_code import Address, Callee, load_own_module
+from slamgauge.compare.estimators.user_code import Address, Callee, load_callable_module
 
-CHANGING = ("add", "append", "clear", "extend", "insert", "pop", "remove", "update")  # methods of lists and dicts
-PLAIN = (bool, int, float, complex, str, type(None), np.ndarray, np.generic)
+CHANGING = ("add", "append", "clear", "extend", "insert", "pop", "remove", "update")  # methods of lists, sets, dicts
+PLAIN = (bool, int, float, complex, str, type(None), np.ndarray, np.generic)  # types that are copied
 
 
 class Fresh(NamedTuple):
-    """A callable with globals that no run has touched, and all names beside it."""
+    """A callable whose globals no run has changed, and all names of its module."""
 
     callee: Callee
-    beside: dict[str, Any]
-
-
-class Code(Protocol):
-    """A callable that can be had as new."""
-
-    def fresh(self) -> AbstractContextManager[Fresh]:
-        """The callable as its file leaves it, for a run."""
-        ...
+    names: dict[str, Any]
 
 
 class AddressedCode:
-    """A callable in a file or module, which is loaded again for every run.
+    """A callable of a file or module, which is loaded again for every run.
 
     Args:
-        where: its address.
-        loaded: its module, which no run has touched yet; that of a file serves the first run.
+        where: the address.
+        loaded: the module, before any run; the first run of a file uses it.
     """
 
     def __init__(self, where: Address, loaded: ModuleType) -> None:
@@ -47,24 +39,21 @@ class AddressedCode:
         self._untouched = iter([_cleared(loaded, where)] if where.sources is not None else [])
 
     def __getstate__(self) -> dict[str, object]:
-        """What travels to another process: the address, by which the module is loaded there."""
+        """Return the address; another process loads the module from it."""
         return {"_where": self._where, "_untouched": iter(())}
 
     @contextmanager
     def fresh(self) -> Generator[Fresh]:
-        """The callable of a loading; a simulation that its file runs while it is loaded leaves nothing behind."""
-        module = next(self._untouched, None) or _cleared(load_own_module(self._where), self._where)
+        """Load the callable; a simulation that its file runs at import does not change its first run."""
+        module = next(self._untouched, None) or _cleared(load_callable_module(self._where), self._where)
         with present(module):
             yield Fresh(getattr(module, self._where.attribute), vars(module))
 
 
 class GivenCode:
-    """A callable that a program has at hand: copied as it stands now, with the data and functions of its module.
+    """A callable given in Python: for every run it is copied as it was at first, with its module's functions and data.
 
-    Only functions of that module are copied, and globals that are plain data; all else is shared.
-
-    Args:
-        given: the callable.
+    Data are copied if they consist of numbers, texts and arrays; all other globals are shared.
     """
 
     def __init__(self, given: Callee) -> None:
@@ -72,12 +61,15 @@ class GivenCode:
 
     @contextmanager
     def fresh(self) -> Generator[Fresh]:
-        """A copy."""
+        """Copy the callable."""
         yield _copied(self._kept)
 
 
-def as_it_stands(given: Callee) -> Fresh:
-    """A callable that a program has at hand, not copied: to look at, not to run."""
+Code = AddressedCode | GivenCode
+
+
+def uncopied(given: Callee) -> Fresh:
+    """Return a callable given in Python for inspection, not for runs."""
     return Fresh(given, given.__globals__ if isinstance(given, FunctionType) else {})
 
 
@@ -92,7 +84,7 @@ def _copied(given: Callee) -> Fresh:
 
 
 def _moved(function: FunctionType, space: dict[str, object]) -> FunctionType:
-    """The function with other globals."""
+    """Return the function with other globals."""
     moved = FunctionType(function.__code__, space, function.__name__, function.__defaults__, function.__closure__)
     moved.__kwdefaults__ = function.__kwdefaults__
     moved.__module__ = function.__module__
@@ -100,7 +92,7 @@ def _moved(function: FunctionType, space: dict[str, object]) -> FunctionType:
 
 
 def _is_data(value: object) -> bool:
-    """Whether it is made of numbers, texts and arrays alone."""
+    """Return whether a value consists of numbers, texts and arrays."""
     if isinstance(value, dict):
         return all(_is_data(each) for pair in value.items() for each in pair)
     if isinstance(value, list | tuple | set | frozenset):
@@ -109,7 +101,7 @@ def _is_data(value: object) -> bool:
 
 
 def _cleared(module: ModuleType, where: Address) -> ModuleType:
-    """The module, globals that its functions change set to their first values again."""
+    """Reset globals that the functions of the module change to the values that its source gives them."""
     loaded = getattr(module, where.attribute)
     if isinstance(loaded, FunctionType):
         with present(module):
@@ -118,7 +110,7 @@ def _cleared(module: ModuleType, where: Address) -> ModuleType:
 
 
 def _first_values(function: FunctionType) -> dict[str, object]:
-    """Globals that the file sets to a plain value and changes in its functions, by their names."""
+    """Return the literal values of globals that functions of the file change, by name."""
     try:
         tree = ast.parse(inspect.getsource(inspect.getmodule(function) or function))
     except (OSError, TypeError, SyntaxError):
@@ -130,13 +122,13 @@ def _first_values(function: FunctionType) -> dict[str, object]:
         if isinstance(node, ast.Assign) and isinstance(target, ast.Name) and target.id in inside:
             try:
                 found[target.id] = ast.literal_eval(node.value)
-            except ValueError:  # computed
+            except ValueError:  # not a literal
                 continue
     return found
 
 
 def _changed(function: ast.FunctionDef) -> Iterator[str]:
-    """Names that a function declares global, calls a changing method of, or sets elements of."""
+    """Yield names that a function declares global, whose elements it sets, or whose changing methods it calls."""
     for node in ast.walk(function):
         if isinstance(node, ast.Global):
             yield from node.names

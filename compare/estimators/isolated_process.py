@@ -1,15 +1,16 @@
-"""People's code in a process of its own: recordings go there, estimates come back, the truth stays here.
+"""A child process for user code: it receives recordings and returns estimates, and never has the truth.
 
-A fresh interpreter (`isolated_program`), so that nothing of this process's memory is in it, in an empty temporary
-folder that is its current one, its home and its temporary one. It is given npz files, and what it leaves is read by
-the checked reader. What it prints is read as it comes and thrown away but for the last lines; too much of it, too
-long a run, and the end of the process are errors of one line. `docs/your_filter.md` says what is not defended.
+`isolated_worker` runs in it, in a fresh interpreter whose memory contains nothing of this process. An empty temporary
+folder is its current, home and temporary folder. Recordings and estimates are npz files beside that folder. Its output
+is read as it comes, and only the end is kept. Too much output, too long a run and the end of the process are errors of
+one line. `docs/your_filter.md` describes what this does not protect against.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import pickle
 import shutil
 import signal
 import site
@@ -18,30 +19,28 @@ import sys
 import tempfile
 import weakref
 import zipfile
-from base64 import b64encode
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from selectors import EVENT_READ, DefaultSelector
 from time import monotonic
-from types import TracebackType
 from typing import Any, NamedTuple
 
-from slamgauge.compare.estimators.user_code import Address, OwnCodeError
+from slamgauge.compare.estimators.user_code import Address, UserCodeError
 from slamgauge.compare.storage.files import load_estimate, save
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
 PROGRAM = "slamgauge.compare.estimators.isolated_worker"
-FOLDERS = "slamgauge-own-"  # how names of the temporary folders begin, which are removed in the end
-HERE, GIVEN, MADE = "here", "given.npz", "made.npz"  # in the temporary folder: where it runs, and beside it what flows
-STARTING = 120.0  # s: for Python and our own modules
-LEAVING = 1.0  # s: what it has to end what it has started
-MOST_PRINTED = 10_000_000  # bytes of a run
+FOLDERS = "slamgauge-own-"  # prefix of the temporary folders
+HERE, GIVEN, MADE = "here", "given.npz", "made.npz"  # in the temporary folder: current folder, recording, estimate
+STARTING = 120.0  # s: largest time for the imports of Python and slamgauge
+LEAVING = 1.0  # s: time for the child to end the programs that it has started
+MOST_PRINTED = 10_000_000  # bytes of output in a run
 MOST_MADE = 500_000_000  # bytes of an estimate, uncompressed
 LONGEST_ANSWER = 100_000  # bytes
-TAIL = 4000  # bytes of what it printed last that are kept
+TAIL = 4000  # bytes of output that are kept
 LONGEST_REASON = 1000  # characters
 
 KEPT = ("PATH", "PYTHONPATH", "VIRTUAL_ENV", "CONDA_PREFIX", "LANG", "LANGUAGE", "TZ", "SSL_CERT_FILE")
@@ -63,23 +62,23 @@ def can_isolate() -> bool:
     return hasattr(os, "killpg")
 
 
-class OverdueError(OwnCodeError):
-    """People's code was not done in time."""
+class OverdueError(UserCodeError):
+    """User code exceeded its timeout."""
 
 
 class Spent(NamedTuple):
-    """What a run has cost in its process [s]: by the clock, and of processors."""
+    """Elapsed time and processor time of a run in the child process [s]."""
 
     seconds: float
     cpu_seconds: float
 
 
 class Isolated:
-    """An estimator in a process of its own, which serves one run after the other and ends with this object.
+    """An estimator in a child process, which starts with the first run and serves all runs until `close`.
 
     Args:
-        where: its address; without an attribute the callable is found by itself.
-        timeout: of a run, and of loading [s].
+        where: address of the user code; without an attribute the child finds the callable.
+        timeout: largest time of a run, and of loading [s].
     """
 
     def __init__(self, where: Address, timeout: float) -> None:
@@ -88,32 +87,32 @@ class Isolated:
         self._child: _Child | None = None
 
     def begin(self) -> str:
-        """Start the process and load the code; its form in words, empty for a callable that takes a recording.
+        """Start the process and load the code; return the description of its form (see `adapters.adapted_callable`).
 
         Raises:
-            UserError: it cannot be loaded.
+            UserError: the code cannot be loaded.
         """
         if self._child is not None:
             return ""
         self._child = _Child()
         try:
             self._child.answer(STARTING)
-            self._child.send(_as_json(self.where))
-            told = self._child.answer(self.timeout)
-        except OwnCodeError as error:
+            self._child.send(pickle.dumps(self.where))
+            answer = self._child.answer(self.timeout)
+        except UserCodeError as error:
             self.close()
             raise UserError(f"estimator {self.where.text}: cannot be loaded, {error}") from error
-        if "reason" in told:
+        if "reason" in answer:
             self.close()
-            raise UserError(printable(told["reason"]))
-        self.where = self.where._replace(attribute=printable(told.get("attribute")))
-        return printable(told.get("form"))
+            raise UserError(printable(answer["reason"]))
+        self.where = self.where._replace(attribute=printable(answer.get("attribute")))
+        return printable(answer.get("form"))
 
     def __call__(self, recording: Recording) -> Estimate:
-        """Run it.
+        """Run the estimator.
 
         Raises:
-            OwnCodeError: what it raised, or what has become of its process.
+            UserCodeError: the code raised an error, exceeded the timeout, or ended its process.
         """
         self.begin()
         child = self._child
@@ -121,40 +120,34 @@ class Isolated:
         (child.folder / MADE).unlink(missing_ok=True)
         save(child.folder / GIVEN, recording)
         try:
-            child.send({"run": True})
-            told = child.answer(self.timeout)
-        except OwnCodeError:
+            child.send(b"run\n")
+            answer = child.answer(self.timeout)
+        except UserCodeError:
             self.close()
             raise
-        if "reason" in told:
-            raise OwnCodeError(printable(told["reason"]))
-        self.spent = Spent(*(_number(told.get(key)) for key in Spent._fields))
-        return _estimate(child.folder / MADE)
+        if "reason" in answer:
+            raise UserCodeError(printable(answer["reason"]))
+        self.spent = Spent(*(_number(answer.get(key)) for key in Spent._fields))
+        return _load_estimate(child.folder / MADE)
 
     def fresh(self) -> Isolated:
-        """The same code in another process, which knows nothing of this one."""
+        """Return the same estimator in another process, which shares no state with this one."""
         return Isolated(self.where, self.timeout)
 
     @property
-    def last_words(self) -> str:
-        """What it has printed last."""
-        return "" if self._child is None else self._child.last_words()
+    def last_output(self) -> str:
+        """The last lines that it printed."""
+        return "" if self._child is None else "\n".join(self._child.last_lines())
 
     def close(self) -> None:
-        """End its process, if there is one."""
+        """End the process, if it runs."""
         if self._child is not None:
             self._child.end()
             self._child = None
 
-    def __enter__(self) -> Isolated:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
-
 
 class _Child:
-    """A process that runs `isolated_program`, and the pipes to it."""
+    """A process that runs `isolated_worker`, and the pipes to it."""
 
     def __init__(self) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix=FOLDERS))
@@ -162,9 +155,8 @@ class _Child:
         here.mkdir()
         requests, self._requests = os.pipe()
         self._answers, answers = os.pipe()
-        command = [sys.executable, "-P", "-m", PROGRAM, str(requests), str(answers)]
         self._process = subprocess.Popen(
-            command,
+            [sys.executable, "-P", "-m", PROGRAM, str(requests), str(answers)],
             cwd=here,
             env=environment(os.environ, here),
             stdin=subprocess.DEVNULL,
@@ -176,32 +168,29 @@ class _Child:
         os.close(requests)
         os.close(answers)
         assert self._process.stdout is not None
-        self._printed = self._process.stdout.fileno()
-        os.set_blocking(self._printed, False)
+        self._output = self._process.stdout.fileno()
+        os.set_blocking(self._output, False)
         self._tail = b""
         self.end = weakref.finalize(self, _end, self._process, self.folder, (self._requests, self._answers))
 
-    def send(self, message: Mapping[str, object]) -> None:
-        """Write a line to the process; if it is gone, the answer will say so."""
-        content = json.dumps(message).encode() + b"\n"
-        try:
+    def send(self, content: bytes) -> None:
+        """Write a request to the process; if it has ended, `answer` raises the error."""
+        with suppress(BrokenPipeError):
             while content:
                 content = content[os.write(self._requests, content) :]
-        except BrokenPipeError:
-            return
 
     def answer(self, seconds: float) -> dict[str, Any]:
-        """The line that it writes next; what it prints meanwhile is read, too.
+        """Read the next answer of the process, a line of JSON, and meanwhile its output.
 
         Raises:
-            OwnCodeError: it has printed too much, is gone, or answers nonsense.
-            OverdueError: nothing came in time.
+            UserCodeError: it printed too much, has ended, or wrote a wrong answer.
+            OverdueError: it did not answer in time.
         """
-        deadline, printed, told = monotonic() + seconds, 0, b""
+        deadline, printed, line = monotonic() + seconds, 0, b""
         with DefaultSelector() as selector:
             selector.register(self._answers, EVENT_READ)
-            selector.register(self._printed, EVENT_READ)
-            while not told.endswith(b"\n"):
+            selector.register(self._output, EVENT_READ)
+            while not line.endswith(b"\n"):
                 left = deadline - monotonic()
                 if left <= 0:
                     remedy = "make it faster, or give a longer --timeout"
@@ -209,61 +198,46 @@ class _Child:
                 for key, _ in selector.select(left):
                     data = os.read(key.fd, 65536)
                     if key.fd == self._answers:
-                        told += data
-                        if not data or len(told) > LONGEST_ANSWER:
-                            raise OwnCodeError(self._what_became())
+                        line += data
+                        if not data or len(line) > LONGEST_ANSWER:
+                            raise UserCodeError(self._why_no_answer())
                     elif data:
                         printed += len(data)
                         self._tail = (self._tail + data)[-TAIL:]
                         if printed > MOST_PRINTED:
                             what = f"it printed more than {MOST_PRINTED / 1e6:g} MB in a run"
-                            raise OwnCodeError(f"{what}; take the prints out{self._last_line()}")
+                            raise UserCodeError(f"{what}; take the prints out{self._last_line()}")
                     else:
                         selector.unregister(key.fd)
-        try:
-            content = json.loads(told)
-        except ValueError:
-            content = None
-        if not isinstance(content, dict):
-            raise OwnCodeError("its process answered what is no answer; leave the pipes that it is given alone")
-        return content
+        with suppress(ValueError):
+            if isinstance(content := json.loads(line), dict):
+                return content
+        raise UserCodeError("its process wrote a wrong answer; leave the pipes that it is given alone")
 
-    def last_words(self) -> str:
-        """The lines that it printed last."""
-        self._hear_out()
+    def last_lines(self) -> list[str]:
+        """Return the last lines of its output, at most 20."""
+        with suppress(OSError):  # nothing left to read
+            for _ in range(100):
+                self._tail = (self._tail + os.read(self._output, 65536))[-TAIL:]
         lines = self._tail.decode("utf-8", errors="replace").splitlines()
-        return "\n".join(printable(line) for line in lines[-20:])
+        return [printable(line) for line in lines[-20:]]
 
-    def _what_became(self) -> str:
-        """Why there is no answer."""
+    def _last_line(self) -> str:
+        text = next((line for line in reversed(self.last_lines()) if line), "")
+        return f" (it printed last: {text[:200]})" if text else ""
+
+    def _why_no_answer(self) -> str:
         try:
             status = self._process.wait(5.0)
         except subprocess.TimeoutExpired:
-            return f"its process closed the pipe that it answers by{self._last_line()}"
-        self._hear_out()
+            return f"its process closed the pipe of its answers{self._last_line()}"
         if status < 0:
             return f"its process was ended by {signal.Signals(-status).name}{self._last_line()}"
         return f"its process ended with status {status} before the run was done{self._last_line()}"
 
-    def _last_line(self) -> str:
-        lines = [printable(line) for line in self._tail.decode("utf-8", errors="replace").splitlines()]
-        said = next((line for line in reversed(lines) if line.strip()), "")
-        return f" (it printed last: {said[:200]})" if said else ""
-
-    def _hear_out(self) -> None:
-        """Read what is left of its prints."""
-        for _ in range(100):
-            try:
-                data = os.read(self._printed, 65536)
-            except OSError:  # nothing there, or closed
-                return
-            self._tail = (self._tail + data)[-TAIL:]
-            if not data:
-                return
-
 
 def environment(ours: Mapping[str, str], here: Path) -> dict[str, str]:
-    """What the process is told of its surroundings: where libraries are, and nothing of our folders."""
+    """Return the environment of the child: the places of libraries, and `here` as home folder."""
     kept = {name: value for name, value in ours.items() if name in KEPT or name.startswith(KEPT_BEGINNINGS)}
     caches = ours.get("XDG_CACHE_HOME") or str(Path("~/.cache").expanduser())  # font lists, compiled kernels
     homes = {"HOME": str(here), "TMPDIR": str(here), "PWD": str(here), "XDG_CACHE_HOME": caches}
@@ -273,7 +247,7 @@ def environment(ours: Mapping[str, str], here: Path) -> dict[str, str]:
 def _end(process: subprocess.Popen[bytes], folder: Path, pipes: tuple[int, ...]) -> None:
     """End the process with all that it has started, and remove its folder.
 
-    Asked to, it ends programs that lead groups of their own (`external_program`); then all of its own group is ended.
+    SIGTERM lets it end programs with their own process groups (`external_program`); SIGKILL ends its own group.
     """
     if process.poll() is None:
         process.terminate()
@@ -289,37 +263,26 @@ def _end(process: subprocess.Popen[bytes], folder: Path, pipes: tuple[int, ...])
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def _as_json(where: Address) -> dict[str, object]:
-    sources = where.sources
-    if sources is None:
-        return where._asdict()
-    files = [[path, b64encode(content).decode()] for path, content in sources.files]
-    return {**where._asdict(), "sources": {"folder": sources.folder, "module": sources.module, "files": files}}
-
-
-def _estimate(path: Path) -> Estimate:
-    """What it has left, which anybody may have written.
+def _load_estimate(path: Path) -> Estimate:
+    """Load a file that user code may have replaced.
 
     Raises:
-        OwnCodeError: nothing, or no estimate.
+        UserCodeError: the file does not exist, is too large, or is not an estimate.
     """
     if path.is_symlink() or not path.is_file():
-        raise OwnCodeError("its process has left no estimate; leave the folder above its own alone")
-    try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(each.file_size for each in archive.infolist())
-    except (zipfile.BadZipFile, OSError):
-        raise OwnCodeError("its process has left what is no estimate; leave the folder above its own alone") from None
-    if size > MOST_MADE:
-        raise OwnCodeError(f"its estimate has {size / 1e6:.0f} MB; keep it below {MOST_MADE / 1e6:.0f} MB")
+        raise UserCodeError("its process has left no estimate; leave the folder above its own alone")
+    with suppress(zipfile.BadZipFile, OSError), zipfile.ZipFile(path) as archive:  # `load_estimate` reports these
+        size = sum(each.file_size for each in archive.infolist())
+        if size > MOST_MADE:
+            raise UserCodeError(f"its estimate has {size / 1e6:.0f} MB; keep it below {MOST_MADE / 1e6:.0f} MB")
     try:
         return load_estimate(path)
     except UserError as error:
-        raise OwnCodeError(str(error).removeprefix(f"{path}: ")) from None
+        raise UserCodeError(str(error).removeprefix(f"{path}: ")) from None
 
 
 def printable(text: object) -> str:
-    """A text of theirs without control characters, which terminals obey and XML cannot hold, and not too long."""
+    """Return a text of user code without control characters, which terminals obey and XML excludes, and shortened."""
     shown = "".join(each if each.isprintable() else " " for each in str(text or "")[:LONGEST_REASON])
     return " ".join(shown.split())
 

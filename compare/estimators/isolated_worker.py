@@ -1,84 +1,88 @@
-"""The other end of `isolated`: a fresh interpreter that loads people's code and runs it on recordings.
+"""The program of `isolated_process`: a fresh interpreter that loads user code and runs it on recordings.
 
     python -P -m slamgauge.compare.estimators.isolated_worker REQUESTS ANSWERS
 
-Both are numbers of open files. A line of JSON comes in for each task and one goes out: first the address of the code,
-then a word for every run, whose recording lies beside the current folder and whose estimate is left there.
+Both arguments are numbers of open files. The first request is the pickled address of the code; then every line asks for
+a run of the recording in the folder above the current one, and the estimate is written there. Each answer is a line of
+JSON.
 """
 
 from __future__ import annotations
 
-import io
 import json
 import os
+import pickle
 import resource
 import shutil
 import signal
 import sys
 import threading
-from base64 import b64decode
 from collections.abc import Iterator, Mapping
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from contextlib import redirect_stdout, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
 from typing import Any, cast
 
-from slamgauge.compare.estimators.adapters import adapted
+from slamgauge.compare.estimators.adapters import adapted, found_in
 from slamgauge.compare.estimators.cpu_time import cpu_seconds
-from slamgauge.compare.estimators.discovery import found_in
 from slamgauge.compare.estimators.isolated_process import FOLDERS, GIVEN, HERE, MADE
 from slamgauge.compare.estimators.landlock import write_only_in
-from slamgauge.compare.estimators.sources import Sources
 from slamgauge.compare.estimators.user_code import Address, reason_of
 from slamgauge.compare.storage.files import load_recording, save
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator
 
-LARGEST_FILE = 500_000_000  # bytes of a file that people's code may write
-# bytes of data that its process may take, and each that it starts: ten times what all libraries, filters and optima of
-# slamgauge take together, and P of 1000 landmarks is 32 MB
+LARGEST_FILE = 500_000_000  # bytes of a file that user code may write
+# bytes of data of this process, and of each that it starts: ten times what all libraries, filters and optima of
+# slamgauge need together; P of 1000 landmarks has 32 MB
 MOST_MEMORY = 4_000_000_000
-ENDING = 1.0  # s: what an end takes at most
+ENDING = 1.0  # s: largest time for the end of this process
 
 
 def main() -> None:
-    """Serve one task after the other until there are no more."""
+    """Limit this process, then serve requests until there are no more."""
     requests, answers = (int(number) for number in sys.argv[1:3])
     here, folder = Path.cwd(), Path.cwd().parent
     if here.name != HERE or not folder.name.startswith(FOLDERS):
-        raise SystemExit("isolated_program: is started by slamgauge alone, in a folder that it will remove")
+        raise SystemExit("isolated_worker: only slamgauge may start it, in a folder that it will remove")
     _limit(resource.RLIMIT_FSIZE, LARGEST_FILE)
-    if sys.platform.startswith("linux"):  # elsewhere it does not count what is mapped, which is nearly all
+    if sys.platform.startswith("linux"):  # other systems do not count mapped memory, which is nearly all
         _limit(resource.RLIMIT_DATA, MOST_MEMORY)
-        with suppress(OSError):
-            Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")  # where memory ends, this ends first
+        with suppress(OSError):  # if the machine runs out of memory, the system ends this process first
+            Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
     signal.signal(signal.SIGTERM, _leave)
     done = threading.Event()
     follower = threading.Thread(target=_follow_parent, args=[os.getppid(), folder, done], daemon=True)
-    follower.start()  # before anything is fenced: this thread may remove the folder, the others may not
+    follower.start()  # before Landlock: this thread may remove the folder, user code may not
     try:
         _serve(requests, answers, folder)
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # it ends already
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # this process ends already
         done.set()
         follower.join(ENDING)
 
 
 def _serve(requests: int, answers: int, folder: Path) -> None:
-    """Load the code, and run it as often as it is asked for."""
-    with os.fdopen(requests, encoding="utf-8") as tasks, os.fdopen(answers, "w", encoding="utf-8") as out:
+    """Load the code, and run it at each request."""
+    with os.fdopen(requests, "rb") as tasks, os.fdopen(answers, "w", encoding="utf-8") as out:
         write_only_in([folder, Path("/dev/null"), Path("/dev/tty"), Path("/dev/shm"), *_caches_of_kernels()])
-        _tell(out, {})
-        where = _address(json.loads(tasks.readline()))
+        _answer(out, {})
+        where: Address = pickle.load(tasks)
         sys.argv = [where.place]
-        estimator = _loaded(out, where)
-        for _ in tasks if estimator is not None else ():
-            _tell(out, _run(cast("Estimator", estimator), folder))
+        try:
+            found = where if where.attribute else found_in(where)
+            estimator, form = adapted(found)
+        except UserError as error:
+            _answer(out, {"reason": str(error)})
+            return
+        _answer(out, {"attribute": found.attribute, "form": form})
+        for _ in tasks:
+            _answer(out, _run(estimator, folder))
 
 
 def _limit(what: int, most: int) -> None:
-    """Limit this process and those that it starts, unless they are limited to less already."""
+    """Limit this process and those that it starts, unless a lower limit exists."""
     least = min(each for each in (*resource.getrlimit(what), most) if each != resource.RLIM_INFINITY)
     resource.setrlimit(what, (least, least))
 
@@ -97,27 +101,8 @@ def _caches_of_kernels() -> Iterator[Path]:
         yield Path(os.environ["NUMBA_CACHE_DIR"])
 
 
-def _loaded(out: Any, where: Address) -> Estimator | None:
-    """The estimator; what there is to say of it, or why there is none, is told."""
-    heard = io.StringIO()
-    try:
-        with redirect_stderr(heard):
-            found = where if where.attribute else found_in(where)
-            estimator = adapted(found)
-    except UserError as error:
-        sys.stderr.write(heard.getvalue())
-        _tell(out, {"reason": str(error)})
-        return None
-    lines = heard.getvalue().splitlines(keepends=True)
-    begin = f"{where.label}: "
-    form = lines.pop().removeprefix(begin).strip() if lines and lines[-1].startswith(begin) else ""
-    sys.stderr.writelines(lines)
-    _tell(out, {"attribute": found.attribute, "form": form})
-    return estimator
-
-
 def _run(estimator: Estimator, folder: Path) -> Mapping[str, object]:
-    """Run it on the recording that lies there; what it cost, or why there is no estimate."""
+    """Run the estimator on the recording in the folder; return the times of the run, or why it has no estimate."""
     recording = load_recording(folder / GIVEN)
     (folder / GIVEN).unlink()
     start, cpu = perf_counter(), cpu_seconds()
@@ -126,7 +111,7 @@ def _run(estimator: Estimator, folder: Path) -> Mapping[str, object]:
             estimate = cast("object", estimator(recording))
         if not isinstance(estimate, Estimate):
             return {"reason": f"returned a {type(estimate).__name__}; return a slamgauge.Estimate"}
-    except (Exception, SystemExit) as error:  # noqa: BLE001 whatever people's code raises is told
+    except (Exception, SystemExit) as error:  # noqa: BLE001 user code may raise anything
         most = f"; its process may take {MOST_MEMORY / 1e9:g} GB" if isinstance(error, MemoryError) else ""
         return {"reason": f"{reason_of(error)}{most}"}
     spent = {"seconds": perf_counter() - start, "cpu_seconds": cpu_seconds() - cpu}
@@ -134,23 +119,15 @@ def _run(estimator: Estimator, folder: Path) -> Mapping[str, object]:
     return spent
 
 
-def _tell(out: Any, answer: Mapping[str, object]) -> None:
-    with suppress(OSError, ValueError):  # their code may have closed it
+def _answer(out: Any, answer: Mapping[str, object]) -> None:
+    with suppress(OSError, ValueError):  # user code may have closed it
         sys.stderr.flush()
     out.write(json.dumps(answer) + "\n")
     out.flush()
 
 
-def _address(told: dict[str, Any]) -> Address:
-    within = told.pop("sources")
-    if within is None:
-        return Address(**told)
-    files = tuple((path, b64decode(content)) for path, content in within["files"])
-    return Address(**told, sources=Sources(within["folder"], within["module"], files))
-
-
 def _follow_parent(parent: int, folder: Path, done: threading.Event) -> None:
-    """Leave nothing behind when the tasks are done, or the process is gone that has started this one, which ends."""
+    """Wait until the requests are done or the parent process has ended; then end this process and remove the folder."""
     while os.getppid() == parent and not done.wait(1.0):
         pass
     if not done.is_set():
@@ -162,7 +139,7 @@ def _follow_parent(parent: int, folder: Path, done: threading.Event) -> None:
 
 
 def _leave(*_: object) -> None:
-    """End as an interrupt does: whatever this process has started is ended on the way out."""
+    """End as at an interrupt, so that `finally` blocks end the programs that this process has started."""
     raise KeyboardInterrupt
 
 

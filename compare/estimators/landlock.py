@@ -1,7 +1,7 @@
-"""Taking from this process, and from all that it starts, the right to change files anywhere but in a few places.
+"""Landlock of Linux (kernel 5.13 and later): forbid this process and its children to change files.
 
-Linux's Landlock (kernel 5.13 and later) does that for any user, root too; what is open already stays so. Where the
-system does not have it nothing is taken. Source: the kernel's "Landlock: unprivileged access control", user-space API.
+It restricts every user, root too; files that are already open stay writable. Source: the kernel's "Landlock:
+unprivileged access control", user-space API.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ REFER, TRUNCATE = 1 << 13, 1 << 14  # since versions 2 and 3
 
 
 def write_only_in(places: Iterable[Path]) -> bool:
-    """Let nothing be written, made or removed but these files, and what is in these folders and below.
+    """Allow writing, making and removing only these files, and those in these folders and below.
 
-    Returns whether the system can do that.
+    Returns whether the system can do that; where it cannot, nothing changes.
     """
     if not sys.platform.startswith("linux"):
         return False

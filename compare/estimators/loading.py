@@ -1,4 +1,4 @@
-"""Names become estimators: ours with their settings, graphs under a filter's associations, people's own."""
+"""Load requested estimators: built-in ones with their settings, graphs with a filter's associations, and user code."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from functools import partial
 import numpy as np
 
 from slamgauge.arrays import Marks
-from slamgauge.compare.estimators.adapters import adapt, adapted
+from slamgauge.compare.estimators.adapters import adapted, adapted_callable
 from slamgauge.compare.estimators.causality_check import Strict
 from slamgauge.compare.estimators.isolated_process import Isolated, Spent
 from slamgauge.compare.estimators.registry import REGISTRY, UNDER, Entry, entry_of
-from slamgauge.compare.estimators.requests import Asked, Chosen, Isolation, ask
-from slamgauge.compare.estimators.user_code import Address
+from slamgauge.compare.estimators.requests import Asked, Chosen, ask
 from slamgauge.compare.scenarios.schema import Association
 from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR
 from slamgauge.ekf.settings.filter_settings import FilterSettings
@@ -29,13 +28,13 @@ from slamgauge.truth import NOBODY
 
 @dataclass(frozen=True)
 class LoadedEstimator:
-    """An estimator with what the registry says of it; called like any."""
+    """An estimator with its entry of the registry."""
 
     entry: Entry
     estimate: Estimator
 
     def __call__(self, recording: Recording) -> Estimate:
-        """Run it."""
+        """Run the estimator."""
         return self.estimate(recording)
 
 
@@ -46,21 +45,21 @@ def load_estimators(
     frames: int = 0,
     robust: Robustness = PLAIN,
 ) -> dict[str, LoadedEstimator]:
-    """Estimators by the name that results carry.
+    """Load estimators, by the name of their results.
 
     Args:
-        chosen: names of the registry, `causal@ekf` is causal under the associations that ekf makes, and so for every
-            graph and filter; addresses `[LABEL=]FILE.py:callable` or `[LABEL=]package.module:callable` of people's
-            own, in any of the forms of `slamgauge.adapters`, and this loads and runs the code found there, with the
-            file's folder, or the current one, searched first; or a mapping from labels to either, or to callables.
-        association: how filters associate a recording without ids; theirs by default is the nearest neighbour at
-            gate 9. With `method` known, too: there they have ids.
-        initialisation: how filters initialise landmarks where the recording has bearings alone.
-        frames: at how many steps filters keep their map, for pictures.
-        robust: how filters guard their updates against outliers.
+        chosen: names of the registry, where `causal@ekf` is `causal` with the associations of `ekf`, and so for every
+            graph and filter; addresses `[LABEL=]FILE.py:callable` or `[LABEL=]package.module:callable` of user code in
+            any form of `slamgauge.adapters`; or a mapping from labels to these or to callables. User code is loaded and
+            run; its imports are searched in the folder of the file, or the current folder, first.
+        association: how filters associate a recording without ids. By default, and with `method` known, they use the
+            nearest neighbour with gate 9.
+        initialisation: how filters initialise landmarks in bearing-only recordings.
+        frames: number of steps at which filters store their map, for pictures.
+        robust: how filters protect their updates from outliers.
 
     Raises:
-        UserError: an unknown name, one that stands there twice, or an own one that leads to no callable.
+        UserError: a name is unknown or appears twice, or user code has no such callable.
     """
     return {each.label: load(each, association, initialisation, frames, robust=robust) for each in ask(chosen)}
 
@@ -72,7 +71,7 @@ def load_each(
     frames: int,
     robust: Robustness = PLAIN,
 ) -> tuple[dict[str, LoadedEstimator], dict[str, str]]:
-    """Estimators by label, with the settings of `load_estimators`, and of those that cannot be loaded the reason."""
+    """Load estimators with the settings of `load_estimators`; return them by label, and the reasons of failures."""
     loaded: dict[str, LoadedEstimator] = {}
     failures: dict[str, str] = {}
     for each in asked:
@@ -92,28 +91,34 @@ def load(
     robust: Robustness = PLAIN,
     announced: bool = True,
 ) -> LoadedEstimator:
-    """One estimator, with the settings of `load_estimators`; people's own code is loaded afresh, and runs.
+    """Load one estimator with the settings of `load_estimators`; user code is loaded afresh and runs.
 
-    The form in which they bring it is said on standard error, if it is to be `announced`.
+    If `announced`, the form of user code is printed on standard error.
     """
     if asked.is_bound:
-        raise UserError(
-            f"{asked.name}: is no estimate of a recording; `slamgauge study` holds errors of many runs to it"
-        )
+        remedy = "`slamgauge study` compares the errors of many runs with it"
+        raise UserError(f"{asked.name}: is a bound, which estimates nothing; {remedy}")
     if asked.name:
         return _ours(entry_of(asked.name), _settings(association, initialisation, frames, robust))
-    own = Entry(name=asked.label, kind=None, role="user")
+    form, entry = "", Entry(name=asked.label, kind=None, role="user")
     if asked.where is not None and asked.isolation is not None:
-        return LoadedEstimator(own, _apart(asked.where, asked.isolation, announced=announced))
-    if asked.where is not None:
-        return LoadedEstimator(own, adapted(asked.where, announced=announced))
-    assert asked.call is not None
-    entry = entry_behind(asked.call)
-    return LoadedEstimator(entry or own, asked.call if entry else adapt(asked.call, asked.label, announced=announced))
+        isolated = Strict if asked.isolation.strict else Isolated
+        estimator = isolated(asked.where, asked.isolation.timeout)
+        form = estimator.begin()
+    elif asked.where is not None:
+        estimator, form = adapted(asked.where)
+    else:
+        assert asked.call is not None
+        if (built_in := entry_behind(asked.call)) is not None:
+            return LoadedEstimator(built_in, asked.call)
+        estimator, form = adapted_callable(asked.call, asked.label)
+    if announced and form:
+        print(f"{asked.label}: {form}", file=sys.stderr)
+    return LoadedEstimator(entry, estimator)
 
 
 def without(optimum: Estimator, informed: Recording, misleading: Marks | None) -> Estimator:
-    """An optimum that leaves out what is `misleading` (M,), clutter and outliers, in the recording that it is told."""
+    """Return an optimum that ignores the observations marked `misleading` (M,): clutter and outliers."""
     entry = entry_behind(optimum)
     if entry is None or misleading is None or not misleading.any() or informed.landmark is None:
         return optimum
@@ -122,24 +127,16 @@ def without(optimum: Estimator, informed: Recording, misleading: Marks | None) -
 
 
 def spent_by(estimator: Estimator) -> Spent | None:
-    """What the last run of an estimator in a process of its own has cost there; None of any other."""
+    """Return the times of the last run of an isolated estimator; None for any other."""
     within = estimator.estimate if isinstance(estimator, LoadedEstimator) else estimator
-    return within.spent if isinstance(within, Isolated | Strict) else None
+    return within.spent if isinstance(within, Isolated) else None
 
 
 def entry_behind(estimator: Estimator) -> Entry | None:
-    """What the registry says of a callable, whatever name it goes by; None if it is not known there."""
+    """Return the registry's entry of a callable, whatever its label; None if it is not a built-in estimator."""
     if isinstance(estimator, LoadedEstimator):
         return estimator.entry
     return next((entry for entry in REGISTRY.values() if entry.is_home_of(estimator)), None)
-
-
-def _apart(where: Address, isolation: Isolation, *, announced: bool) -> Isolated | Strict:
-    estimator = Isolated(where, isolation.timeout)
-    form = estimator.begin()
-    if announced and form:
-        print(f"{where.label}: {form}", file=sys.stderr)
-    return Strict(estimator) if isolation.strict else estimator
 
 
 def _ours(entry: Entry, settings: FilterSettings) -> LoadedEstimator:
@@ -149,8 +146,10 @@ def _ours(entry: Entry, settings: FilterSettings) -> LoadedEstimator:
     _, under, filter_name = entry.name.partition(UNDER)
     if under:
         slam: Callable[..., Estimate] = REGISTRY[filter_name].load()
-        named = partial(slam, settings=replace(settings, frames=0))
-        return LoadedEstimator(entry, _under_associations(estimate, named))
+        without_frames = replace(settings, frames=0)
+        return LoadedEstimator(
+            entry, lambda recording: estimate(recording, slam(recording, without_frames).association)
+        )
     if entry.role == "filter":
         estimate = partial(estimate, settings=settings)
     if entry.role == "textbook" and settings.association != NEAREST_NEIGHBOUR:
@@ -168,8 +167,3 @@ def _settings(
     if initialisation is not None:
         settings = replace(settings, initialisation=initialisation)
     return settings
-
-
-def _under_associations(graph: Callable[..., Estimate], slam: Callable[..., Estimate]) -> Estimator:
-    """The graph with the associations that a filter makes of the same recording, as they stand at its end."""
-    return lambda recording: graph(recording, slam(recording).association)

@@ -1,4 +1,4 @@
-"""Memory that a request needs, estimated from its numbers before any work begins; what does not fit is refused."""
+"""Estimate the memory of a request before any work begins, and refuse a request that does not fit."""
 
 from __future__ import annotations
 

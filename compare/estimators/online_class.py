@@ -1,9 +1,9 @@
-"""An online class: `predict(increment, cov)`, `update(observations)`, `pose`, `pose_cov`, as `slamgauge.OnlineFilter`.
+"""Online classes with `predict(increment, cov)`, `update(observations)`, `pose`, `pose_cov` (`slamgauge.OnlineFilter`).
 
-It is made anew for every run: without arguments, or with those of sensor, prior_mean (3,) and prior_cov (3, 3) that its
-constructor names. `update` takes `slamgauge.Observations`, or ids, values and covs one by one. Whatever else of the
-protocol it has (landmark_ids, landmarks, landmark_covs, associated, standing, the NIS and its degrees of freedom from
-`update`) is reported too.
+Every run uses a new object. The constructor receives those of sensor, prior_mean (3,) and prior_cov (3, 3) that its
+parameters name. `update` takes `slamgauge.Observations`, or ids, values and covs as three arguments. Other parts of the
+protocol are optional: landmark_ids, landmarks, landmark_covs, associated, standing, and the NIS and its degrees of
+freedom returned by `update`.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from slamgauge.arrays import Int
 from slamgauge.compare.estimators.fresh_modules import Code, Fresh
 from slamgauge.compare.estimators.signatures import called, parameters, required
-from slamgauge.compare.estimators.user_code import Callee, OwnCodeError
+from slamgauge.compare.estimators.user_code import Callee, UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 
 START = ("sensor", "prior_mean", "prior_cov")
+MAP = ("landmark_ids", "landmarks", "landmark_covs")
 
 
 def description(given: Fresh) -> str | None:
-    """What people are told of a class of this form; None for anything else."""
+    """Describe an online class; return None for anything else."""
     kind = given.callee
     if not inspect.isclass(kind) or not all(callable(getattr(kind, name, None)) for name in ("predict", "update")):
         return None
@@ -35,24 +35,20 @@ def description(given: Fresh) -> str | None:
 
 @dataclass(frozen=True)
 class OnlineClass:
-    """An online class as an estimator.
-
-    Attributes:
-        code: where the class comes from.
-    """
+    """An online class as an estimator; `code` is the source of the class."""
 
     code: Code
 
     def __call__(self, recording: Recording) -> Estimate:
-        """Run a new one over a recording.
+        """Run a new object over a recording.
 
         Raises:
-            OwnCodeError: its constructor waits for something else.
+            UserCodeError: the constructor needs other arguments.
         """
         steps = recording.steps
         poses, pose_covs = np.empty((steps + 1, 3)), np.empty((steps + 1, 3, 3))
         nis, nis_dof, seconds = np.zeros(steps + 1), np.zeros(steps + 1, np.int64), np.zeros(steps + 1)
-        given, has_nis = [np.zeros(0, np.int64)], True
+        associated, has_nis = [np.zeros(0, np.int64)], True
         with self.code.fresh() as fresh:
             slam = _made(fresh.callee, recording)
             for step, scan in enumerate(recording.scans()):
@@ -60,13 +56,16 @@ class OnlineClass:
                 if step > 0:
                     called(slam.predict, recording.odometry[step - 1].copy(), recording.odometry_cov[step - 1].copy())
                 if len(scan.value):
-                    told = _update(slam, scan)
-                    given.append(np.array(getattr(slam, "associated", np.zeros(0)), np.int64))
-                    has_nis = has_nis and isinstance(told, tuple) and len(told) == 2
-                    nis[step], nis_dof[step] = told if has_nis else (0.0, 0)
+                    returned = _update(slam, scan)
+                    associated.append(np.array(getattr(slam, "associated", np.zeros(0)), np.int64))
+                    has_nis = has_nis and isinstance(returned, tuple) and len(returned) == 2
+                    nis[step], nis_dof[step] = returned if has_nis else (0.0, 0)
                 seconds[step] = perf_counter() - start
                 poses[step], pose_covs[step] = slam.pose, slam.pose_cov
-            fields = _map(slam, np.concatenate(given), len(recording.observation))
+            fields: dict[str, Any] = {name: getattr(slam, name) for name in MAP if hasattr(slam, name)}
+            slots = np.concatenate(associated)
+            if hasattr(slam, "associated") and len(slots) == len(recording.observation):
+                fields["association"] = slam.standing(slots) if hasattr(slam, "standing") else slots
         if has_nis:
             fields |= {"nis": nis, "nis_dof": nis_dof}
         return Estimate("filtered", poses, pose_covs, seconds=seconds, **fields)
@@ -76,7 +75,9 @@ def _made(kind: Callee, recording: Recording) -> Any:
     names = _constructed_with(kind)
     lacking = [name for name in required(kind) if name not in names]
     if lacking:
-        raise OwnCodeError(f"its constructor needs {', '.join(lacking)}; take {', '.join(START)}, some or none of them")
+        raise UserCodeError(
+            f"its constructor needs {', '.join(lacking)}; take {', '.join(START)}, some or none of them"
+        )
     return kind(**{name: getattr(recording, name) for name in names})
 
 
@@ -87,13 +88,3 @@ def _constructed_with(kind: object) -> list[str]:
 def _update(slam: Any, scan: Observations) -> Any:
     scan = Observations(None if scan.landmark is None else scan.landmark.copy(), scan.value.copy(), scan.cov.copy())
     return called(slam.update, *scan) if len(required(slam.update)) == len(scan) else called(slam.update, scan)
-
-
-def _map(slam: Any, given: Int, count: int) -> dict[str, Any]:
-    """The fields of an estimate that tell of landmarks, as far as the class has them."""
-    fields = {
-        name: getattr(slam, name) for name in ("landmark_ids", "landmarks", "landmark_covs") if hasattr(slam, name)
-    }
-    if hasattr(slam, "associated") and len(given) == count:
-        fields["association"] = slam.standing(given) if hasattr(slam, "standing") else given
-    return fields

@@ -1,13 +1,15 @@
-"""People's own modules, loaded from their folder under private names.
+"""User modules, loaded from their folder under private names.
 
-A folder is loaded as a package of a name that nobody has, `_slamgauge_own_1` for instance, and its `filter.py` as
-`_slamgauge_own_1.filter`. Modules in it get an `__import__` of their own, which looks into their folder first: there
-`import random` finds the neighbour `random.py`, as it does in a script of that folder, and nowhere else. Nothing is
-put on `sys.path`, so that whatever people call their files, no other import meets them; two folders, or one folder
-loaded twice, do not meet either. Installed libraries are the same for all.
+A folder is loaded as a package with an unused name, for example `_slamgauge_own_1`, and its `filter.py` as
+`_slamgauge_own_1.filter`. Its modules get their own `__import__`, which searches their folder first: there
+`import random` finds the neighbour `random.py`, as in a script of that folder. `sys.path` is not changed, so that no
+other import finds user files, whatever their names. Two folders, or two loadings of one folder, share no module except
+installed libraries.
 
-Their names stand in `sys.modules` while the modules are loaded and run (`present`); afterwards they leave, and are
-forgotten with the last that refers to them. What is still imported later finds them all the same.
+`sys.modules` contains the modules while they are loaded and run (`present`). Imports that run later still find them.
+
+User files are often scripts that draw: while they are loaded, figures are neither shown nor waited for
+(`without_windows`).
 """
 
 from __future__ import annotations
@@ -16,33 +18,35 @@ import builtins
 import importlib
 import importlib.util
 import itertools
+import os
 import re
 import sys
 import threading
 from collections.abc import Callable, Collection, Generator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from functools import partial
 from importlib.machinery import BuiltinImporter, FrozenImporter, ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
 from weakref import WeakValueDictionary
 
-from slamgauge.compare.estimators.headless_import import hold_windows
-
 PREFIX = "_slamgauge_own_"
-OURS = "slamgauge"  # what people import by this name is always this program
+OURS = "slamgauge"  # user code that imports this name always gets this program
+BACKEND = "MPLBACKEND"  # matplotlib reads it at its first import
+WINDOWED = {"matplotlib": ("use",), "matplotlib.pyplot": ("show", "pause")}
 
 _numbers = itertools.count(1)
-_folders: WeakValueDictionary[str, PrivateFolder] = WeakValueDictionary()  # by the name of their package
-_coming_and_going = threading.RLock()  # what the garbage collector runs meanwhile may import, too
+_folders: WeakValueDictionary[str, PrivateFolder] = WeakValueDictionary()  # package name -> folder
+_presence = threading.RLock()  # reentrant: code that the garbage collector runs inside may import, too
+_restores: ExitStack | None = None  # restores the functions of matplotlib that `_hold_windows` replaced
 
 
 class PrivateFolder:
-    """A folder of people's modules, loaded afresh: nothing of it is shared with an earlier loading.
+    """One loading of a folder of user modules.
 
     Args:
-        folder: where their modules lie.
-        strangers: modules there that count only where no installed one has their name.
+        folder: the folder.
+        strangers: modules of the folder that count only if no installed module has their name.
     """
 
     def __init__(self, folder: Path, strangers: Collection[str] = ()) -> None:
@@ -50,22 +54,22 @@ class PrivateFolder:
         self._strangers = strangers
         self._name = f"{PREFIX}{next(_numbers)}"
         self._owned: dict[str, bool] = {}
-        self.exits: dict[str, SystemExit] = {}  # of modules that were asked for, by their private names
-        self._asked: set[str] = set()
+        self.exits: dict[str, SystemExit] = {}  # private names of modules loaded by `load` -> their exits
+        self._requested: set[str] = set()
         self._importlib = ModuleType("importlib")
-        importlib.invalidate_caches()  # a file may be younger than the last look into its folder
+        importlib.invalidate_caches()  # a file may be younger than the cached list of its folder
         package = ModuleType(self._name)
         package.__path__ = [str(self.folder)]
-        self._away = {self._name: package}  # its modules, while they are not present
-        self._present = 0  # how many need them just now
+        self._away = {self._name: package}  # modules, while they are not in `sys.modules`
+        self._present = 0  # number of callers that need them in `sys.modules`
         _folders[self._name] = self
         if _Finder not in sys.meta_path:
             sys.meta_path.insert(0, _Finder)
 
     def owns(self, name: str) -> bool:
-        """Whether `import name` means a module of the folder, as it would in a script that lies there.
+        """Return whether `import name` in a script of the folder would import a module of the folder.
 
-        A folder without Python code counts only where no installed module has that name.
+        A subfolder without Python code counts only if no installed module has its name.
         """
         top = name.partition(".")[0]
         if top not in self._owned:
@@ -73,48 +77,45 @@ class PrivateFolder:
         return self._owned[top]
 
     def load(self, name: str) -> ModuleType:
-        """The module `name` of the folder, run on first use; if it calls `exit()`, as far as it came.
+        """Load the module `name` of the folder; if it calls `exit()`, it contains what it defined before.
 
         Raises:
-            ImportError: it is not there; and whatever it raises.
+            ImportError: the module does not exist.
+            Exception: any error of the module.
         """
-        self._asked.add(self.private(name))
+        private = self._private(name)
+        self._requested.add(private)
         with self.present():
-            return importlib.import_module(self.private(name))
+            return importlib.import_module(private)
 
     @contextmanager
     def present(self) -> Generator[None]:
-        """In here its modules have their names, for imports, for pickles, for whoever reads their source."""
-        with _coming_and_going:
+        """Keep the modules in `sys.modules` inside this context, as imports, pickle and `inspect` need."""
+        with _presence:
             self._present += 1
             sys.modules.update(self._away)
             self._away = {}
         try:
             yield
         finally:
-            with _coming_and_going:
+            with _presence:
                 self._present -= 1
                 if not self._present:
                     names = [name for name in [*sys.modules] if name.partition(".")[0] == self._name]
                     self._away = {name: sys.modules.pop(name) for name in names}
 
     def run(self, module: ModuleType, body: Callable[[], None]) -> None:
-        """Run the body of a module of the folder; an exit in one that was asked for is kept in `exits`."""
-        vars(module)["__builtins__"] = self._builtins()
+        """Run the body of a module with the folder's `__import__`; if `load` requested it, record its exit."""
+        vars(module)["__builtins__"] = {**vars(builtins), "__import__": self._import}
         try:
             body()
-        except SystemExit as left:
-            if module.__name__ not in self._asked:
+        except SystemExit as exited:
+            if module.__name__ not in self._requested:
                 raise
-            self.exits[module.__name__] = left
+            self.exits[module.__name__] = exited
 
-    def private(self, name: str) -> str:
-        """The name under which Python keeps the module."""
+    def _private(self, name: str) -> str:
         return f"{self._name}.{name}"
-
-    def _builtins(self) -> dict[str, object]:
-        """Python's builtins with the folder's own `__import__`."""
-        return {**vars(builtins), "__import__": self._import}
 
     def _finds(self, top: str) -> bool:
         if not top or top == OURS or BuiltinImporter.find_spec(top) or FrozenImporter.find_spec(top):
@@ -134,26 +135,26 @@ class PrivateFolder:
     ) -> ModuleType:
         if not level and self.owns(name):
             with self.present():
-                found = builtins.__import__(self.private(name), globals, locals, fromlist or (), 0)
-                return found if fromlist else sys.modules[self.private(name.partition(".")[0])]
+                found = builtins.__import__(self._private(name), globals, locals, fromlist or (), 0)
+                return found if fromlist else sys.modules[self._private(name.partition(".")[0])]
         with self.present() if level else nullcontext():
             found = builtins.__import__(name, globals, locals, fromlist or (), level)
-        hold_windows()
+        _hold_windows()
         return self._own_importlib() if found is importlib else found
 
     def _own_importlib(self) -> ModuleType:
-        """A stand-in for `importlib` whose `import_module` looks into the folder first, too."""
+        """Return a copy of `importlib` whose `import_module` searches the folder first."""
         vars(self._importlib).update(vars(importlib))
         vars(self._importlib)["import_module"] = self._import_module
         return self._importlib
 
     def _import_module(self, name: str, package: str | None = None) -> ModuleType:
         with self.present():
-            return importlib.import_module(self.private(name) if self.owns(name) else name, package)
+            return importlib.import_module(self._private(name) if self.owns(name) else name, package)
 
 
 class _Finder:
-    """Finds the modules of private folders."""
+    """Finder of modules of private folders."""
 
     @staticmethod
     def find_spec(fullname: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
@@ -166,7 +167,7 @@ class _Finder:
 
 
 class _Loader(SourceFileLoader):
-    """Runs a module of a private folder: with its own builtins, from its source, leaving no bytecode behind."""
+    """Loader of a module of a private folder: always from its source, and without writing bytecode."""
 
     def __init__(self, folder: PrivateFolder, name: str, path: str) -> None:
         super().__init__(name, path)
@@ -181,11 +182,59 @@ class _Loader(SourceFileLoader):
 
 
 def present(module: ModuleType) -> AbstractContextManager[None]:
-    """In here the modules of the private folder that `module` is from have their names; others have them anyway."""
+    """Return `PrivateFolder.present` of the folder of `module`; an empty context for other modules."""
     folder = _folders.get(module.__name__.partition(".")[0])
     return nullcontext() if folder is None else folder.present()
 
 
 def public(text: str) -> str:
-    """A text, the names of private modules in it replaced by those that people know."""
+    """Replace the names of private modules in a text by the names that users wrote."""
     return re.sub(rf"{PREFIX}\d+\.?", "", text)
+
+
+@contextmanager
+def without_windows() -> Generator[None]:
+    """Disable windows and pauses of matplotlib, and close at the end the figures that were made inside."""
+    global _restores
+    if _restores is not None:
+        yield
+        return
+    environment, figures = os.environ.get(BACKEND), _figures()
+    os.environ[BACKEND] = "agg"
+    if "matplotlib" in sys.modules and "matplotlib.pyplot" not in sys.modules:
+        sys.modules["matplotlib"].use("agg")
+    try:
+        with ExitStack() as _restores:
+            _hold_windows()
+            yield
+    finally:
+        _restores = None
+        for number in _figures() - figures:
+            sys.modules["matplotlib.pyplot"].close(number)
+        if environment is None:
+            del os.environ[BACKEND]
+        else:
+            os.environ[BACKEND] = environment
+
+
+def _hold_windows() -> None:
+    """Disable the windows of modules that have been imported since `without_windows` began; do nothing outside it."""
+    if _restores is None:
+        return
+    for name, functions in WINDOWED.items():
+        module = sys.modules.get(name)
+        for each in functions:
+            function = getattr(module, each, None)  # missing while matplotlib itself is being imported
+            if function is not None and function is not _nothing:
+                _restores.callback(setattr, module, each, function)
+                setattr(module, each, _nothing)
+
+
+def _nothing(*_: object, **__: object) -> None:
+    """Do nothing, in place of a function that opens or waits for a window."""
+
+
+def _figures() -> set[int]:
+    """Return the numbers of the open figures."""
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    return set() if pyplot is None else {*pyplot.get_fignums()}

@@ -1,6 +1,6 @@
-"""Every built-in estimator, described once: adding one takes a function and an entry here.
+"""Registry of built-in estimators: a new one needs a function and an entry here.
 
-Nothing is imported before it is asked for, so that the help of a command that lists them answers at once.
+Functions are imported when an estimator is loaded, so that help texts appear at once.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 import re
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import TYPE_CHECKING, Literal, NamedTuple, cast
 
 from slamgauge.errors import UserError
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from slamgauge.recording import Recording
     from slamgauge.truth import Truth
 
-DEAD_RECKONING = "dead-reckoning"  # what figures show faintly, and pictures of a map leave out
-FIXED_LAG, SLIDING_WINDOW = LAGGING = ("fixed-lag", "sliding-window")  # fixed-lag-50: of 50 steps
-LAG = "0|[1-9][0-9]{0,8}"  # as a name ends
-UNDER = "@"  # causal@ekf: causal under the associations that ekf makes
+DEAD_RECKONING = "dead-reckoning"  # faint in figures, absent from pictures of a map
+FIXED_LAG, SLIDING_WINDOW = LAGGING = ("fixed-lag", "sliding-window")  # fixed-lag-50: a window of 50 steps
+LAG = "0|[1-9][0-9]{0,8}"  # pattern of the steps at the end of a name
+UNDER = "@"  # causal@ekf: causal with the associations of ekf
 
 
 class Look(NamedTuple):
@@ -38,22 +38,22 @@ class Look(NamedTuple):
 Role = Literal["estimator", "textbook", "filter", "graph", "optimum", "bound", "user"]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Entry:
     """An estimator.
 
     Attributes:
-        name: what users write, and what results carry.
+        name: name that users write and results contain.
         home: place of its function, `module:attribute`; empty for user code.
-        role: what its function takes, and what others may compare with it.
+        role: arguments of its function, and its use in comparisons.
             `estimator`: takes the recording alone.
-            `textbook`: also takes the association of a filter's settings.
+            `textbook`: also takes the association settings of a filter.
             `filter`: also takes a filter's settings; `ekf.maps.correction_table` has its correction under this name.
             `graph`: also takes associations, as in `causal@ekf`.
             `optimum`: a graph that others of its kind are compared with; it receives the true noise and associations.
-            `bound`: takes truth and recording; no estimator's error is below it.
+            `bound`: takes truth and recording; no error of an estimator is below it.
             `user`: user code; its output and errors are reported as the user's.
-        kind: kind of its estimates; None if only the estimate itself says so.
+        kind: kind of its estimates; None if it is unknown before a run.
         note: short description for help texts.
         lag: steps of the window that its name states, as in `fixed-lag-50`.
         title: its name as an optimum in figures.
@@ -63,6 +63,7 @@ class Entry:
     name: str
     home: str = ""
     role: Role = "estimator"
+    _: KW_ONLY
     kind: Kind | None = "filtered"
     note: str = ""
     lag: int | None = None
@@ -75,16 +76,16 @@ class Entry:
         return self.role in ("graph", "optimum")
 
     def load(self) -> Estimator:
-        """Its function, imported now."""
+        """Import its function."""
         module, _, attribute = self.home.partition(":")
         return getattr(importlib.import_module(module), attribute)
 
     def bounds(self, truth: Truth, recording: Recording) -> Float:
-        """Of a bound: covariances (N+1, 3, 3) that no error's is below."""
+        """Return the covariances (N+1, 3, 3) of a bound."""
         return cast("Callable[[Truth, Recording], Float]", self.load())(truth, recording)
 
     def is_home_of(self, estimator: object) -> bool:
-        """Whether `estimator` is its function; nothing is imported to find out."""
+        """Return whether `estimator` is its function, without importing anything."""
         module, _, attribute = self.home.partition(":")
         named = getattr(estimator, "__name__", None) == attribute and module in sys.modules
         return named and getattr(sys.modules[module], attribute, None) is estimator
@@ -92,146 +93,112 @@ class Entry:
 
 # colours after P. Tol, "Colour schemes" (SRON/EPS/TN/09-002)
 _ENTRIES = (
+    Entry(DEAD_RECKONING, "slamgauge.ekf:dead_reckoning", look=Look("#009988", (0, (1, 1.4)))),
     Entry(
-        name=DEAD_RECKONING,
-        home="slamgauge.ekf:dead_reckoning",
-        look=Look("#009988", (0, (1, 1.4))),
-    ),
-    Entry(
-        name="textbook-ekf",
-        home="slamgauge.ekf:textbook_ekf",
-        role="textbook",
+        "textbook-ekf",
+        "slamgauge.ekf:textbook_ekf",
+        "textbook",
         note="the same as ekf in 200 lines, for reading",
         look=Look("#6A5ACD", (0, (7, 3))),
     ),
+    Entry("ekf", "slamgauge.ekf:ekf_slam", "filter", look=Look("#CC3311", (0, (5, 1.2)))),
+    Entry("fej-ekf", "slamgauge.ekf:fej_ekf", "filter", look=Look("#33BBEE", (0, (3, 1, 1, 1, 1, 1)))),
+    Entry("oc-ekf", "slamgauge.ekf:oc_ekf", "filter", look=Look("#EE3377", (0, (6, 1, 1, 1, 3, 1)))),
+    Entry("iekf", "slamgauge.ekf:iekf", "filter", look=Look("#775522", (0, (9, 2)))),
+    Entry("riekf", "slamgauge.ekf:riekf", "filter", look=Look("#0077BB", (0, (4, 1, 1, 1)))),
     Entry(
-        name="ekf",
-        home="slamgauge.ekf:ekf_slam",
-        role="filter",
-        look=Look("#CC3311", (0, (5, 1.2))),
-    ),
-    Entry(
-        name="fej-ekf",
-        home="slamgauge.ekf:fej_ekf",
-        role="filter",
-        look=Look("#33BBEE", (0, (3, 1, 1, 1, 1, 1))),
-    ),
-    Entry(
-        name="oc-ekf",
-        home="slamgauge.ekf:oc_ekf",
-        role="filter",
-        look=Look("#EE3377", (0, (6, 1, 1, 1, 3, 1))),
-    ),
-    Entry(
-        name="iekf",
-        home="slamgauge.ekf:iekf",
-        role="filter",
-        look=Look("#775522", (0, (9, 2))),
-    ),
-    Entry(
-        name="riekf",
-        home="slamgauge.ekf:riekf",
-        role="filter",
-        look=Look("#0077BB", (0, (4, 1, 1, 1))),
-    ),
-    Entry(
-        name="riukf",
-        home="slamgauge.ekf:riukf",
+        "riukf",
+        "slamgauge.ekf:riukf",
         note="right-invariant, with sigma points",
         look=Look("#AA4499", (0, (2, 1, 5, 1))),
     ),
     Entry(
-        name="robocentric-ekf",
-        home="slamgauge.ekf:robocentric_ekf",
+        "robocentric-ekf",
+        "slamgauge.ekf:robocentric_ekf",
         note="map in the robot's frame",
         look=Look("#117733", (0, (8, 1, 2, 1))),
     ),
     Entry(
-        name=SLIDING_WINDOW,
-        home="slamgauge.ekf:sliding_window",
-        note=f"filter, the last 100 steps linearised anew; {SLIDING_WINDOW}-50: the last 50",
+        SLIDING_WINDOW,
+        "slamgauge.ekf:sliding_window",
+        note=f"filter, relinearises the last 100 steps; {SLIDING_WINDOW}-50: the last 50",
         look=Look("#661100", (0, (5, 1, 1, 1, 1, 1))),
     ),
     Entry(
-        name=FIXED_LAG,
-        home="slamgauge.graph_baseline:fixed_lag",
+        FIXED_LAG,
+        "slamgauge.graph_baseline:fixed_lag",
+        "graph",
         note=f"the last 20 steps smoothed; {FIXED_LAG}-5: the last 5",
-        role="graph",
     ),
     Entry(
-        name="causal",
-        home="slamgauge.graph_baseline:causal",
+        "causal",
+        "slamgauge.graph_baseline:causal",
+        "optimum",
         note="causal optimum",
-        role="optimum",
         title="causal optimum",
         look=Look("#CC9900", (0, (2, 1))),
     ),
     Entry(
-        name="batch",
-        home="slamgauge.graph_baseline:batch",
+        "batch",
+        "slamgauge.graph_baseline:batch",
+        "optimum",
         kind="smoothed",
         note="hindsight",
-        role="optimum",
         title="hindsight optimum",
         look=Look("#882288", (0, (7, 1, 1, 1, 1, 1))),
     ),
+    Entry("robust-batch", "slamgauge.graph_baseline:robust_batch", "graph", kind="smoothed"),
     Entry(
-        name="robust-batch",
-        home="slamgauge.graph_baseline:robust_batch",
-        kind="smoothed",
-        role="graph",
-    ),
-    Entry(
-        name="isam2",
-        home="slamgauge.graph_baseline:isam2",
+        "isam2",
+        "slamgauge.graph_baseline:isam2",
+        "graph",
         note="GTSAM's iSAM2",
-        role="graph",
         look=Look("#AAAA00", (0, (3, 3))),
     ),
     Entry(
-        name="gtsam-batch",
-        home="slamgauge.graph_baseline:gtsam_batch",
+        "gtsam-batch",
+        "slamgauge.graph_baseline:gtsam_batch",
+        "graph",
         kind="smoothed",
         note="GTSAM's Levenberg-Marquardt",
-        role="graph",
         look=Look("#CC6677", (0, (10, 2, 2, 2))),
     ),
 )
 REGISTRY = {entry.name: entry for entry in _ENTRIES}
 BOUND, HINDSIGHT_BOUND = "bound", "hindsight-bound"
-BOUNDS = {  # of studies: these need the truth, and many runs
+BOUNDS = {  # for studies only: they need the truth and many runs
     BOUND: Entry(
-        name=BOUND,
-        home="slamgauge.graph_baseline:causal_bound",
-        note="of studies: what no estimator can beat, causal and in hindsight",
-        role="bound",
+        BOUND,
+        "slamgauge.graph_baseline:causal_bound",
+        "bound",
+        note="for studies: Cramer-Rao bounds, causal and in hindsight",
         look=Look("#000000", (0, (1, 1))),
     ),
     HINDSIGHT_BOUND: Entry(
-        name=HINDSIGHT_BOUND,
-        home="slamgauge.graph_baseline:hindsight_bound",
+        HINDSIGHT_BOUND,
+        "slamgauge.graph_baseline:hindsight_bound",
+        "bound",
         kind="smoothed",
-        role="bound",
         look=Look("#777777", (0, (1, 2))),
     ),
 }
-BOUND_OF = {str(entry.kind): entry.name for entry in BOUNDS.values()}  # by the kind that they bound
+BOUND_OF = {str(entry.kind): entry.name for entry in BOUNDS.values()}  # kind of estimates -> bound
 FILTERS = tuple(entry.name for entry in _ENTRIES if entry.role == "filter")
 GRAPHS = tuple(entry.name for entry in _ENTRIES if entry.takes_associations)
-OPTIMA = {str(entry.kind): entry.name for entry in _ENTRIES if entry.role == "optimum"}  # by the kind of estimates
+OPTIMA = {str(entry.kind): entry.name for entry in _ENTRIES if entry.role == "optimum"}  # kind of estimates -> optimum
 CAUSAL, HINDSIGHT = OPTIMA["filtered"], OPTIMA["smoothed"]
-BENCHED = ",".join((DEAD_RECKONING, *FILTERS, *OPTIMA.values()))  # what `slamgauge bench` measures by default
+BENCHED = ",".join((DEAD_RECKONING, *FILTERS, *OPTIMA.values()))  # default of `slamgauge bench`
 HELP = (
     f"Comma-separated: {', '.join(f'{each.name} ({each.note})' if each.note else each.name for each in _ENTRIES)}; "
-    f"{CAUSAL}{UNDER}{FILTERS[0]} is {CAUSAL} under the associations that {FILTERS[0]} makes."
+    f"{CAUSAL}{UNDER}{FILTERS[0]} is {CAUSAL} with the associations of {FILTERS[0]}."
 )
 
 
 def entry_of(name: str) -> Entry:
-    """The entry of a name; `causal@ekf`, a graph under a filter's associations, and `fixed-lag-5` have one like any.
+    """Return the entry of a name, also of `causal@ekf` (a graph with a filter's associations) and `fixed-lag-5`.
 
     Raises:
-        UserError: an unknown name.
+        UserError: the name is unknown.
     """
     graph, under, filter_name = name.partition(UNDER)
     entry = _plain_entry_of(graph)
@@ -247,7 +214,7 @@ def entry_of(name: str) -> Entry:
 
 
 def _plain_entry_of(name: str) -> Entry | None:
-    """The entry of a name without a filter behind it, if there is one."""
+    """Return the entry of a name without `@`; None if it is unknown."""
     stem, _, steps = name.rpartition("-")
     if stem in LAGGING and re.fullmatch(LAG, steps):
         return replace(REGISTRY[stem], name=name, note="", lag=int(steps))
@@ -255,7 +222,7 @@ def _plain_entry_of(name: str) -> Entry | None:
 
 
 def is_ours(name: str) -> bool:
-    """Whether a name has an entry."""
+    """Return whether a name is that of a built-in estimator."""
     try:
         entry_of(name)
     except UserError:
@@ -264,5 +231,5 @@ def is_ours(name: str) -> bool:
 
 
 def is_optimum(name: str) -> bool:
-    """Whether a name, as `load_estimators` takes it, is that of an optimum."""
+    """Return whether a name is that of an optimum."""
     return name in OPTIMA.values()

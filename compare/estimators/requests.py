@@ -1,4 +1,4 @@
-"""What is asked for: estimators by name or address, light enough to travel to a worker. Nothing of them has run."""
+"""Requested estimators, by name or address: picklable, and nothing is loaded yet."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from slamgauge.estimate import Estimator
 
 @dataclass(frozen=True)
 class Isolation:
-    """How people's own code is run in a process of its own (`isolated`).
+    """Settings of user code in a child process (`isolated_process`).
 
     Attributes:
-        timeout: of a run [s].
-        strict: whether a filtered estimate is looked at for the future (`strict`).
+        timeout: largest time of a run [s].
+        strict: whether filtered estimates are checked for use of the future (`causality_check`).
     """
 
     timeout: float
@@ -29,14 +29,14 @@ class Isolation:
 
 @dataclass(frozen=True)
 class Asked:
-    """An estimator that is asked for.
+    """A requested estimator.
 
     Attributes:
-        label: what rows and files of results are called.
-        name: of the registry, if it is one of ours.
-        where: the address of people's own.
-        call: a callable given in Python.
-        isolation: how people's own is kept apart from this process; None runs it within.
+        label: name of its rows and files of results.
+        name: name in the registry, for built-in estimators.
+        where: address of user code.
+        call: callable given in Python.
+        isolation: how user code is isolated; None runs it in this process.
     """
 
     label: str
@@ -47,7 +47,7 @@ class Asked:
 
     @property
     def is_optimum(self) -> bool:
-        """Whether it is an optimum, which is told true noise and associations."""
+        """Whether it is an optimum, which receives true noise and associations."""
         return self.name in OPTIMA.values()
 
     @property
@@ -57,12 +57,12 @@ class Asked:
 
     @property
     def is_told(self) -> bool:
-        """Whether it is told true noise and associations: what others are measured by."""
+        """Whether it receives true noise and associations: a yardstick of the others."""
         return self.is_optimum or self.is_bound
 
     @property
     def key(self) -> str:
-        """What stores call its results: people's own by label and digest, so that edited code is another estimator."""
+        """Key of its results in stores, with the digest of user code: edited code is another estimator."""
         if self.where is not None and self.where.sources is not None:
             apart = "" if self.isolation is None else f" {self.isolation.timeout:g}s strict={self.isolation.strict}"
             return f"{self.label} {self.where.attribute} {self.where.sources.digest[:16]}{apart}"
@@ -71,20 +71,20 @@ class Asked:
         return self.label
 
 
-Chosen = Sequence[str | Asked] | Mapping[str, str | Estimator]  # names and addresses; or by a label of their own
+Chosen = Sequence[str | Asked] | Mapping[str, str | Estimator]  # names and addresses; or these by label
 
 
 def ask(chosen: Chosen) -> list[Asked]:
-    """Estimators by name, by address `[LABEL=]FILE.py:callable`, or callables by label.
+    """Parse estimators: names, addresses `[LABEL=]FILE.py:callable`, or a mapping from labels to these or callables.
 
-    `causal@ekf` is a name like any; `bound` stands for both bounds, causal and hindsight. What has been asked
-    for stays as it was then: a file that is edited meanwhile does not change it.
+    `bound` means both bounds, causal and hindsight. Sources of user code are read now: later edits of the file do not
+    change the request.
 
     Raises:
-        UserError: an unknown name, an address of a wrong form, or two of one label.
+        UserError: an unknown name, an address of a wrong form, or two estimators with one label.
     """
     if isinstance(chosen, str):
-        raise UserError(f"estimators: {chosen!r} is no list; give one of names, or a dict by labels")
+        raise UserError(f"estimators: {chosen!r} is one text; give a list of names, or a dict by labels")
     if isinstance(chosen, Mapping):
         asked = [_asked(label, what) for label, what in chosen.items()]
     else:
@@ -96,7 +96,7 @@ def ask(chosen: Chosen) -> list[Asked]:
         is_taken = not each.name and is_ours(each.label)
         if is_taken or labels.count(each.label) > 1:
             text = each.label if each.where is None else each.where.text
-            why = "is one of ours" if is_taken else "stands there twice"
+            why = "is a built-in estimator" if is_taken else "is given twice"
             raise UserError(f"estimator {text!r}: {each.label} {why}; write another LABEL= in front")
     return asked
 
@@ -115,10 +115,10 @@ def isolated(asked: Sequence[Asked], isolation: Isolation | None) -> list[Asked]
 
 
 def labels_among(names: Sequence[str], among: Collection[str], otherwise: str) -> list[str]:
-    """The labels, given as such or by address, of estimators that are `among` those at hand.
+    """Return the labels of estimators that are given by label or address.
 
     Raises:
-        UserError: one is not; `otherwise` says so.
+        UserError: a label is not `among` the available ones; the message contains `otherwise`.
     """
     labels = [name if name in among or ":" not in name else address(name).label for name in names]
     for name, label in zip(names, labels, strict=True):
@@ -138,7 +138,7 @@ def _asked(label: str, what: str | Estimator) -> Asked:
 
 
 def _digest_of(call: Estimator) -> str:
-    """SHA-256 of the file that a callable stands in; of its name where there is none."""
+    """Return the SHA-256 of a callable's name and of the file that defines it, if there is one."""
     module = inspect.getmodule(call)
     file = getattr(module, "__file__", None)
     content = Path(file).read_bytes() if file is not None and Path(file).is_file() else b""

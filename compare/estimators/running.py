@@ -1,59 +1,59 @@
-"""Running an estimator: what it prints and raises kept apart, what it returns checked."""
+"""Run one estimator, with errors in one line and a checked estimate, or several on one recording with their optima."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import nullcontext, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import partial
 from time import perf_counter
 from typing import cast
 
 import numpy as np
 
+from slamgauge.arrays import Marks
 from slamgauge.compare.estimators.isolated_process import OverdueError
-from slamgauge.compare.estimators.loading import entry_behind, spent_by
+from slamgauge.compare.estimators.loading import LoadedEstimator, entry_behind, spent_by, without
+from slamgauge.compare.estimators.registry import OPTIMA, UNDER, Entry
 from slamgauge.compare.estimators.user_code import reason_of
+from slamgauge.compare.storage.progress import counted
 from slamgauge.errors import UserError
-from slamgauge.estimate import Estimate, Estimator
+from slamgauge.estimate import Estimate, Estimator, Kind
 from slamgauge.recording import Recording
 
-FARTHEST = 1e12  # m, rad: beyond any map; squares of errors are numbers still
+FARTHEST = 1e12  # m, rad: far outside any map, and squares of errors are still finite
 
 
 @dataclass(frozen=True)
 class StoredEstimate:
-    """An estimate that was made elsewhere, in the place of an estimator."""
+    """A stored estimate in place of an estimator."""
 
     estimate: Estimate
 
     def __call__(self, _recording: Recording, /) -> Estimate:
-        """As it lies, of whatever recording."""
+        """Return the estimate, for any recording."""
         return self.estimate
 
 
 def run_estimator(name: str, estimator: Estimator, recording: Recording) -> tuple[Estimate, float]:
-    """The estimate, checked against the recording, and the seconds that it took.
-
-    Args:
-        name: what error texts call it.
-        estimator: one of `load_estimators`, or any callable.
-        recording: what it sees.
+    """Run an estimator; return its estimate and the elapsed time [s].
 
     Raises:
-        UserError: the estimator raised, or what it returned does not fit the recording; an `OverdueError` if it was
-            not done in time.
+        UserError: the estimator raised an error, or its estimate does not fit the recording.
+        OverdueError: the estimator exceeded its timeout.
     """
     entry = entry_behind(estimator)
-    is_ours = entry is not None and entry.role != "user"
+    is_built_in = entry is not None and entry.role != "user"
     start = perf_counter()
     try:
-        # standard output is for results; ours are silent, and threads of a study must not redirect it
-        with nullcontext() if is_ours else redirect_stdout(sys.stderr):
+        # standard output is for results; built-in estimators print nothing, and threads of a study must not redirect it
+        with nullcontext() if is_built_in else redirect_stdout(sys.stderr):
             estimate = cast("object", estimator(recording))
     except (Exception, SystemExit) as error:
-        if is_ours and not isinstance(error, UserError):
+        if is_built_in and not isinstance(error, UserError):
             raise
-        reason = str(error) if is_ours else reason_of(error)
+        reason = str(error) if is_built_in else reason_of(error)
         kind = OverdueError if isinstance(error, OverdueError) else UserError
         raise kind(f"estimator {name}: {reason}") from error
     spent = spent_by(estimator)
@@ -80,3 +80,90 @@ def _checked(name: str, estimate: object, recording: Recording) -> Estimate:
             f"return {len(recording.observation)}, one for every observation"
         )
     return estimate
+
+
+@dataclass(frozen=True)
+class SideBySide:
+    """Results of several estimators on one recording.
+
+    Attributes:
+        estimates: by name.
+        seconds: computing times [s] by name; stored estimates have none.
+        failures: reasons of missing estimates, by name.
+        optima: name of the optimum of each kind of estimate.
+        stand_ins: optima with the associations of an estimator, used if the true ones are unknown.
+    """
+
+    estimates: dict[str, Estimate] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    failures: dict[str, str] = field(default_factory=dict)
+    optima: dict[Kind, str] = field(default_factory=dict)
+    stand_ins: list[str] = field(default_factory=list)
+
+    def run(self, name: str, estimator: Estimator, recording: Recording, *, is_optimum: bool = False) -> None:
+        """Run an estimator, and store its estimate or the reason of its failure."""
+        try:
+            self.estimates[name], seconds = run_estimator(name, estimator, recording)
+        except UserError as error:
+            self.failures[name] = str(error)
+            return
+        if not (isinstance(estimator, LoadedEstimator) and isinstance(estimator.estimate, StoredEstimate)):
+            self.seconds[name] = seconds
+        if is_optimum:
+            self.optima[self.estimates[name].kind] = name
+
+
+def run_side_by_side(
+    estimators: Mapping[str, Estimator], recording: Recording, informed: Recording, misleading: Marks | None = None
+) -> SideBySide:
+    """Run estimators on the recording, and optima on the informed one without observations marked `misleading` (M,).
+
+    If the informed recording has no ids, optima use the associations of the first other estimator, as in `causal@ekf`.
+    """
+    entries = {name: entry_behind(estimator) for name, estimator in estimators.items()}
+    optima = {name: entry for name, entry in entries.items() if entry is not None and entry.role == "optimum"}
+    waiting = optima if informed.landmark is None else {}
+    ran = SideBySide()
+    with counted(len(estimators), "estimator") as progress:
+        for name, estimator in estimators.items():
+            progress.set_description(name)
+            if name in optima and name not in waiting:
+                ran.run(name, without(estimator, informed, misleading), informed, is_optimum=True)
+            elif name not in waiting:
+                ran.run(name, estimator, recording)
+            progress.update()
+    if informed.landmark is None:
+        graphs = {name: entry for name, entry in entries.items() if entry is not None and entry.takes_associations}
+        _run_stand_ins(ran, waiting, graphs, estimators, recording)
+    return ran
+
+
+def with_stand_ins(names: Iterable[str]) -> set[str]:
+    """Return all names that estimates of these estimators may have."""
+    requested = {*names}
+    return requested | {f"{optimum}{UNDER}{name}" for optimum in requested & {*OPTIMA.values()} for name in requested}
+
+
+def _run_stand_ins(
+    ran: SideBySide,
+    waiting: Mapping[str, Entry],
+    graphs: Mapping[str, Entry],
+    estimators: Mapping[str, Estimator],
+    recording: Recording,
+) -> None:
+    """Run optima with the associations of the first estimator that has any; a requested `causal@ekf` is an optimum."""
+    makers = (name for name, each in ran.estimates.items() if name not in graphs and each.association is not None)
+    maker = next(makers, None)
+    for name, entry in waiting.items():
+        if maker is None:
+            ran.run(name, estimators[name], recording)  # this stores the reason of its failure
+        elif f"{name}{UNDER}{maker}" not in ran.estimates:
+            stand_in = replace(entry, name=f"{name}{UNDER}{maker}")
+            graph: Callable[..., Estimate] = entry.load()
+            under = partial(graph, association=ran.estimates[maker].association)
+            ran.run(stand_in.name, LoadedEstimator(stand_in, under), recording, is_optimum=True)
+    for name, entry in graphs.items():
+        kind = ran.estimates[name].kind if name in ran.estimates else None
+        if kind is not None and entry.name.partition(UNDER)[0] == OPTIMA[kind]:
+            ran.optima.setdefault(kind, name)
+    ran.stand_ins.extend(ran.optima.values())

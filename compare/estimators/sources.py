@@ -1,4 +1,4 @@
-"""People's code as it stands in its folder: what it consists of, its digest, and the way to a worker."""
+"""Source files of user code: what a module imports from its folder, their digest, and a copy on another machine."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-MOST_FILES = 1000  # modules that are followed from file to file
+MOST_FILES = 1000  # no more imports are followed
 
 
 @dataclass(frozen=True)
 class Sources:
-    """A module of people's code and what it imports from its folder.
+    """A module of user code and everything that it imports from its folder.
 
     Attributes:
-        folder: where they lie, absolute.
-        module: dotted, as the folder's own code would import it.
-        files: (path relative to the folder, content) of each.
+        folder: absolute path.
+        module: dotted name, as code of the folder would import it.
+        files: (path relative to the folder, content) of each file.
     """
 
     folder: str
@@ -38,7 +38,7 @@ class Sources:
         return total.hexdigest()
 
     def place(self) -> Path:
-        """The folder if the code is still what it was there, or else, on another machine for instance, a copy."""
+        """Return the folder if its files are unchanged; otherwise, for example on another machine, a copy."""
         try:
             same = sources_of(Path(self.folder), self.module) == self
         except OSError:
@@ -47,7 +47,7 @@ class Sources:
 
 
 def sources_of(folder: Path, module: str) -> Sources:
-    """The sources of a module of a folder, imports followed as they are written, wherever in the code.
+    """Read a module of a folder and follow its imports, wherever in the code they are written.
 
     Raises:
         OSError: a file cannot be read.
@@ -59,28 +59,25 @@ def sources_of(folder: Path, module: str) -> Sources:
         path = waiting.pop()
         if path not in found:
             found[path] = (folder / path).read_bytes()
-            waiting += _neighbours(folder, found[path])
+            waiting += [file for name in _imports(found[path]) for file in _files_of(folder, name)]
     return Sources(str(folder), module, tuple(sorted(found.items())))
 
 
-def _neighbours(folder: Path, content: bytes) -> Iterator[str]:
-    """Files of the folder that this module of it imports, relative to the folder; of a package all."""
+def _imports(content: bytes) -> Iterator[str]:
+    """Yield the names of modules that a source imports."""
     try:
         nodes = list(ast.walk(ast.parse(content)))
-    except (SyntaxError, ValueError):  # loading it will say so
+    except (SyntaxError, ValueError):  # loading the module reports the error
         return
     for node in nodes:
-        names: list[str] = []
         if isinstance(node, ast.ImportFrom) and node.module:
-            names = [node.module]
+            yield node.module
         elif isinstance(node, ast.Import | ast.ImportFrom):
-            names = [alias.name for alias in node.names]
-        for name in names:
-            yield from _files_of(folder, name)
+            yield from (alias.name for alias in node.names)
 
 
 def _files_of(folder: Path, name: str) -> Iterator[str]:
-    """The file of a module, or all of the package that it is in."""
+    """Yield the file of a module, or all files of the package that contains it, relative to the folder."""
     top = name.partition(".")[0]
     module, package = folder / f"{top}.py", folder / top
     if module.is_file():
@@ -92,7 +89,7 @@ def _files_of(folder: Path, name: str) -> Iterator[str]:
 
 @functools.lru_cache(maxsize=64)
 def _copied(sources: Sources) -> Path:
-    """A temporary folder with the files, removed when the process ends."""
+    """Write the files into a temporary folder, which is removed when this process ends."""
     folder = Path(tempfile.mkdtemp(prefix="slamgauge-own-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     for path, content in sources.files:

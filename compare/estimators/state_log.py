@@ -1,4 +1,4 @@
-"""What filters leave behind that hand out their whole state after every step, made into an estimate."""
+"""Log of a filter that returns its whole state after every step, and the estimate made from it."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from time import perf_counter
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.compare.estimators.user_code import OwnCodeError
+from slamgauge.compare.estimators.user_code import UserCodeError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.validation import REAL
 
 
-class Trail:
-    """Poses, covariances and the map of a filter with the state (3+2n,): robot, then landmarks as they were mapped.
+class StateLog:
+    """Poses, covariances and map of a filter with the state (3+2n,): robot, then landmarks as they were mapped.
 
-    With known association a landmark is named by the order of first sight. A filter that maps otherwise (several
-    members for a landmark, doubles, none at first) leaves a map that nobody can name, and reports none.
+    With known association the n-th landmark of the state has the id that was observed n-th. If a filter maps otherwise
+    (several members for a landmark, duplicates, no landmarks at first), ids are unknown, and the estimate has no map.
 
     Args:
-        recording: what the filter is fed.
-        names: of what it returns, for error texts.
+        recording: the input of the filter.
+        names: names of state and covariance, for error messages.
     """
 
     def __init__(self, recording: Recording, names: tuple[str, str] = ("xEst", "PEst")) -> None:
@@ -35,16 +35,16 @@ class Trail:
         self._seconds = [0.0]
         self._state, self._cov = self._poses[0], self._covs[0]
 
-    def step(self, number: int, seen: Int | None, advance: Callable[[], tuple[object, object]]) -> None:
-        """Keep what `advance` returns of step `number`: state and covariance.
+    def step(self, number: int, observed: Int | None, advance: Callable[[], tuple[object, object]]) -> None:
+        """Call `advance` and log the state and covariance that it returns.
 
         Args:
-            number: of the step; the one before has been kept.
-            seen: (m,) ids of its observations, None where they are unknown.
-            advance: takes the filter one step on.
+            number: number of the step, one above that of the last call, or 0.
+            observed: (m,) ids of its observations; None if they are unknown.
+            advance: moves the filter one step on.
 
         Raises:
-            OwnCodeError: no state and covariance that fit each other, or numbers that are not finite.
+            UserCodeError: state and covariance have wrong or different sizes, or are not finite.
         """
         start = perf_counter()
         state, cov = advance()
@@ -54,14 +54,20 @@ class Trail:
         self._poses.append(self._state[:3])
         self._covs.append((self._cov[:3, :3] + self._cov[:3, :3].T) / 2)
         self._seconds.append(seconds)
-        self._name((len(self._state) - 3) // 2, seen)
+        count = (len(self._state) - 3) // 2
+        if observed is None:
+            self._ids = [*range(count)]
+            self._is_named = self._recording.landmark is None  # otherwise 0, 1, ... would be read as its ids
+        else:
+            self._ids += [name for name in dict.fromkeys(observed.tolist()) if name not in self._ids]
+            self._is_named = self._is_named and len(self._ids) == count
 
     def estimate(self) -> Estimate:
-        """What was kept, and the last map."""
+        """Return the logged poses with the last map."""
         ids = np.array(self._ids if self._is_named else [], dtype=np.int64)
         ends = 3 + 2 * np.arange(len(ids))
         covs = np.array([self._cov[at : at + 2, at : at + 2] for at in ends]).reshape(-1, 2, 2)
-        is_told = self._recording.landmark is not None and np.isin(self._recording.landmark, ids).all()
+        is_whole = self._recording.landmark is not None and np.isin(self._recording.landmark, ids).all()
         return Estimate(
             kind="filtered",
             poses=np.array(self._poses),
@@ -69,35 +75,25 @@ class Trail:
             landmark_ids=ids,
             landmarks=self._state[3 : 3 + 2 * len(ids)].reshape(-1, 2),
             landmark_covs=(covs + covs.swapaxes(1, 2)) / 2,
-            association=self._recording.landmark if is_told else None,
+            association=self._recording.landmark if is_whole else None,
             seconds=np.array(self._seconds),
         )
 
-    def _name(self, count: int, seen: Int | None) -> None:
-        """Name the landmarks that are new; without ids they are 0, 1, ... as they were mapped."""
-        if seen is None:
-            self._ids = [*range(count)]
-            self._is_named = self._recording.landmark is None  # its numbers would be taken for the recording's ids
-            return
-        new = [name for name in dict.fromkeys(seen.tolist()) if name not in self._ids]
-        self._ids += new
-        self._is_named = self._is_named and len(self._ids) == count
-
     def _checked(self, number: int, state: object, cov: object) -> tuple[Float, Float]:
-        """Copies (3+2n,) and (3+2n, 3+2n), whatever shape the state has."""
+        """Return copies (3+2n,) and (3+2n, 3+2n), whatever shape the state has."""
         (x, P), (x_name, P_name) = (_array(state), _array(cov)), self._names
         size = x.size
         if size < 3 or not size % 2 or P.shape != (size, size):
             what = f"{x_name} {x.shape} and {P_name} {P.shape}"
-            raise OwnCodeError(f"step {number}: returned {what}; return (3+2n, 1) and (3+2n, 3+2n)")
+            raise UserCodeError(f"step {number}: returned {what}; return (3+2n, 1) and (3+2n, 3+2n)")
         for name, array in ((x_name, x), (P_name, P)):
             if not np.isfinite(array).all():
-                raise OwnCodeError(f"step {number}: {name} is not finite from here on; look for what divides by zero")
+                raise UserCodeError(f"step {number}: {name} is not finite from here on; look for what divides by zero")
         return x.reshape(-1), P
 
 
 def _array(value: object) -> Float:
-    """A copy; empty if it is no array of numbers."""
+    """Copy an array of real numbers; return an empty array for anything else."""
     try:
         given = np.asarray(value)
     except ValueError:

@@ -1,4 +1,4 @@
-"""People's own estimators: `[LABEL=]FILE.py:callable` or `[LABEL=]package.module:callable`."""
+"""User code by its address `[LABEL=]FILE.py:callable` or `[LABEL=]module:callable`, and its errors in one line."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from slamgauge import errors
-from slamgauge.compare.estimators.headless_import import without_windows
-from slamgauge.compare.estimators.private_import import PrivateFolder, public
+from slamgauge.compare.estimators.private_import import PrivateFolder, public, without_windows
 from slamgauge.compare.estimators.sources import Sources, sources_of
 from slamgauge.compare.storage.safe_names import LONGEST
 from slamgauge.errors import UserError
@@ -23,14 +22,19 @@ from slamgauge.suggestions import did_you_mean
 Callee = Callable[..., Any]
 
 FORM = "write FILE.py:callable or module:callable, for example my_filter.py:estimate"
-SILENT = (Path(errors.__file__).parent, Path(__file__).parent)  # ours, which an error passes through
+SILENT = (Path(errors.__file__).parent, Path(__file__).parent)  # folders of slamgauge that an error passes through
 
 
 class Address(NamedTuple):
-    """Where an estimator is: `place` is a file or a module, `label` the name that results carry.
+    """Place of an estimator in user code.
 
-    `sources` are those of a file, or of a module of the current folder; None of what is installed, or not there.
-    `strangers` are modules beside it that are other people's: they do not hide what is installed under their names.
+    Attributes:
+        text: the address as the user wrote it.
+        label: name of its results.
+        place: file or module.
+        attribute: name of the callable; empty if it must be found.
+        sources: sources of a file, or of a module of the current folder; None for installed or missing modules.
+        strangers: neighbours that belong to other people: an installed module of the same name comes first.
     """
 
     text: str
@@ -42,10 +46,10 @@ class Address(NamedTuple):
 
 
 def address(text: str) -> Address:
-    """The parts of `[LABEL=]PLACE:callable`; without a label the text itself is it, a file's folders dropped.
+    """Parse `[LABEL=]PLACE:callable`; without a label the text is the label, without the folders of a file.
 
     Raises:
-        UserError: it has another form.
+        UserError: the text has another form.
     """
     place, _, attribute = text.rpartition(":")
     label, equals, rest = place.partition("=")
@@ -62,7 +66,7 @@ def address(text: str) -> Address:
 
 
 def require_label(label: str, text: str) -> None:
-    """Refuse a label that cannot name a file; `text` is what was asked for."""
+    """Refuse a label that cannot name a file; error messages quote `text`, the estimator as the user wrote it."""
     is_short = len(label.encode(errors="replace")) <= LONGEST
     if not label.strip() or set("/\\") & set(label) or not label.isprintable() or not is_short:
         remedy = "give a short word without slashes, and with no blanks but plain ones"
@@ -76,18 +80,18 @@ def _sources(place: str) -> Sources | None:
     return sources_of(Path.cwd(), place) if PrivateFolder(Path.cwd()).owns(place) else None
 
 
-class OwnCodeError(UserError):
-    """What people's own code does that its form does not allow, said by the adapter that has noticed it."""
+class UserCodeError(UserError):
+    """User code did what its form does not allow; the message is complete."""
 
 
-def load_own_module(where: Address) -> ModuleType:
-    """Load the module afresh, in which the callable stands. THIS RUNS THAT CODE; what it prints goes to standard error.
+def load_callable_module(where: Address) -> ModuleType:
+    """Load the module that defines the callable afresh. THIS RUNS USER CODE; its prints go to standard error.
 
-    It opens no windows, and may call `exit()` once the callable is defined. A file's neighbours are its own to import;
-    a module is looked up in the current folder, then among what is installed.
+    No figure opens a window, and the module may call `exit()` after it has defined the callable. A file finds its
+    neighbours first; a module is looked for in the current folder, then among the installed ones.
 
     Raises:
-        UserError: it is not there, cannot be loaded, or is no callable.
+        UserError: the module does not exist, cannot be loaded, or has no such callable.
     """
     module = load_whole_module(where)
     if not hasattr(module, where.attribute):
@@ -101,57 +105,49 @@ def load_own_module(where: Address) -> ModuleType:
 
 
 def load_whole_module(where: Address) -> ModuleType:
-    """`load_own_module`, whatever it defines; an address without an attribute allows it an exit anywhere.
+    """Load a module as `load_callable_module` does, whatever it defines.
+
+    If the address has no attribute, the module may call `exit()` anywhere.
 
     Raises:
-        UserError: it is not there, or cannot be loaded.
+        UserError: the module does not exist or cannot be loaded.
     """
+    if where.sources is None and where.place.endswith(".py"):
+        raise UserError(f"estimator {where.text}: no file {where.place!r} is found; check the path")
     try:
         with redirect_stdout(sys.stderr), without_windows():
-            return _module(where)
+            if where.sources is None:
+                return importlib.import_module(where.place)
+            folder = PrivateFolder(where.sources.place(), where.strangers)
+            module = folder.load(where.sources.module)
+            exited = folder.exits.get(module.__name__)
+            if exited is not None and where.attribute and not hasattr(module, where.attribute):
+                raise exited  # noqa: TRY301 reported like an error of the module
+            return module
     except (Exception, SystemExit) as error:
-        if isinstance(error, _MissingError):
-            raise UserError(f"estimator {where.text}: no file {where.place!r} is found; check the path") from None
-        if isinstance(error, ModuleNotFoundError) and _is_asked_for(error.name, where.place):
-            missing, remedy = public(error.name or ""), "run in its folder or install it, or give its file"
+        missing = public(error.name or "") if isinstance(error, ModuleNotFoundError) else ""
+        if missing and f"{where.place}.".startswith(f"{missing}."):  # not one that the module imports
+            remedy = "run in its folder or install it, or give its file"
             raise UserError(f"estimator {where.text}: no module {missing!r} is found; {remedy}") from None
         raise UserError(f"estimator {where.text}: cannot be loaded, {where_it_broke(error)}") from error
 
 
-def _module(where: Address) -> ModuleType:
-    if where.sources is None:
-        if where.place.endswith(".py"):
-            raise _MissingError(where.place)
-        return importlib.import_module(where.place)
-    folder = PrivateFolder(where.sources.place(), where.strangers)
-    module = folder.load(where.sources.module)
-    left = folder.exits.get(module.__name__)
-    if left is not None and where.attribute and not hasattr(module, where.attribute):
-        raise left
-    return module
-
-
-class _MissingError(Exception):
-    """A file that is not there."""
-
-
-def _is_asked_for(missing: str | None, place: str) -> bool:
-    """Whether the missing module is the one that was asked for, not one that it imports."""
-    return missing is not None and f"{place}.".startswith(f"{public(missing)}.")
-
-
 def reason_of(error: BaseException) -> str:
-    """Why people's code gave no estimate, in one line."""
-    return str(error) if isinstance(error, OwnCodeError) else where_it_broke(error)
+    """Return in one line why user code returned no estimate."""
+    return str(error) if isinstance(error, UserCodeError) else where_it_broke(error)
 
 
 def where_it_broke(error: BaseException) -> str:
-    """One line: what was raised, and the last line of the user's code, or of what it called, that it passed through."""
+    """Return the error in one line, with the last line outside slamgauge that it passed through."""
     what = f"it raised {type(error).__name__}: {' '.join(public(str(error)).split()) or '(no message)'}"
     if not isinstance(error, SyntaxError):  # its message names the line
-        frames = traceback.extract_tb(error.__traceback__)
-        frames = [frame for frame in frames if frame.filename != importlib.__file__]
-        frames = [frame for frame in frames if Path(frame.filename).parent not in SILENT]
+        frames = [frame for frame in user_frames(error) if frame.filename != importlib.__file__]
         frames = [frame for frame in frames if not frame.filename.startswith("<")]
         what += "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in frames[-1:])
     return f"{what}; mend it and run again"
+
+
+def user_frames(error: BaseException) -> list[traceback.FrameSummary]:
+    """Return the frames of an error outside the folders of slamgauge that run user code."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return [frame for frame in frames if Path(frame.filename).parent not in SILENT]

@@ -1,1 +1,1 @@
-"""Submissions graded: a folder of people's filters held against a reference."""
+"""Grades of user filters in comparison with a reference."""

@@ -1,4 +1,4 @@
-"""What a trial is worth: passed or not, and why not."""
+"""Grade of a trial: passed or not, and the reasons."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from slamgauge.compare.scoring.scores import Score
 
 @dataclass(frozen=True, kw_only=True)
 class Grade:
-    """A submission's grade.
+    """Grade of a submission.
 
     Attributes:
-        submission: its name.
-        trial: what it did.
-        reasons: why it has not passed, a line each; of one that is not graded the one reason why.
-        kind: of its estimates; empty if it is not graded.
+        submission: name of the submission.
+        trial: its runs.
+        reasons: why it has not passed, or the one reason why it is not graded.
+        kind: kind of its estimates; empty if it is not graded.
         ate_m: mean over runs.
-        nees: mean over runs and steps from the 11th on of the pose NEES, over 3.
-        reference: its figures over the reference's; None if it is not graded.
-        ratio_to_optimum: ATE over the causal optimum's.
+        nees: pose NEES / 3, mean over runs and over steps from the 11th on.
+        reference: ratios to the reference; None if it is not graded.
+        ratio_to_optimum: ATE divided by that of the causal optimum.
         seconds: median over runs.
     """
 
@@ -45,24 +45,26 @@ class Grade:
 
     @property
     def is_graded(self) -> bool:
-        """Whether there is anything to judge."""
+        """Whether all its runs were scored."""
         return self.trial.reason is None
 
     @property
     def passed(self) -> bool:
-        """Whether nothing speaks against it."""
+        """Whether it fails no criterion."""
         return not self.reasons
 
     @property
-    def failed_laws(self) -> list[str]:
-        """Names of the laws that it breaks."""
+    def failed_checks(self) -> list[str]:
+        """Names of the failed checks."""
         return [verdict.name for verdict in self.trial.verdicts if verdict.is_failure]
 
     def to_json(self) -> dict[str, Any]:
-        """The row of grades.csv: plain values, None where there is none."""
-        figures = {"ate_m": self.ate_m, "nees_per_dof": self.nees, "ratio_to_optimum": self.ratio_to_optimum}
+        """Return the row of grades.csv; missing values are None."""
         found = self.reference
-        figures |= {
+        figures = {
+            "ate_m": self.ate_m,
+            "nees_per_dof": self.nees,
+            "ratio_to_optimum": self.ratio_to_optimum,
             "ate_ratio": found and found.ate,
             "nees_ratio": found and found.nees,
             "sigma_position_ratio": found and found.sigma_position,
@@ -77,36 +79,42 @@ class Grade:
             "form": self.trial.form,
             "kind": self.kind,
             "runs": len(self.trial.scores),
-            "failed_laws": " ".join(self.failed_laws),
+            "failed_laws": " ".join(self.failed_checks),
             "seconds_per_run": self.seconds,
         }
         for key, interval in figures.items():
-            low_high = (None, None) if interval is None else (interval.low, interval.high)
-            row |= {key: interval and interval.mean, f"{key}_low": low_high[0], f"{key}_high": low_high[1]}
+            mean, low, high = (None, None, None) if interval is None else (interval.mean, interval.low, interval.high)
+            row |= {key: mean, f"{key}_low": low, f"{key}_high": high}
         return row
 
 
 def grade(submission: str, trial: Trial, reference: Sequence[Score]) -> Grade:
-    """Judge a trial by the reference's scores of the same runs."""
+    """Grade a trial by comparison with the scores of the reference on the same runs."""
     if trial.reason is not None:
         return Grade(submission=submission, trial=trial, reasons=(printable(trial.reason),))
     scores = trial.scores
-    figures = against_reference(scores, reference)
-    kinds = [each.kind for each in scores if each.kind != reference[0].kind]
-    unlike = [f"says that its poses are {kinds[0]}; {reference[0].kind} ones are asked for"] if kinds else []
+    ratios = against_reference(scores, reference)
     ratio = ratio_interval(ates(scores), optimum_ates(scores))
-    laws = [each.name for each in trial.verdicts if each.is_failure]
-    broken = [f"breaks the law{'s' if len(laws) > 1 else ''} {', '.join(laws)}"] if laws else []
-    doubt = share_of_doubt(np.array([each.yardstick_check_sigma for each in scores], dtype=np.float64))
-    too_good = None if doubt else beats_the_optimum(ratio, int(np.isfinite(optimum_ates(scores)).sum()))
+    reasons: list[str] = []
+    kinds = [each.kind for each in scores if each.kind != reference[0].kind]
+    if kinds:
+        reasons.append(f"its poses are {kinds[0]}; {reference[0].kind} poses are required")
+    is_in_doubt = share_of_doubt(np.array([each.yardstick_check_sigma for each in scores], dtype=np.float64))
+    too_good = None if is_in_doubt else beats_the_optimum(ratio, int(np.isfinite(optimum_ates(scores)).sum()))
+    if too_good:
+        reasons.append(too_good)
+    reasons += ratios.broken
+    failed = [each.name for each in trial.verdicts if each.is_failure]
+    if failed:
+        reasons.append(f"fails the check{'s' if len(failed) > 1 else ''} {', '.join(failed)}")
     return Grade(
         submission=submission,
         trial=trial,
-        reasons=(*unlike, *([too_good] if too_good else []), *figures.broken, *broken),
+        reasons=tuple(reasons),
         kind=scores[0].kind,
         ate_m=mean_interval(ates(scores)),
         nees=mean_interval(late_nees(scores)),
-        reference=figures,
+        reference=ratios,
         ratio_to_optimum=ratio,
         seconds=float(np.median([each.seconds_total or 0.0 for each in scores])),
     )

@@ -1,4 +1,4 @@
-"""A folder of submissions graded on the same runs, side by side and apart from each other."""
+"""Grade a folder of submissions on the same runs, each in its own process."""
 
 from __future__ import annotations
 
@@ -12,62 +12,32 @@ from slamgauge.compare.estimators.memory_check import require_room_for_runs
 from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.grading.grades import Grade, grade
 from slamgauge.compare.grading.submissions import Submission
-from slamgauge.compare.grading.trial import ReferenceRun, Trial, examine, reference_run
+from slamgauge.compare.grading.trial import Trial, reference_run, run_trial
 from slamgauge.compare.scenarios.scenario import Scenario
 from slamgauge.compare.scenarios.scenario_text import scenario_text
+from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.storage.progress import counted
 from slamgauge.compare.storage.provenance import origin
 from slamgauge.compare.studies.executors import lost_worker
 from slamgauge.compare.studies.store import digest
 from slamgauge.compare.studies.study_run import run_seed
 from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate
 
 T = TypeVar("T")
 
-LOST = "the worker process that watched it died (out of memory?); make room and grade it again"
-
-
-@dataclass(frozen=True)
-class Grades:
-    """What came out, submissions in the order of their names.
-
-    Attributes:
-        folder: of the submissions.
-        scenario: its name.
-        runs: how many.
-        seed: root seed.
-        reference: label of the reference.
-        reference_grade: the reference held against itself: its own figures.
-        grades: of the submissions.
-        scenario_text: the scenario as a TOML file.
-        digest: of scenario and root seed, which decide the runs.
-    """
-
-    folder: Path
-    scenario: str
-    runs: int
-    seed: int
-    reference: str
-    reference_grade: Grade
-    grades: tuple[Grade, ...]
-    scenario_text: str | None = None
-    digest: str | None = None
-
-    def to_json(self) -> list[dict[str, Any]]:
-        """A row for each submission, and where it comes from."""
-        where = {"scenario": self.scenario, "seed": self.seed, "digest": self.digest, **origin(self.scenario_text)}
-        return [each.to_json() | where for each in self.grades]
+LOST = "the worker process that ran it died (out of memory?); make room and grade it again"
 
 
 @dataclass(frozen=True)
 class GradeSettings:
-    """Runs on which submissions are graded.
+    """Settings of grading.
 
     Attributes:
-        scenario: what to simulate; draw the true start from the prior (`start = "sampled"`).
-        runs: their number, at least 2; their seeds are spawned from `seed`, as those of a study.
-        seed: root seed. Whoever knows seed and scenario can simulate the truth: use one that nobody knows.
-        reference: estimator that a right submission is not shown to be worse than.
+        scenario: scenario of the simulated runs.
+        runs: number of runs, at least 2.
+        seed: root seed, a non-negative number.
+        reference: estimator whose results submissions are compared with.
         timeout: largest time of a run of a submission [s].
     """
 
@@ -78,58 +48,81 @@ class GradeSettings:
     timeout: float
 
 
+@dataclass(frozen=True)
+class Grades:
+    """Grades of submissions.
+
+    Attributes:
+        folder: folder of the submissions.
+        settings: scenario, runs, seed and reference.
+        reference_grade: grade of the reference, compared with itself.
+        grades: grades of the submissions, in the order of their names.
+    """
+
+    folder: Path
+    settings: GradeSettings
+    reference_grade: Grade
+    grades: tuple[Grade, ...]
+
+    @property
+    def scenario_text(self) -> str:
+        """The scenario as a TOML file."""
+        return scenario_text(self.settings.scenario)
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """Return a row for each submission, with scenario, seed and their digest."""
+        scenario, seed = self.settings.scenario, self.settings.seed
+        where = {"scenario": scenario.name, "seed": seed, "digest": digest(scenario, seed)}
+        return [each.to_json() | where | origin(self.scenario_text) for each in self.grades]
+
+
 def grade_folder(
     folder: Path, submissions: Sequence[Submission], settings: GradeSettings, executor: Executor
 ) -> Grades:
-    """Grade submissions, each in a process of its own; nothing that they do keeps the others from being graded.
+    """Grade submissions; an error or crash of one does not affect the others.
 
     Args:
-        folder: where they lie.
-        submissions: `submissions_in` it.
+        folder: folder of the submissions.
+        submissions: `submissions_in` that folder.
         settings: runs, reference and largest time.
-        executor: carries submissions, one at a time for each of its workers.
+        executor: runs submissions, one at a time on each of its workers.
 
     Raises:
-        UserError: bad numbers, or a reference that gives no estimates.
+        UserError: settings are out of range, or the reference fails.
     """
     scenario, runs, seed, reference = settings.scenario, settings.runs, settings.seed, settings.reference
     if runs < 2:
-        raise UserError(f"runs: {runs} has no interval, and nothing could be judged by it; give at least 2")
+        raise UserError(f"runs: {runs} has no interval, so nothing can be judged; give at least 2")
     if seed < 0:
         raise UserError(f"seed: {seed} is negative; use a whole number >= 0")
     require_room_for_runs(runs, scenario, 1)
     seeds = [run_seed(seed, run) for run in range(runs)]
     arguments = [(scenario, each, reference) for each in seeds]
-    measured = dict(_carried(executor, reference_run, arguments, "run"))
-    lost = next((each for each in measured.values() if isinstance(each, Exception)), None)
-    if lost is not None:
-        raise UserError(f"reference {reference.label}: {lost}")
-    references = [each for _, each in sorted(measured.items()) if isinstance(each, ReferenceRun)]
-    optima, scores = [each.optimum for each in references], [each.reference for each in references]
-    waiting = [(place, each) for place, each in enumerate(submissions) if each.where is not None]
-    arguments = [(each.where, each.name, scenario, seeds, optima, settings.timeout) for _, each in waiting]
+    measured = dict(_results(executor, reference_run, arguments, "run"))
+    scores: list[Score] = []
+    optima: list[Estimate | None] = []
+    for run in range(runs):
+        done = measured[run]
+        if isinstance(done, Exception):
+            raise UserError(f"reference {reference.label}: {done}")
+        scores.append(done[0])
+        optima.append(done[1])
+    runnable = [(place, each) for place, each in enumerate(submissions) if each.where is not None]
+    arguments = [(each.where, each.name, scenario, seeds, optima, settings.timeout) for _, each in runnable]
     trials = {place: Trial(reason=each.reason) for place, each in enumerate(submissions)}
-    for number, trial in _carried(executor, examine, arguments, "submission"):
-        trials[waiting[number][0]] = trial if isinstance(trial, Trial) else Trial(reason=LOST)
-    return Grades(
-        folder=folder,
-        scenario=scenario.name,
-        runs=runs,
-        seed=seed,
-        reference=reference.label,
-        reference_grade=grade(reference.label, Trial(scores=scores), scores),
-        grades=tuple(grade(each.name, trials[place], scores) for place, each in enumerate(submissions)),
-        scenario_text=scenario_text(scenario),
-        digest=digest(scenario, seed),
-    )
+    for number, trial in _results(executor, run_trial, arguments, "submission"):
+        trials[runnable[number][0]] = trial if isinstance(trial, Trial) else Trial(reason=LOST)
+    grades = tuple(grade(each.name, trials[place], scores) for place, each in enumerate(submissions))
+    return Grades(folder, settings, grade(reference.label, Trial(scores=scores), scores), grades)
 
 
-def _carried(
+def _results(
     executor: Executor, work: Callable[..., T], arguments: Sequence[tuple[Any, ...]], unit: str
 ) -> Generator[tuple[int, T | Exception]]:
-    """Number and result of each piece of work, as it arrives.
+    """Call `work` with each of the arguments; yield number and result as they arrive.
 
-    When a worker dies, all that its pool carried is lost; that is done again, one after the other.
+    If a worker dies, all calls of its pool are lost; these are repeated one by one, and a call that fails again yields
+    its exception.
     """
     pending: dict[Future[T], int] = {executor.submit(work, *each): place for place, each in enumerate(arguments)}
     lost: list[int] = []
@@ -143,10 +136,9 @@ def _carried(
                 yield pending[future], future.result()
                 progress.update()
             for place in sorted(lost):
-                again = executor.submit(work, *arguments[place])
-                error = again.exception()
-                is_lost = isinstance(error, Exception) and lost_worker(error)
-                yield place, error if is_lost and isinstance(error, Exception) else again.result()
+                repeated = executor.submit(work, *arguments[place])
+                error = repeated.exception()
+                yield place, error if isinstance(error, Exception) and lost_worker(error) else repeated.result()
                 progress.update()
         finally:
             for future in pending:

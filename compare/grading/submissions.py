@@ -1,4 +1,4 @@
-"""What of a folder is a submission."""
+"""Submissions of a folder."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from slamgauge.compare.storage.files import explained
 from slamgauge.errors import UserError
 
 LONGEST_NAME = 100  # bytes, so that it can name a page
-MAIN = ("submission.py", "main.py")  # of a folder with several files
+MAIN = ("submission.py", "main.py")  # main file of a folder with several files
 
 
 @dataclass(frozen=True)
 class Submission:
-    """Somebody's filter.
+    """A submitted filter.
 
     Attributes:
-        name: of the file or folder.
-        where: its file, or package; the callable in it is found by itself. None if there is none.
-        reason: why there is none.
+        name: name of the file or folder.
+        where: its file or package, without the name of a callable; None if there is a reason.
+        reason: why it cannot be run.
     """
 
     name: str
@@ -32,26 +32,26 @@ class Submission:
 
 
 def submissions_in(folder: Path) -> list[Submission]:
-    """Every Python file of a folder, and every folder in it that holds Python code, by name; none of its code runs.
+    """Return every Python file of a folder, and every folder in it that contains Python files, by name.
 
-    Of a folder the submission is the package that it is, or its only Python file, or `submission.py` or `main.py`. What
-    begins with a dot or an underscore is none.
+    A folder is a package, or its submission is its only Python file, `submission.py` or `main.py`. Names that begin
+    with a dot or an underscore are skipped. No code runs.
 
     Raises:
-        UserError: the folder cannot be read, or holds none.
+        UserError: the folder cannot be read, or contains no submission.
     """
     with explained(folder, "read"):
         entries = sorted(each for each in folder.iterdir() if each.name[0] not in "._")
     given = [each for each in entries if _is_python(each) or (each.is_dir() and any(each.glob("*.py")))]
     if not given:
-        raise UserError(f"{folder}: holds no submission; give a folder of Python files, or of folders with them")
+        raise UserError(f"{folder}: contains no submission; give a folder of Python files, or of folders with them")
     stems = [each.stem if _is_python(each) else each.name for each in given]
-    names = _told_apart(stems, [each.name for each in given])
+    names = _distinct(stems, [each.name for each in given])
     return [_submission(folder, path, name, tuple(stems)) for path, name in zip(given, names, strict=True)]
 
 
-def _told_apart(stems: Sequence[str], files: Sequence[str]) -> list[str]:
-    """A name for each that no other has, and that a page can have; where need be, with its place in the folder."""
+def _distinct(stems: Sequence[str], files: Sequence[str]) -> list[str]:
+    """Return distinct names that can name pages; where necessary they end with the position in the folder."""
     names = [printable(stem if stems.count(stem) == 1 else file) for stem, file in zip(stems, files, strict=True)]
     return [
         name if names.count(name) == 1 and 0 < len(name.encode()) <= LONGEST_NAME else f"{name[:20]} #{place}".strip()
@@ -60,7 +60,7 @@ def _told_apart(stems: Sequence[str], files: Sequence[str]) -> list[str]:
 
 
 def _submission(folder: Path, path: Path, name: str, stems: tuple[str, ...]) -> Submission:
-    """A submission beside those of the others, whose files must not hide a library from it."""
+    """Return the submission at a path; files of other submissions (`stems`) hide no library from it."""
     try:
         file = path if path.is_file() else _main_file(path)
         inside = (folder, path.name) if file is None else (file.parent, file.stem)
@@ -76,10 +76,10 @@ def _submission(folder: Path, path: Path, name: str, stems: tuple[str, ...]) -> 
 
 
 def _main_file(folder: Path) -> Path | None:
-    """The file that counts; None for a package.
+    """Return the main file of a folder; None for a package.
 
     Raises:
-        UserError: there are several.
+        UserError: several files may be the main file.
     """
     files = sorted(each for each in folder.glob("*.py") if not each.name.startswith("."))
     if (folder / "__init__.py") in files:

@@ -1,11 +1,12 @@
-"""What a worker does: the references of a run, and all runs and laws of a submission.
+"""Work of one worker: reference and optimum of a run, or all runs and checks of a submission.
 
-The truth is made here and stays here: a submission runs in a process of its own.
+The truth stays in the worker; the submission runs in a child process.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -28,33 +29,20 @@ from slamgauge.recording import Recording
 from slamgauge.sensors import SENSORS
 from slamgauge.truth import Truth
 
-FEW_STEPS, LOUDER = 20, 4.0  # of a recording whose noise is said to be that many times as large in variance
-
-
-@dataclass(frozen=True)
-class ReferenceRun:
-    """What a run is measured by.
-
-    Attributes:
-        reference: the reference's score.
-        optimum: the causal optimum's estimate; None where there is none.
-    """
-
-    reference: Score
-    optimum: Estimate | None
+FEW_STEPS, LOUDER = 20, 4.0  # steps, and factor of variances, of a recording with larger assumed noise
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What a submission did.
+    """Runs and checks of a submission.
 
     Attributes:
-        callable: the name that was found in its file.
-        form: in words.
-        scores: of its runs, in their order; not all of them if there is a reason.
-        verdicts: of the laws, where they apply.
-        no_laws: why they do not.
-        said: what it printed last.
+        callable: name of the callable that was found in its file.
+        form: description of its form.
+        scores: scores of its runs in their order, as far as they succeeded.
+        verdicts: results of the checks, if they apply.
+        no_checks: why the checks do not apply.
+        output: its last lines of output.
         reason: why it cannot be graded.
     """
 
@@ -62,31 +50,31 @@ class Trial:
     form: str = ""
     scores: list[Score] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)
-    no_laws: str = ""
-    said: str = ""
+    no_checks: str = ""
+    output: str = ""
     reason: str | None = None
 
 
-def reference_run(scenario: Scenario, seed: int, reference: Asked) -> ReferenceRun:
-    """The reference and the causal optimum on one run.
+def reference_run(scenario: Scenario, seed: int, reference: Asked) -> tuple[Score, Estimate | None]:
+    """Return the score of the reference on a run, and the estimate of the causal optimum; None if it is undetermined.
 
     Raises:
-        UserError: the reference gives no estimate.
+        UserError: the reference fails.
     """
-    truth, recording, told = simulate_informed(scenario, seed)
+    truth, recording, informed = simulate_informed(scenario, seed)
     estimator = load(
         reference, scenario.association, scenario.initialisation_settings, robust=scenario.robustness, announced=False
     )
     estimate, seconds = run_estimator(reference.label, estimator, recording)
     try:
         (best,) = ask([CAUSAL])
-        optimum = run_estimator(CAUSAL, without(load(best), told, truth.misleading), told)[0]
-    except UserError:  # not every recording determines one
+        optimum = run_estimator(CAUSAL, without(load(best), informed, truth.misleading), informed)[0]
+    except UserError:  # the recording does not determine it
         optimum = None
-    return ReferenceRun(_scored(truth, recording, estimate, optimum, seconds), optimum)
+    return _scored(truth, recording, estimate, optimum, seconds), optimum
 
 
-def examine(
+def run_trial(
     where: Address,
     name: str,
     scenario: Scenario,
@@ -94,73 +82,59 @@ def examine(
     optima: Sequence[Estimate | None],
     timeout: float,
 ) -> Trial:
-    """Run a submission on all runs, and hold it to the laws if they are about recordings like these.
+    """Run a submission on all runs, then the checks if they apply to such recordings.
 
     Args:
         where: its file.
-        name: what error texts call it.
-        scenario: what is simulated.
-        seeds: of the runs.
-        optima: the causal optimum's estimates of the same runs.
-        timeout: of a run [s].
+        name: its name in error messages.
+        scenario: scenario of the runs.
+        seeds: seeds of the runs.
+        optima: estimates of the causal optimum on the same runs.
+        timeout: largest time of a run [s].
     """
     trial = Trial()
-    with Isolated(where, timeout) as estimator:
+    with closing(Isolated(where, timeout)) as estimator:
         try:
             trial = replace(trial, form=estimator.begin() or "estimate(recording)", callable=estimator.where.attribute)
             for run, (seed, optimum) in enumerate(zip(seeds, optima, strict=True)):
-                is_looked_at = run in (0, len(seeds) // 2, len(seeds) - 1)
-                trial.scores.append(_score(estimator, name, scenario, seed, optimum, is_looked_at=is_looked_at))
-            no_laws = _why_no_laws(estimator, name, scenario, seeds[0])
-            verdicts = [] if no_laws else check_estimator(name, estimator)
-            trial = replace(trial, verdicts=verdicts, no_laws=no_laws)
+                truth, recording = simulate(scenario, seed)
+                estimate, seconds = run_estimator(name, estimator, recording)
+                if run in (0, len(seeds) // 2, len(seeds) - 1):
+                    require_causal(estimator, recording, estimate)
+                trial.scores.append(_scored(truth, recording, estimate, optimum, seconds))
+            no_checks = _why_no_checks(estimator, name, scenario, seeds[0])
+            verdicts = [] if no_checks else check_estimator(name, estimator)
+            trial = replace(trial, verdicts=verdicts, no_checks=no_checks)
         except UserError as error:
             is_in_a_run = trial.form and len(trial.scores) < len(seeds)
             which = f"run {len(trial.scores)}: " if is_in_a_run else ""
-            said = str(error).removeprefix(f"estimator {name}: ").removeprefix(f"estimator {where.text}: ")
-            trial = replace(trial, reason=f"{which}{said}")
-        except Exception as error:  # noqa: BLE001 the others are graded, and this is shown
+            text = str(error).removeprefix(f"estimator {name}: ").removeprefix(f"estimator {where.text}: ")
+            trial = replace(trial, reason=f"{which}{text}")
+        except Exception as error:  # noqa: BLE001 other submissions are graded, and the page shows this error
             trial = replace(trial, reason=failure_text(error))
-        return replace(trial, said=estimator.last_words)
+        return replace(trial, output=estimator.last_output)
 
 
-def _score(
-    estimator: Isolated, name: str, scenario: Scenario, seed: int, optimum: Estimate | None, *, is_looked_at: bool
-) -> Score:
-    """The score of one run."""
-    truth, recording = simulate(scenario, seed)
-    estimate, seconds = run_estimator(name, estimator, recording)
-    if is_looked_at:
-        require_causal(estimator, recording, estimate)
-    return _scored(truth, recording, estimate, optimum, seconds)
-
-
-def _why_no_laws(estimator: Isolated, name: str, scenario: Scenario, seed: int) -> str:
-    """Why the laws cannot judge it; nothing if they can."""
+def _why_no_checks(estimator: Isolated, name: str, scenario: Scenario, seed: int) -> str:
+    """Return why the checks do not apply to a submission; an empty text if they do."""
     if not SENSORS[scenario.sensor.kind].has_range or scenario.association.method != "known":
-        return "they are about ranges and bearings with ids"
+        return "they need ranges and bearings with ids"
     begin = simulate(scenario, seed)[1].first(FEW_STEPS)
     loud = replace(begin, odometry_cov=LOUDER * begin.odometry_cov, observation_cov=LOUDER * begin.observation_cov)
     one, other = (run_estimator(name, estimator, each)[0] for each in (begin, loud))
-    if np.array_equal(one.poses, other.poses) and _same_covs(one, other):
-        return "its noise is its own, whatever the recording says, and they go through all kinds of noise"
+    first, second = (np.zeros(0) if each.pose_covs is None else each.pose_covs for each in (one, other))
+    if np.array_equal(one.poses, other.poses) and np.array_equal(first, second):
+        return "it ignores the noise of the recording, which the checks vary"
     return ""
 
 
-def _same_covs(one: Estimate, other: Estimate) -> bool:
-    """Whether both report the same covariances, or none."""
-    if one.pose_covs is None or other.pose_covs is None:
-        return one.pose_covs is other.pose_covs
-    return np.array_equal(one.pose_covs, other.pose_covs)
-
-
 def _scored(truth: Truth, recording: Recording, estimate: Estimate, optimum: Estimate | None, seconds: float) -> Score:
-    """The score, that of a filtered estimate against the causal optimum."""
+    """Score an estimate, a filtered one also relative to the causal optimum."""
     score = evaluate(truth, recording, estimate, optimum if estimate.kind == "filtered" else None)
     return replace(score, seconds_total=seconds)
 
 
 def optimum_ates(scores: Sequence[Score]) -> Float:
-    """(R,) ATE [m] of the optimum that scores are relative to, NaN where there is none."""
+    """Return the ATE (R,) [m] of the optimum that the scores are relative to; NaN where it is missing."""
     pairs = [(each.ate_m, each.ratio_to_optimum) for each in scores]
     return np.array([ate / ratio if ate and ratio else np.nan for ate, ratio in pairs])

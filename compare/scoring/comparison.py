@@ -11,7 +11,7 @@ import numpy as np
 
 from slamgauge.arrays import chunks
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
-from slamgauge.compare.estimators.side_by_side import run_side_by_side
+from slamgauge.compare.estimators.running import run_side_by_side
 from slamgauge.compare.scoring.catalogue import RELATIVE, columns, empty_columns
 from slamgauge.compare.scoring.implausible import WHY, is_too_near_the_truth
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit

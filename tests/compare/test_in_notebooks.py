@@ -121,7 +121,7 @@ def test_arguments_of_another_type_are_named(shown: dict[str, Any]):
         compare_estimators(None, Truth(), {})  # pyright: ignore[reportArgumentType]
     with pytest.raises(UserError, match="estimators: is a list; give a Mapping"):
         compare_estimators(None, recording, ["ekf"])  # pyright: ignore[reportArgumentType]
-    with pytest.raises(UserError, match="estimators: 'ekf' is no list; give one of names, or a dict by labels"):
+    with pytest.raises(UserError, match="estimators: 'ekf' is one text; give a list of names, or a dict by labels"):
         load_estimators("ekf")
 
 

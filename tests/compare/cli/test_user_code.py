@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -117,7 +118,7 @@ def test_processor_time_is_that_of_the_isolated_process(folder: Path):
         "    return riekf(recording)\n"
     )
     recording = simulate(load_scenario("q1-short-dense", ["trajectory.duration=1"]), 0)[1]
-    with Isolated(address("busy.py:estimate"), 60.0) as estimator:
+    with closing(Isolated(address("busy.py:estimate"), 60.0)) as estimator:
         assert law_module.Subject("busy", estimator).cpu_seconds(recording) >= 0.5
 
 

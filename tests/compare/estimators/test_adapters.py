@@ -1,4 +1,4 @@
-"""Forms of people's own filters: each is found by its signature, told what the recording says, and reports its map."""
+"""Forms of user filters: each is found by its signature, receives the data of the recording, and reports its map."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 import slamgauge
 from slamgauge.compare.estimators.adapters import adapt
-from slamgauge.compare.estimators.course_steps import Sight, turn
+from slamgauge.compare.estimators.function_pairs import CourseObservation, turn
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.ekf import ekf_slam
 from slamgauge.ekf.slam_filter import SlamFilter
@@ -17,14 +17,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.se2 import compose
 
-from .conftest import Own, short
-
-
-def agree(one: Estimate, other: Estimate, atol: float = 1e-9) -> None:
-    """Poses, covariances and maps."""
-    for name in ("poses", "pose_covs", "landmark_ids", "landmarks", "landmark_covs"):
-        assert np.allclose(getattr(one, name), getattr(other, name), rtol=0.0, atol=atol), name
-
+from .conftest import Own, agree, short
 
 COURSE = """
 import numpy as np
@@ -55,7 +48,7 @@ def correction_step(mu, sigma, z, observed):
 
 @pytest.mark.parametrize("attribute", ["prediction_step", "correction_step"])
 def test_the_functions_of_the_course(own: Own, capsys: pytest.CaptureFixture[str], attribute: str):
-    """Landmarks stay where they were seen first, the robot where odometry says; they are named by first sight."""
+    """Landmarks stay at their first observed positions, in the order of first observation; the robot is uncorrected."""
     recording = short()
     assert recording.landmark is not None
     estimate = own(COURSE, recording, attribute)
@@ -71,17 +64,6 @@ def test_the_functions_of_the_course(own: Own, capsys: pytest.CaptureFixture[str
     assert capsys.readouterr().err.count(f"mine: {told}\n") == 1
 
 
-def test_the_course_numbers_from_zero(own: Own):
-    source = COURSE.replace("at = 3 + 2 * id", "at = 1 + 2 * id").replace("mu[at] =", "mu[5] =")
-    with pytest.raises(slamgauge.UserError, match=r"step 0: landmark \d+ was seen, but mu\[\d+:\d+\] is still zero"):
-        own(source.replace("mu[at + 1] =", "mu[6] ="), short(), "prediction_step")
-
-
-def test_the_course_needs_ids(own: Own):
-    with pytest.raises(slamgauge.UserError, match="need ranges, bearings and ids"):
-        own(COURSE, short("q2-short-dense"), "prediction_step")
-
-
 @pytest.mark.parametrize(
     ("increment", "meant"),
     [
@@ -90,17 +72,17 @@ def test_the_course_needs_ids(own: Own):
         ((0.0, 2.0, 0.0), (1.5708, 2.0, -1.5708)),
     ],
 )
-def test_increments_as_turns_and_a_way(increment: tuple[float, ...], meant: tuple[float, ...]):
+def test_increments_as_turns_and_a_distance(increment: tuple[float, ...], meant: tuple[float, ...]):
     u = turn(np.array(increment))
     assert np.allclose(u, meant, atol=1e-4)
     moved = (u.t * np.cos(u.r1), u.t * np.sin(u.r1), u.r1 + u.r2)
     assert np.allclose(moved, increment)
 
 
-def test_a_sight_has_its_fields_by_position_and_name():
-    sight = Sight(2, 3.0, 0.5)
-    assert sight[0] == sight["id"] == sight.id == 2
-    assert [*sight] == [2, 3.0, 0.5]
+def test_an_observation_has_its_fields_by_position_and_name():
+    observation = CourseObservation(2, 3.0, 0.5)
+    assert observation[0] == observation["id"] == observation.id == 2
+    assert [*observation] == [2, 3.0, 0.5]
 
 
 PAIR = """
@@ -121,8 +103,8 @@ def update(eta, P, z):
 """
 
 
-def test_predict_and_update(own: Own, capsys: pytest.CaptureFixture[str]):
-    """Without corrections they are dead reckoning, under the recording's noise."""
+def test_predict_and_update_without_corrections(own: Own, capsys: pytest.CaptureFixture[str]):
+    """They agree with dead reckoning with the noise of the recording."""
     recording = short("q2-short-dense")
     estimate, known = own(PAIR, recording, "predict"), own(PAIR, short(), "update")
     blind = slamgauge.dead_reckoning(recording)
@@ -133,8 +115,7 @@ def test_predict_and_update(own: Own, capsys: pytest.CaptureFixture[str]):
     assert "mine: functions predict (eta, P, z_odo) and update (eta, P, z)\n" in capsys.readouterr().err
 
 
-def test_tracks_are_not_taken_for_ids(own: Own):
-    """`predict` and `update` number landmarks by themselves: where the recording has ids, theirs would be others."""
+def test_landmark_numbers_of_predict_and_update_are_no_ids_of_the_recording(own: Own):
     source = PAIR.replace(
         "return eta, P, 0.0, []",
         "return (np.append(eta, [1.0, 2.0]), np.eye(5)) if len(eta) == 3 else (eta, P)",
@@ -165,7 +146,7 @@ def test_an_online_class(own: Own, capsys: pytest.CaptureFixture[str]):
     assert "mine: online class Mine(sensor, prior_mean, prior_cov)\n" in capsys.readouterr().err
 
 
-def test_an_online_class_that_takes_nothing_and_tells_little(own: Own):
+def test_an_online_class_without_arguments_and_map(own: Own):
     source = """
     import numpy as np
     class Mine:
@@ -182,13 +163,34 @@ def test_an_online_class_that_takes_nothing_and_tells_little(own: Own):
     assert (estimate.nis, estimate.association, len(estimate.landmarks)) == (None, None, 0)
 
 
-def test_an_online_class_that_waits_for_something_else(own: Own):
-    source = ONLINE.replace("prior_cov):", "prior_cov, gate):")
-    with pytest.raises(slamgauge.UserError, match="its constructor needs gate; take sensor, prior_mean, prior_cov"):
-        own(source, short(), "Mine")
+MISNUMBERED = (
+    COURSE.replace("at = 3 + 2 * id", "at = 1 + 2 * id")
+    .replace("mu[at] =", "mu[5] =")
+    .replace("mu[at + 1] =", "mu[6] =")
+)
+WITH_GATE = ONLINE.replace("prior_cov):", "prior_cov, gate):")
 
 
-def test_a_callable_on_recordings_stays_as_it_is(capsys: pytest.CaptureFixture[str]):
+@pytest.mark.parametrize(
+    ("source", "scenario", "attribute", "message"),
+    [
+        (
+            MISNUMBERED,
+            "q1-short-dense",
+            "prediction_step",
+            r"step 0: landmark \d+ was seen, but mu\[\d+:\d+\] is still zero",
+        ),
+        (COURSE, "q2-short-dense", "prediction_step", "need ranges, bearings and ids"),
+        (WITH_GATE, "q1-short-dense", "Mine", "its constructor needs gate; take sensor, prior_mean, prior_cov"),
+    ],
+    ids=["landmarks numbered from 1", "no ids", "constructor with another argument"],
+)
+def test_code_that_cannot_run_on_a_recording(own: Own, source: str, scenario: str, attribute: str, message: str):
+    with pytest.raises(slamgauge.UserError, match=message):
+        own(source, short(scenario), attribute)
+
+
+def test_a_callable_on_recordings_is_not_wrapped(capsys: pytest.CaptureFixture[str]):
     def estimate(recording: Recording, gate: float = 9.0) -> Estimate:  # noqa: ARG001
         return ekf_slam(recording)
 
@@ -197,7 +199,7 @@ def test_a_callable_on_recordings_stays_as_it_is(capsys: pytest.CaptureFixture[s
     assert capsys.readouterr().err == ""
 
 
-def test_a_callable_on_recordings_has_nothing_copied():
+def test_globals_of_a_callable_on_recordings_are_not_copied():
     class Large(list[int]):
         def __deepcopy__(self, memo: object) -> Large:
             raise AssertionError(memo)
@@ -210,7 +212,7 @@ def test_a_callable_on_recordings_has_nothing_copied():
 
 
 @pytest.mark.parametrize(("source", "name"), [(COURSE, "prediction_step"), (PAIR, "update")])
-def test_functions_at_hand_bring_those_beside_them(own: Own, source: str, name: str):
+def test_a_given_function_brings_the_other_function_of_its_module(own: Own, source: str, name: str):
     space: dict[str, object] = {"__name__": "mine"}
     exec(source, space)
     given, recording = space[name], short()
@@ -219,14 +221,16 @@ def test_functions_at_hand_bring_those_beside_them(own: Own, source: str, name: 
     assert space.get("calls", []) == []
 
 
-def test_a_module_is_looked_through():
+def test_the_callable_of_a_module_is_found():
     module = ModuleType("mine")
     vars(module)["estimate"] = ekf_slam
     assert adapt(module, "mine") is ekf_slam
     module = ModuleType("mine")
     vars(module)["Online"] = type("Online", (SlamFilter,), {"__module__": "mine"})
     agree(adapt(module, "mine")(short()), ekf_slam(short()), atol=0.0)
-    with pytest.raises(slamgauge.UserError, match="module other has no estimate, ekf_slam, prediction_step, predict;"):
+    with pytest.raises(
+        slamgauge.UserError, match="module other has no estimate, ekf_slam, prediction_step, predict of"
+    ):
         adapt(ModuleType("other"), "mine")
 
 
@@ -239,27 +243,20 @@ def test_a_module_is_looked_through():
         ("def ekf_slam(a, b, c): ...\npredict = ekf_slam", r"ekf_slam\(a, b, c\)"),
     ],
 )
-def test_what_has_none_of_the_forms_is_refused(own: Own, source: str, spelt: str):
+def test_an_unknown_form_is_refused(own: Own, source: str, spelt: str):
     with pytest.raises(slamgauge.UserError, match=rf"estimator mine: {spelt}.* has none of the forms") as caught:
         own(source, short())
     line = str(caught.value)
     assert "\n" not in line
-    for form in (
-        "estimate(recording)",
-        "class with predict",
-        "prediction_step(",
-        "predict(",
-        "ekf_slam(xEst, PEst, u, y)",
-    ):
-        assert form in line
+    forms = ("estimate(recording)", "class with predict", "prediction_step(", "predict(", "ekf_slam(xEst, PEst, u, y)")
+    assert all(form in line for form in forms)
 
 
-def test_they_are_public():
+def test_adapters_are_public():
     assert slamgauge.adapters.adapt is adapt
-    assert {"adapt", "external", "step_function"} <= {*dir(slamgauge.adapters)}
 
 
-def test_the_handout_is_as_it_is_given_out():
+def test_the_handout_scenario_has_the_numbers_of_the_handout():
     scenario = load_scenario("tp4-handout")
     _, recording = slamgauge.simulate(scenario, 0)
     assert (recording.steps, recording.observation_step[0], len(scenario.landmarks.positions)) == (800, 1, 4)

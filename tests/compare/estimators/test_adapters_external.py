@@ -1,4 +1,4 @@
-"""External programs: CSV files in, a CSV file out, and every way in which that can go wrong in one line."""
+"""External programs: they read CSV files and write a CSV file, and every failure is one line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from slamgauge.recording import Recording
 
 from .conftest import short
 
-# dead reckoning in plain Python: no numpy, no slamgauge
+# dead reckoning in Python without numpy and slamgauge
 PROGRAM = """
 import csv, math, sys
 folder, estimate = sys.argv[1:]
@@ -49,7 +49,7 @@ def test_a_program_of_any_language(tmp_path: Path):
 
 
 @pytest.mark.parametrize("name", ["q1-short-dense", "q2-short-dense", "q4-ring", "ukfm-slam2d"])
-def test_the_files_hold_the_whole_recording(tmp_path: Path, name: str):
+def test_the_files_contain_the_whole_recording(tmp_path: Path, name: str):
     recording = short(name)
     source = f"""
 import shutil, sys
@@ -126,7 +126,7 @@ WRITE = "import sys\nopen(sys.argv[2], 'w').write({!r})\n"
         (WRITE.format("step,x,y,theta\n0,0,0,0\n"), "estimate.csv: has 1 rows; write 41, one for the start"),
     ],
 )
-def test_what_goes_wrong_is_one_line(tmp_path: Path, source: str, message: str):
+def test_failures_are_one_line(tmp_path: Path, source: str, message: str):
     with pytest.raises(slamgauge.UserError, match="estimator mine: ") as caught:
         run(tmp_path, source, short())
     line = str(caught.value)
@@ -135,7 +135,7 @@ def test_what_goes_wrong_is_one_line(tmp_path: Path, source: str, message: str):
     assert "slamgauge-" not in line
 
 
-def test_a_program_that_hangs_is_ended_with_its_children(tmp_path: Path):
+def test_an_endless_program_is_ended_with_its_children(tmp_path: Path):
     source = f"""
 import subprocess, sys, time
 child = "import time, pathlib; time.sleep(3); pathlib.Path({str(tmp_path / "alive")!r}).touch()"
@@ -150,7 +150,7 @@ time.sleep(60)
     assert not (tmp_path / "alive").exists()
 
 
-def test_a_program_that_is_not_there():
+def test_a_missing_program():
     estimator = external(["./no-such-slam", "{recording}", "{estimate}"])
     with pytest.raises(slamgauge.UserError, match=r"./no-such-slam cannot be started \(No such file or directory\)"):
         run_estimator("mine", estimator, short())
@@ -165,6 +165,6 @@ def test_a_program_that_is_not_there():
         ((["{recording}", "{estimate}"], 1.0, "best"), "kind 'best' is not known"),
     ],
 )
-def test_commands_that_cannot_be_meant(arguments: tuple[object, ...], message: str):
+def test_wrong_arguments_are_refused(arguments: tuple[object, ...], message: str):
     with pytest.raises(slamgauge.UserError, match=message):
         external(*arguments)  # pyright: ignore[reportArgumentType]

@@ -1,4 +1,4 @@
-"""Estimates that use the future are found, whatever they remember; those that do not are left alone."""
+"""Estimates that use the future are refused; others pass."""
 
 from __future__ import annotations
 
@@ -13,15 +13,14 @@ from slamgauge.compare.estimators.running import run_estimator
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 
-from .conftest import short
+from .conftest import EXAMPLES, short
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
 HEAD = """
 from dataclasses import replace
 import numpy as np
 from slamgauge import Estimate, chain
 
-def dead_reckoning(recording):  # ours would first load a compiler, in every process
+def dead_reckoning(recording):  # that of slamgauge would load a compiler in every process
     covs = np.cumsum([recording.prior_cov, *recording.odometry_cov], axis=0)
     return Estimate("filtered", chain(recording.prior_mean, recording.odometry), covs)
 
@@ -59,9 +58,9 @@ def written(folder: Path, source: str) -> str:
             return replace(right, poses=shaken)
         """,
     ],
-    ids=["step function", "no covariances", "smoothed, and says so", "random and seeded"],
+    ids=["step function", "no covariances", "smoothed and declared as such", "random and seeded"],
 )
-def test_what_uses_only_the_past_passes(tmp_path: Path, source: str):
+def test_estimates_that_use_only_the_past_pass(tmp_path: Path, source: str):
     assert len(run(source if ".py" in source else written(tmp_path, source)).poses) == short().steps + 1
 
 
@@ -101,12 +100,12 @@ def test_what_uses_only_the_past_passes(tmp_path: Path, source: str):
     ],
     ids=["shifted", "smoothed", "shifted covariances", "remembers", "another length"],
 )
-def test_what_uses_the_future_is_named(tmp_path: Path, source: str, what: str):
+def test_estimates_that_use_the_future_are_refused(tmp_path: Path, source: str, what: str):
     with pytest.raises(UserError, match=rf"^estimator mine: .*{what}"):
         run(written(tmp_path, source))
 
 
-def test_chance_is_not_taken_for_the_future(tmp_path: Path):
+def test_unseeded_random_numbers_are_another_error(tmp_path: Path):
     source = """
         def estimate(recording):
             right = dead_reckoning(recording)

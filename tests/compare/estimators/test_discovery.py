@@ -1,4 +1,4 @@
-"""The estimator of a file that nobody names: found by its name, its form, or told apart in one line."""
+"""Without the name of a callable the estimator of a file is found by its name and form, or refused in one line."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from slamgauge.compare.estimators.discovery import found_in
+from slamgauge.compare.estimators.adapters import found_in
 from slamgauge.compare.estimators.sources import sources_of
 from slamgauge.compare.estimators.user_code import Address
 from slamgauge.errors import UserError
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
+from .conftest import EXAMPLES
+
 STEP = "def {}(xEst, PEst, u, y): return xEst, PEst\n"
 ONLINE = "class {}:\n    def predict(self, increment, cov): ...\n    def update(self, observations): ...\n"
 HELPERS = (
@@ -46,20 +47,20 @@ def found(file: Path) -> str:
         (STEP.format("ekf_slam") + "exit()", "ekf_slam"),
     ],
 )
-def test_the_one_that_counts(tmp_path: Path, source: str, name: str):
+def test_the_estimator_is_found(tmp_path: Path, source: str, name: str):
     file = tmp_path / "mine.py"
     file.write_text((HELPERS if "predict" not in source else "") + source)
     assert found(file) == name
 
 
-def test_what_is_imported_counts_by_its_name(tmp_path: Path):
+def test_an_imported_callable_counts_by_its_name(tmp_path: Path):
     (tmp_path / "core.py").write_text(STEP.format("ekf_slam") + STEP.format("other"))
     (tmp_path / "mine.py").write_text("from core import ekf_slam, other\n")
     assert found(tmp_path / "mine.py") == "ekf_slam"
 
 
 @pytest.mark.parametrize("name", ["student_ekf", "student_ekf_no_wrap", "own_estimator"])
-def test_in_the_examples(name: str):
+def test_the_estimators_of_the_examples(name: str):
     assert found(EXAMPLES / f"{name}.py") == ("estimate" if name == "own_estimator" else "ekf_slam")
 
 
@@ -74,7 +75,7 @@ def test_in_the_examples(name: str):
         ("exit()\n" + STEP.format("ekf_slam"), r"cannot be loaded, it raised SystemExit: None \(mine.py, line 1\)"),
     ],
 )
-def test_none_or_several_are_a_line(tmp_path: Path, source: str, expected: str):
+def test_a_file_without_or_with_several_estimators_is_refused(tmp_path: Path, source: str, expected: str):
     (tmp_path / "mine.py").write_text(source)
     with pytest.raises(UserError, match=expected):
         found(tmp_path / "mine.py")

@@ -1,4 +1,4 @@
-"""Estimators by name: what filters and graphs are told, and which names there are."""
+"""Estimators by name: names, settings of filters, and inputs of graphs."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def same(one: Estimate, other: Estimate) -> bool:
         ),
     ],
 )
-def test_filters_associate_as_the_scenario_says(given: Association | None, meant: FilterAssociation):
+def test_filters_associate_as_in_the_scenario(given: Association | None, meant: FilterAssociation):
     _, recording = simulate(load_scenario("q2-long-dense", SHORT), 0)
     assert recording.landmark is None
     assert same(
@@ -60,7 +60,7 @@ def test_filters_associate_as_the_scenario_says(given: Association | None, meant
 
 @pytest.mark.parametrize("graph", GRAPHS)
 @pytest.mark.parametrize("filter_name", FILTERS)
-def test_a_graph_under_a_filters_associations(graph: str, filter_name: str):
+def test_a_graph_with_the_associations_of_a_filter(graph: str, filter_name: str):
     _, recording = simulate(load_scenario("q2-short-dense", SHORT), 1)
     found = load_estimators([f"{graph}@{filter_name}", filter_name])
     estimate, own = found[f"{graph}@{filter_name}"](recording), found[filter_name](recording)
@@ -71,12 +71,12 @@ def test_a_graph_under_a_filters_associations(graph: str, filter_name: str):
 
 
 @pytest.mark.parametrize("name", ["causal@", "causal@batch", "ekf@causal", "causal@ekf@ekf", "dead-reckoning@ekf"])
-def test_names_that_pair_no_graph_with_a_filter(name: str):
+def test_names_that_combine_no_graph_with_a_filter(name: str):
     with pytest.raises(ValueError, match="is not known; write GRAPH@FILTER"):
         load_estimators([name])
 
 
-def test_the_optima_are_told_the_true_associations_and_nobody_else():
+def test_only_the_optima_receive_the_true_associations():
     seen: dict[str, Recording] = {}
 
     def spy(name: str, estimator):  # pyright: ignore[reportMissingParameterType]
@@ -99,7 +99,7 @@ def test_the_optima_are_told_the_true_associations_and_nobody_else():
     assert comparison.scores["causal"].wrong_associations == 0
 
 
-def test_an_optimum_is_known_by_what_it_is_not_by_its_name():
+def test_an_optimum_is_recognised_by_its_function_not_its_label():
     seen: list[Recording] = []
 
     def own(recording: Recording) -> Estimate:
@@ -118,7 +118,7 @@ def test_an_optimum_is_known_by_what_it_is_not_by_its_name():
 
 
 @pytest.mark.gtsam
-def test_every_entry_leads_to_an_estimator_that_is_known_again():
+def test_every_entry_has_an_estimator_that_is_recognised():
     for name, entry in REGISTRY.items():
         assert entry.name == name
         assert entry_behind(entry.load()) is entry_behind(load_estimators([name])[name]) is entry
@@ -128,33 +128,36 @@ def test_every_entry_leads_to_an_estimator_that_is_known_again():
         assert estimator(recording).kind == REGISTRY[name].kind
 
 
-def test_a_graph_under_a_filters_associations_is_no_optimum():
+def test_a_graph_with_the_associations_of_a_filter_is_no_optimum():
     entry = entry_of("batch@riekf")
     assert (entry.name, entry.kind, entry.role, entry.look) == ("batch@riekf", "smoothed", "graph", None)
 
 
-def test_the_box_is_listed_with_all_its_names():
+def test_the_help_text_lists_all_names():
     assert all(name in HELP for name in REGISTRY)
     assert "causal (causal optimum), batch (hindsight), robust-batch, isam2 (GTSAM's iSAM2), gtsam-batch (" in HELP
-    assert "; causal@ekf is causal under" in HELP
+    assert "; causal@ekf is causal with" in HELP
 
 
-def test_people_may_not_take_a_name_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_label_may_be_used_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text("def f(recording): ...\n")
-    for own, whose in ((["ekf=own.py:f"], "ekf is one of ours"), (["a=own.py:f", "a=own:f"], "a stands there twice")):
+    for own, whose in (
+        (["ekf=own.py:f"], "ekf is a built-in estimator"),
+        (["a=own.py:f", "a=own:f"], "a is given twice"),
+    ):
         with pytest.raises(ValueError, match=f"{whose}; write another LABEL= in front"):
             load_estimators(["causal", *own])
     assert [*load_estimators(["causal", "a=own.py:f", "own:f", "own.py:f"])] == ["causal", "a", "own:f", "own.py:f"]
 
 
-def test_without_true_associations_the_optima_ask_for_them():
+def test_without_true_associations_the_optima_fail():
     truth, recording = simulate(load_scenario("q2-long-dense", SHORT), 0)
     with pytest.raises(ValueError, match="estimator causal: landmark: the graph needs known association"):
         compare_estimators(replace(truth, association=None), recording, load_estimators(["causal"]))
 
 
-def test_a_study_tells_the_optima_the_true_noise():
+def test_the_optima_of_a_study_receive_the_true_noise():
     names = ["causal", "ekf"]
     wrong, right = (load_scenario(name, SHORT) for name in ("q3-scale-10", "q1-long-sparse"))
     assert informed(wrong) == informed(right)
@@ -164,7 +167,7 @@ def test_a_study_tells_the_optima_the_true_noise():
     assert misled.series != run_once(load_scenario("q3-scale-1", SHORT), 4, names)[1].series
 
 
-def test_poses_beyond_any_map_are_no_estimate():
+def test_poses_far_from_any_map_are_refused():
     recording = short()
     right = dead_reckoning(recording)
     lost = replace(right, poses=right.poses * 1e200)

@@ -1,4 +1,4 @@
-"""People's code in a process of its own: the same estimates, nothing of ours in reach, and every end in one line."""
+"""User code in a child process: the same estimates, no access to our data, and every end in one line."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 from textwrap import dedent, indent
 from time import monotonic, sleep
@@ -17,31 +18,33 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 
-from slamgauge import dead_reckoning, simulate
+from slamgauge import simulate
 from slamgauge.compare.estimators import isolated_process
 from slamgauge.compare.estimators.isolated_process import Isolated, OverdueError, environment
 from slamgauge.compare.estimators.loading import load, spent_by
 from slamgauge.compare.estimators.requests import Isolation, ask
 from slamgauge.compare.estimators.requests import isolated as kept_apart
 from slamgauge.compare.estimators.running import run_estimator
-from slamgauge.compare.estimators.user_code import OwnCodeError, address
+from slamgauge.compare.estimators.user_code import UserCodeError, address
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.errors import UserError
 
-from .conftest import short
+from .conftest import EXAMPLES, short
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
 HEAD = """import os, signal, sys
 from slamgauge import Estimate, chain
 def dead_reckoning(recording): return Estimate("filtered", chain(recording.prior_mean, recording.odometry))
-"""  # ours would first load a compiler, in every process
+"""  # that of slamgauge would load a compiler in every process
 
 Made = Callable[..., Isolated]
 
 
+only_linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have no such limit")
+
+
 @pytest.fixture
 def made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Generator[Made]:
-    """An isolated estimator with that body, its temporary folder within `tmp_path`."""
+    """Return a function that makes an isolated estimator with that body; its temporary folder is in `tmp_path`."""
     (tmp_path / "tmp").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
     open_ones: list[Isolated] = []
@@ -55,20 +58,20 @@ def made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Generator[Made]:
     yield make
     for each in open_ones:
         each.close()
-    assert not [*(tmp_path / "tmp").iterdir()]  # whatever happened, nothing is left
+    assert not [*(tmp_path / "tmp").iterdir()]  # no test leaves anything
 
 
 def reason(estimator: Isolated) -> str:
-    with pytest.raises(OwnCodeError) as caught:
+    with pytest.raises(UserCodeError) as caught:
         estimator(short())
     return str(caught.value)
 
 
-def test_the_estimate_is_the_same_to_the_last_bit_and_the_form_is_told(capsys: pytest.CaptureFixture[str]):
+def test_the_estimate_is_the_same_to_the_last_bit_and_the_form_is_printed(capsys: pytest.CaptureFixture[str]):
     (asked,) = kept_apart(ask([f"mine={EXAMPLES}/student_ekf.py:ekf_slam"]), Isolation(60.0, strict=False))
     recording = short()
     apart = load(asked)
-    assert capsys.readouterr().err == "mine: step function of the practical (xEst, PEst, u, y)\n"
+    assert capsys.readouterr().err == "mine: step function of the exercise (xEst, PEst, u, y)\n"
     (within,) = ask([f"mine={EXAMPLES}/student_ekf.py:ekf_slam"])
     estimates = [run_estimator("mine", each, recording)[0] for each in (apart, load(within))]
     for field in ("poses", "pose_covs", "landmark_ids", "landmarks", "landmark_covs", "association"):
@@ -77,7 +80,7 @@ def test_the_estimate_is_the_same_to_the_last_bit_and_the_form_is_told(capsys: p
     assert spent is not None and 0 < spent.cpu_seconds <= spent.seconds + 0.1
 
 
-def test_one_process_serves_run_after_run_and_survives_what_the_code_raises(made: Made):
+def test_one_process_serves_all_runs_and_survives_errors_of_the_code(made: Made):
     body = """
         global runs
         runs = globals().get("runs", 0) + 1
@@ -91,19 +94,11 @@ def test_one_process_serves_run_after_run_and_survives_what_the_code_raises(made
     assert len(estimator(short()).poses) == 4
 
 
-def test_neighbours_of_the_file_can_be_imported(made: Made, tmp_path: Path):
-    (tmp_path / "helper.py").write_text("from slamgauge import dead_reckoning as estimator")
-    recording = short()
-    assert np.array_equal(
-        made("import helper; return helper.estimator(recording)")(recording).poses, dead_reckoning(recording).poses
-    )
-
-
-def test_nothing_of_ours_is_in_reach(made: Made, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    """Folder, home, arguments, environment, frames and objects: the truth is in none of them."""
+def test_the_truth_is_not_in_reach(made: Made, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    """It is in no folder, argument, environment variable and object of the child."""
     monkeypatch.setenv("TRUTH", str(tmp_path / "truth.npz"))
     truth, _ = simulate(load_scenario("q1-short-dense"), 0)
-    assert truth.poses is not None  # it is at hand here
+    assert truth.poses is not None  # this process has it
     body = """
         import gc, tempfile
         from pathlib import Path
@@ -117,7 +112,7 @@ def test_nothing_of_ours_is_in_reach(made: Made, monkeypatch: pytest.MonkeyPatch
     assert told.startswith(f"it raised ValueError: (['here'], [], True, ['{tmp_path}/mine.py'], None, [], '') ")
 
 
-def test_the_environment_names_libraries_and_no_folder_of_ours(tmp_path: Path):
+def test_the_environment_contains_libraries_and_none_of_our_folders(tmp_path: Path):
     ours = {"PATH": "/bin", "LC_ALL": "C", "OMP_NUM_THREADS": "1", "OLDPWD": "/results", "_": "/x", "OUT": "/results"}
     told = environment(ours, tmp_path)
     kept = {key: value for key, value in told.items() if key in ours}
@@ -125,7 +120,7 @@ def test_the_environment_names_libraries_and_no_folder_of_ours(tmp_path: Path):
     assert (told["HOME"], told["TMPDIR"], told["PWD"]) == (str(tmp_path),) * 3
 
 
-def test_a_loop_without_end_is_ended_with_all_that_it_has_started(made: Made):
+def test_an_endless_loop_is_ended_with_all_that_it_has_started(made: Made):
     body = """
         import subprocess
         print("round and round with", subprocess.Popen(["sleep", "1000"]).pid)
@@ -140,7 +135,7 @@ def test_a_loop_without_end_is_ended_with_all_that_it_has_started(made: Made):
     assert said is not None and ended(int(said[1]))
 
 
-def test_an_external_program_that_does_not_end_is_ended_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_an_endless_external_program_is_ended_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "program.sh").write_text("echo $$ > $HOME/pid\nwhile true; do sleep 0.1; done\n")
     (tmp_path / "mine.py").write_text(
         "from pathlib import Path\nfrom slamgauge import adapters\n"
@@ -151,13 +146,13 @@ def test_an_external_program_that_does_not_end_is_ended_too(tmp_path: Path, monk
     estimator = Isolated(address(f"{tmp_path / 'mine.py'}:estimate"), 5.0)
     with ThreadPoolExecutor(1) as beside:
         noted = beside.submit(pid_noted, tmp_path)
-        with estimator, pytest.raises(OverdueError):
+        with closing(estimator), pytest.raises(OverdueError):
             estimator(short())
     assert ended(noted.result())
 
 
 def pid_noted(folder: Path) -> int:
-    """The process that has noted its number in the folder where people's code may write."""
+    """Return the process id that user code wrote into the folder where it may write."""
     deadline = monotonic() + 60.0
     while monotonic() < deadline:
         for noted in folder.glob(f"{isolated_process.FOLDERS}*/{isolated_process.HERE}/pid"):
@@ -168,14 +163,14 @@ def pid_noted(folder: Path) -> int:
 
 
 def ended(pid: int) -> bool:
-    """Whether a process is gone within some seconds."""
+    """Return whether a process ends within 10 s."""
     deadline = monotonic() + 10.0
     while monotonic() < deadline:
         try:
             os.kill(pid, 0)
             status = Path(f"/proc/{pid}/stat")
             if status.exists() and status.read_text().rpartition(")")[2].split()[0] == "Z":
-                return True  # gone, and nobody has asked for its status
+                return True  # it has ended, and its parent has not read its status
         except ProcessLookupError:
             return True
         sleep(0.05)
@@ -203,7 +198,7 @@ def test_every_end_is_one_line(made: Made, body: str, expected: str):
     assert "\n" not in told
 
 
-def test_a_flood_of_prints_fills_neither_memory_nor_disk_and_ends(made: Made):
+def test_too_much_output_ends_the_run(made: Made):
     estimator = made("for _ in range(100_000):\n    print('x' * 999)\nreturn dead_reckoning(recording)")
     start = monotonic()
     assert reason(estimator).startswith(
@@ -212,29 +207,29 @@ def test_a_flood_of_prints_fills_neither_memory_nor_disk_and_ends(made: Made):
     assert monotonic() - start < 30.0
 
 
-def test_prints_of_a_right_filter_are_kept_to_their_last_lines(made: Made):
+def test_the_last_lines_of_output_are_kept(made: Made):
     estimator = made("for i in range(20_000):\n    print('line', i)\nreturn dead_reckoning(recording)")
     estimator(short())
-    assert estimator.last_words.splitlines()[-2:] == ["line 19998", "line 19999"]
-    assert len(estimator.last_words) < isolated_process.TAIL
+    assert estimator.last_output.splitlines()[-2:] == ["line 19998", "line 19999"]
+    assert len(estimator.last_output) < isolated_process.TAIL
 
 
-def test_no_file_grows_without_end(made: Made):
+def test_the_size_of_files_is_limited(made: Made):
     body = "import resource; raise ValueError(resource.getrlimit(resource.RLIMIT_FSIZE))"
     assert "ValueError: (500000000, 500000000)" in reason(made(body))
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere nothing limits it")
+@only_linux
 @pytest.mark.parametrize("body", ["bytearray(50_000_000_000)", "__import__('numpy').ones(6_000_000_000)"])
-def test_memory_has_an_end_and_the_process_that_took_too_much_serves_on(made: Made, body: str):
+def test_memory_is_limited_and_the_process_serves_further_runs(made: Made, body: str):
     estimator = made(f"if recording.steps > 20: {body}\nreturn dead_reckoning(recording)")
     told = reason(estimator)
     assert re.fullmatch(r"it raised .*MemoryError: .*; mend it and run again; its process may take 4 GB", told)
     assert estimator(short().first(20)).poses.shape == (21, 3)
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere nothing limits it")
-def test_memory_that_it_may_take_can_be_taken_and_where_the_machines_ends_it_goes_first(made: Made):
+@only_linux
+def test_the_memory_limit_is_ten_times_the_need_and_the_process_is_ended_first(made: Made):
     body = """
         from slamgauge.ekf import ekf_slam
         from slamgauge.graph_baseline import batch
@@ -251,14 +246,14 @@ def test_memory_that_it_may_take_can_be_taken_and_where_the_machines_ends_it_goe
 @pytest.mark.parametrize(
     ("left", "expected"),
     [
-        ("open(path, 'wb').write(b'junk')", "its process has left what is no estimate"),
+        ("open(path, 'wb').write(b'junk')", "not a whole npz file of plain arrays"),
         ("None", "its process has left no estimate"),
         ("os.symlink('/dev/zero', path)", "its process has left no estimate"),
         ("__import__('numpy').savez(path, kind=object())", "not a whole npz file of plain arrays"),
         ("__import__('numpy').savez(path, kind='filtered', poses='x')", "poses"),
     ],
 )
-def test_what_is_left_is_read_with_care(made: Made, left: str, expected: str):
+def test_a_replaced_estimate_is_refused(made: Made, left: str, expected: str):
     body = f"""
         sys.modules["__main__"].save = lambda path, estimate: {left}
         return dead_reckoning(recording)
@@ -271,7 +266,7 @@ def test_an_estimate_too_large_to_read_is_refused(made: Made, monkeypatch: pytes
     assert reason(made("return dead_reckoning(recording)")).startswith("its estimate has 0 MB; keep it below 0 MB")
 
 
-def test_an_answer_that_is_none_is_a_line(made: Made):
+def test_a_wrong_answer_is_refused(made: Made):
     body = """
         frame = sys._getframe()
         while "out" not in frame.f_locals or getattr(frame.f_locals["out"], "mode", "") != "w":
@@ -281,7 +276,7 @@ def test_an_answer_that_is_none_is_a_line(made: Made):
         out.flush()
         return dead_reckoning(recording)
     """
-    assert reason(made(body)).startswith("its process answered what is no answer")
+    assert reason(made(body)).startswith("its process wrote a wrong answer")
 
 
 @pytest.mark.parametrize(
@@ -294,17 +289,17 @@ def test_an_answer_that_is_none_is_a_line(made: Made):
         ("other = 1", "has no 'estimate'"),
     ],
 )
-def test_code_that_cannot_be_loaded_is_a_line_that_names_it(tmp_path: Path, source: str, expected: str):
+def test_code_that_cannot_be_loaded_is_named(tmp_path: Path, source: str, expected: str):
     file = tmp_path / "mine.py"
     file.write_text(source)
-    with pytest.raises(UserError) as caught, Isolated(address(f"{file}:estimate"), 2.0) as estimator:
-        estimator.begin()
+    with pytest.raises(UserError) as caught:
+        Isolated(address(f"{file}:estimate"), 2.0).begin()
     assert str(caught.value).startswith(f"estimator {file}:estimate: ")
     assert expected in str(caught.value)
 
 
 @pytest.mark.parametrize("then", ["while True: pass", "return dead_reckoning(recording)"])
-def test_the_process_ends_and_leaves_nothing_when_ours_is_killed_in_a_run_or_after_one(tmp_path: Path, then: str):
+def test_the_process_ends_and_leaves_nothing_if_its_parent_is_killed(tmp_path: Path, then: str):
     file = tmp_path / "mine.py"
     note = "open('pid', 'w').write(str(os.getpid()))"
     file.write_text(f"{HEAD}def estimate(recording):\n    {note}\n    {then}\n")
@@ -321,13 +316,13 @@ def test_the_process_ends_and_leaves_nothing_when_ours_is_killed_in_a_run_or_aft
         pid = pid_noted(tmp_path)
         if then.startswith("return"):
             assert parent.stdout is not None
-            parent.stdout.readline()  # it waits for another run
+            parent.stdout.readline()  # the child waits for another run
         parent.send_signal(signal.SIGKILL)
     assert ended(pid)
     assert not [*tmp_path.glob(f"{isolated_process.FOLDERS}*")]
 
 
-def test_results_of_a_study_are_kept_apart_by_how_the_code_is_run():
+def test_stored_results_depend_on_the_isolation():
     (within,) = ask([f"mine={EXAMPLES}/student_ekf.py:ekf_slam"])
     keys = {each.key for strict in (True, False) for each in kept_apart([within], Isolation(60.0, strict))}
     assert len(keys | {within.key}) == 3
@@ -335,7 +330,7 @@ def test_results_of_a_study_are_kept_apart_by_how_the_code_is_run():
     assert ours.isolation is None
 
 
-def test_started_by_hand_it_removes_nothing(tmp_path: Path):
+def test_the_worker_started_by_hand_removes_nothing(tmp_path: Path):
     (tmp_path / "mine").mkdir()
     command = [sys.executable, "-P", "-m", isolated_process.PROGRAM, "3", "4"]
     ended = subprocess.run(command, cwd=tmp_path / "mine", capture_output=True, text=True, check=False)
@@ -343,8 +338,8 @@ def test_started_by_hand_it_removes_nothing(tmp_path: Path):
     assert (tmp_path / "mine").is_dir()
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux can take the right to write")
-def test_it_changes_no_file_of_ours(made: Made, tmp_path: Path):
+@only_linux
+def test_user_code_cannot_change_our_files(made: Made, tmp_path: Path):
     precious = tmp_path / "precious"
     precious.mkdir()
     (precious / "thesis.txt").write_text("years of work")

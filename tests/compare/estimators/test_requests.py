@@ -1,4 +1,4 @@
-"""People's own code in studies: by its digest, from its folder or from a copy, edited and run anew."""
+"""User code in studies: identified by its digest, loaded from its folder or a copy, run again after edits."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ from slamgauge.compare.studies.study_run import run_once
 from slamgauge.ekf import dead_reckoning, ekf_slam
 from slamgauge.errors import UserError
 
+from .conftest import EXAMPLES, short
+
 MINE = "from helper import chosen\ndef estimate(recording):\n    return chosen(recording)\n"
 HELPER = "from slamgauge.ekf import {} as chosen\n"
 SHORT = ["start=sampled", "trajectory.duration=2"]
@@ -37,7 +39,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_sources_are_what_a_file_imports_from_its_folder(folder: Path) -> None:
+def test_sources_contain_the_imports_of_a_file_from_its_folder(folder: Path) -> None:
     (folder / "mine.py").write_text(f"def late():\n    import pack.deep\n{MINE}")
     (folder / "pack").mkdir()
     for name in ("__init__", "deep"):
@@ -64,28 +66,26 @@ def test_edited_code_is_another_estimator(folder: Path) -> None:
     assert edited["ekf"] == first["ekf"]
 
 
-def test_code_travels_and_stays_what_it_was(folder: Path) -> None:
+def test_a_pickled_request_keeps_its_sources(folder: Path) -> None:
     (asked,) = pickle.loads(pickle.dumps(ask(["mine.py:estimate"])))
     (folder / "helper.py").write_text("raise ImportError\n")
-    recording = __import__("slamgauge").simulate(load_scenario("q1-short-dense", SHORT), 0)[1]
+    recording = short("q1-short-dense", "trajectory.duration=2")
     assert (load(asked)(recording).poses == ekf_slam(recording).poses).all()
 
 
-def test_a_loaded_step_function_travels(folder: Path) -> None:
+def test_a_loaded_step_function_can_be_pickled(folder: Path) -> None:
     (folder / "mine.py").write_text("DT = Q = Py = 1.0\ndef ekf_slam(xEst, PEst, u, y):\n    return xEst + DT, PEst\n")
     loaded = load(ask(["mine.py:ekf_slam"])[0])
-    recording = __import__("slamgauge").simulate(load_scenario("q1-short-dense", [*SHORT, "sensor.max_range=0.1"]), 0)[
-        1
-    ]
+    recording = short("q1-short-dense", "trajectory.duration=2", "sensor.max_range=0.1")
     assert (pickle.loads(pickle.dumps(loaded))(recording).poses == loaded(recording).poses).all()
 
 
-def test_code_travels_to_the_workers_of_a_cluster(folder: Path) -> None:
+def test_code_is_copied_to_the_workers_of_a_cluster(folder: Path) -> None:
     from distributed import LocalCluster
 
     scenario, asked = load_scenario("q1-short-dense", SHORT), ask(["ekf", "mine=mine.py:estimate"])
     for path in folder.glob("*.py"):
-        path.unlink()  # as on a machine that has none of them
+        path.unlink()  # another machine has none of them
     cluster: Any = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0")
     with cluster, dask_cluster(cluster.scheduler_address) as executor:
         summary = run_study(scenario, 4, 0, asked, folder / "study", executor)
@@ -93,8 +93,8 @@ def test_code_travels_to_the_workers_of_a_cluster(folder: Path) -> None:
     assert summary.estimators["mine"].figure("ate_m") == summary.estimators["ekf"].figure("ate_m")
 
 
-def test_a_killed_study_of_own_code_goes_on(folder: Path) -> None:
-    """At its third run it kills the study that has begun it, once."""
+def test_a_killed_study_of_user_code_continues(folder: Path) -> None:
+    """The code kills its study in the third run, once."""
     source = """
 import os, signal, time
 from slamgauge.ekf import ekf_slam
@@ -112,22 +112,21 @@ def estimate(recording):
     command += ["--runs", "4", "--jobs", "1", "--estimators", "ekf,mine=mine.py:estimate", "--out", "study"]
     statuses = [subprocess.run(command, capture_output=True, check=False).returncode for _ in range(2)]
     assert statuses == [-signal.SIGKILL, 0]
-    assert len((folder / "runs").read_text()) in (5, 6)  # the third again, the second too if it was on its way
+    assert len((folder / "runs").read_text()) in (5, 6)  # the third again, and the second if it was not stored yet
     runs = load_runs(load_scenario("q1-short-dense", SHORT), 4, 0, ["ekf", "mine=mine.py:estimate"], folder / "study")
     assert len(runs["mine"].run) == 4
     assert (runs["mine"].figures["ate_m"] == runs["ekf"].figures["ate_m"]).all()
 
 
-def test_a_map_that_nobody_can_name_warns_of_nothing() -> None:
-    example = Path(__file__).parents[3] / "examples/student_ekf.py"
+def test_a_map_without_ids_causes_no_warning() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        (outcome,) = run_once(load_scenario("q2-short-dense", SHORT), 0, [f"{example}:ekf_slam"])
+        (outcome,) = run_once(load_scenario("q2-short-dense", SHORT), 0, [f"{EXAMPLES}/student_ekf.py:ekf_slam"])
     assert outcome.error is None
     assert outcome.figures["landmark_error_near_m"] is None
 
 
-def test_a_study_takes_callables_and_names_failures_by_their_labels(folder: Path) -> None:
+def test_a_study_takes_callables_and_lists_failures_by_label(folder: Path) -> None:
     def fails(_: object) -> None:
         raise ZeroDivisionError
 

@@ -1,4 +1,4 @@
-"""Yardsticks where nobody knows the associations: they stand under those that an estimator has made."""
+"""Optima if the true associations are unknown: they use the associations of an estimator."""
 
 from __future__ import annotations
 
@@ -12,25 +12,28 @@ import pytest
 
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.estimators.loading import load_estimators
-from slamgauge.compare.estimators.side_by_side import run_side_by_side, with_stand_ins
+from slamgauge.compare.estimators.running import run_side_by_side, with_stand_ins
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
 from slamgauge.compare.storage.files import save
 from slamgauge.ekf import ekf_slam
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
+
+SCENARIO = load_scenario("q2-long-dense", ["trajectory.duration=4"])
 
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    return simulate(load_scenario("q2-long-dense", ["trajectory.duration=4"]), 0)[1]
+    return simulate(SCENARIO, 0)[1]
 
 
 def own(recording: Recording) -> Estimate:
     return replace(ekf_slam(recording), kind="filtered")
 
 
-def test_the_first_that_associates_tells_the_optima(recording: Recording):
+def test_the_optima_use_the_associations_of_the_first_estimator(recording: Recording):
     estimators = load_estimators(["causal", "dead-reckoning", "riekf", "ekf", "batch"])
     ran = run_side_by_side(estimators, recording, recording)
     assert [*ran.estimates] == ["dead-reckoning", "riekf", "ekf", "causal@riekf", "batch@riekf"]
@@ -40,38 +43,38 @@ def test_the_first_that_associates_tells_the_optima(recording: Recording):
     assert np.array_equal(ran.estimates["causal@riekf"].poses, told.poses)
 
 
-def test_people_s_own_can_tell_them_too(recording: Recording):
+def test_the_first_estimator_may_be_a_user_callable(recording: Recording):
     ran = run_side_by_side({"mine": own, **load_estimators(["causal"])}, recording, recording)
     assert ran.optima == {"filtered": "causal@mine"}
 
 
-def test_what_was_asked_for_as_such_is_the_optimum(recording: Recording):
+def test_a_requested_graph_with_associations_is_the_optimum(recording: Recording):
     ran = run_side_by_side(load_estimators(["ekf", "causal@riekf", "robust-batch@ekf"]), recording, recording)
     assert ran.optima == {"filtered": "causal@riekf"}
     twice = run_side_by_side(load_estimators(["ekf", "causal", "causal@ekf"]), recording, recording)
     assert (twice.optima, [*twice.estimates]) == ({"filtered": "causal@ekf"}, ["ekf", "causal@ekf"])
 
 
-def test_where_nobody_associates_they_fail_as_rows(recording: Recording):
+def test_without_any_associations_the_optima_fail(recording: Recording):
     ran = run_side_by_side(load_estimators(["dead-reckoning", "batch"]), recording, recording)
     assert ([*ran.estimates], ran.stand_ins) == (["dead-reckoning"], [])
     assert "needs known association" in ran.failures["batch"]
 
 
-def test_true_associations_are_told_as_ever(recording: Recording):
-    truth = simulate(load_scenario("q2-long-dense", ["trajectory.duration=4"]), 0)[0]
+def test_true_associations_are_used_if_known(recording: Recording):
+    truth = simulate(SCENARIO, 0)[0]
     assert truth.association is not None
     informed = recording.associated(truth.association)
     ran = run_side_by_side(load_estimators(["ekf", "causal", "causal@ekf"]), recording, informed)
     assert (ran.optima, ran.stand_ins) == ({"filtered": "causal"}, [])
 
 
-def test_evaluate_says_so_and_writes_what_it_has(
+def test_evaluate_reports_the_associations_and_writes_the_estimates(
     recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     save(tmp_path / "recording.npz", recording)
     words = ["evaluate", str(tmp_path / "recording.npz"), "--estimators", "ekf,causal,batch"]
-    for _ in range(2):  # what it has written there it may replace
+    for _ in range(2):  # it may replace its own files
         assert main([*words, "--out", str(tmp_path / "out")]) == 0
     assert "held against causal@ekf and batch@ekf, with associations right or wrong" in capsys.readouterr().out
     entries = json.loads((tmp_path / "out/metrics.json").read_text())["estimators"]
@@ -81,12 +84,10 @@ def test_evaluate_says_so_and_writes_what_it_has(
     assert {*entries} < with_stand_ins(["ekf", "causal", "batch"])
 
 
-def test_a_recording_that_batch_refuses_leaves_the_others(
+def test_a_failure_of_batch_leaves_other_results(
     recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     def refuses(*_: object, **__: object) -> Estimate:
-        from slamgauge.errors import UserError
-
         raise UserError("motion 3: undetermined")
 
     monkeypatch.setattr("slamgauge.graph_baseline.batch", refuses)

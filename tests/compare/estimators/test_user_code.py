@@ -1,4 +1,4 @@
-"""People's own modules: found as in a script of their folder, and by nobody else."""
+"""User modules: found as in a script of their folder, and by no other import."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ import pytest
 import slamgauge.ekf
 from slamgauge.compare.estimators.adapters import adapted
 from slamgauge.compare.estimators.private_import import PrivateFolder
-from slamgauge.compare.estimators.user_code import address, load_own_module
+from slamgauge.compare.estimators.user_code import address, load_callable_module
 
 from .conftest import short
 
@@ -28,7 +27,7 @@ Write = Callable[..., Path]
 
 @pytest.fixture
 def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
-    """Writes files, by keyword or path, into the current folder."""
+    """Return a function that writes files into the current folder, by path."""
     monkeypatch.chdir(tmp_path)
 
     def write(files: dict[str, str]) -> Path:
@@ -46,7 +45,7 @@ def value(text: str) -> object:
 
 
 def own(text: str) -> slamgauge.Estimator:
-    return adapted(address(text), announced=False)
+    return adapted(address(text))[0]
 
 
 @pytest.mark.parametrize(
@@ -90,7 +89,7 @@ def test_every_form_of_import_finds_the_neighbours(write: Write, statement: str,
     assert all(name.startswith("_slamgauge_own_") for name in {*sys.modules} - before)
 
 
-def test_neighbours_win_over_libraries_for_their_code_alone(write: Write):
+def test_neighbours_hide_libraries_in_user_code_only(write: Write):
     folder = write(
         {
             "own.py": "import json, random, numpy, textwrap, sys, os\n"
@@ -111,18 +110,18 @@ def test_a_folder_without_code_hides_no_library(write: Write):
     assert text == "[1]"
 
 
-def test_slamgauge_is_always_this_program(write: Write):
+def test_a_neighbour_never_hides_slamgauge(write: Write):
     write({"own.py": "import slamgauge\ndef f(_): return slamgauge.wrap(0.0)\n", "slamgauge.py": "1 / 0\n"})
     assert value("own.py:f") == 0.0
 
 
-def test_submissions_of_equal_names_do_not_meet(write: Write):
+def test_files_of_equal_names_are_separate(write: Write):
     for who in ("anna", "ben"):
         write({f"{who}/ekf.py": "from helper import X\ndef f(_): return X\n", f"{who}/helper.py": f"X = {who!r}\n"})
     assert [value(f"{who}/ekf.py:f") for who in ("anna", "ben", "anna")] == ["anna", "ben", "anna"]
 
 
-def test_every_loading_is_afresh(write: Write):
+def test_every_loading_is_separate(write: Write):
     write(
         {
             "own.py": "import helper\ndef f(_):\n    helper.X.append(1)\n    return len(helper.X)\n",
@@ -131,7 +130,7 @@ def test_every_loading_is_afresh(write: Write):
     )
     first, second = own("own.py:f"), own("own.py:f")
     assert [first(None), first(None), second(None)] == [1, 2, 1]  # pyright: ignore[reportArgumentType]
-    write({"helper.py": "X = [0] * 5"})  # of the same second, perhaps
+    write({"helper.py": "X = [0] * 5"})  # perhaps within the same second
     assert value("own.py:f") == 6
 
 
@@ -168,8 +167,7 @@ def test_fifty_runs_leave_no_more_modules_than_one(write: Write, source: str, ca
     assert not any(name.startswith("_slamgauge_own_") for name in sys.modules)
 
 
-def test_the_first_loading_serves_the_first_run(write: Write):
-    """By it the form is found, too."""
+def test_the_first_run_uses_the_first_loading(write: Write):
     count = "with open('loaded', 'a') as file:\n    file.write('x')\n"
     folder = write({"own.py": f"{count}{STEP}", **BESIDE})
     estimator, recording = own("own.py:ekf_slam"), short("q1-short-dense", "trajectory.duration=0.2")
@@ -178,7 +176,7 @@ def test_the_first_loading_serves_the_first_run(write: Write):
         assert len((folder / "loaded").read_text()) == times
 
 
-def test_code_that_runs_after_its_run_imports_what_it_has_imported(write: Write):
+def test_code_called_after_its_run_imports_the_same_modules(write: Write):
     write(
         {
             "own.py": "import helper\ndef f(_):\n    def late():\n        import helper as again, other\n"
@@ -223,7 +221,7 @@ def test_threads_import_at_the_same_time(write: Write):
         assert len({id(each) for each in pool.map(estimator, [None] * 8)}) == 1  # pyright: ignore[reportArgumentType]
 
 
-def test_their_classes_can_be_pickled_and_their_source_read(write: Write):
+def test_user_classes_can_be_pickled_and_their_source_read(write: Write):
     write(
         {
             "own.py": "import dataclasses, inspect, pickle as p\n@dataclasses.dataclass\n"
@@ -236,7 +234,7 @@ def test_their_classes_can_be_pickled_and_their_source_read(write: Write):
 
 def test_installed_modules_are_found_where_the_folder_has_none(write: Write):
     write({})
-    assert load_own_module(address("slamgauge.ekf:dead_reckoning")) is slamgauge.ekf
+    assert load_callable_module(address("slamgauge.ekf:dead_reckoning")) is slamgauge.ekf
     assert own("textwrap:dedent")(" a") == "a"  # pyright: ignore[reportArgumentType]
 
 
@@ -279,7 +277,7 @@ def test_a_path_with_an_equals_sign_is_no_label(write: Write):
         ("bad.py:f", r"it raised SyntaxError: .*bad.py, line 2\)"),
     ],
 )
-def test_addresses_that_lead_nowhere(write: Write, text: str, message: str):
+def test_wrong_addresses(write: Write, text: str, message: str):
     write(
         {
             "pack/__init__.py": "",
@@ -293,9 +291,3 @@ def test_addresses_that_lead_nowhere(write: Write, text: str, message: str):
         own(text)
     assert "_slamgauge_own_" not in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_a_private_folder_gives_its_modules_by_name(write: Write):
-    folder = PrivateFolder(write({"own.py": "X = 1\n"}))
-    assert isinstance(folder.load("own"), ModuleType)
-    assert (folder.owns("own.x"), folder.owns("numpy"), folder.owns("slamgauge")) == (True, False, False)

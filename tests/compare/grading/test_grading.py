@@ -1,4 +1,4 @@
-"""A class graded: every form, every way of not being gradable, and what is written of it."""
+"""Grades of a folder of submissions: all forms, all reasons for no grade, and the written files."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def write_class(folder: Path) -> None:
-    """Submissions in several forms."""
+    """Write submissions of several forms."""
     for name in ("student_ekf", "student_ekf_wrong_jacobian"):
         shutil.copy(EXAMPLES / f"{name}.py", folder)
     (folder / "package").mkdir()
@@ -83,7 +83,7 @@ def write_class(folder: Path) -> None:
 
 @pytest.fixture(scope="module")
 def graded(scenario: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of results of that class."""
+    """Return the folder of results of these submissions."""
     folder, out = tmp_path_factory.mktemp("class"), tmp_path_factory.mktemp("out") / "grades"
     write_class(folder)
     assert main(["grade", str(folder), "--scenario", str(scenario), "--runs", "3", "--out", str(out)]) == 1
@@ -95,29 +95,29 @@ def rows(out: Path) -> dict[str, dict[str, str]]:
         return {row["submission"]: row for row in csv.DictReader(file)}
 
 
-def test_every_form_is_graded_and_the_others_are_named_with_their_reasons(graded: Path):
+def test_every_form_is_graded_and_other_files_have_a_reason(graded: Path):
     found = rows(graded)
     right = {"student_ekf", "package", "several", "own_noise"}
     assert {name for name, row in found.items() if row["passed"] == "true"} == right
     assert {name for name, row in found.items() if row["graded"] == "true"} == right | {"student_ekf_wrong_jacobian"}
     reasons = {name: row["reason"] for name, row in found.items() if row["reason"]}
-    assert "breaks the laws prediction-jacobian, rigid-motion" in reasons.pop("student_ekf_wrong_jacobian")
+    assert "fails the checks prediction-jacobian, rigid-motion" in reasons.pop("student_ekf_wrong_jacobian")
     assert reasons.pop("shifted").startswith("run 0: uses the future: from the recording up to step 15 alone, ")
     assert reasons.pop("broken").startswith("cannot be loaded, it raised SyntaxError: expected ':' (broken.py, line 1)")
     assert reasons == {"a.b": "a.b.py: no Python module can have a dot in its name; rename the file"}
 
 
-def test_a_right_filter_has_the_figures_of_the_reference(graded: Path):
+def test_a_right_filter_agrees_with_the_reference(graded: Path):
     row = rows(graded)["student_ekf"]
     assert [*row][:3] == ["submission", "passed", "reason"]
     assert (row["callable"], row["kind"], row["runs"], row["failed_laws"]) == ("ekf_slam", "filtered", "3", "")
-    assert row["form"] == "step function of the practical (xEst, PEst, u, y)"
+    assert row["form"] == "step function of the exercise (xEst, PEst, u, y)"
     for key in ("ate_ratio", "nees_ratio", "sigma_position_ratio", "sigma_heading_ratio"):
         assert float(row[key]) == pytest.approx(1.0, abs=0.03)
         assert float(row[f"{key}_low"]) <= float(row[key]) <= float(row[f"{key}_high"])
 
 
-def test_junit_tells_failures_from_errors(graded: Path):
+def test_junit_distinguishes_failures_from_errors(graded: Path):
     suite = ElementTree.parse(graded / "grades.xml").getroot()
     assert {key: suite.attrib[key] for key in ("tests", "failures", "errors")} == {
         "tests": "8",
@@ -129,12 +129,12 @@ def test_junit_tells_failures_from_errors(graded: Path):
     assert (kinds["student_ekf"], kinds["student_ekf_wrong_jacobian"], kinds["broken"]) == ([], ["failure"], ["error"])
 
 
-def test_a_page_tells_each_of_them_what_there_is_to_know(graded: Path):
+def test_pages_of_submissions(graded: Path):
     page = (graded / "submissions/student_ekf_wrong_jacobian.md").read_text()
     assert page.startswith("# student_ekf_wrong_jacobian: FAILED\n\nlittle, 3 of 3 runs; reference: ekf.\n")
-    assert "\n    prediction-jacobian: " in page  # the part that is to blame
+    assert "\n    prediction-jacobian: " in page  # the part with the mistake
     assert "| ATE [m] | " in page
-    assert "do not judge it: its noise is its own" in (graded / "submissions/own_noise.md").read_text()
+    assert "do not apply: it ignores the noise of the recording" in (graded / "submissions/own_noise.md").read_text()
     assert (graded / "submissions/broken.md").read_text().startswith("# broken: not graded\n")
     assert {path.name for path in graded.iterdir()} == {
         "grades.csv",
@@ -161,9 +161,9 @@ def test_all_graded_is_status_0_and_json_has_the_rows(
     assert content[0]["ate_ratio"] == 1.0  # the reference is the same filter
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere nothing limits memory")
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have no memory limit")
 @pytest.mark.usefixtures("studies_in_a_thread")
-def test_the_middle_run_is_looked_at_and_who_takes_too_much_memory_is_a_row(
+def test_the_middle_run_is_checked_and_too_much_memory_is_a_reason(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     (tmp_path / "class").mkdir()
@@ -183,7 +183,7 @@ def test_the_middle_run_is_looked_at_and_who_takes_too_much_memory_is_a_row(
 @pytest.mark.parametrize(
     ("files", "words", "said"),
     [
-        ({}, (), "holds no submission; give a folder of Python files"),
+        ({}, (), "contains no submission; give a folder of Python files"),
         ({"a.py": "1 / 0"}, (), "nothing could be graded; a: cannot be loaded, it raised ZeroDivisionError"),
         ({"a.py": ""}, ("--runs", "1"), "runs: 1 has no interval"),
         ({"a.py": ""}, ("--reference", "efk"), "estimator 'efk' is not known"),
@@ -192,7 +192,7 @@ def test_the_middle_run_is_looked_at_and_who_takes_too_much_memory_is_a_row(
         ({"a/x.py": "", "a/y.py": ""}, (), "a: may be x.py, y.py; call the one that counts submission.py"),
     ],
 )
-def test_where_nothing_can_be_done_it_is_a_line_and_status_2(
+def test_errors_are_one_line_and_status_2(
     scenario: Path,
     tmp_path: Path,
     files: dict[str, str],
@@ -212,7 +212,7 @@ def test_where_nothing_can_be_done_it_is_a_line_and_status_2(
     assert not (tmp_path / "out").exists()
 
 
-def test_who_is_better_than_the_optimum_does_not_pass():
+def test_errors_below_those_of_the_optimum_do_not_pass():
     ours = scores(ate=0.5, spread=0.1)
     relative = [_relative(each, other.ate_m) for each, other in zip(ours, scores(ate=1.0, spread=0.1), strict=True)]
     found = grade("mine", Trial(scores=relative), ours)
@@ -222,11 +222,11 @@ def test_who_is_better_than_the_optimum_does_not_pass():
     assert grade("mine", Trial(scores=doubtful), ours).passed
 
 
-def test_poses_that_know_the_future_do_not_pass_beside_a_filter():
+def test_smoothed_poses_do_not_pass_if_the_reference_is_filtered():
     theirs = scores(ate=1.0, spread=0.1)
     smoothed = [replace(each, kind="smoothed") for each in theirs]
     reasons = grade("mine", Trial(scores=smoothed), theirs).reasons
-    assert reasons[0] == "says that its poses are smoothed; filtered ones are asked for"
+    assert reasons[0] == "its poses are smoothed; filtered poses are required"
 
 
 def _relative(score: Score, best: float | None, check: float | None = None) -> Score:
@@ -234,20 +234,22 @@ def _relative(score: Score, best: float | None, check: float | None = None) -> S
     return replace(score, ratio_to_optimum=score.ate_m / best, yardstick_check_sigma=check, seconds_total=1.0)
 
 
-def test_submissions_of_one_name_are_told_apart(tmp_path: Path):
-    (tmp_path / "anna.py").write_text("")
-    (tmp_path / "anna").mkdir()
-    (tmp_path / "anna/main.py").write_text("")
-    (tmp_path / "empty").mkdir()
-    assert [each.name for each in submissions_in(tmp_path)] == ["anna", "anna.py"]
-
-
-def test_names_that_look_alike_or_cannot_name_a_page_have_a_number(tmp_path: Path):
-    for name in ("a b", "a  b", " ", "c"):
-        (tmp_path / f"{name}.py").write_text("")
-    (tmp_path / ("x" * 255)).mkdir()
-    (tmp_path / ("x" * 255) / "main.py").write_text("")
-    assert [each.name for each in submissions_in(tmp_path)] == ["#1", "a b #2", "a b #3", "c", f"{'x' * 20} #5"]
+@pytest.mark.parametrize(
+    ("files", "names"),
+    [
+        (["anna.py", "anna/main.py", "empty/notes.txt"], ["anna", "anna.py"]),
+        (
+            ["a b.py", "a  b.py", " .py", "c.py", f"{'x' * 255}/main.py"],
+            ["#1", "a b #2", "a b #3", "c", f"{'x' * 20} #5"],
+        ),
+    ],
+    ids=["equal names", "names that look alike or cannot name a page"],
+)
+def test_names_of_submissions_are_distinct(tmp_path: Path, files: list[str], names: list[str]):
+    for name in files:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("")
+    assert [each.name for each in submissions_in(tmp_path)] == names
 
 
 @pytest.mark.usefixtures("studies_in_a_thread")
@@ -264,7 +266,7 @@ def test_no_file_of_the_folder_hides_a_library_from_the_others(
     assert capsys.readouterr().out.endswith("3 of 3 graded, 3 passed\n")
 
 
-def test_the_code_of_a_package_is_its_own(tmp_path: Path):
+def test_packages_are_no_strangers_to_their_own_code(tmp_path: Path):
     for name in ("package", "alone"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text("")
@@ -277,6 +279,6 @@ def test_the_code_of_a_package_is_its_own(tmp_path: Path):
     }
 
 
-def test_a_folder_that_is_not_there(tmp_path: Path):
+def test_a_missing_folder(tmp_path: Path):
     with pytest.raises(UserError, match="cannot be read"):
         submissions_in(tmp_path / "nowhere")

@@ -15,8 +15,9 @@ from slamgauge import compare_estimators, find_noise, load_estimators, load_scen
 from slamgauge.compare.checks.examination import check_estimator, verdicts_json
 from slamgauge.compare.cli.listings import Kind
 from slamgauge.compare.cli.main import main
+from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.grading.grades import grade
-from slamgauge.compare.grading.grading import Grades
+from slamgauge.compare.grading.grading import Grades, GradeSettings
 from slamgauge.compare.grading.trial import Trial
 from slamgauge.compare.noise.noise_json import noise_json
 from slamgauge.compare.scoring.catalogue import CATALOGUE
@@ -107,7 +108,8 @@ def claims() -> Any:
 
 def grades() -> Any:
     failed = grade("one", Trial(reason="no file"), [])
-    return Grades(Path("class"), "q1", 2, 0, "ekf", failed, (failed,), "x = 1").to_json()
+    settings = GradeSettings(load_scenario("q1-long-dense"), 2, 0, Asked("ekf", "ekf"), 60.0)
+    return Grades(Path("class"), settings, failed, (failed,)).to_json()
 
 
 def noise() -> Any:

@@ -88,7 +88,7 @@ def test_either_bound_may_be_asked_for() -> None:
     assert [each.label for each in ask(["bound", "ekf"])] == ["bound", "hindsight-bound", "ekf"]
     assert [each.label for each in ask(["hindsight-bound"])] == ["hindsight-bound"]
     assert [each.label for each in ask(["hindsight-bound", "bound"])] == ["hindsight-bound", "bound"]
-    with pytest.raises(UserError, match="bound stands there twice"):
+    with pytest.raises(UserError, match="bound is given twice"):
         ask(["bound", "bound"])
 
 
@@ -99,4 +99,4 @@ def test_precision_waits_for_no_ratio_of_a_bound() -> None:
 def test_a_single_run_has_no_bound(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     words = ["run", "q1-short-dense", "--estimators", "dead-reckoning,bound", "--set", "trajectory.duration=2"]
     assert main([*words, "--no-report", "--out", str(tmp_path / "out")]) == 1
-    assert "bound: is no estimate of a recording" in capsys.readouterr().out
+    assert "bound: is a bound, which estimates nothing" in capsys.readouterr().out

@@ -1,0 +1,140 @@
+"""Output of grades: a table for the terminal, files for spreadsheets and JUnit, and a page for each submission."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from xml.etree import ElementTree
+
+from slamgauge.compare.checks.examination import verdicts_table
+from slamgauge.compare.grading.grades import Grade
+from slamgauge.compare.grading.grading import Grades
+from slamgauge.compare.scoring.text_page import Grid, Page
+from slamgauge.compare.scoring.text_table import cell, interval_cell
+from slamgauge.compare.storage.best_effort import Drawing, decorate
+from slamgauge.compare.storage.files import explained
+from slamgauge.compare.storage.provenance import origin
+from slamgauge.compare.storage.result_files import GRADES, GRADES_XML, PAGES
+from slamgauge.compare.storage.safe_names import shown
+
+HEAD = ("ATE [m]", "x", "NEES/3", "x", "sigma x", "heading sigma x", "x causal", "checks failed", "time [s]")
+
+
+def grade_table(grades: Grades) -> Page:
+    """Return a table with a row for the reference and for each submission, and below it the reasons for failures."""
+    name = grades.reference_grade.submission
+    head = ["submission", "verdict", *(f"{title} {name}" if title[-1:] == "x" else title for title in HEAD)]
+    rows = [head, [f"({name})", "reference", *_cells(grades.reference_grade)]]
+    rows += [[each.submission, verdict(each), *_cells(each)] for each in grades.grades]
+    reasons = [f"{each.submission}: {'; '.join(each.reasons)}" for each in grades.grades if each.reasons]
+    graded, passed = (sum(getattr(each, name) for each in grades.grades) for name in ("is_graded", "passed"))
+    return Page((Grid(rows, words=2), *reasons, f"{graded} of {len(grades.grades)} graded, {passed} passed"))
+
+
+def verdict(grade: Grade) -> str:
+    """Return the verdict as text."""
+    return "passed" if grade.passed else "FAILED" if grade.is_graded else "not graded"
+
+
+def _cells(grade: Grade) -> list[str]:
+    found = grade.reference
+    if found is None:
+        return ["-"] * len(HEAD)
+    ratios = (found.sigma_position, found.sigma_heading, grade.ratio_to_optimum)
+    return [
+        interval_cell(grade.ate_m, "{:.3f}"),
+        interval_cell(found.ate, "{:.3f}"),
+        interval_cell(grade.nees, "{:.2f}"),
+        interval_cell(found.nees, "{:.2f}"),
+        *(interval_cell(ratio, "{:.3f}") for ratio in ratios),
+        str(len(grade.failed_checks)) if grade.trial.verdicts else "-",
+        cell(grade.seconds, "{:.2f}"),
+    ]
+
+
+def write_grades(folder: Path, grades: Grades) -> None:
+    """Write grades.csv and grades.xml into an existing folder.
+
+    Raises:
+        UserError: a file cannot be written.
+    """
+    rows = [{key: value for key, value in row.items() if key != "scenario_text"} for row in grades.to_json()]
+    with explained(folder, "written"):
+        with (folder / GRADES).open("w", encoding="utf-8", newline="") as file:
+            table = csv.DictWriter(file, rows[0])
+            table.writeheader()
+            for row in rows:  # spreadsheets read true and false
+                table.writerow({key: str(it).lower() if isinstance(it, bool) else it for key, it in row.items()})
+        ElementTree.ElementTree(_junit(grades)).write(folder / GRADES_XML, encoding="utf-8", xml_declaration=True)
+
+
+def write_pages(out: Path, grades: Grades) -> bool:
+    """Write a page for each submission into the folder `out` of the grades; return whether all could be written."""
+
+    def writes(each: Grade) -> Drawing:
+        def write(stage: Path) -> None:
+            (stage / PAGES).mkdir(exist_ok=True)
+            (stage / PAGES / f"{each.submission}.md").write_text(_page(each, grades), encoding="utf-8")
+
+        return write
+
+    pages = {f"{PAGES}/{each.submission}": writes(each) for each in grades.grades}
+    return decorate(out, GRADES, pages, [f"{name}.md" for name in pages])
+
+
+def _page(grade: Grade, grades: Grades) -> str:
+    """Return the page for the author of a submission, in Markdown."""
+    trial, reference, runs = grade.trial, grades.reference_grade.submission, grades.settings.runs
+    lines = [
+        f"# {grade.submission}: {verdict(grade)}",
+        "",
+        f"{grades.settings.scenario.name}, {len(trial.scores)} of {runs} runs; reference: {reference}.",
+    ]
+    if trial.form:
+        lines += ["", f"Graded is `{trial.callable}`: {trial.form}."]
+    if grade.reasons:
+        lines += ["", "Why it has not passed:" if grade.is_graded else "Why it is not graded:", ""]
+        lines += [f"- {reason}" for reason in grade.reasons]
+    if grade.reference is not None:
+        figures = (
+            ("ATE [m]", grade.ate_m, grade.reference.ate),
+            ("NEES/3 (consistent: 1)", grade.nees, grade.reference.nees),
+            ("sigma of the position", None, grade.reference.sigma_position),
+            ("sigma of the heading", None, grade.reference.sigma_heading),
+        )
+        lines += ["", f"| metric | value | divided by that of {reference} |", "|---|---|---|"]
+        for title, value, ratio in figures:
+            lines.append(f"| {title} | {interval_cell(value, '{:.3f}')} | {interval_cell(ratio, '{:.3f}')} |")
+        lines += ["", f"ATE over the causal optimum's: {interval_cell(grade.ratio_to_optimum, '{:.3f}')}."]
+    if trial.verdicts:
+        lines += ["", "Checks (`slamgauge check`):", "", *_verbatim(str(verdicts_table(trial.verdicts)))]
+    if trial.no_checks:
+        lines += ["", f"The checks (`slamgauge check`) do not apply: {trial.no_checks}."]
+    if trial.output:
+        lines += ["", "What it printed last:", "", *_verbatim(trial.output)]
+    return "\n".join(lines) + "\n"
+
+
+def _verbatim(text: str) -> list[str]:
+    """Return indented lines, so that no text of a submission ends the block."""
+    return [f"    {line}" for line in text.splitlines()]
+
+
+def _junit(grades: Grades) -> ElementTree.Element:
+    failures = sum(each.is_graded and not each.passed for each in grades.grades)
+    errors = sum(not each.is_graded for each in grades.grades)
+    counts = {"tests": str(len(grades.grades)), "failures": str(failures), "errors": str(errors)}
+    suite = ElementTree.Element("testsuite", {"name": f"slamgauge grade {grades.settings.scenario.name}", **counts})
+    properties = ElementTree.SubElement(suite, "properties")
+    for name, value in origin(grades.scenario_text).items():
+        if value is not None:
+            ElementTree.SubElement(properties, "property", name=name, value=value)
+    for each in grades.grades:
+        seconds = sum(score.seconds_total or 0.0 for score in each.trial.scores)
+        case = ElementTree.SubElement(
+            suite, "testcase", classname=shown(grades.folder.name), name=each.submission, time=f"{seconds:.3f}"
+        )
+        if each.reasons:
+            kind = "failure" if each.is_graded else "error"
+            ElementTree.SubElement(case, kind, message="; ".join(each.reasons))
+    return suite
