@@ -230,7 +230,7 @@ class Grading:
         """Run the estimators, print the table and write the folder; 1 if one of them failed, else 0."""
         from slamgauge.compare.estimators.loading import load_each
         from slamgauge.compare.estimators.side_by_side import with_stand_ins
-        from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
+        from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table, write_comparison
         from slamgauge.compare.storage.files import explained
         from slamgauge.compare.storage.result_files import OUTDATED, comparison_files
         from slamgauge.memory import give_back
@@ -248,8 +248,6 @@ class Grading:
             content = metrics(comparison, self.scenario, self.seed, self.scenario_text)
             done = print_result(content if self.as_json else table(comparison)) and not comparison.failures
             if folder is not None and self.out is not None:
-                from slamgauge.compare.scoring.comparison_files import write_comparison
-
                 with explained(self.out, "written"):
                     write_comparison(folder, comparison, content)
                 comparison, content = replace(comparison, scores={}), {}  # pictures need the estimates alone

@@ -1,22 +1,23 @@
-"""Estimates that are better than the causal optimum beyond chance: no filter is, so there is something to look for."""
+"""Estimates that are significantly better than the causal optimum: no filter is, so they use more than it may."""
 
 from __future__ import annotations
 
 from slamgauge.compare.scoring.consistency import chi2_band, squared_mahalanobis
 from slamgauge.compare.scoring.intervals import LEVEL, Interval
 from slamgauge.compare.scoring.nan_stats import mean
+from slamgauge.compare.scoring.optimum_figures import is_misfit
 from slamgauge.compare.scoring.scores import pose_covs_of
 from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth
 
-SURE = 0.999  # two-sided: of 2000 estimators as good as the optimum one is called too good
-FAR_BELOW = 0.1  # of the optimum's own figure, where that is small, too
-WHY = "no filter is; look for the truth, the future, or what is known of the scenario in it"
+SURE = 0.999  # probability of the two-sided interval: of 2000 estimators as good as the optimum one is reported
+FAR_BELOW = 0.1  # largest share of the optimum's own figure
+WHY = "no filter can be; check whether it uses the truth, later measurements or the scenario"
 
 
 def beats_the_optimum(ratio: Interval | None, runs: int) -> str | None:
-    """What to say of a ratio to the causal optimum's ATE over runs; None if it may be chance."""
+    """Return a note if a ratio to the causal optimum's ATE over runs is significantly below 1, else None."""
     from scipy.special import stdtrit  # here: scipy is slow to start
 
     if ratio is None or ratio.high is None:
@@ -28,17 +29,22 @@ def beats_the_optimum(ratio: Interval | None, runs: int) -> str | None:
     return f"its error is {ratio.mean:.3g} ± {half:.2g} times the causal optimum's ({SURE:.1%} interval): {WHY}"
 
 
-def is_too_near_the_truth(truth: Truth, estimate: Estimate, optimum: Estimate) -> bool:
-    """Whether a single run's errors are smaller than chance allows under the causal optimum's covariance.
+def beats_the_optimum_in_a_run(name: str, truth: Truth, estimate: Estimate, optimum: Estimate) -> str | None:
+    """Return a note if an estimate is too near the truth in one run, and the optimum fits its noise, else None."""
+    if is_misfit(optimum) or not is_too_near_the_truth(truth, estimate, optimum):
+        return None
+    return f"{name}: significantly nearer to the truth than the causal optimum's covariance allows: {WHY}"
 
-    Their mean squared Mahalanobis distance over time varies most if all steps err as one: then it is chi-square with 3
-    degrees of freedom, and below its band with probability 0.0005. Where the optimum's own is about as small, with a
-    start that is not drawn from the prior for instance, nothing can be said.
+
+def is_too_near_the_truth(truth: Truth, estimate: Estimate, optimum: Estimate) -> bool:
+    """Return whether the errors of one run are significantly too small for the causal optimum's covariance.
+
+    Their mean squared Mahalanobis distance over time varies most if all steps have the same error: then it is
+    chi-square with 3 degrees of freedom, and below its band with probability 0.0005. The optimum's own distance must
+    be much larger; it is not if the start is not drawn from the prior, for instance.
     """
     if truth.poses is None or estimate.kind != "filtered":
         return False
     covs = pose_covs_of(optimum)
     own, best = (mean(squared_mahalanobis(pose_errors(truth.poses, each.poses), covs)) for each in (estimate, optimum))
-    if own is None or best is None:
-        return False
-    return own < chi2_band(SURE, 3)[0] and own < FAR_BELOW * best
+    return own is not None and best is not None and own < chi2_band(SURE, 3)[0] and own < FAR_BELOW * best

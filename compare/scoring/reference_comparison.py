@@ -1,12 +1,12 @@
-"""An estimator held against a reference on the same runs: is it shown to be worse, or to claim what is not so?
+"""Comparison of an estimator with a reference on the same runs: whether it is significantly worse.
 
-A right filter has the reference's figures but for chance, and chance is what paired intervals tell. A bound is broken
-if the whole 95 % interval of a ratio lies beyond it; what is undecided passes, and more runs decide it.
+A bound is broken if the whole 95 % interval of a paired ratio is beyond it. Otherwise the estimator passes; more runs
+narrow the interval.
 
     ATE            at most 1.05 times the reference's
-    NEES           at most 1.2 times the reference's, unless its own interval reaches to that of a consistent estimate
-    sigma          between 0.9 and 1.1 times the reference's, of position and of heading, unless the NEES is nearer to
-                   that of a consistent estimate than the reference's: then the reference is to blame
+    NEES           at most 1.2 times the reference's, unless its own interval reaches down to a consistent estimate's
+    sigma          0.9 to 1.1 times the reference's, of position and of heading, unless the NEES is nearer to a
+                   consistent estimate's than the reference's: then the reference's sigma is wrong
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from slamgauge.errors import UserError
 MOST_ATE = 1.05
 MOST_NEES = 1.2
 LEAST_SIGMA, MOST_SIGMA = 0.9, 1.1
-NO_COVS = "gives no pose_covs that could be judged for consistency; return them"
+NO_COVS = "returns no pose_covs, so consistency cannot be checked; return them"
 
 
 @dataclass(frozen=True, kw_only=True)
 class AgainstReference:
-    """The figures of an estimator over those of a reference, and which bounds they break.
+    """Figures of an estimator over those of a reference, and the broken bounds.
 
     Attributes:
         ate: ratio of the mean ATEs.
         nees: ratio of the mean NEES (of each run's mean from the 11th step on).
-        sigma_position: ratio of the mean sigmas of the position (of each run's RMS from the 11th step on).
-        sigma_heading: the same of the heading.
-        broken: a line for each bound that is broken.
+        sigma_position: ratio of the mean position sigmas (of each run's RMS from the 11th step on).
+        sigma_heading: ratio of the mean heading sigmas.
+        broken: a line for each broken bound.
     """
 
     ate: Interval | None
@@ -48,7 +48,7 @@ class AgainstReference:
 
 
 def against_reference(scores: Sequence[Score], reference: Sequence[Score]) -> AgainstReference:
-    """Hold the runs of an estimator against those of a reference.
+    """Compare the runs of an estimator with those of a reference.
 
     Args:
         scores: of independent runs.
@@ -67,13 +67,14 @@ def against_reference(scores: Sequence[Score], reference: Sequence[Score]) -> Ag
     nees = ratio_interval(late_nees(scores), late_nees(reference))
     position, heading = (ratio_interval(late_sigma(scores, of), late_sigma(reference, of)) for of in ([0, 1], [2]))
     own, other = (mean_interval(late_nees(each)) for each in (scores, reference))
-    broken: list[str | None] = [_too_large("ATE", ate, MOST_ATE)]
+    broken = [_beyond("ATE", ate, most=MOST_ATE)]
     if own is None and other is not None:
         broken.append(NO_COVS)
     if own is not None and own.low is not None and own.low > 1.0:
-        broken.append(_too_large("NEES", nees, MOST_NEES))
+        broken.append(_beyond("NEES", nees, most=MOST_NEES))
     if own is not None and other is not None and _off(own) >= _off(other):
-        broken += [_off_bounds("sigma of the position", position), _off_bounds("sigma of the heading", heading)]
+        for name, ratio in (("sigma of the position", position), ("sigma of the heading", heading)):
+            broken.append(_beyond(name, ratio, LEAST_SIGMA, MOST_SIGMA, (": it is too sure", ": it is too cautious")))
     return AgainstReference(
         ate=ate,
         nees=nees,
@@ -84,17 +85,17 @@ def against_reference(scores: Sequence[Score], reference: Sequence[Score]) -> Ag
 
 
 def ates(scores: Sequence[Score]) -> Float:
-    """(R,) ATE [m] of runs, NaN where there is none."""
+    """Return the ATE [m] of runs (R,), NaN if undefined."""
     return np.array([each.ate_m for each in scores], dtype=np.float64)
 
 
 def late_nees(scores: Sequence[Score]) -> Float:
-    """(R,) mean over the steps from the 11th on of the pose NEES, over 3."""
+    """Return the mean of the pose NEES over 3 from the 11th step on (R,)."""
     return np.array([_mean(each.nees[FIRST_STEP:]) / 3 for each in scores])
 
 
 def late_sigma(scores: Sequence[Score], of: list[int]) -> Float:
-    """(R,) RMS over the same steps of the sigma of these components of the pose together."""
+    """Return the RMS of the sigma of these components of the pose together, from the 11th step on (R,)."""
     return np.sqrt([_mean(np.square(each.sigmas[FIRST_STEP:, of]).sum(axis=1)) for each in scores])
 
 
@@ -104,26 +105,17 @@ def _mean(values: Float) -> float:
 
 
 def _off(nees: Interval) -> float:
-    """How far a NEES over its degrees of freedom is from that of a consistent estimate, whichever way."""
+    """Return how far a NEES over its degrees of freedom is from 1, in either direction."""
     return float(abs(np.log(max(nees.mean, np.finfo(float).tiny))))
 
 
-def _too_large(name: str, ratio: Interval | None, most: float) -> str | None:
-    if ratio is None or ratio.low is None or ratio.low <= most:
-        return None
-    return f"{name} is {_spelt(ratio)} times the reference's, more than {most:g}"
-
-
-def _off_bounds(name: str, ratio: Interval | None) -> str | None:
-    if ratio is None or ratio.low is None or ratio.high is None:
-        return None
-    if ratio.high < LEAST_SIGMA:
-        return f"{name} is {_spelt(ratio)} times the reference's, less than {LEAST_SIGMA:g}: it is too sure"
-    if ratio.low > MOST_SIGMA:
-        return f"{name} is {_spelt(ratio)} times the reference's, more than {MOST_SIGMA:g}: it is too cautious"
-    return None
-
-
-def _spelt(ratio: Interval) -> str:
-    assert ratio.low is not None
-    return f"{ratio.mean:.3g} ± {ratio.mean - ratio.low:.2g}"
+def _beyond(
+    name: str, ratio: Interval | None, least: float = 0.0, most: float = np.inf, meanings: tuple[str, str] = ("", "")
+) -> str:
+    """Return that the interval of a ratio is beyond a bound, with the meaning of too small or too large; or nothing."""
+    if ratio is None or ratio.low is None or ratio.high is None or (ratio.high >= least and ratio.low <= most):
+        return ""
+    text = f"{name} is {ratio.mean:.3g} ± {ratio.mean - ratio.low:.2g} times the reference's"
+    if ratio.high < least:
+        return f"{text}, less than {least:g}{meanings[0]}"
+    return f"{text}, more than {most:g}{meanings[1]}"

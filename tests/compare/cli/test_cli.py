@@ -227,8 +227,8 @@ def test_run_prints_a_table_and_keeps_talk_off_standard_output(
     assert run(*arguments) == 0
     printed = capsys.readouterr()
     *lines, luck = printed.out.splitlines()
-    assert [line.split()[0] for line in lines] == ["estimator", "dead-reckoning", "ekf", "empty:"]
-    assert luck.startswith("a single run: ")
+    assert [line.split()[0] for line in lines] == ["estimator", "dead-reckoning", "ekf", "Empty"]
+    assert luck.startswith("One run: ")
     assert printed.err == "written to results/q1-long-sparse-seed-0\n"
     assert run(*arguments, "--json") == 0
     assert json.loads(capsys.readouterr().out) == metrics_of(tmp_path / "results/q1-long-sparse-seed-0")
@@ -303,8 +303,8 @@ def test_ones_own_estimator_gets_a_row(
         ["causal", "filtered"],
         [own, "filtered"],
         ["fit", "of"],
-        ["empty:", "NIS/dof,"],
-        ["a", "single"],
+        ["Empty", "columns:"],
+        ["One", "run:"],
     ]
     assert printed.err.splitlines() == ["loading", "estimating", f"written to {tmp_path / 'out'}"]
     entries = metrics_of(tmp_path / "out")["estimators"]

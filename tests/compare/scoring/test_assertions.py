@@ -9,31 +9,20 @@ from slamgauge.compare.scoring.assertions import assert_error_bounds
 from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
 from slamgauge.truth import Truth
+
+from .builders import straight
 
 
 def resting_run(seed: int, *, claimed: float = 1.0, nis_scale: float = 1.0) -> Score:
-    """One step of a robot at rest with unit pose errors and white innovations, 2 degrees of freedom a step.
+    """Return the score of one step with random pose errors and white innovations, 2 degrees of freedom a step.
 
     Args:
-        seed: of the errors.
-        claimed: standard deviation that the estimator claims for its errors.
-        nis_scale: factor of the NIS it reports.
+        seed: seed of the errors.
+        claimed: claimed standard deviations over the true ones.
+        nis_scale: factor of the reported NIS.
     """
     rng = np.random.default_rng(seed)
-    recording = Recording(
-        stamps=np.arange(2.0),
-        prior_mean=np.zeros(3),
-        prior_cov=np.eye(3),
-        odometry=np.zeros((1, 3)),
-        odometry_cov=np.zeros((1, 3, 3)),
-        sensor="bearing",
-        observation_step=np.zeros(0, np.int64),
-        observation=np.zeros((0, 1)),
-        observation_cov=np.zeros((0, 1, 1)),
-        landmark=None,
-    )
     sigmas = np.array([1.0, 2.0, 0.1])  # heading errors far from pi
     estimate = Estimate(
         "filtered",
@@ -42,7 +31,7 @@ def resting_run(seed: int, *, claimed: float = 1.0, nis_scale: float = 1.0) -> S
         nis=nis_scale * rng.chisquare(2, size=2),
         nis_dof=np.array([2, 2]),
     )
-    return evaluate(Truth(np.zeros((2, 3))), recording, estimate)
+    return evaluate(Truth(np.zeros((2, 3))), straight(1), estimate)
 
 
 def failure(score: Score | list[Score], **bounds: Any) -> str:
@@ -55,12 +44,12 @@ def with_figures(**figures: Any) -> Score:
     return replace(resting_run(0), **figures)
 
 
-def test_bounds_that_hold_are_silent() -> None:
+def test_bounds_that_hold_raise_nothing() -> None:
     score = with_figures(ate_m=0.5, ratio_to_optimum=1.1, nees=np.array([9.0, 3.0]), nis_total=4.0)
     assert_error_bounds(score, max_ate_m=0.5, max_ratio_to_optimum=1.2, nees_level=0.95, nis_level=0.95)
 
 
-def test_every_bound_that_fails_is_shown_with_its_figure() -> None:
+def test_every_failed_bound_is_shown_with_its_figure() -> None:
     score = with_figures(ate_m=0.75, ratio_to_optimum=2.5, nees=np.array([3.0, 30.0]), nis_total=0.01)
     lines = failure(score, max_ate_m=0.5, max_ratio_to_optimum=2, nees_level=0.95, nis_level=0.99).splitlines()
     assert lines == [
@@ -92,7 +81,7 @@ def test_the_edges_of_the_nees_band_are_those_of_its_sum() -> None:
             assert "3 runs" in failure(scores, nees_level=0.9)
 
 
-def test_a_figure_that_is_missing_fails_and_says_what_to_give() -> None:
+def test_a_missing_figure_fails_with_its_remedy() -> None:
     missing = with_figures(
         ate_m=None, ratio_to_optimum=None, nees=np.array([3.0, np.nan]), nis_total=0.0, nis_dof_total=0
     )
@@ -104,7 +93,7 @@ def test_a_figure_that_is_missing_fails_and_says_what_to_give() -> None:
     assert "NIS is missing in 1 of 2 run(s): return an Estimate with nis and nis_dof" in message
 
 
-def test_a_ratio_to_an_optimum_in_doubt_is_no_ground_to_pass() -> None:
+def test_a_ratio_to_an_optimum_in_doubt_fails() -> None:
     sure = with_figures(ate_m=0.5, ratio_to_optimum=1.1, yardstick_check_sigma=0.05)
     doubtful = replace(sure, yardstick_check_sigma=0.31)
     assert_error_bounds([sure, sure], max_ratio_to_optimum=1.2)
@@ -126,16 +115,12 @@ def test_a_ratio_to_an_optimum_in_doubt_is_no_ground_to_pass() -> None:
         ({"max_ratio_to_optimum": math.nan}, "max_ratio_to_optimum = nan: "),
         ({"nees_level": 95.0}, "level = 95.0: not a probability"),
         ({"nis_level": 0.0}, "level = 0.0: not a probability"),
+        ({"score": [], "max_ate_m": 1}, "score: no score given"),
     ],
 )
-def test_impossible_bounds_are_the_callers_mistake(bounds: dict[str, Any], message: str) -> None:
+def test_impossible_bounds_are_refused(bounds: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=f"^{message}"):
-        assert_error_bounds(resting_run(0), **bounds)
-
-
-def test_no_score_is_the_callers_mistake() -> None:
-    with pytest.raises(ValueError, match=r"^score: no score given"):
-        assert_error_bounds([], max_ate_m=1)
+        assert_error_bounds(**{"score": resting_run(0), **bounds})
 
 
 def test_right_runs_fail_as_often_as_the_levels_say() -> None:
@@ -152,8 +137,8 @@ def test_right_runs_fail_as_often_as_the_levels_say() -> None:
 
 
 @pytest.mark.parametrize(("factor", "side"), [(0.5, "sure"), (2.0, "cautious")])
-def test_wrong_confidence_is_caught_on_both_sides(factor: float, side: str) -> None:
-    """Thirty runs whose sigmas are wrong by a factor of two; a miss has a probability below 1e-4."""
+def test_wrong_sigmas_fail_in_both_directions(factor: float, side: str) -> None:
+    """Thirty runs whose sigmas are wrong by a factor of two; the test misses this with a probability below 1e-4."""
     scores = [resting_run(run, claimed=factor, nis_scale=factor**-2) for run in range(30)]
     message = failure(scores, nees_level=0.99, nis_level=0.99)
     assert message.count(f"the estimator is too {side}") == 2

@@ -1,4 +1,4 @@
-"""What the optima say of themselves, in metrics.json and under the tables."""
+"""Quality of the optima, in metrics.json and in notes under the tables."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def compared(
     recording: Recording | None = None,
     truth: Truth | None = None,
 ) -> Comparison:
-    """A filter beside its optima, as `compare_estimators` would have it."""
+    """Return the comparison of a filter and its optima, as `compare_estimators` does."""
     recording, truth = recording or examples.recording(), truth or examples.truth()
     estimates = {"ekf": FILTER, "causal": causal} | ({} if batch is None else {"batch": batch})
     scores = {
@@ -45,13 +45,13 @@ def compared(
 
 
 def notes(comparison: Comparison) -> list[str]:
-    """What stands of the optima under the table, before all else."""
+    """Return the notes on the optima, which are the first lines under the table."""
     found = optimum_notes(comparison)
     assert str(table(comparison)).splitlines()[1 + len(comparison.scores) :][: len(found)] == found
     return found
 
 
-def test_metrics_tell_how_good_an_optimum_is():
+def test_metrics_have_the_quality_of_an_optimum():
     causal = replace(CAUSAL, chi_square=6.0, chi_square_dof=4, optimum_check=0.31, association=[4, -1, 9])
     batch = replace(BATCH, chi_square=8.0, chi_square_dof=4, association=[-1, -1, 9])
     found = metrics(compared(causal, batch), None, None)["estimators"]
@@ -67,7 +67,7 @@ def test_an_optimum_without_a_degree_of_freedom_has_no_fit():
     assert scores["causal"].figure("chi_square_per_dof") is None
 
 
-def test_a_check_that_is_infinite_is_the_largest_number_that_json_has():
+def test_an_infinite_check_is_the_largest_double_in_json():
     comparison = compared(replace(CAUSAL, optimum_check=math.inf))
     assert comparison.scores["causal"].figure("optimum_check_sigma") == math.inf
     text = json.dumps(metrics(comparison, None, None), allow_nan=False)
@@ -88,8 +88,8 @@ def test_the_fit_names_the_optimum_its_degrees_of_freedom_and_the_band():
     band = f"(14549 degrees of freedom, 95 % band {low:.3f} to {high:.3f})"
     head = "fit of the model: chi2/dof of the hindsight optimum"
     assert fit(1.02) == f"{head} 1.020 {band}"
-    assert fit(1.1) == f"{head} 1.100 {band}, above it: noise is stated too small, or there are outliers"
-    assert fit(0.1) == f"{head} 0.100 {band}, below it: noise is stated too large"
+    assert fit(1.1) == f"{head} 1.100 {band}, above it: the stated noise is too small, or there are outliers"
+    assert fit(0.1) == f"{head} 0.100 {band}, below it: the stated noise is too large"
 
 
 @pytest.mark.parametrize("dof", [1, 2, 17, 300, 10**4, 10**6])
@@ -102,24 +102,24 @@ def test_the_band_of_the_fit_never_rounds_to_a_point(dof: int):
     assert said.endswith(")")
 
 
-def test_who_does_not_tell_has_no_fit():
+def test_without_residuals_there_is_no_fit():
     assert fit_of_the_model("x", BATCH) is None
     assert fit(1.0, 0) is None
     assert mean_fit("x", None) is None
     assert mean_fit("x", Interval(1.0, 0.9, 1.1)) == "fit of the model: chi2/dof of the x 1.000 ± 0.100"
 
 
-def test_the_fit_is_the_hindsight_optimums_if_there_is_one_else_the_causal_ones():
+def test_the_fit_is_that_of_the_hindsight_optimum_or_else_of_the_causal_one():
     causal = replace(CAUSAL, chi_square=6.0, chi_square_dof=4)
     batch = replace(BATCH, chi_square=5.0, chi_square_dof=4)
     assert notes(compared(causal, batch))[0].startswith("fit of the model: chi2/dof of the hindsight optimum 1.25 (4 ")
     assert notes(compared(causal, None))[0].startswith("fit of the model: chi2/dof of the causal optimum 1.50 (4 ")
 
 
-# --- what is left out ----------------------------------------------------------------------------
+# --- observations left out -----------------------------------------------------------------------
 
 
-def test_what_an_optimum_leaves_out_is_counted():
+def test_landmarks_and_observations_left_out_are_counted():
     bearings = examples.recording(
         sensor="bearing", observation=np.zeros((3, 1)), observation_cov=np.tile(np.eye(1), (3, 1, 1))
     )
@@ -142,13 +142,13 @@ def test_an_optimum_that_uses_all_has_no_note():
 
 
 def cells(comparison: Comparison, title: str) -> dict[str, str]:
-    """What the table has under a title, by estimator; figures end under the end of their title, or at a mark."""
+    """Return the cells under a title by estimator; figures end under the end of their title, or at a mark."""
     lines = str(table(comparison)).splitlines()
     end = lines[0].index(title) + len(title)
     return {line.split()[0]: line[:end].split("  ")[-1].strip() for line in lines[1 : 1 + len(comparison.scores)]}
 
 
-@pytest.mark.parametrize("title", ["x optimum", "d to optimum"])
+@pytest.mark.parametrize("title", ["x optimum", "Mahalanobis distance² to the optimum"])
 def test_figures_relative_to_an_optimum_in_doubt_are_marked(title: str):
     plain = cells(compared(), title)
     assert not any(MARK in cell for cell in plain.values())
@@ -165,17 +165,17 @@ def test_figures_relative_to_an_optimum_in_doubt_are_marked(title: str):
         (
             math.inf,
             [
-                "causal has steps whose optimum was not found, or that of the whole recording was not: "
+                "the optimum of some steps of causal, or that of the whole recording, was not found: "
                 "figures relative to it are marked ?"
             ],
         ),
     ],
 )
-def test_a_note_says_why_figures_are_marked(check: float | None, said: list[str]):
+def test_a_note_has_the_reason_of_marks(check: float | None, said: list[str]):
     assert notes(compared(replace(CAUSAL, optimum_check=check))) == said
 
 
-def test_a_graph_under_a_filters_associations_is_named_and_marks_nothing():
+def test_a_graph_with_a_filters_associations_is_named_and_marks_nothing():
     comparison = compared()
     comparison.estimates["causal@ekf"] = replace(CAUSAL, optimum_check=2.0)
     assert notes(comparison) == ["causal@ekf is 2 sigma from the optimum at a checked step"]

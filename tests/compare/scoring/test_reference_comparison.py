@@ -1,4 +1,4 @@
-"""An estimator held against a reference on the same runs: what is shown, what chance may be, and whose fault it is."""
+"""Comparison with a reference on the same runs: which differences fail, and which pass."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ STEPS = 30
 def scores(
     ate: float = 1.0, nees: float = 3.0, sigma: float = 1.0, heading: float = 1.0, spread: float = 0.0, runs: int = 20
 ) -> list[Score]:
-    """Scores of runs with these figures times a luck that all share, and one of `spread` that they do not."""
+    """Return scores with these figures, times a factor that estimators share and an own factor of `spread`."""
     shared, own = np.random.default_rng(0), np.random.default_rng(1)
     found: list[Score] = []
     for _ in range(runs):
-        luck = shared.lognormal(0.0, 0.3) * own.lognormal(0.0, spread)
+        factor = shared.lognormal(0.0, 0.3) * own.lognormal(0.0, spread)
         found.append(
             replace(
                 resting_run(0),
-                ate_m=ate * luck,
-                nees=np.full(STEPS + 1, nees * luck),
+                ate_m=ate * factor,
+                nees=np.full(STEPS + 1, nees * factor),
                 sigmas=np.tile([sigma, sigma, heading], (STEPS + 1, 1)),
             )
         )
@@ -49,13 +49,13 @@ def test_the_reference_keeps_its_own_bounds_and_its_ratios_are_one():
         assert ratio is not None and ratio == pytest.approx((1.0, 1.0, 1.0))
 
 
-def test_pairs_tell_what_the_luck_of_runs_would_hide():
+def test_pairing_removes_the_variation_that_runs_share():
     worse = against_reference(scores(ate=1.1), scores())
     assert worse.ate is not None and worse.ate.low == pytest.approx(1.1)
     assert worse.broken == ("ATE is 1.1 ± 0 times the reference's, more than 1.05",)
 
 
-def test_what_chance_may_be_passes():
+def test_insignificant_differences_pass():
     found = against_reference(scores(ate=1.1, spread=0.5), scores())
     assert found.ate is not None and found.ate.mean > 1.05 > found.ate.low  # pyright: ignore[reportOperatorIssue]
     assert found.broken == ()
@@ -65,7 +65,7 @@ def test_what_chance_may_be_passes():
     ("ours", "reference", "said"),
     [
         ({"nees": 9.0}, {"nees": 6.0}, "NEES is 1.5 ± "),
-        ({"nees": 2.0}, {"nees": 1.0}, ""),  # at most what a consistent estimate has
+        ({"nees": 2.0}, {"nees": 1.0}, ""),  # at most a consistent estimate's
         (
             {"sigma": 0.8, "nees": 4.0},
             {"nees": 4.0},
@@ -87,7 +87,7 @@ def test_rules(ours: dict[str, Any], reference: dict[str, Any], said: str):
     assert found.startswith(said) if said else not found
 
 
-def test_without_covariances_nothing_passes():
+def test_without_covariances_an_estimator_fails():
     bare = [replace(each, nees=np.full(STEPS + 1, np.nan), sigmas=np.full((STEPS + 1, 3), np.nan)) for each in scores()]
     assert against_reference(bare, scores()).broken == (NO_COVS,)
     assert against_reference(bare, bare).broken == ()
@@ -110,7 +110,7 @@ def test_runs_that_cannot_be_compared(ours: int, reference: int, said: str):
         against_reference(scores(runs=ours), scores(runs=reference))
 
 
-def test_the_assertion_says_the_same():
+def test_the_assertion_has_the_same_lines():
     reference = scores(nees=9.0)
     assert_error_bounds(scores(nees=9.0), reference=reference)
     with pytest.raises(AssertionError) as caught:
