@@ -14,7 +14,7 @@ from slamgauge.compare.scoring.intervals import Interval, jackknife_interval, me
 from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.optimum_figures import share_of_doubt
 from slamgauge.compare.scoring.ray_figures import RayFigures, mean_figures
-from slamgauge.compare.scoring.runs import Runs, paired
+from slamgauge.compare.scoring.runs import Runs, paired, paired_figures
 
 BAND_LEVEL = 0.999  # probability of the chi-square band, for the share of steps inside
 FIRST_STEP = 11  # first step of NEES means: before it the start still dominates
@@ -112,14 +112,11 @@ def late_coverage(level: float) -> OverRuns:
 def over_optimum(name: str | None = None) -> OverRuns:
     """Return a function for mean ATE over that of an optimum on the same runs; by default the one of the same kind."""
 
-    def aggregate(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
+    def ratio(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
         optimum = _optimum(runs, others) if name is None else others.get(name)
-        if optimum is None:
-            return None
-        ours, theirs = paired(runs, optimum)
-        return ratio_interval(runs.figures["ate_m"][ours], optimum.figures["ate_m"][theirs])
+        return None if optimum is None else ratio_interval(*paired_figures("ate_m", runs, optimum))
 
-    return aggregate
+    return ratio
 
 
 def over_bound(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
@@ -140,13 +137,10 @@ def over_bound(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
 def excess_over(key: str, name: str) -> OverRuns:
     """Return a function for the mean of a stored figure minus that of another estimator on the same runs."""
 
-    def aggregate(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
-        if name not in others:
-            return None
-        ours, theirs = paired(runs, others[name])
-        return mean_interval(runs.figures[key][ours] - others[name].figures[key][theirs])
+    def difference(runs: Runs, others: Mapping[str, Runs]) -> Interval | None:
+        return mean_interval(np.subtract(*paired_figures(key, runs, others[name]))) if name in others else None
 
-    return aggregate
+    return difference
 
 
 def total_nis(runs: Runs, _: Mapping[str, Runs]) -> Interval | None:
@@ -170,11 +164,10 @@ def final_sigma_ratio(runs: Runs, others: Mapping[str, Runs]) -> tuple[float | N
     ours, theirs = paired(runs, optimum)
     if not len(ours):
         return None
-    ratios = []
-    for key in ("sigma_x", "sigma_y", "sigma_heading"):
-        last, best = runs.series[key][ours, -1], optimum.series[key][theirs, -1]
-        ratios.append(mean(np.divide(last, best, out=np.full(len(ours), np.nan), where=best > 0)))
-    return tuple(ratios)
+    keys = ("sigma_x", "sigma_y", "sigma_heading")
+    last, best = (np.array([each.series[k][at, -1] for k in keys]) for each, at in ((runs, ours), (optimum, theirs)))
+    ratios = np.divide(last, best, out=np.full(last.shape, np.nan), where=best > 0)
+    return tuple(map(mean, ratios))
 
 
 def share_in_doubt(runs: Runs, _: Mapping[str, Runs]) -> float | None:

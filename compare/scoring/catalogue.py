@@ -7,11 +7,13 @@ with a `measure` need no field: they are in `others`.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from slamgauge.compare.estimators.registry import CAUSAL, HINDSIGHT
 from slamgauge.compare.scoring import optimum_figures, verdicts
 from slamgauge.compare.scoring.aggregation import (
+    OverRuns,
     excess_over,
     final_sigma_ratio,
     late_coverage,
@@ -37,21 +39,27 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
 
+def _of_run(key: str, text: str, column: Column | None = None, measure: Measure | None = None) -> Metric:
+    return Metric(key, text, scored=True, column=column, measure=measure)
+
+
+def _of_study(key: str, text: str, over_runs: OverRuns, column: Column | None = None) -> Metric:
+    return Metric(key, text, over_runs=over_runs, column=column)
+
+
+def _of_both(key: str, text: str, over_runs: OverRuns, column: Column | None = None) -> Metric:
+    return Metric(key, text, scored=True, over_runs=over_runs, column=column)
+
+
 def _averaged(key: str, text: str, column: Column | None = None, measure: Measure | None = None) -> Metric:
     """Return a metric of runs that studies store and average."""
     return Metric(key, text, scored=True, stored=True, over_runs=mean_of(key), column=column, measure=measure)
 
 
 def _coverage(percent: int, column: Column | None = None) -> Metric:
-    """Return the metric of the ellipses of a level."""
-    return Metric(
-        f"coverage_{percent}",
-        f"share of the positions inside their {percent} % ellipses; in studies from the 11th step on",
-        scored=True,
-        over_runs=late_coverage(percent / 100),
-        column=column,
-        measure=coverage(percent / 100),
-    )
+    text = f"share of the positions inside their {percent} % ellipses; in studies from the 11th step on"
+    metric = _of_both(f"coverage_{percent}", text, late_coverage(percent / 100), column)
+    return replace(metric, measure=coverage(percent / 100))
 
 
 CATALOGUE = (
@@ -60,59 +68,54 @@ CATALOGUE = (
         "RMS position error over the poses with truth, without alignment",
         Column("ATE [m]", run=1, study=1, sweep=1),
     ),
-    Metric("ate_aligned_m", "RMS position error after the best rigid motion in SE(2)", scored=True),
-    Metric(
+    _of_run("ate_aligned_m", "RMS position error after the best rigid motion in SE(2)"),
+    _of_study(
         "position_rmse_m",
         "mean over steps of the RMS position error over runs (as in the literature)",
-        over_runs=mean_root_of("error_x", "error_y"),
-        column=Column("RMSE [m]", study=2, sweep=2, of_bounds=True),
+        mean_root_of("error_x", "error_y"),
+        Column("RMSE [m]", study=2, sweep=2, of_bounds=True),
     ),
-    Metric(
+    _of_both(
         "heading_rmse_rad",
         "RMS heading error; in studies, mean over steps of the RMS over runs",
-        scored=True,
-        over_runs=mean_root_of("error_heading"),
-        column=Column("heading [rad]", "heading error [rad]", "{:.4f}", run=6, study=9),
+        mean_root_of("error_heading"),
+        Column("heading [rad]", "heading error [rad]", "{:.4f}", run=6, study=9),
     ),
     _averaged(
         "final_position_error_m",
         "position error of the last pose",
         Column("end [m]", "final position error [m]", run=7, study=10),
     ),
-    Metric("final_heading_error_rad", "absolute heading error of the last pose", scored=True),
-    Metric("rpe_m", "RMS translation error of single steps, in the body frame", scored=True),
-    Metric(
+    _of_run("final_heading_error_rad", "absolute heading error of the last pose"),
+    _of_run("rpe_m", "RMS translation error of single steps, in the body frame"),
+    _of_run(
         "rpe_by_distance",
         "relative pose errors over segments of the path, by their length (`trajectory_error.RelativeError`)",
-        scored=True,
         measure=relative_errors,
     ),
-    Metric(
+    _of_run(
         "nees_pose",
         "mean over time of the pose NEES: about 3 if the estimate is consistent",
-        scored=True,
-        column=Column("NEES", form="{:.2f}", run=3),
+        Column("NEES", form="{:.2f}", run=3),
     ),
-    Metric(
+    _of_study(
         "nees_pose_per_dof",
         "mean over runs and steps from the 11th on of the pose NEES over 3",
-        over_runs=late_mean_of("nees_pose", 3),
-        column=Column("NEES/3", form="{:.2f}", study=5, sweep=5),
+        late_mean_of("nees_pose", 3),
+        Column("NEES/3", form="{:.2f}", study=5, sweep=5),
     ),
-    Metric(
+    _of_study(
         "nees_position_per_dof",
         "mean over runs and steps from the 11th on of the position NEES over 2",
-        over_runs=late_mean_of("nees_position", 2),
+        late_mean_of("nees_position", 2),
     ),
-    Metric(
-        "nees_heading",
-        "mean over runs and steps from the 11th on of the heading NEES",
-        over_runs=late_mean_of("nees_heading", 1),
+    _of_study(
+        "nees_heading", "mean over runs and steps from the 11th on of the heading NEES", late_mean_of("nees_heading", 1)
     ),
-    Metric(
+    _of_study(
         "nees_share_inside_band",
         "share of steps whose mean pose NEES over runs is in its chi-square band",
-        over_runs=share_inside_band,
+        share_inside_band,
     ),
     _coverage(50),
     _coverage(95, Column("in 95% ellipse", form="{:.1%}", run=4, study=6)),
@@ -122,12 +125,11 @@ CATALOGUE = (
         "log score: mean over time of -log p of the true pose [m, m, rad] under the estimate's Gaussian [nats]",
         measure=log_score,
     ),
-    Metric(
+    _of_both(
         "nis_per_dof",
         "NIS over its degrees of freedom: about 1 if the assumed noise is right",
-        scored=True,
-        over_runs=total_nis,
-        column=Column("NIS/dof", run=5, study=8),
+        total_nis,
+        Column("NIS/dof", run=5, study=8),
     ),
     Metric("nis_total", "sum of the NIS of all steps", stored=True),
     Metric("nis_dof_total", "degrees of freedom of the NIS of all steps", stored=True),
@@ -174,69 +176,59 @@ CATALOGUE = (
         scored=True,
         stored=True,
     ),
-    Metric("track_purity_min", "smallest such share of a track", scored=True),
-    Metric(
-        "rays",
-        "result of the rays of a bearing-only estimate (`ray_figures.RayFigures`)",
-        scored=True,
-        over_runs=mean_rays,
-    ),
-    Metric(
+    _of_run("track_purity_min", "smallest such share of a track"),
+    _of_both("rays", "result of the rays of a bearing-only estimate (`ray_figures.RayFigures`)", mean_rays),
+    _of_both(
         "ratio_to_optimum",
         "ATE over that of the optimum of the same kind, paired run by run",
-        scored=True,
-        over_runs=over_optimum(),
-        column=Column("x optimum", form="{:.2f}", run=2, relative=True),
+        over_optimum(),
+        Column("x optimum", form="{:.2f}", run=2, relative=True),
     ),
-    Metric(
+    _of_study(
         "ratio_to_causal",
         "ATE over that of the causal optimum",
-        over_runs=over_optimum(CAUSAL),
-        column=Column("x causal", study=3, sweep=3, relative=True),
+        over_optimum(CAUSAL),
+        Column("x causal", study=3, sweep=3, relative=True),
     ),
-    Metric(
+    _of_study(
         "ratio_to_bound",
         "`position_rmse_m` over that of the Cramer-Rao bound of the same kind, over the same runs",
-        over_runs=over_bound,
-        column=Column("x bound", study=4, sweep=4, of_bounds=True),
+        over_bound,
+        Column("x bound", study=4, sweep=4, of_bounds=True),
     ),
-    Metric(
+    _of_study(
         "ratio_to_hindsight",
         "ATE over that of the hindsight optimum",
-        over_runs=over_optimum(HINDSIGHT),
-        column=Column("x hindsight", study=7),
+        over_optimum(HINDSIGHT),
+        Column("x hindsight", study=7),
     ),
-    Metric(
+    _of_study(
         "position_sigma_m",
         "RMS position sigma that the estimator reports",
-        over_runs=lambda runs, _: mean_interval(reported_sigma(runs)),
-        column=Column("sigma [m]", "reported position sigma [m]", sweep=6),
+        lambda runs, _: mean_interval(reported_sigma(runs)),
+        Column("sigma [m]", "reported position sigma [m]", sweep=6),
     ),
-    Metric("sigma_ratio_to_optimum", "mean over time of sigma over the optimum's, for x, y and heading", scored=True),
-    Metric(
+    _of_run("sigma_ratio_to_optimum", "mean over time of sigma over the optimum's, for x, y and heading"),
+    _of_study(
         "sigma_ratio_to_optimum_final",
         "mean over runs of the last sigma over the optimum's, for x, y and heading",
-        over_runs=final_sigma_ratio,
+        final_sigma_ratio,
     ),
-    Metric(
+    _of_run(
         "mahalanobis_to_optimum",
         "mean over time of the squared Mahalanobis distance to the optimum, under its covariance",
-        scored=True,
-        column=Column("d to optimum", "Mahalanobis distance² to the optimum", "{:.3g}", run=12, relative=True),
+        Column("d to optimum", "Mahalanobis distance² to the optimum", "{:.3g}", run=12, relative=True),
     ),
-    Metric(
+    _of_run(
         "log_score_to_optimum",
         "log score minus that of the optimum of the same kind at the same steps [nats]: 0 is as good, more is worse",
-        scored=True,
-        column=Column(
-            "log score to optimum", "log-score difference to the optimum [nats]", "{:.2f}", run=13, relative=True
-        ),
+        Column("log score to optimum", "log-score difference to the optimum [nats]", "{:.2f}", run=13, relative=True),
     ),
-    Metric(
+    _of_study(
         "log_score_to_causal",
         "log score minus that of the causal optimum [nats], paired run by run",
-        over_runs=excess_over("log_score", CAUSAL),
-        column=Column(
+        excess_over("log_score", CAUSAL),
+        Column(
             "log score to causal",
             "log-score difference to the causal optimum [nats]",
             "{:.2f}",
@@ -244,13 +236,12 @@ CATALOGUE = (
             relative=True,
         ),
     ),
-    Metric(
+    _of_run(
         "final_distance_to_batch_m",
         "distance of the last position from batch's",
-        scored=True,
-        column=Column("end to batch [m]", "final distance to batch [m]", run=14),
+        Column("end to batch [m]", "final distance to batch [m]", run=14),
     ),
-    Metric("landmark_distance_to_batch_m", "RMS distance of the landmarks from batch's", scored=True),
+    _of_run("landmark_distance_to_batch_m", "RMS distance of the landmarks from batch's"),
     Metric(
         "optimum_check_sigma",
         "distance of a causal optimum's last pose and sigmas from the hindsight optimum's, in sigmas of the latter",
@@ -258,35 +249,25 @@ CATALOGUE = (
         stored=True,
         measure=optimum_figures.check_sigma,
     ),
-    Metric(
-        "yardstick_check_sigma",
-        "`optimum_check_sigma` of the optimum with which the estimate is compared",
-        scored=True,
-    ),
-    Metric(
+    _of_run("yardstick_check_sigma", "`optimum_check_sigma` of the optimum with which the estimate is compared"),
+    _of_study(
         "optimum_check_share",
         f"share of the runs in which the optimum's check is above {optimum_figures.CHECK_LIMIT:g} sigma",
-        over_runs=share_in_doubt,
+        share_in_doubt,
     ),
     _averaged(
         "chi_square_per_dof",
         "squared residuals of an optimum over their degrees of freedom: about 1 if the stated noise is right",
         measure=optimum_figures.chi_square_per_dof,
     ),
-    Metric(
+    _of_run(
         "observations_left_out",
         "number of observations that an optimum leaves out, because they do not place a landmark",
-        scored=True,
         measure=optimum_figures.observations_left_out,
     ),
-    Metric(
-        "verdict",
-        "conclusions from the figures, in words (`verdicts`)",
-        scored=True,
-        over_runs=verdicts.verdict_over_runs,
-    ),
-    Metric("faults", "faults in a few words, without sizes (`verdicts`)", over_runs=verdicts.faults_over_runs),
-    Metric("loop_closure", "one entry per loop closure (`loop_closures.LoopClosure`)", scored=True),
+    _of_both("verdict", "conclusions from the figures, in words (`verdicts`)", verdicts.verdict_over_runs),
+    _of_study("faults", "faults in a few words, without sizes (`verdicts`)", verdicts.faults_over_runs),
+    _of_run("loop_closure", "one entry per loop closure (`loop_closures.LoopClosure`)"),
     Metric(
         "seconds_total",
         "computing time",
@@ -295,7 +276,7 @@ CATALOGUE = (
         over_runs=lambda runs, _: mean(runs.figures["seconds_total"]),
         column=Column("time [s]", "computing time [s]", "{:.2f}", run=15),
     ),
-    Metric("seconds_per_step_median", "median over the steps of the computing time", scored=True),
+    _of_run("seconds_per_step_median", "median over the steps of the computing time"),
 )
 SCORED = frozenset(each.key for each in CATALOGUE if each.scored)
 STORED = (*(each.key for each in CATALOGUE if each.stored), *(f"rays_{name}" for name in RayFigures._fields))

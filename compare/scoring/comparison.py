@@ -14,10 +14,10 @@ from slamgauge.arrays import chunks
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.estimators.side_by_side import run_side_by_side
 from slamgauge.compare.scoring.catalogue import FULL_NAMES, RELATIVE, columns, empty_columns
-from slamgauge.compare.scoring.implausible import beats_the_optimum_in_a_run
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
 from slamgauge.compare.scoring.optimum_notes import (
     MARK,
+    beats_the_optimum_in_a_run,
     distance_from_optimum,
     doubt,
     fit_of_the_model,

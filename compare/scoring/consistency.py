@@ -25,10 +25,14 @@ def squared_mahalanobis(errors: Float, covs: Float) -> Float:
     NaN where the covariance is singular (a fixed start, P0 = 0) or either is NaN. Variances may have different units:
     the correlation matrix is checked and solved, not the covariance.
     """
-    distances = np.empty(len(errors))
+    return _in_chunks(_distances, errors, covs)
+
+
+def _in_chunks(function: Callable[[Float, Float], Float], errors: Float, covs: Float) -> Float:
+    values = np.empty(len(errors))
     for rows in chunks(len(errors)):
-        distances[rows] = _distances(errors[rows], covs[rows])
-    return distances
+        values[rows] = function(errors[rows], covs[rows])
+    return values
 
 
 def _distances(errors: Float, covs: Float) -> Float:
@@ -97,10 +101,7 @@ def log_scores(errors: Float, covs: Float) -> Float:
     NaN where the covariance is singular. The score is proper (Good 1952): the right sigmas have the smallest mean. It
     depends on the units of the errors, here metres and radians, so only differences of scores have a meaning.
     """
-    scores = np.empty(len(errors))
-    for rows in chunks(len(errors)):
-        scores[rows] = _log_scores(errors[rows], covs[rows])
-    return scores
+    return _in_chunks(_log_scores, errors, covs)
 
 
 def _log_scores(errors: Float, covs: Float) -> Float:

@@ -15,16 +15,10 @@ from slamgauge.truth import NOBODY, Truth
 
 
 class AssociationFigures(NamedTuple):
-    """Figures of the data association; None if unknown. A track is a mapped landmark with its observations.
+    """Figures of the data association, defined in `catalogue`; None if unknown.
 
-    Attributes:
-        wrong_associations: observations assigned to a track of another landmark; clutter assigned to any landmark's.
-        observations_rejected: observations assigned to no track.
-        landmarks_true: distinct landmarks that were observed.
-        landmarks_missed: observed landmarks without a counterpart in the map.
-        landmarks_spurious: mapped landmarks without a true counterpart: duplicates, and tracks of clutter.
-        track_purity: mean over tracks of the largest share of their observations that come from one landmark.
-        track_purity_min: smallest such share of a track.
+    A track is a mapped landmark with its observations. Clutter on the track of a landmark is a wrong association; a
+    track of clutter is a spurious landmark.
     """
 
     wrong_associations: int | None = None

@@ -40,6 +40,12 @@ class Ates(NamedTuple):
     ate_m: Float
 
 
+def paired_figures(key: str, runs: Runs, other: Runs) -> tuple[Float, Float]:
+    """Return a figure (C,) of the common runs of two estimators."""
+    ours, theirs = paired(runs, other)
+    return runs.figures[key][ours], other.figures[key][theirs]
+
+
 def paired(runs: Runs, optimum: Runs) -> tuple[Int, Int]:
     """Return the rows of the common runs in `runs` and in `optimum`."""
     _, ours, theirs = np.intersect1d(runs.run, optimum.run, assume_unique=True, return_indices=True)

@@ -15,7 +15,6 @@ Tone = Literal["plain", "head", "good", "bad", "faint"]
 Paint = Callable[[str, Tone], str]
 
 LONGEST_NAME = 28  # characters of the first column if the width is limited; longer names lose their middle
-ROOMY = 200  # characters: from this width on, a second table below shows the columns that do not fit
 NARROWEST = 22  # characters: least width of a column of sentences
 TONES: dict[str, Tone] = {
     **dict.fromkeys(("passed", "holds"), "good"),
@@ -99,7 +98,7 @@ def _painted(line: str, row: Sequence[str], paint: Paint) -> str:
 
 
 def _fitted_lines(grid: Grid, width: int, paint: Paint) -> list[str]:
-    """Return the columns that fit, and below them a table of the other columns or a list of their names."""
+    """Return the columns that fit, and below them the names of the others."""
     rows = [[_shortened(row[0]), *row[1:]] for row in grid.rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     least = list(widths)
@@ -116,10 +115,6 @@ def _fitted_lines(grid: Grid, width: int, paint: Paint) -> list[str]:
         lines = _with_sentences(shown, grid.words, grid.sentences, room, paint)
     if kept == len(widths):
         return lines
-    named = grid.words if isinstance(grid.words, int) else 1
-    if width >= ROOMY and kept > named:
-        rest = Grid([[*row[:named], *row[kept:]] for row in rows], named, names=grid.names)
-        return [*lines, "", *_grid_lines(rest, width, paint)]
     hidden = f"Hidden columns (show with --wide): {', '.join(grid.full_names(kept))}"
     return lines + [paint(line, "faint") for line in _wrapped(hidden, width)]
 

@@ -40,11 +40,6 @@ def distances(errors: Float) -> Float:
     return np.sqrt(squared_distances(errors))
 
 
-def stored_distances(errors_x: Float, errors_y: Float) -> Float:
-    """Return the same from errors by coordinate (n,), equal to the last bit to stores of earlier versions."""
-    return np.hypot(errors_x, errors_y)
-
-
 def step_errors(reference: Float, poses: Float) -> Float:
     """Return translations (n-1,) [m] by which consecutive body-frame steps differ (evo's RPE at a delta of one)."""
     errors = np.empty(len(poses) - 1)

@@ -22,7 +22,7 @@ from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
 from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs, share_of_doubt
-from slamgauge.compare.scoring.runs import Runs, paired
+from slamgauge.compare.scoring.runs import Runs, paired_figures
 
 LEVEL = 0.99  # probability of the two-sided chi-square bands of NEES and NIS
 WORTH = 0.05  # least relative deviation that is stated, and the precision that a study should reach
@@ -34,18 +34,10 @@ NORMAL = 1.959964  # standard deviations of a 95 % interval
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """Figures on which a verdict is based; None if unknown.
+    """Figures on which a verdict is based, as in `catalogue`; None if unknown.
 
-    Attributes:
-        runs: number of independent runs with a NEES.
-        nees_per_dof: mean pose NEES over 3.
-        coverage_95: share of the positions inside their 95 % ellipses.
-        nis_per_dof: NIS over its degrees of freedom.
-        nis_dof: degrees of freedom of the NIS in all runs.
-        ratio: ATE over that of an optimum that is neither in doubt nor the estimate itself.
-        ratio_runs: number of runs of the ratio.
-        optimum: name of that optimum.
-        wrong_associations: mean over runs.
+    `runs` is the number of independent runs with a NEES, `nis_dof` the degrees of freedom of the NIS in all runs,
+    `ratio` the ATE over that of an `optimum` that is not in doubt, in `ratio_runs` runs.
     """
 
     runs: int
@@ -230,5 +222,5 @@ def _over_optimum(runs: Runs, optimum: Runs | None) -> tuple[Interval | None, in
         return None, 0
     if is_misfit_in_runs(mean_interval(optimum.figures["chi_square_per_dof"])):
         return None, 0
-    ours, theirs = paired(runs, optimum)
-    return ratio_interval(runs.figures["ate_m"][ours], optimum.figures["ate_m"][theirs]), len(ours)
+    ates = paired_figures("ate_m", runs, optimum)
+    return ratio_interval(*ates), len(ates[0])

@@ -9,11 +9,10 @@ from typing import Any
 from slamgauge.compare.estimators.registry import BOUND_OF, BOUNDS, CAUSAL, HINDSIGHT, REGISTRY, is_ours
 from slamgauge.compare.scoring.aggregation import BAND_LEVEL
 from slamgauge.compare.scoring.catalogue import FULL_NAMES, RELATIVE, SUMMED_UP, columns, empty_columns
-from slamgauge.compare.scoring.implausible import beats_the_optimum
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.metric import Table
 from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs
-from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, mean_fit, misfits
+from slamgauge.compare.scoring.optimum_notes import MARK, beats_the_optimum, doubt_in_runs, mean_fit, misfits
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_page import Grid, Page

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slamgauge.compare.scoring.assertions import assert_error_bounds
 from slamgauge.compare.scoring.consistency import chi2_band
+from slamgauge.compare.scoring.error_bounds import assert_error_bounds
 from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.estimate import Estimate
 from slamgauge.truth import Truth

@@ -9,8 +9,8 @@ import pytest
 
 from slamgauge import compare_estimators, load_estimators, load_scenario, riekf, simulate
 from slamgauge.compare.scoring.comparison import table
-from slamgauge.compare.scoring.implausible import beats_the_optimum, is_too_near_the_truth
 from slamgauge.compare.scoring.intervals import Interval, ratio_interval
+from slamgauge.compare.scoring.optimum_notes import beats_the_optimum, is_too_near_the_truth
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth

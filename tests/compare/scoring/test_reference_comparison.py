@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.scoring.aggregation import FIRST_STEP
-from slamgauge.compare.scoring.assertions import assert_error_bounds
-from slamgauge.compare.scoring.reference_comparison import NO_COVS, against_reference
+from slamgauge.compare.scoring.error_bounds import NO_COVS, against_reference, assert_error_bounds
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.errors import UserError
 

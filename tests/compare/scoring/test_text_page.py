@@ -56,18 +56,6 @@ def test_a_column_that_is_wider_than_its_title_is_hidden_too():
     ]
 
 
-def test_in_a_wide_terminal_no_column_is_hidden():
-    titles = [f"figure {place:02}" for place in range(40)]
-    grid = Grid([["gate", "estimator", *titles], ["1", "ekf", *titles], ["9", "mine", *titles]], 2)
-    lines = Page((grid,)).text(200).splitlines()
-    heads = [line.split("  ") for line in lines if line.startswith("gate")]
-    assert [head[:2] for head in heads] == [["gate", "estimator"]] * 3
-    assert [title for head in heads for title in head[2:]] == titles
-    assert max(map(len, lines)) <= 200
-    assert not any("Hidden" in line for line in lines)
-    assert "Hidden columns" in Page((grid,)).text(199)
-
-
 def test_sentences_continue_on_further_lines():
     lines = Page((SENTENCES,)).text(40).splitlines()
     assert lines == [
