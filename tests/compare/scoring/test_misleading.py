@@ -114,14 +114,8 @@ def test_a_study_names_and_marks_them_too(thread: ThreadPoolExecutor, tmp_path: 
 
 
 def test_over_runs_the_whole_interval_must_be_much_off() -> None:
-    fits = [
-        None,
-        Interval(2.0, None, None),
-        Interval(1.2, 1.04, 1.36),
-        Interval(1.2, 1.1, 1.3),
-        Interval(0.5, 0.4, 0.6),
-    ]
-    assert [is_misfit_in_runs(fit) for fit in fits] == [False, False, False, True, True]
+    fits = [Interval(2.0, None, None), Interval(1.2, 1.04, 1.36), Interval(1.2, 1.1, 1.3), Interval(0.5, 0.4, 0.6)]
+    assert [is_misfit_in_runs(fit) for fit in (None, *fits)] == [False, False, False, True, True]
 
 
 def test_accepted_outliers_are_in_the_budget() -> None:
@@ -139,30 +133,25 @@ def test_accepted_outliers_are_in_the_budget() -> None:
 SEEN = Truth(landmark_ids=np.array([4, 9]), landmarks=np.zeros((2, 2)), association=np.array([4, 9, -1]))
 
 
-def test_clutter_is_rejected_or_a_false_track_or_wrong() -> None:
-    recording = examples.recording(landmark=None)
-    lines = {
-        "rejected": ([0, 1, -1], [0, 1], (0, 1, 0)),
-        "a false track": ([0, 1, 2], [0, 1, 2], (0, 0, 1)),
-        "wrong": ([0, 1, 1], [0, 1], (1, 0, 0)),
-    }
-    for what, (given, ids, expected) in lines.items():
-        estimate = examples.estimate(
-            association=given, landmark_ids=ids, landmarks=np.zeros((len(ids), 2)), landmark_covs=None
-        )
-        found = association_figures(SEEN, recording, estimate)
-        figures = (found.wrong_associations, found.observations_rejected, found.landmarks_spurious)
-        assert figures == expected, what
-        assert (found.landmarks_true, found.landmarks_missed) == (2, 0)
-
-
-def test_with_ids_clutter_is_a_track_of_its_own() -> None:
-    recording = examples.recording(landmark=[4, 9, 10])
-    estimate = examples.estimate(
-        association=[4, 9, 10], landmark_ids=[4, 9, 10], landmarks=np.zeros((3, 2)), landmark_covs=None
-    )
-    found = association_figures(SEEN, recording, estimate)
-    assert (found.wrong_associations, found.landmarks_spurious, found.landmarks_true) == (0, 1, 2)
+@pytest.mark.parametrize(
+    ("landmark", "association", "ids", "wrong", "rejected", "spurious"),
+    [
+        (None, [0, 1, -1], [0, 1], 0, 1, 0),
+        (None, [0, 1, 2], [0, 1, 2], 0, 0, 1),
+        (None, [0, 1, 1], [0, 1], 1, 0, 0),
+        ([4, 9, 10], [4, 9, 10], [4, 9, 10], 0, 0, 1),
+    ],
+    ids=["rejected", "false track", "wrong", "false track with ids"],
+)
+def test_clutter_is_rejected_or_a_false_track_or_wrong(
+    landmark: list[int] | None, association: list[int], ids: list[int], wrong: int, rejected: int, spurious: int
+) -> None:
+    landmarks = {"landmark_ids": ids, "landmarks": np.zeros((len(ids), 2)), "landmark_covs": None}
+    estimate = examples.estimate(association=association, **landmarks)
+    found = association_figures(SEEN, examples.recording(landmark=landmark), estimate)
+    figures = (found.wrong_associations, found.observations_rejected, found.landmarks_spurious)
+    assert figures == (wrong, rejected, spurious)
+    assert (found.landmarks_true, found.landmarks_missed) == (2, 0)
 
 
 def test_clutter_closes_no_loop() -> None:

@@ -10,11 +10,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slamgauge import compare_estimators, load_estimators, load_scenario, riekf, simulate
 from slamgauge.compare.scoring.comparison import Comparison, metrics, optimum_notes, table
 from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.intervals import Interval, ratio_interval
 from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT
-from slamgauge.compare.scoring.optimum_notes import MARK, fit_of_the_model, left_out, mean_fit
+from slamgauge.compare.scoring.optimum_notes import (
+    MARK,
+    beats_the_optimum,
+    fit_of_the_model,
+    is_too_near_the_truth,
+    left_out,
+    mean_fit,
+)
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -24,17 +32,14 @@ from tests.reference import vocabulary_examples as examples
 FILTER = examples.estimate(association=[4, 4, 9], poses=np.full((3, 3), 0.2))
 CAUSAL = examples.estimate(association=[4, 4, 9], poses=np.full((3, 3), 0.1), nis=None, nis_dof=None)
 BATCH = replace(CAUSAL, kind="smoothed")
+MARKED = "figures relative to it are marked ?"
 
 
 def compared(
-    causal: Estimate = CAUSAL,
-    batch: Estimate | None = BATCH,
-    *,
-    recording: Recording | None = None,
-    truth: Truth | None = None,
+    causal: Estimate = CAUSAL, batch: Estimate | None = BATCH, recording: Recording | None = None
 ) -> Comparison:
     """Return the comparison of a filter and its optima, as `compare_estimators` does."""
-    recording, truth = recording or examples.recording(), truth or examples.truth()
+    recording, truth = recording or examples.recording(), examples.truth()
     estimates = {"ekf": FILTER, "causal": causal} | ({} if batch is None else {"batch": batch})
     scores = {
         name: evaluate(truth, recording, each, batch if each.kind == "smoothed" else causal, batch)
@@ -60,11 +65,6 @@ def test_metrics_have_the_quality_of_an_optimum():
     assert [found["batch"][key] for key in keys] == [None, 2.0, 2, 2]
     assert [found["ekf"][key] for key in keys] == [None, None, None, 0]
     assert [found[name]["yardstick_check_sigma"] for name in ("ekf", "causal", "batch")] == [0.31, 0.31, None]
-
-
-def test_an_optimum_without_a_degree_of_freedom_has_no_fit():
-    scores = compared(replace(CAUSAL, chi_square=0.0, chi_square_dof=0)).scores
-    assert scores["causal"].figure("chi_square_per_dof") is None
 
 
 def test_an_infinite_check_is_the_largest_double_in_json():
@@ -105,6 +105,8 @@ def test_the_band_of_the_fit_never_rounds_to_a_point(dof: int):
 def test_without_residuals_there_is_no_fit():
     assert fit_of_the_model("x", BATCH) is None
     assert fit(1.0, 0) is None
+    scores = compared(replace(CAUSAL, chi_square=0.0, chi_square_dof=0)).scores
+    assert scores["causal"].figure("chi_square_per_dof") is None
     assert mean_fit("x", None) is None
     assert mean_fit("x", Interval(1.0, 0.9, 1.1)) == "fit of the model: chi2/dof of the x 1.000 ± 0.100"
 
@@ -161,14 +163,8 @@ def test_figures_relative_to_an_optimum_in_doubt_are_marked(title: str):
     [
         (None, []),
         (CHECK_LIMIT, []),
-        (0.312, ["causal is 0.31 sigma from the optimum at a checked step: figures relative to it are marked ?"]),
-        (
-            math.inf,
-            [
-                "the optimum of some steps of causal, or that of the whole recording, was not found: "
-                "figures relative to it are marked ?"
-            ],
-        ),
+        (0.312, [f"causal is 0.31 sigma from the optimum at a checked step: {MARKED}"]),
+        (math.inf, [f"the optimum of some steps of causal, or that of the whole recording, was not found: {MARKED}"]),
     ],
 )
 def test_a_note_has_the_reason_of_marks(check: float | None, said: list[str]):
@@ -179,3 +175,69 @@ def test_a_graph_with_a_filters_associations_is_named_and_marks_nothing():
     comparison = compared()
     comparison.estimates["causal@ekf"] = replace(CAUSAL, optimum_check=2.0)
     assert notes(comparison) == ["causal@ekf is 2 sigma from the optimum at a checked step"]
+
+
+# --- estimates that are better -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("ratio", "runs", "is_reported"),
+    [
+        (Interval(0.75, 0.72, 0.78), 20, True),
+        (Interval(0.99, 0.965, 1.015), 100, False),
+        (Interval(0.95, 0.92, 0.98), 20, False),  # 95 % below, 99.9 % not
+        (Interval(0.5, None, None), 1, False),
+        (None, 20, False),
+    ],
+)
+def test_ratios_over_runs(ratio: Interval | None, runs: int, is_reported: bool):
+    note = beats_the_optimum(ratio, runs)
+    assert (note is not None) == is_reported
+    if note:
+        assert note.startswith("its error is 0.75 ± 0.056 times the causal optimum's (99.9% interval): no filter can")
+
+
+def test_estimators_as_good_as_the_optimum_are_rarely_reported():
+    """The false-alarm rate is 1 in 2000; 0 to 7 of 4000 have a probability of 0.9989 then."""
+    rng = np.random.default_rng(0)
+    draws = rng.normal(1.0, 0.1, (4000, 2, 20))
+    reported = sum(beats_the_optimum(ratio_interval(ours, best), 20) is not None for ours, best in draws)
+    assert reported <= 7
+
+
+def chance(seed: int, scale: float, sampled: float = 1.0) -> tuple[Truth, Estimate, Estimate]:
+    """Return truth, an estimate with errors `scale` times the optimum's sigmas, and the optimum."""
+    rng = np.random.default_rng(seed)
+    steps = 50
+    # equal errors at all steps vary most from run to run
+    errors = np.tile(sampled * rng.normal(0.0, [1.0, 1.0, 0.1]), (steps, 1))
+    covs = np.tile(np.diag([1.0, 1.0, 0.01]), (steps, 1, 1))
+    truth = Truth(np.zeros((steps, 3)))
+    other = scale * sampled * np.tile(rng.normal(0.0, [1.0, 1.0, 0.1]), (steps, 1))
+    return truth, Estimate("filtered", other, covs), Estimate("filtered", errors, covs)
+
+
+def test_a_run_of_a_right_filter_is_rarely_too_near_the_truth():
+    """Probability 0.0005 each at most: more than 5 of 2000 have one of 6e-4."""
+    assert sum(is_too_near_the_truth(*chance(seed, 1.0)) for seed in range(2000)) <= 5
+
+
+def test_a_run_that_uses_the_truth_is_reported_unless_the_optimum_is_as_near_by_its_start():
+    assert is_too_near_the_truth(*chance(0, 0.01))
+    assert not is_too_near_the_truth(*chance(0, 1.0, sampled=0.01))
+    truth, estimate, optimum = chance(0, 0.01)
+    assert not is_too_near_the_truth(truth, replace(estimate, kind="smoothed"), optimum)
+    assert not is_too_near_the_truth(Truth(), estimate, optimum)
+
+
+def test_the_table_has_the_note():
+    truth, recording = simulate(load_scenario("q1-short-dense", ["start=sampled", "trajectory.duration=8"]), 1)
+    assert truth.poses is not None
+    poses = truth.poses + 1e-5
+
+    def cheats(given: Recording) -> Estimate:
+        return replace(riekf(given), poses=poses)
+
+    estimators = {"cheats": cheats, **load_estimators(["riekf", "causal"])}
+    lines = str(table(compare_estimators(truth, recording, estimators))).splitlines()
+    assert [line.partition(":")[0] for line in lines if "significantly nearer to the truth" in line] == ["cheats"]
