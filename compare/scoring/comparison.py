@@ -121,7 +121,7 @@ def compare_estimators(
 def metrics(
     comparison: Comparison, scenario: str | None, seed: int | None, scenario_text: str | None = None
 ) -> dict[str, Any]:
-    """Return the content of metrics.json; scenario, its text and seed are None for a stored recording."""
+    """Return the content of metrics.json; a stored recording has no scenario, text and seed (None)."""
     return {
         **origin(scenario_text),
         "scenario": scenario,

@@ -41,7 +41,7 @@ def location(values: Float, limit: float) -> float:
 
 
 def lower_end(values: Float, limit: float, log_threshold: float) -> float:
-    """Return the largest m at which bets on more have reached the threshold; -infinity if so few runs cannot.
+    """Return the largest m at which bets on more have reached the threshold; -infinity if there are too few runs.
 
     It exceeds the location of the distribution of `values` (R,) with probability exp(-log_threshold) at most, at all R
     at once.
@@ -58,9 +58,9 @@ def upper_end(values: Float, limit: float, log_threshold: float) -> float:
 
 
 def smallest_effect(values: Float, limit: float, log_threshold: float, runs: int) -> float:
-    """Return the distance of a location from m at which bets reach the threshold with POWER after so many runs.
+    """Return the distance of a location from m at which bets reach the threshold with POWER after `runs` runs.
 
-    Further runs are assumed to scatter like `values` (R,). Infinite if so few runs never reach the threshold.
+    Further runs are assumed to scatter like `values` (R,). Infinite if this number of runs cannot reach it.
     """
     centred = values - location(values, limit)
     return max(_smallest_above(each, limit, log_threshold, runs) for each in (centred, -centred))

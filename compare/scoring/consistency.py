@@ -57,7 +57,7 @@ def _eliminate(C: Float, e: Float) -> tuple[Float, Float]:
         for i in range(e.shape[1]):
             pivot = C[:, i, i]
             total += e[:, i] ** 2 / pivot
-            determinant *= np.maximum(pivot, 0.0)  # an indefinite matrix is no covariance
+            determinant *= np.maximum(pivot, 0.0)  # 0 for an indefinite matrix
             factor = C[:, i + 1 :, i] / pivot[:, None]
             e[:, i + 1 :] -= factor * e[:, i, None]
             C[:, i + 1 :, i + 1 :] -= factor[:, :, None] * C[:, None, i, i + 1 :]

@@ -43,7 +43,7 @@ class Paired(NamedTuple):
 
 
 def mean_interval(values: Float, level: float = LEVEL) -> Interval | None:
-    """Return Student's interval of the mean of the entries that are not NaN; None if there are none."""
+    """Return Student's interval of the mean of the entries that are not NaN; None without entries."""
     values = values[~np.isnan(values)]
     if not len(values):
         return None

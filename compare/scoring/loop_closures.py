@@ -41,7 +41,7 @@ def closure_steps(truth: Truth | None, recording: Recording) -> Int | None:
     for rows in chunks(len(ids)):
         of_landmarks = np.flatnonzero(ids[rows] != NOBODY)
         slot, step = np.searchsorted(names, ids[rows][of_landmarks]), recording.observation_step[rows][of_landmarks]
-        order = np.argsort(slot, kind="stable")  # by landmark, then by time
+        order = np.argsort(slot, kind="stable")  # sorted by landmark, then by time
         slot, step, stamp = slot[order], step[order], recording.stamps[step[order]]
         begins = np.diff(slot, prepend=-1) != 0
         before = np.where(begins, last[slot], np.roll(stamp, 1))

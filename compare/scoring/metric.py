@@ -13,7 +13,7 @@ from slamgauge.truth import Truth
 
 Table = Literal["run", "study", "sweep"]
 Measure = Callable[[Truth, Recording, Estimate], Any]  # returns a figure, or JSON of several; None: unknown
-UNITS = {"_m": "m", "_rad": "rad"}  # by the end of a key
+UNITS = {"_m": "m", "_rad": "rad"}  # units of keys with these endings
 
 
 @dataclass(frozen=True)

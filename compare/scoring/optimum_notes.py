@@ -25,7 +25,7 @@ from slamgauge.truth import NOBODY, Truth
 
 MARK = "?"  # behind figures that are relative to an optimum in doubt
 FIT_LEVEL = 0.95  # probability of the two-sided chi-square band of the fit
-SURE = 0.999  # probability of the two-sided interval: of 2000 estimators as good as the optimum one is reported
+SURE = 0.999  # probability of the two-sided interval: one in 2000 estimators with the optimum's accuracy is reported
 FAR_BELOW = 0.1  # largest share of the optimum's own figure
 WHY = "no filter can be; check whether it uses the truth, later measurements or the scenario"
 
@@ -64,7 +64,7 @@ def left_out(name: str, truth: Truth | None, recording: Recording, optimum: Esti
         ids = truth.association[truth.association != NOBODY]  # the associations that optima receive
     landmarks = 0 if ids is None else int(np.sum(~np.isin(np.unique(ids), optimum.landmark_ids)))
     counts = [counted(landmarks, "landmark")] * (landmarks > 0) + [counted(observations, "observation")]
-    why = "" if SENSORS[recording.sensor].places_landmarks else " that bearings alone do not place"
+    why = "" if SENSORS[recording.sensor].places_landmarks else " that bearings do not determine"
     return f"{name} leaves out {' and '.join(counts)}{why}"
 
 

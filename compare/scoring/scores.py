@@ -28,7 +28,7 @@ from slamgauge.validation import require_type
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Score:
-    """Figures of an estimate; a figure that does not apply is None.
+    """Figures of an estimate; None if a figure does not apply.
 
     `catalogue` defines the figures and their units. `kind` is `filtered` (compared with `causal`) or `smoothed`
     (compared with `batch`), `nees` (N+1,) the pose NEES of each step, `sigmas` (N+1, 3) those of x, y [m] and heading
@@ -123,7 +123,7 @@ def evaluate(
     optimum: Estimate | None = None,
     batch: Estimate | None = None,
 ) -> Score:
-    """Score an estimate against the truth, the optimum of its own kind and the hindsight optimum.
+    """Score an estimate against the truth, the optimum of the same kind and the hindsight optimum.
 
     Args:
         truth: the known part of the truth; None on real data without ground truth.
@@ -136,12 +136,9 @@ def evaluate(
         UserError: lengths do not fit the recording, or the optimum is of another kind.
     """
     truth = Truth() if truth is None else truth
-    for name, value, kind in (
-        ("truth", truth, Truth),
-        ("recording", recording, Recording),
-        ("estimate", estimate, Estimate),
-    ):
-        require_type(name, value, kind)
+    require_type("truth", truth, Truth)
+    require_type("recording", recording, Recording)
+    require_type("estimate", estimate, Estimate)
     _check(truth, recording, estimate, optimum, batch)
     figures = _path_figures(truth, recording, estimate)
     figures |= map_figures(truth, recording, estimate, batch)

@@ -38,5 +38,5 @@ def interval_cell(interval: Interval | None, form: str) -> str:
 
 
 def marked(text: str, mark: str, *, is_marked: bool) -> str:
-    """Return a cell with the mark, or with blanks in its place to keep the figures of a column aligned."""
+    """Return a cell with the mark, or with blanks instead, to keep the figures of a column aligned."""
     return text + (mark if is_marked and text != "-" else " " * len(mark))

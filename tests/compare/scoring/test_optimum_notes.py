@@ -127,12 +127,12 @@ def test_landmarks_and_observations_left_out_are_counted():
     )
     less = replace(BATCH, landmark_ids=[9], landmarks=[[1.0, 2.0]], landmark_covs=None, association=[-1, -1, 9])
     said = "batch leaves out 1 landmark and 2 observations"
-    assert notes(compared(CAUSAL, less, recording=bearings)) == [f"{said} that bearings alone do not place"]
+    assert notes(compared(CAUSAL, less, recording=bearings)) == [f"{said} that bearings do not determine"]
     assert left_out("batch", None, examples.recording(), less) == said
     assert left_out("batch", examples.truth(), examples.recording(landmark=None), less) == said
     assert left_out("batch", None, examples.recording(landmark=None), less) == "batch leaves out 2 observations"
     assert left_out("batch", None, bearings, replace(CAUSAL, association=[4, -1, 9])) == (
-        "batch leaves out 1 observation that bearings alone do not place"
+        "batch leaves out 1 observation that bearings do not determine"
     )
 
 

@@ -30,7 +30,7 @@ from .builders import path, straight
 
 SCHEMA = json.loads((Path(scores.__file__).parents[1] / "schemas/metrics.json").read_text(encoding="utf-8"))
 METRICS_JSON = {*SCHEMA["properties"]["estimators"]["additionalProperties"]["required"]}
-true: Any = Truth  # Any: lists in place of arrays
+true: Any = Truth  # Any: lists instead of arrays
 filtered: Any = partial(Estimate, "filtered")
 smoothed: Any = partial(Estimate, "smoothed")
 angles = st.floats(-math.pi, math.pi)
