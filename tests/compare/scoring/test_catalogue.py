@@ -20,6 +20,7 @@ from slamgauge.compare.studies import study_run, summary
 from slamgauge.compare.studies.study_run import run_once
 from slamgauge.compare.studies.summary import EstimatorSummary, Summary, summarise, summary_table
 from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
 
 SHORT = ["start=sampled", "trajectory.duration=2"]
 NO_METRICS = {"kind", "nees", "sigmas", "nis_total", "nis_dof_total", "others"}  # fields of a score
@@ -96,7 +97,10 @@ def test_a_new_metric_needs_only_its_entry(monkeypatch: pytest.MonkeyPatch):
 
 def test_columns_without_any_figure_are_named_and_only_simulated_runs_lead_to_a_study() -> None:
     truth, recording, informed = simulate_informed(load_scenario("q1-long-dense", ["trajectory.duration=2"]), 0)
-    bare = Estimate(kind="filtered", poses=np.zeros((recording.steps + 1, 3)))
+
+    def bare(given: Recording) -> Estimate:
+        return Estimate(kind="filtered", poses=np.zeros((given.steps + 1, 3)))
+
     relative = "x optimum, Mahalanobis distance² to the optimum, log-score difference to the optimum [nats], "
     errors = "ATE [m], x optimum, NEES, in 95% ellipse, heading error [rad], final position error [m]"
     for known, told, names, empty in (
@@ -104,7 +108,7 @@ def test_columns_without_any_figure_are_named_and_only_simulated_runs_lead_to_a_
         (truth, None, ["ekf"], f"{relative}final distance to batch [m]"),
         (None, None, ["ekf", "batch"], errors),
     ):
-        found = compare_estimators(known, recording, load_estimators(names) | {"mine": lambda _: bare}, told)
+        found = compare_estimators(known, recording, load_estimators(names) | {"mine": bare}, told)
         notes, lines = metrics(found, None, None)["notes"], str(table(found)).splitlines()
         assert notes[0].startswith(f"Empty columns: {empty}")
         single = [note for note in notes if note.startswith("One run: ")]

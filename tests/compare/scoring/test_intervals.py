@@ -87,6 +87,7 @@ def test_a_paired_comparison_of_few_or_equal_pairs() -> None:
     assert compare_paired(np.array([np.nan, 1.0]), np.array([1.0, np.nan])) is None
     single = compare_paired(np.array([2.0]), np.array([1.0]))
     assert single == Paired(1, Interval(1.0, None, None), Interval(2.0, None, None), None)
+    assert single is not None
     assert single.to_json()["difference"] == {"mean": 1.0, "low": None, "high": None}
     assert p_value(np.array([2.0, 3.0]), np.array([2.0, 3.0])) == 1.0
     assert p_value(np.array([2.0, 3.0]), np.array([1.0, 2.0])) == 0.0
