@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from slamgauge.compare.noise.estimation import Noise, find_noise
     from slamgauge.compare.scenarios.scenario import Scenario, load_scenario, shipped_scenarios
     from slamgauge.compare.scenarios.simulation import informed, simulate
-    from slamgauge.compare.scoring.assertions import assert_error_bounds
     from slamgauge.compare.scoring.comparison import Comparison, compare_estimators
+    from slamgauge.compare.scoring.error_bounds import assert_error_bounds
     from slamgauge.compare.scoring.scores import Score, evaluate
     from slamgauge.compare.storage.files import load_estimate, load_recording, load_truth, save
     from slamgauge.compare.studies.budget import ErrorBudget, error_budget
@@ -176,7 +176,7 @@ _NAMES = {  # of each module, as above; a test holds the two lists together
     "compare.scenarios.scenario": "Scenario load_scenario shipped_scenarios",
     "compare.scoring.scores": "Score evaluate",
     "compare.studies.summary": "Summary",
-    "compare.scoring.assertions": "assert_error_bounds",
+    "compare.scoring.error_bounds": "assert_error_bounds",
     "compare.studies.cluster": "dask_cluster",
     "compare.studies.executors": "local_processes",
     "compare.scenarios.simulation": "informed simulate",

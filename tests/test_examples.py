@@ -98,7 +98,9 @@ def test_compare_question_1(folder: Path):
         assert float(table["causal"]["x optimum"]) == float(table["batch"]["x optimum"]) == 1.0
         assert 0.95 < float(table["ekf"]["NIS/dof"]) < 1.05
         assert float(table["dead-reckoning"]["x optimum"]) > (2.0 if scenario == "q1-long-sparse" else 5.0)
-        assert float(table["riekf"]["d to optimum"]) < float(table["ekf"]["d to optimum"])
+        assert float(table["riekf"]["Mahalanobis distance² to the optimum"]) < float(
+            table["ekf"]["Mahalanobis distance² to the optimum"]
+        )
     assert last == "maps: maps of mine/maps.png\n"
 
     picture = imread(folder / "maps of mine/maps.png")[:, :, :3]
@@ -117,14 +119,14 @@ def test_compare_question_2(folder: Path):
     assert [text.partition(",")[0] for text in texts] == ["q2-gate-1", "q2-long-dense", "q2-gate-100"]
     names = ["ekf", "riekf", "causal", "causal@ekf"]
     assert [list(table) for table in tables] == [names[:3], names, names]
-    mapped = [int(table["ekf"]["mapped"]) for table in tables]
+    mapped = [int(table["ekf"]["mapped landmarks"]) for table in tables]
     assert mapped[0] > 20 * 37
     assert 37 < mapped[1] < 5 * 37
     for table in tables:
-        assert (table["causal"]["mapped"], table["causal"]["wrong"]) == ("37", "0")
+        assert (table["causal"]["mapped landmarks"], table["causal"]["wrong associations"]) == ("37", "0")
         assert float(table["causal"]["x optimum"]) == 1.0
     for table in tables[1:]:
-        assert table["causal@ekf"]["wrong"] == table["ekf"]["wrong"]
+        assert table["causal@ekf"]["wrong associations"] == table["ekf"]["wrong associations"]
     assert float(tables[2]["ekf"]["ATE [m]"]) > 2 * float(tables[1]["ekf"]["ATE [m]"])
     assert last == "maps: maps of mine/maps.png\n"
     assert imread(folder / "maps of mine/maps.png").shape == (1050, 2250, 4)
@@ -142,7 +144,7 @@ def test_compare_question_3(folder: Path):
     for name in ("ekf", "riekf"):
         nees = [float(table[name]["NEES"]) for table in tables]
         assert nees[0] > 10 * nees[1] > 10 * nees[3]
-        assert int(tables[0][name]["mapped"]) > 10 * int(tables[3][name]["mapped"])
+        assert int(tables[0][name]["mapped landmarks"]) > 10 * int(tables[3][name]["mapped landmarks"])
     assert last == "errors: errors of mine/errors.png\n"
     assert imread(folder / "errors of mine/errors.png").shape == (600, 1800, 4)
 

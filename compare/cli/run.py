@@ -208,7 +208,7 @@ class Scoring:
         """Run the estimators, print the table and write the folder; return 1 if an estimator failed, else 0."""
         from slamgauge.compare.estimators.loading import load_each
         from slamgauge.compare.estimators.running import with_stand_ins
-        from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
+        from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table, write_comparison
         from slamgauge.compare.storage.files import explained
         from slamgauge.compare.storage.result_files import OUTDATED, comparison_files
         from slamgauge.memory import give_back
@@ -226,8 +226,6 @@ class Scoring:
             content = metrics(comparison, self.scenario, self.seed, self.scenario_text)
             done = self.output.show(content, table(comparison)) and not comparison.failures
             if folder is not None and self.out is not None:
-                from slamgauge.compare.scoring.comparison_files import write_comparison
-
                 with explained(self.out, "written"):
                     write_comparison(folder, comparison, content)
                 comparison, content = replace(comparison, scores={}), {}  # figures need the estimates alone

@@ -10,10 +10,10 @@ import numpy as np
 
 from slamgauge.compare.estimators.isolated_process import printable
 from slamgauge.compare.grading.trial import Trial, optimum_ates
-from slamgauge.compare.scoring.implausible import beats_the_optimum
+from slamgauge.compare.scoring.error_bounds import AgainstReference, against_reference, ates, late_nees
 from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
 from slamgauge.compare.scoring.optimum_figures import share_of_doubt
-from slamgauge.compare.scoring.reference_comparison import AgainstReference, against_reference, ates, late_nees
+from slamgauge.compare.scoring.optimum_notes import beats_the_optimum
 from slamgauge.compare.scoring.scores import Score
 
 

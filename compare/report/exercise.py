@@ -119,7 +119,7 @@ def question_page(folder: Path, name: str) -> str:
         for scenario, metrics in runs.items()
         for estimator, entry in metrics["estimators"].items()
     ]
-    chief = [head for head in figure_heads("run") if head.title in {title for title, _, _ in found}]
+    chief = [head for head, column in zip(figure_heads("run"), columns("run"), strict=True) if column in found]
     heads = [Head("scenario", "simulated scenario", words=True), ESTIMATOR, *chief]
     claims = [
         [Cell(each.id), Cell(each.section), Cell(each.claim), Cell(each.hypothesis)]

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from slamgauge.compare.report.page_elements import Head
 from slamgauge.compare.report.page_elements import Table as PageTable
-from slamgauge.compare.scoring.catalogue import CATALOGUE, columns
+from slamgauge.compare.scoring.catalogue import CATALOGUE, FULL_NAMES, columns
 from slamgauge.compare.scoring.metric import Table
 
 HELP = {each.key: each.help for each in CATALOGUE}
@@ -34,7 +34,7 @@ TERMS = {
 
 def figure_heads(table: Table, *, bounded: bool = False) -> list[Head]:
     """Return the metric columns of a table; with the columns of bounds if `bounded`."""
-    return [Head(title, HELP[key]) for title, key, _ in columns(table, bounded=bounded)]
+    return [Head(FULL_NAMES[title], HELP[key]) for title, key, _ in columns(table, bounded=bounded)]
 
 
 def glossary(terms: Iterable[tuple[str, str]], tables: Iterable[PageTable]) -> list[tuple[str, str]]:

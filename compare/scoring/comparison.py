@@ -1,10 +1,11 @@
-"""Estimators run side by side on one recording: estimates, scores, table and files."""
+"""Estimators side by side on one recording: estimates, scores, table and files."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,24 +13,26 @@ import numpy as np
 from slamgauge.arrays import chunks
 from slamgauge.compare.estimators.registry import OPTIMA, REGISTRY
 from slamgauge.compare.estimators.running import run_side_by_side
-from slamgauge.compare.scoring.catalogue import RELATIVE, columns, empty_columns
-from slamgauge.compare.scoring.implausible import WHY, is_too_near_the_truth
+from slamgauge.compare.scoring.catalogue import FULL_NAMES, RELATIVE, columns, empty_columns
 from slamgauge.compare.scoring.optimum_figures import is_in_doubt, is_misfit
 from slamgauge.compare.scoring.optimum_notes import (
     MARK,
+    beats_the_optimum_in_a_run,
     distance_from_optimum,
     doubt,
     fit_of_the_model,
     left_out,
     misfits,
-    told_apart,
     under_associations,
+    without_misleading,
 )
 from slamgauge.compare.scoring.scores import Score, evaluate
 from slamgauge.compare.scoring.text_page import Grid, Page
 from slamgauge.compare.scoring.text_table import cell, marked
 from slamgauge.compare.scoring.verdicts import single_run, verdict_lines
+from slamgauge.compare.storage.files import save, write_json, write_tum
 from slamgauge.compare.storage.provenance import origin
+from slamgauge.compare.storage.result_files import METRICS, RECORDING, TRUTH
 from slamgauge.display import data_frame
 from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate, Estimator, Kind
@@ -40,10 +43,10 @@ from slamgauge.validation import require_type
 
 @dataclass(frozen=True)
 class Comparison:
-    """What came out: the estimate and the score of each estimator, by name, and who is the optimum of which kind.
+    """Estimates and scores by the name of the estimator, and the optimum of each kind.
 
-    `failures` has those without: the reason in a line, by name. `stand_ins` are optima that were told the associations
-    of an estimator, since nobody knows the true ones.
+    `failures` has the reason, in a line, for each estimator without a score. `stand_ins` are optima with the
+    associations of an estimator, if the true ones are unknown. `is_simulated`: the true noise is known.
     """
 
     truth: Truth | None
@@ -53,6 +56,7 @@ class Comparison:
     optima: dict[Kind, str] = field(default_factory=dict)
     failures: dict[str, str] = field(default_factory=dict)
     stand_ins: tuple[str, ...] = ()
+    is_simulated: bool = False
 
     def __repr__(self) -> str:
         failed = f"; failed: {', '.join(self.failures)}" if self.failures else ""
@@ -62,7 +66,7 @@ class Comparison:
         return table(self).html()
 
     def to_frame(self) -> Any:
-        """The scores as a `pandas.DataFrame`: a row for each estimator, the keys of metrics.json that are figures."""
+        """Return the scores as a `pandas.DataFrame`: a row per estimator, a column per number of metrics.json."""
         entries = {name: score.figures() for name, score in self.scores.items()}
         keys = dict.fromkeys(key for entry in entries.values() for key in entry)
         return data_frame({key: [entry.get(key) for entry in entries.values()] for key in keys}, [*entries])
@@ -74,50 +78,50 @@ def compare_estimators(
     estimators: Mapping[str, Estimator],
     informed: Recording | None = None,
 ) -> Comparison:
-    """Run every estimator, then score each against truth and optimum.
+    """Run every estimator, then score each relative to truth and optimum.
 
-    Estimators see the recording alone. Two are optima: `causal`, the optimum of filtered estimates, and `batch`,
-    that of smoothed ones, show what the measurements allow to somebody whom nothing misleads. What makes them so is
-    their entry in the registry of estimators, not the name that they are given here.
+    Estimators receive only the recording. Two estimators are optima, by their entry in the registry and not by their
+    name here: `causal` for filtered estimates and `batch` for smoothed ones.
 
     Args:
-        truth: as much of the truth as is known.
-        recording: what estimators see.
+        truth: the known part of the truth.
+        recording: input of the estimators.
         estimators: by name.
-        informed: the same measurements with their true noise and associations, which the optima see; by
-            default the recording, with the truth's associations where it has no ids of its own.
+        informed: the same measurements with true noise and associations, as input of the optima; by default the
+            recording, with the truth's associations if it has no ids.
 
     Raises:
-        UserError: the truth is of another recording; or every estimator raised, or returned what does not fit.
+        UserError: the truth is of another recording, or no estimator returned a valid estimate.
     """
     require_type("recording", recording, Recording)
     require_type("estimators", estimators, Mapping)
     require_same_run(truth, recording)
+    is_simulated = informed is not None
     if informed is None:
         informed = recording
         if recording.landmark is None and truth is not None and truth.association is not None:
-            informed = replace(recording, landmark=truth.association.clip(min=0))  # clutter is told apart in any case
+            informed = replace(recording, landmark=truth.association.clip(min=0))  # `misleading` marks clutter anyway
     ran = run_side_by_side(estimators, recording, informed, None if truth is None else truth.misleading)
-    estimates, seconds, optima, failures = ran.estimates, ran.seconds, ran.optima, ran.failures
+    failures = ran.failures
     scores: dict[str, Score] = {}
-    best = {kind: estimates[name] for kind, name in optima.items()}
-    for name, estimate in estimates.items():
+    best = {kind: ran.estimates[name] for kind, name in ran.optima.items()}
+    for name, estimate in ran.estimates.items():
         try:
             score = evaluate(truth, recording, estimate, best.get(estimate.kind), best.get("smoothed"))
         except UserError as error:
             failures[name] = f"estimator {name}: {error}"
             continue
-        scores[name] = score if estimate.seconds is not None else replace(score, seconds_total=seconds.get(name))
+        scores[name] = score if estimate.seconds is not None else replace(score, seconds_total=ran.seconds.get(name))
     if not scores and failures:
         raise UserError(next(iter(failures.values())))
-    estimates = {name: estimates[name] for name in scores}
-    return Comparison(truth, recording, estimates, scores, optima, failures, tuple(ran.stand_ins))
+    estimates = {name: ran.estimates[name] for name in scores}
+    return Comparison(truth, recording, estimates, scores, ran.optima, failures, tuple(ran.stand_ins), is_simulated)
 
 
 def metrics(
     comparison: Comparison, scenario: str | None, seed: int | None, scenario_text: str | None = None
 ) -> dict[str, Any]:
-    """The content of metrics.json; scenario, its text and seed are None for a stored recording."""
+    """Return the content of metrics.json; a stored recording has no scenario, text and seed (None)."""
     return {
         **origin(scenario_text),
         "scenario": scenario,
@@ -131,7 +135,7 @@ def metrics(
 
 
 def digest(recording: Recording) -> str:
-    """SHA-256 of a recording's fields: equal digests, equal measurements."""
+    """Return the SHA-256 of a recording's fields: equal digests mean equal measurements."""
     total = hashlib.sha256()
     for each in fields(recording):
         value = getattr(recording, each.name)
@@ -142,10 +146,9 @@ def digest(recording: Recording) -> str:
 
 
 def table(comparison: Comparison) -> Page:
-    """The scores as a table, filtered estimates before smoothed ones; `-` where none applies.
+    """Return the scores as a table, filtered estimates before smoothed ones, with notes below.
 
-    Figures relative to an optimum that its check puts in doubt are marked; what there is to say of the optima stands
-    below the table.
+    Figures relative to an optimum in doubt are marked.
     """
     found = columns("run")
     optima = {kind: comparison.estimates[name] for kind, name in comparison.optima.items()}
@@ -162,42 +165,54 @@ def table(comparison: Comparison) -> Page:
     rows += [[name, "failed", *("-" for _ in found)] for name in comparison.failures]
     notes = [*optimum_notes(comparison), *remarks(comparison)]
     verdicts = verdict_lines({name: score.verdict for name, score in comparison.scores.items()})
-    return Page((Grid(rows, words=2), *notes, *verdicts, *comparison.failures.values()))
+    return Page((Grid(rows, words=2, names=FULL_NAMES), *notes, *verdicts, *comparison.failures.values()))
 
 
 def remarks(comparison: Comparison) -> list[str]:
-    """Return notes on the run: what estimates are compared with, empty columns, and that it is a single run."""
+    """Return notes on the run: the optima's associations, empty columns, and that it is one run."""
     scores = comparison.scores.values()
     optima = sorted(comparison.optima.values())
-    known = misfits([name for name in optima if is_misfit(comparison.estimates[name])])
-    told = None if comparison.stand_ins else told_apart(optima, comparison.truth)
-    found = [line for line in (known, told) if line]
-    found += [] if not comparison.stand_ins else [under_associations(comparison.stand_ins)]
+    found = [misfits([name for name in optima if is_misfit(comparison.estimates[name])])]
+    if comparison.stand_ins:
+        found.append(under_associations(comparison.stand_ins))
+    else:
+        found.append(without_misleading(optima, comparison.truth))
     found += empty_columns("run", lambda key: all(score.figure(key) is None for score in scores))
-    return found if all(score.ate_m is None for score in scores) else [*found, single_run()]
-
-
-def too_near(name: str, comparison: Comparison) -> str | None:
-    """What to say of an estimate that is nearer to the truth than chance allows; None if it is not."""
-    causal = comparison.optima.get("filtered")
-    if causal is None or comparison.truth is None or comparison.stand_ins or is_misfit(comparison.estimates[causal]):
-        return None
-    if not is_too_near_the_truth(comparison.truth, comparison.estimates[name], comparison.estimates[causal]):
-        return None
-    return f"{name}: nearer to the truth than chance allows with what {causal} is sure of: {WHY}"
+    if any(score.ate_m is not None for score in scores):
+        found.append(single_run(is_simulated=comparison.is_simulated))
+    return [line for line in found if line]
 
 
 def optimum_notes(comparison: Comparison) -> list[str]:
-    """What there is to say of the optima: the fit of the model, what they leave out, which of them is in doubt."""
+    """Return notes on the optima: fit of the model, observations left out, doubts, and estimators that beat them."""
     notes: list[str | None] = []
-    judges = [(kind, comparison.optima[kind]) for kind in ("smoothed", "filtered") if kind in comparison.optima]
-    if judges:
-        kind, name = judges[0]
-        notes.append(fit_of_the_model(REGISTRY[OPTIMA[kind]].title, comparison.estimates[name]))
-    for _, name in judges:
-        notes.append(left_out(name, comparison.truth, comparison.recording, comparison.estimates[name]))
-    notes += [doubt(name, comparison.estimates[name].optimum_check) for _, name in judges]
-    others = {name: each for name, each in comparison.estimates.items() if name not in comparison.optima.values()}
+    estimates = comparison.estimates
+    optima = [(kind, comparison.optima[kind]) for kind in ("smoothed", "filtered") if kind in comparison.optima]
+    for kind, name in optima[:1]:
+        notes.append(fit_of_the_model(REGISTRY[OPTIMA[kind]].title, estimates[name]))
+    notes += [left_out(name, comparison.truth, comparison.recording, estimates[name]) for _, name in optima]
+    notes += [doubt(distance_from_optimum(name, estimates[name].optimum_check)) for _, name in optima]
+    others = {name: each for name, each in estimates.items() if name not in comparison.optima.values()}
     notes += [distance_from_optimum(name, each.optimum_check) for name, each in others.items()]
-    notes += [too_near(name, comparison) for name in others]
+    causal = comparison.optima.get("filtered")
+    if causal is not None and comparison.truth is not None and not comparison.stand_ins:
+        notes += [
+            beats_the_optimum_in_a_run(name, comparison.truth, each, estimates[causal]) for name, each in others.items()
+        ]
     return [note for note in notes if note]
+
+
+def write_comparison(folder: Path, comparison: Comparison, content: dict[str, Any]) -> None:
+    """Write recording, truth, estimates, TUM trajectories and metrics into an existing, empty folder."""
+    recording, truth = comparison.recording, comparison.truth
+    save(folder / RECORDING, recording)
+    if truth is not None:
+        save(folder / TRUTH, truth)
+    (folder / "estimates").mkdir()
+    (folder / "trajectories").mkdir()
+    for name, estimate in comparison.estimates.items():
+        save(folder / "estimates" / f"{name}.npz", estimate)
+        write_tum(folder / "trajectories" / f"{name}.tum", recording.stamps, estimate.poses)
+    if truth is not None and truth.poses is not None:
+        write_tum(folder / "trajectories" / "truth.tum", recording.stamps, truth.poses)
+    write_json(folder / METRICS, content)

@@ -1,26 +1,38 @@
-"""Whether an error is as large as its covariance says: squared Mahalanobis distances and their bounds."""
+"""Whether errors are as large as the covariance says: Mahalanobis distances, coverage of ellipses, log score."""
 
 from __future__ import annotations
+
+import math
+from collections.abc import Callable
 
 import numpy as np
 
 from slamgauge.arrays import Float, chunks
+from slamgauge.compare.scoring.nan_stats import mean
+from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.errors import UserError
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
+from slamgauge.truth import Truth
 
-SINGULAR = 1e-9  # smallest eigenvalue of a correlation matrix that is more than rounding (as in `slamgauge.validation`)
-LARGEST = 1e100  # of a distance: sums of squares of them are numbers still, as files of results need
+SINGULAR = 1e-9  # largest smallest eigenvalue of a correlation matrix that may be rounding (as in `validation`)
+LARGEST = 1e100  # limit of distances, so that sums of their squares are finite, as result files require
 
 
 def squared_mahalanobis(errors: Float, covs: Float) -> Float:
-    """Distances e' P^-1 e (n,) of `errors` (n, d) under `covs` (n, d, d): the NEES, for estimation errors.
+    """Return e' P^-1 e (n,) of `errors` (n, d) under `covs` (n, d, d); for estimation errors this is the NEES.
 
-    NaN where the covariance is singular (a fixed start, P0 = 0) or either is NaN. Variances may have
-    different units: the correlation matrix is judged and solved, not the covariance.
+    NaN where the covariance is singular (a fixed start, P0 = 0) or either is NaN. Variances may have different units:
+    the correlation matrix is checked and solved, not the covariance.
     """
-    distances = np.empty(len(errors))
+    return _in_chunks(_distances, errors, covs)
+
+
+def _in_chunks(function: Callable[[Float, Float], Float], errors: Float, covs: Float) -> Float:
+    values = np.empty(len(errors))
     for rows in chunks(len(errors)):
-        distances[rows] = _distances(errors[rows], covs[rows])
-    return distances
+        values[rows] = function(errors[rows], covs[rows])
+    return values
 
 
 def _distances(errors: Float, covs: Float) -> Float:
@@ -28,7 +40,7 @@ def _distances(errors: Float, covs: Float) -> Float:
     defined = np.isfinite(errors).all(axis=1) & np.isfinite(covs).all(axis=(1, 2)) & (sigmas > 0).all(axis=1)
     correlations = covs[defined] / (sigmas[defined, :, None] * sigmas[defined, None, :])
     found, determinant = _eliminate(correlations.copy(), errors[defined] / sigmas[defined])
-    # no eigenvalue exceeds d, so the smallest is at least the determinant over d^(d-1): few need a closer look
+    # no eigenvalue exceeds d, so the smallest is at least the determinant over d^(d-1): few are computed
     size = errors.shape[1]
     regular = determinant > SINGULAR * size ** (size - 1)
     doubtful = ~regular
@@ -39,13 +51,13 @@ def _distances(errors: Float, covs: Float) -> Float:
 
 
 def _eliminate(C: Float, e: Float) -> tuple[Float, Float]:
-    """Forms e' C^-1 e and determinants of C (n,) by Gaussian elimination without pivoting; overwrites both."""
+    """Return e' C^-1 e and determinants of C (n,) by Gaussian elimination without pivoting; overwrites both."""
     total, determinant = np.zeros(len(e)), np.ones(len(e))
-    with np.errstate(all="ignore"):  # of singular matrices, which the caller leaves out
+    with np.errstate(all="ignore"):  # the caller leaves singular matrices out
         for i in range(e.shape[1]):
             pivot = C[:, i, i]
             total += e[:, i] ** 2 / pivot
-            determinant *= np.maximum(pivot, 0.0)  # an indefinite matrix is no covariance
+            determinant *= np.maximum(pivot, 0.0)  # 0 for an indefinite matrix
             factor = C[:, i + 1 :, i] / pivot[:, None]
             e[:, i + 1 :] -= factor * e[:, i, None]
             C[:, i + 1 :, i + 1 :] -= factor[:, :, None] * C[:, None, i, i + 1 :]
@@ -53,14 +65,18 @@ def _eliminate(C: Float, e: Float) -> tuple[Float, Float]:
 
 
 def sigma_ratios(covs: Float, optimum_covs: Float) -> Float:
-    """Ratios (n, d) of standard deviations, filter over optimum; NaN unless both are positive."""
+    """Return ratios (n, d) of standard deviations, filter over optimum; NaN unless both are positive."""
     variances, optimal = (np.diagonal(stack, axis1=1, axis2=2) for stack in (covs, optimum_covs))
     both = (variances > 0) & (optimal > 0)
     return np.sqrt(np.divide(variances, optimal, out=np.full(variances.shape, np.nan), where=both))
 
 
 def chi2_band(level: float, dof: float) -> tuple[float, float]:
-    """Two-sided interval (low, high) that holds a chi-square variable of `dof` with probability `level`."""
+    """Return the two-sided interval that contains a chi-square variable of `dof` with probability `level`.
+
+    Raises:
+        UserError: level or dof are out of range.
+    """
     from scipy.special import gammainccinv, gammaincinv  # here: scipy is slow to start
 
     if not 0 < level < 1:
@@ -69,3 +85,53 @@ def chi2_band(level: float, dof: float) -> tuple[float, float]:
         raise UserError(f"dof = {dof}: chi-square needs positive degrees of freedom; give runs that have measurements")
     tail = (1 - level) / 2
     return 2 * float(gammaincinv(dof / 2, tail)), 2 * float(gammainccinv(dof / 2, tail))
+
+
+def is_inside(nees_position: Float, level: float) -> Float:
+    """Return 1 where the true position is inside the ellipse of probability `level`, else 0; NaN where undefined.
+
+    Chi-square with two degrees of freedom is exponential: the ellipse is e' P^-1 e <= -2 log(1 - level).
+    """
+    return np.where(np.isnan(nees_position), np.nan, nees_position <= -2 * math.log1p(-level))
+
+
+def log_scores(errors: Float, covs: Float) -> Float:
+    """Return -log p (n,) [nats] of the truth under Gaussians with additive `errors` (n, d) and `covs` (n, d, d).
+
+    NaN where the covariance is singular. The score is proper (Good 1952): the right sigmas have the smallest mean. It
+    depends on the units of the errors, here metres and radians, so only differences of scores have a meaning.
+    """
+    return _in_chunks(_log_scores, errors, covs)
+
+
+def _log_scores(errors: Float, covs: Float) -> Float:
+    nees = squared_mahalanobis(errors, covs)
+    scores = np.full(len(errors), np.nan)
+    regular = ~np.isnan(nees)
+    sigmas = np.sqrt(np.diagonal(covs[regular], axis1=1, axis2=2))
+    correlations = covs[regular] / (sigmas[:, :, None] * sigmas[:, None, :])
+    log_det = np.linalg.slogdet(correlations)[1] + 2 * np.log(sigmas).sum(axis=1)
+    scores[regular] = (nees[regular] + log_det + errors.shape[1] * math.log(2 * math.pi)) / 2
+    return scores
+
+
+# --- for the catalogue ---------------------------------------------------------------------------
+
+
+def coverage(level: float) -> Callable[[Truth, Recording, Estimate], float | None]:
+    """Return a function for the share of the positions inside their ellipses of probability `level`."""
+
+    def share(truth: Truth, _: Recording, estimate: Estimate) -> float | None:
+        if truth.poses is None or estimate.pose_covs is None:
+            return None
+        errors = pose_errors(truth.poses, estimate.poses)[:, :2]
+        return mean(is_inside(squared_mahalanobis(errors, estimate.pose_covs[:, :2, :2]), level))
+
+    return share
+
+
+def log_score(truth: Truth, _recording: Recording, estimate: Estimate) -> float | None:
+    """Return the mean log score of the poses [nats per step]."""
+    if truth.poses is None or estimate.pose_covs is None:
+        return None
+    return mean(log_scores(pose_errors(truth.poses, estimate.poses), estimate.pose_covs))

@@ -1,9 +1,9 @@
-"""Intervals over independent runs, 95 % if not told: of a mean, a ratio of paired means, any figure of all runs."""
+"""Intervals over independent runs, by default 95 %: means, ratios of means, paired comparisons, figures of all runs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,15 +14,36 @@ LEVEL = 0.95
 
 
 class Interval(NamedTuple):
-    """An estimate and its interval; the interval is None for a single run."""
+    """A figure and its interval; a single run has no interval (None)."""
 
     mean: float
     low: float | None
     high: float | None
 
 
+class Paired(NamedTuple):
+    """Comparison of the means of two estimators on the same runs.
+
+    Attributes:
+        runs: number of runs with both figures.
+        difference: mean of the differences, first minus second, with Student's interval.
+        ratio: mean over mean, with the delta method's interval; None unless the second mean is positive.
+        p_value: p-value of Student's two-sided paired test of equal means; None for a single run.
+    """
+
+    runs: int
+    difference: Interval
+    ratio: Interval | None
+    p_value: float | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain numbers and None."""
+        ratio = None if self.ratio is None else self.ratio._asdict()
+        return {**self._asdict(), "difference": self.difference._asdict(), "ratio": ratio}
+
+
 def mean_interval(values: Float, level: float = LEVEL) -> Interval | None:
-    """Student's interval of the mean of the entries that are not NaN; None if there are none."""
+    """Return Student's interval of the mean of the entries that are not NaN; None without entries."""
     values = values[~np.isnan(values)]
     if not len(values):
         return None
@@ -31,7 +52,7 @@ def mean_interval(values: Float, level: float = LEVEL) -> Interval | None:
 
 
 def ratio_interval(numerator: Float, denominator: Float, level: float = LEVEL) -> Interval | None:
-    """Interval of mean / mean over the same runs, to first order (the delta method); NaN pairs are left out."""
+    """Return the interval of mean / mean over the same runs, to first order (delta method), without NaN pairs."""
     both = ~np.isnan(numerator) & ~np.isnan(denominator)
     above, below = numerator[both], denominator[both]
     if not len(above) or below.mean() <= 0:
@@ -41,12 +62,44 @@ def ratio_interval(numerator: Float, denominator: Float, level: float = LEVEL) -
     return _around(ratio, spread, len(above), level)
 
 
-def jackknife_interval(figure: Callable[[Float, int], Float], totals: Float) -> Interval | None:
-    """Interval of a figure that is a function of sums over runs.
+def compare_paired(first: Float, second: Float, level: float = LEVEL) -> Paired | None:
+    """Compare a figure of two estimators run by run: variation that runs share cancels in the difference.
 
     Args:
-        figure: (..., n) sums over `count` runs -> (...) figures.
-        totals: (R, n) what each run contributes to the sums.
+        first: (R,) figures of the runs; pairs with NaN are left out.
+        second: (R,) figures of the same runs.
+        level: probability of both intervals.
+
+    Returns:
+        None if no run has both figures.
+    """
+    both = ~np.isnan(first) & ~np.isnan(second)
+    differences = (first - second)[both]
+    difference = mean_interval(differences, level)
+    if difference is None:
+        return None
+    return Paired(len(differences), difference, ratio_interval(first, second, level), _p_value(differences))
+
+
+def _p_value(differences: Float) -> float | None:
+    """Return the p-value of Student's two-sided test that the mean of (R,) is zero."""
+    from scipy.special import stdtr  # here: scipy is slow to start
+
+    runs = len(differences)
+    if runs < 2:
+        return None
+    mean, spread = float(differences.mean()), float(differences.std(ddof=1))
+    if spread == 0:
+        return 1.0 if mean == 0 else 0.0
+    return 2 * float(stdtr(runs - 1, -abs(mean) / spread * np.sqrt(runs)))
+
+
+def jackknife_interval(figure: Callable[[Float, int], Float], totals: Float) -> Interval | None:
+    """Return the interval of a figure that is a function of sums over runs.
+
+    Args:
+        figure: maps (..., n) sums over `count` runs to (...) figures.
+        totals: (R, n) contribution of each run to the sums.
     """
     runs = len(totals)
     if not runs:
@@ -60,7 +113,7 @@ def jackknife_interval(figure: Callable[[Float, int], Float], totals: Float) -> 
 
 
 def bootstrap_interval(values: Float, seed: int = 0, resamples: int = 10_000) -> Interval:
-    """Percentile interval of the mean of `values` (R,) over runs drawn with replacement."""
+    """Return the percentile interval of the mean of `values` (R,) over runs drawn with replacement."""
     rng = np.random.default_rng(seed)
     means = values[rng.integers(0, len(values), (resamples, len(values)))].mean(axis=1)
     low, high = np.quantile(means, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
@@ -69,7 +122,7 @@ def bootstrap_interval(values: Float, seed: int = 0, resamples: int = 10_000) ->
 
 
 def _around(mean: float, spread: float, runs: int, level: float = LEVEL) -> Interval:
-    """The mean and its Student interval for a standard deviation `spread` over `runs` runs."""
+    """Return the mean and its Student interval for a standard deviation `spread` over `runs` runs."""
     from scipy.special import stdtrit  # here: scipy is slow to start
 
     half = stdtrit(runs - 1, (1 + level) / 2) * spread / np.sqrt(runs) if runs > 1 else np.nan

@@ -1,4 +1,4 @@
-"""Which true landmark each mapped landmark stands for, and how well observations were associated."""
+"""True landmarks of the mapped landmarks, and figures of the data association."""
 
 from __future__ import annotations
 
@@ -15,17 +15,10 @@ from slamgauge.truth import NOBODY, Truth
 
 
 class AssociationFigures(NamedTuple):
-    """What an estimate made of the observations; a figure that nobody can tell is None.
+    """Figures of the data association, defined in `catalogue`; None if unknown.
 
-    Attributes:
-        wrong_associations: observations given to a track that stands for another landmark; of clutter those
-            given to one that stands for any.
-        observations_rejected: observations given to no track.
-        landmarks_true: distinct landmarks that were observed.
-        landmarks_missed: observed landmarks that no mapped landmark stands for.
-        landmarks_spurious: mapped landmarks that stand for none, doubles and tracks of clutter among them.
-        track_purity: mean over tracks of the largest share of their observations that come from one landmark.
-        track_purity_min: that share of the least pure track.
+    A track is a mapped landmark with its observations. Clutter on the track of a landmark is a wrong association; a
+    track of clutter is a spurious landmark.
     """
 
     wrong_associations: int | None = None
@@ -38,11 +31,10 @@ class AssociationFigures(NamedTuple):
 
 
 def true_landmarks(truth: Truth, recording: Recording, estimate: Estimate) -> tuple[Int, Float]:
-    """True ids (L,), -1 where nobody can tell, and positions (L, 2) [m] of the estimate's landmarks.
+    """Return true ids (L,), -1 if unknown, and positions (L, 2) [m] of the estimate's landmarks.
 
-    A recording with ids names the landmarks itself. Without them an estimator numbers its tracks as it likes; tracks
-    and true landmarks are then matched one to one, so that as many observations as possible are given rightly (of
-    equals, so that as few as possible are given wrongly).
+    A recording with ids names the landmarks. Without ids, tracks and true landmarks are matched one to one, with as
+    many right associations as possible, and among these matches with as few wrong ones as possible.
     """
     ids, landmarks = estimate.landmark_ids, estimate.landmarks
     if recording.landmark is not None:
@@ -51,18 +43,18 @@ def true_landmarks(truth: Truth, recording: Recording, estimate: Estimate) -> tu
     if truth.association is not None and estimate.association is not None:
         from scipy.optimize import linear_sum_assignment  # here: scipy is slow to start
 
-        names, sights = _sights(truth.association, estimate)
-        foreign = sights.sum(axis=1, keepdims=True) - sights
+        names, counts = _counts(truth.association, estimate)
+        foreign = counts.sum(axis=1, keepdims=True) - counts
         known = names != NOBODY
-        names, sights, foreign = names[known], sights[:, known], foreign[:, known]
-        rows, columns = linear_sum_assignment(sights - 1e-9 * foreign, maximize=True)
-        met = sights[rows, columns] > 0
+        names, counts, foreign = names[known], counts[:, known], foreign[:, known]
+        rows, columns = linear_sum_assignment(counts - 1e-9 * foreign, maximize=True)
+        met = counts[rows, columns] > 0
         owners[rows[met]] = names[columns[met]]
     return owners, landmarks
 
 
 def association_figures(truth: Truth, recording: Recording, estimate: Estimate) -> AssociationFigures:
-    """Wrong, missed, spurious; a track stands for the landmark that most of its observations come from."""
+    """Return the figures; a track belongs to the landmark from which most of its observations come."""
     given, true = estimate.association, truth.association
     if true is None:
         return AssociationFigures(observations_rejected=None if given is None else int(np.sum(given == NOBODY)))
@@ -76,12 +68,12 @@ def association_figures(truth: Truth, recording: Recording, estimate: Estimate) 
     )
     if given is None:
         return figures
-    names, sights, stands_for = _stands_for(true, recording, estimate)
-    rightly = np.where(stands_for[:, None] == names, sights, 0).sum()
-    totals = sights.sum(axis=1)
-    purity = sights.max(axis=1, initial=0)[totals > 0] / totals[totals > 0]
+    names, counts, landmark = _main_landmarks(true, recording, estimate)
+    right = np.where(landmark[:, None] == names, counts, 0).sum()
+    totals = counts.sum(axis=1)
+    purity = counts.max(axis=1, initial=0)[totals > 0] / totals[totals > 0]
     return figures._replace(
-        wrong_associations=int(sights.sum() - rightly),
+        wrong_associations=int(counts.sum() - right),
         observations_rejected=int(np.sum(given == NOBODY)),
         track_purity=float(purity.mean()) if len(purity) else None,
         track_purity_min=float(purity.min()) if len(purity) else None,
@@ -89,40 +81,37 @@ def association_figures(truth: Truth, recording: Recording, estimate: Estimate) 
 
 
 def wrong_sights(truth: Truth, recording: Recording, estimate: Estimate) -> NDArray[np.bool_] | None:
-    """Which observations (M,) are given to a track that stands for another landmark; None where nobody can tell."""
+    """Return which observations (M,) are assigned to a track of another landmark; None if unknown."""
     given, true = estimate.association, truth.association
     if given is None or true is None:
         return None
-    stands_for = _stands_for(true, recording, estimate)[2]
+    landmark = _main_landmarks(true, recording, estimate)[2]
     wrong = np.zeros(len(given), dtype=np.bool_)
     for accepted, row in _accepted(estimate):
-        wrong[accepted] = stands_for[row] != true[accepted]
+        wrong[accepted] = landmark[row] != true[accepted]
     return wrong
 
 
-def _stands_for(true: Int, recording: Recording, estimate: Estimate) -> tuple[Int, Int, Int]:
-    """What `_sights` returns, and the true landmark (L,) that each mapped one stands for, NOBODY for none."""
-    names, sights = _sights(true, estimate)
+def _main_landmarks(true: Int, recording: Recording, estimate: Estimate) -> tuple[Int, Int, Int]:
+    """Return `_counts`, and the true landmark (L,) of each mapped one, NOBODY if it has none."""
+    names, counts = _counts(true, estimate)
     ids = np.asarray(estimate.landmark_ids)
     if recording.landmark is not None:
-        return names, sights, np.where(np.isin(ids, _landmarks_of(true)), ids, NOBODY)
-    return names, sights, names[sights.argmax(axis=1)] if len(names) else np.full(len(ids), NOBODY)
+        return names, counts, np.where(np.isin(ids, _landmarks_of(true)), ids, NOBODY)
+    return names, counts, names[counts.argmax(axis=1)] if len(names) else np.full(len(ids), NOBODY)
 
 
-def _sights(true: Int, estimate: Estimate) -> tuple[Int, Int]:
-    """Observed landmarks (T,), and how many of the observations of each (L, T) every mapped landmark was given.
-
-    Clutter is among them, as that of NOBODY.
-    """
+def _counts(true: Int, estimate: Estimate) -> tuple[Int, Int]:
+    """Return the observed landmarks (T,), clutter as NOBODY, and how many observations of each (L, T) tracks have."""
     names = distinct(true)
-    sights = np.zeros((len(estimate.landmark_ids), len(names)), dtype=np.int64)
+    counts = np.zeros((len(estimate.landmark_ids), len(names)), dtype=np.int64)
     for accepted, row in _accepted(estimate):
-        np.add.at(sights, (row, np.searchsorted(names, true[accepted])), 1)
-    return names, sights
+        np.add.at(counts, (row, np.searchsorted(names, true[accepted])), 1)
+    return names, counts
 
 
 def _accepted(estimate: Estimate) -> Iterator[tuple[Int, Int]]:
-    """Observations (m,) that were given to a track, and its row (m,) in the map; some thousands at a time."""
+    """Yield observations (m,) with a track, and the track's row (m,) in the map, some thousands at a time."""
     ids, given = estimate.landmark_ids, estimate.association
     assert given is not None
     order = np.argsort(ids)
@@ -132,13 +121,13 @@ def _accepted(estimate: Estimate) -> Iterator[tuple[Int, Int]]:
 
 
 def _landmarks_of(true: Int) -> Int:
-    """Distinct ids of the landmarks that were observed, clutter left out."""
+    """Return the distinct ids of the observed landmarks, without clutter."""
     names = distinct(true)
     return names[names != NOBODY]
 
 
 def landmark_errors(ids: Int, landmarks: Float, known_ids: Int | None, known: Float | None) -> Float:
-    """Differences (L, 2) [m] between `landmarks` and those of the same id in `known`; NaN without a counterpart."""
+    """Return differences (L, 2) [m] between `landmarks` and those of the same id in `known`; NaN without one."""
     errors = np.full(landmarks.shape, np.nan)
     if known_ids is None or known is None or not len(known_ids):
         return errors

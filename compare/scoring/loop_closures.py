@@ -1,4 +1,4 @@
-"""Loop closures: steps at which a landmark is seen again after a long absence."""
+"""Loop closures: steps at which a landmark is re-observed after a long absence."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from slamgauge.compare.scoring.nan_stats import number
 from slamgauge.recording import Recording
 from slamgauge.truth import NOBODY, Truth
 
-ABSENCE = 10.0  # [s] for which the landmark was unseen, at least
-ROUNDING = 1e-6  # [s] by which stamps such as 0.1 k may miss that
+ABSENCE = 10.0  # least time [s] without an observation of the landmark
+ROUNDING = 1e-6  # rounding error [s] of stamps such as 0.1 k
 
 
 class LoopClosure(NamedTuple):
-    """Position error and uncertainty on both sides of a closure; None where they are unknown.
+    """Position error and uncertainty at a loop closure; None if unknown.
 
-    `error_before_m` and `sigma_before_m` belong to the pose before `step`, the others to the pose at it; a sigma
-    is the root of the trace of the position covariance.
+    `error_before_m` and `sigma_before_m` are those of the pose before `step`, the others those of the pose at `step`.
+    A sigma is the root of the trace of the position covariance.
     """
 
     step: int
@@ -30,21 +30,18 @@ class LoopClosure(NamedTuple):
 
 
 def closure_steps(truth: Truth | None, recording: Recording) -> Int | None:
-    """Steps of the loop closures, increasing; None if nobody knows which landmark was observed.
-
-    The recording's own ids are used where it has them, otherwise the truth's.
-    """
+    """Return the increasing steps of the loop closures, by the recording's ids or the truth's; None without ids."""
     ids = recording.landmark
     if ids is None:
         ids = None if truth is None else truth.association
     if ids is None:
         return None
     names, found = distinct(ids), [np.zeros(0, dtype=np.int64)]
-    last = np.full(len(names), np.inf)  # when each landmark was seen last
+    last = np.full(len(names), np.inf)  # time of the last observation of each landmark
     for rows in chunks(len(ids)):
         of_landmarks = np.flatnonzero(ids[rows] != NOBODY)
         slot, step = np.searchsorted(names, ids[rows][of_landmarks]), recording.observation_step[rows][of_landmarks]
-        order = np.argsort(slot, kind="stable")  # one landmark after the other, each in order of time
+        order = np.argsort(slot, kind="stable")  # sorted by landmark, then by time
         slot, step, stamp = slot[order], step[order], recording.stamps[step[order]]
         begins = np.diff(slot, prepend=-1) != 0
         before = np.where(begins, last[slot], np.roll(stamp, 1))
@@ -55,9 +52,9 @@ def closure_steps(truth: Truth | None, recording: Recording) -> Int | None:
 
 
 def describe_closures(steps: Int, errors: Float, sigmas: Float) -> tuple[LoopClosure, ...]:
-    """The closures at `steps`, from position errors and sigmas (N+1,) [m] that may be NaN."""
+    """Return the closures at `steps`, from position errors and sigmas (N+1,) [m] that may be NaN."""
     before_and_after = np.column_stack([errors[steps - 1], errors[steps], sigmas[steps - 1], sigmas[steps]])
     return tuple(
-        LoopClosure(step, *(number(figure) for figure in figures))
+        LoopClosure(step, *map(number, figures))
         for step, figures in zip(steps.tolist(), before_and_after.tolist(), strict=True)
     )

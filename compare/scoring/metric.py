@@ -1,4 +1,4 @@
-"""What a catalogue says of a figure."""
+"""Description of a metric: its key, meaning, sources and column."""
 
 from __future__ import annotations
 
@@ -12,26 +12,28 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
 Table = Literal["run", "study", "sweep"]
-Measure = Callable[[Truth, Recording, Estimate], Any]  # a figure, or what JSON has for several; None: unknown
+Measure = Callable[[Truth, Recording, Estimate], Any]  # returns a figure, or JSON of several; None: unknown
+UNITS = {"_m": "m", "_rad": "rad"}  # units of keys with these endings
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Column:
-    """How a figure stands in tables.
+    """Column of a metric in tables.
 
     Attributes:
-        title: its head.
-        form: how the figure of a run is written.
-        mean_form: how its mean over runs is, if not so.
-        run: place in the table of a run, from the left; None leaves it out.
+        title: short head.
+        name: full name, if it differs from the title.
+        form: format of the figure of a run.
+        mean_form: format of the mean over runs, if it differs.
+        run: place from the left in the table of a run; None: not in this table.
         study: place in the table of a study.
         sweep: place in the table of a sweep.
-        relative: whether the figure is one against the causal optimum, of filtered estimates at least, and is marked
-            where that optimum is in doubt.
-        of_bounds: whether it stands only in tables with a bound.
+        relative: whether filtered estimates are compared with the causal optimum, and marked if that is in doubt.
+        of_bounds: whether the column is only in tables with a bound.
     """
 
     title: str
+    name: str = ""
     form: str = "{:.3f}"
     mean_form: str = ""
     run: int | None = None
@@ -41,26 +43,29 @@ class Column:
     of_bounds: bool = False
 
 
-@dataclass(frozen=True, kw_only=True)
-class Quantity:
+@dataclass(frozen=True)
+class Metric:
     """A figure of an estimate, or of an estimator over many runs.
 
     Attributes:
-        key: its name in metrics.json, summary.json and in the store of a study.
-        help: what it is, in a sentence.
-        unit: `m`, `rad`, `s`, or nothing.
-        scored: whether it is a figure of single runs, in metrics.json.
-        stored: whether studies keep it of every run.
-        over_runs: how it is summed up over runs, in summary.json; None: it is not.
-        column: how it stands in tables; None: in none.
-        measure: where it comes from, for a figure that `Score` has no field for.
+        key: name in metrics.json, summary.json and the store of a study.
+        help: meaning, in a sentence.
+        scored: whether single runs have it, in metrics.json.
+        stored: whether studies store it for every run.
+        over_runs: how summary.json aggregates it over runs; None: not in summary.json.
+        column: column in tables; None: in no table.
+        measure: function that computes it, if `Score` has no field for it.
     """
 
     key: str
     help: str
-    unit: str = ""
     scored: bool = False
     stored: bool = False
     over_runs: OverRuns | None = None
     column: Column | None = None
     measure: Measure | None = None
+
+    @property
+    def unit(self) -> str:
+        """`m`, `rad`, `s`, or nothing."""
+        return "s" if self.key.startswith("seconds") else UNITS.get(self.key[self.key.rfind("_") :], "")

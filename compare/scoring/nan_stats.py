@@ -1,4 +1,4 @@
-"""Figures over the defined entries of a series: a gap in the truth is NaN, a figure that does not exist None."""
+"""Statistics of the defined entries of a series: undefined entries are NaN, undefined results None."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from slamgauge.arrays import Float
 
 
 def number(value: float) -> float | None:
-    """`value` as a Python float, or None where it is NaN or infinite."""
+    """Return `value` as a Python float, or None if it is NaN or infinite."""
     return float(value) if math.isfinite(value) else None
 
 
 def mean(values: Float) -> float | None:
-    """Mean of the entries that are not NaN; None if there are none or it is infinite."""
+    """Return the mean of the entries that are not NaN; None without entries or if it is infinite."""
     values = values[~np.isnan(values)]
     return number(values.mean()) if values.size else None
 
 
 def rms(values: Float) -> float | None:
-    """Root mean square of the entries that are not NaN; None if there are none or it is infinite."""
+    """Return the root mean square of the entries that are not NaN; None without entries or if it is infinite."""
     square = mean(np.square(values))
     return None if square is None else math.sqrt(square)

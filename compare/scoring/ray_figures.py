@@ -1,4 +1,4 @@
-"""What became of the rays of a bearing-only estimate, counted against the truth."""
+"""Figures of the rays of a bearing-only estimate, compared with the truth."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from slamgauge.estimate import Estimate, RayLog
 from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 
-FAR_OFF = 9.0  # squared Mahalanobis distance: three sigma
+FAR_OFF = 9.0  # squared Mahalanobis distance of three sigma
 
 
 class RayFigures(NamedTuple):
-    """Counts of one run, or means over runs; what nobody can tell is None.
+    """Counts of one run, or means over runs; None if unknown.
 
     Attributes:
         members: mean over the steps of the number of members in the state.
         collapsed: rays that became points.
-        wrong: of these, those whose survivor was not the member nearest to the truth at the ray's birth, or whose
+        wrong: collapsed rays whose survivor was not the member nearest to the truth at the ray's birth, or whose
             landmark is more than three sigma off at the end.
-        off: those that are more than three sigma off.
+        off: collapsed rays whose landmark is more than three sigma off at the end.
         lost: rays that were deleted.
-        left: rays that are rays still.
+        left: rays that are still rays at the end.
     """
 
     members: float
@@ -40,7 +40,7 @@ class RayFigures(NamedTuple):
 
 
 def ray_figures(truth: Truth, recording: Recording, estimate: Estimate) -> RayFigures | None:
-    """The counts of an estimate; None if it has no rays."""
+    """Return the counts of an estimate; None without rays."""
     rays = estimate.rays
     if rays is None:
         return None
@@ -49,8 +49,9 @@ def ray_figures(truth: Truth, recording: Recording, estimate: Estimate) -> RayFi
     if truth.poses is not None and truth.landmark_ids is not None:
         ids, landmarks = true_landmarks(truth, recording, estimate)
         is_off = np.isin(rays.landmark, estimate.landmark_ids[_far_off(truth, estimate, ids, landmarks)])
-        owner = _owners(rays.landmark, estimate.landmark_ids, ids)
-        wrong = float(np.sum(collapsed & (is_off | ~_nearest_survived(truth, rays, owner))))
+        known = dict(zip(estimate.landmark_ids.tolist(), ids.tolist(), strict=True))
+        owner = np.array([known.get(name, -1) for name in rays.landmark.tolist()], dtype=np.int64)
+        wrong = float(np.sum(collapsed & (is_off | ~_nearest_survived(truth, truth.poses, rays, owner))))
         off = float(np.sum(collapsed & is_off))
     return RayFigures(
         members=float(rays.members.mean()),
@@ -63,40 +64,37 @@ def ray_figures(truth: Truth, recording: Recording, estimate: Estimate) -> RayFi
 
 
 def _far_off(truth: Truth, estimate: Estimate, ids: Int, landmarks: Float) -> Int:
-    """Which landmarks of the estimate lie more than three sigma from the truth; those without truth do not."""
+    """Return the landmarks more than three sigma from the truth, without those of unknown truth."""
     if estimate.landmark_covs is None:
         return np.zeros(0, dtype=np.int64)
     errors = landmark_errors(ids, landmarks, truth.landmark_ids, truth.landmarks)
     return np.flatnonzero(squared_mahalanobis(errors, estimate.landmark_covs) > FAR_OFF)
 
 
-def _owners(names: Int, landmark_ids: Int, ids: Int) -> Int:
-    """True id of each name, -1 where nobody can tell."""
-    known = dict(zip(landmark_ids.tolist(), ids.tolist(), strict=True))
-    return np.array([known.get(name, -1) for name in names.tolist()], dtype=np.int64)
+def _nearest_survived(
+    truth: Truth, poses: Float, rays: RayLog, owner: Int
+) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Return whether each ray's survivor was at birth the member nearest to the true distance; True if unknown.
 
-
-def _nearest_survived(truth: Truth, rays: RayLog, owner: Int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Whether each ray's survivor was at birth the member nearest to the true distance; True where nobody can tell."""
-    assert truth.poses is not None
-    if not len(rays.birth):  # nothing was seen: rays have no members either
+    `owner` has the true id of each ray's landmark, -1 if unknown.
+    """
+    if not len(rays.birth):  # without observations, rays have no members
         return np.zeros(0, dtype=np.bool_)
-    born_at = truth.poses[rays.birth, :2]
-    offsets = landmark_errors(owner, born_at, truth.landmark_ids, truth.landmarks)
+    offsets = landmark_errors(owner, poses[rays.birth, :2], truth.landmark_ids, truth.landmarks)
     gaps = np.abs(rays.distances - np.hypot(*offsets.T)[:, None])
     nearest = np.where(np.isnan(gaps).all(axis=1), rays.survivor, np.nan_to_num(gaps, nan=np.inf).argmin(axis=1))
     return nearest == rays.survivor
 
 
 def describe(figures: RayFigures) -> str:
-    """The counts of one run, or means over runs, in a sentence."""
+    """Return the counts of one run, or means over runs, in a sentence."""
     judged = "" if figures.wrong is None else f" ({figures.wrong:.3g} wrongly, {figures.off:.3g} end off by 3 sigma)"
     rest = f"{figures.lost:.3g} were lost, {figures.left:.3g} are left; {figures.members:.3g} members in the state"
     return f"{figures.collapsed:.4g} rays became points{judged}, {rest}"
 
 
 def mean_figures(runs: Sequence[RayFigures | None]) -> RayFigures | None:
-    """Means over runs, each over those that have it; None without rays."""
+    """Return means over the runs that have each count; None without rays."""
     known = [each for each in runs if each is not None]
     if not known:
         return None

@@ -1,4 +1,4 @@
-"""The runs of one estimator side by side: what a study keeps of each, as arrays over runs."""
+"""Stored runs of one estimator in a study, as arrays over runs."""
 
 from __future__ import annotations
 
@@ -9,31 +9,22 @@ import numpy as np
 
 from slamgauge.arrays import Float, Int
 
-# what is kept of every step: errors and sigmas [m, m, rad], NEES, and the NIS with its degrees of freedom
+# stored for every step: errors and sigmas [m, m, rad], NEES, and the NIS with its degrees of freedom
 SERIES = (
-    "error_x",
-    "error_y",
-    "error_heading",
-    "sigma_x",
-    "sigma_y",
-    "sigma_heading",
-    "nees_pose",
-    "nees_position",
-    "nees_heading",
-    "nis",
-    "nis_dof",
+    *("error_x", "error_y", "error_heading", "sigma_x", "sigma_y", "sigma_heading"),
+    *("nees_pose", "nees_position", "nees_heading", "nis", "nis_dof"),
 )
 
 
 @dataclass(frozen=True)
 class Runs:
-    """The stored runs of one estimator that did not fail.
+    """Runs of one estimator without the failed ones.
 
     Attributes:
         run: (R,) numbers of the runs, increasing.
         kind: `filtered` or `smoothed`.
-        figures: key (`catalogue.STORED`) to (R,); NaN where a figure is undefined.
-        series: name (`SERIES`) to (R, N+1); NaN where undefined.
+        figures: arrays (R,) by key (`catalogue.STORED`); NaN where undefined.
+        series: arrays (R, N+1) by name (`SERIES`); NaN where undefined.
     """
 
     run: Int
@@ -43,13 +34,19 @@ class Runs:
 
 
 class Ates(NamedTuple):
-    """Numbers (R,) of an estimator's runs that did not fail, and the ATE [m] of each, NaN where it is undefined."""
+    """Numbers (R,) of an estimator's runs without the failed ones, and the ATE [m] of each, NaN where undefined."""
 
     run: Int
     ate_m: Float
 
 
+def paired_figures(key: str, runs: Runs, other: Runs) -> tuple[Float, Float]:
+    """Return a figure (C,) of the common runs of two estimators."""
+    ours, theirs = paired(runs, other)
+    return runs.figures[key][ours], other.figures[key][theirs]
+
+
 def paired(runs: Runs, optimum: Runs) -> tuple[Int, Int]:
-    """Rows of the runs that both have."""
+    """Return the rows of the common runs in `runs` and in `optimum`."""
     _, ours, theirs = np.intersect1d(runs.run, optimum.run, assume_unique=True, return_indices=True)
     return ours, theirs

@@ -1,4 +1,4 @@
-"""The score of an estimate: every figure of metrics.json, against the truth and against the optimum."""
+"""Score of an estimate: every figure of metrics.json, relative to the truth and to the optimum."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import numpy as np
 
 from slamgauge.arrays import Float
 from slamgauge.compare.scoring.catalogue import CATALOGUE, SCORED, measured
-from slamgauge.compare.scoring.consistency import sigma_ratios, squared_mahalanobis
-from slamgauge.compare.scoring.coverage import log_scores
+from slamgauge.compare.scoring.consistency import log_scores, sigma_ratios, squared_mahalanobis
 from slamgauge.compare.scoring.landmark_identity import association_figures, landmark_errors, true_landmarks
 from slamgauge.compare.scoring.loop_closures import LoopClosure, closure_steps, describe_closures
 from slamgauge.compare.scoring.nan_stats import mean, number, rms
@@ -26,22 +25,14 @@ from slamgauge.recording import Recording
 from slamgauge.truth import Truth
 from slamgauge.validation import require_type
 
-OPTIMUM_FIGURES = (
-    "ratio_to_optimum",
-    "sigma_ratio_to_optimum",
-    "mahalanobis_to_optimum",
-    "log_score_to_optimum",
-    "yardstick_check_sigma",
-)
-
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Score:
-    """How good an estimate is; a figure that does not apply is None.
+    """Figures of an estimate; None if a figure does not apply.
 
-    What each figure means, and its unit, stands in `catalogue`. `kind` is `filtered` (compared with `causal`) or
-    `smoothed` (compared with batch), `nees` (N+1,) the pose NEES of each step and `sigmas` (N+1, 3) those of x, y [m]
-    and heading [rad], NaN where they are undefined, `others` the figures that have no field of their own.
+    `catalogue` defines the figures and their units. `kind` is `filtered` (compared with `causal`) or `smoothed`
+    (compared with `batch`), `nees` (N+1,) the pose NEES of each step, `sigmas` (N+1, 3) those of x, y [m] and heading
+    [rad], NaN where undefined, `others` the figures without a field.
     """
 
     kind: Kind
@@ -64,11 +55,11 @@ class Score:
     track_purity: float | None
     track_purity_min: float | None
     rays: RayFigures | None
-    ratio_to_optimum: float | None
-    sigma_ratio_to_optimum: tuple[float | None, ...] | None
-    mahalanobis_to_optimum: float | None
-    log_score_to_optimum: float | None
-    yardstick_check_sigma: float | None
+    ratio_to_optimum: float | None = None
+    sigma_ratio_to_optimum: tuple[float | None, ...] | None = None
+    mahalanobis_to_optimum: float | None = None
+    log_score_to_optimum: float | None = None
+    yardstick_check_sigma: float | None = None
     verdict: str | None
     final_distance_to_batch_m: float | None
     landmark_distance_to_batch_m: float | None
@@ -82,13 +73,13 @@ class Score:
     others: dict[str, Any] = field(default_factory=dict)
 
     def figure(self, key: str) -> Any:
-        """A figure of the catalogue by its key."""
+        """Return the figure with a key of the catalogue."""
         return self.others[key] if key in self.others else getattr(self, key)
 
     def __repr__(self) -> str:
         known = {"ATE": (self.ate_m, " m"), "NEES": (self.nees_pose, ""), "NIS/dof": (self.nis_per_dof, "")}
-        told = [f"{title} {value:.3g}{unit}" for title, (value, unit) in known.items() if value is not None]
-        return f"Score({', '.join([self.kind, *told])})"
+        parts = [f"{title} {value:.3g}{unit}" for title, (value, unit) in known.items() if value is not None]
+        return f"Score({', '.join([self.kind, *parts])})"
 
     def _repr_html_(self) -> str:
         helps = {each.key: each.help for each in CATALOGUE}
@@ -96,19 +87,19 @@ class Score:
         return html_table((f"{self.kind} estimate", "", ""), rows)
 
     def figures(self) -> dict[str, float | None]:
-        """What of metrics.json is a figure."""
+        """Return the entries of metrics.json that are numbers."""
         entry = {key: value for key, value in self.to_json().items() if key != "kind"}
         return {key: value for key, value in entry.items() if value is None or isinstance(value, int | float)}
 
     def to_frame(self) -> Any:
-        """The figures as a `pandas.DataFrame`: a row for each."""
+        """Return the figures as a `pandas.DataFrame` with a row for each."""
         figures = self.figures()
         return data_frame({"value": [*figures.values()]}, [*figures])
 
     def to_json(self) -> dict[str, Any]:
-        """The estimator's entry in metrics.json: plain numbers, lists and None; `rays` only where there are any.
+        """Return the entry in metrics.json: plain numbers, lists and None; `rays` only if the estimate has any.
 
-        JSON has no infinity: a check that is infinite is the largest double, which no limit takes for small.
+        JSON has no infinity: an infinite check becomes the largest double.
         """
         keys = [each.name for each in fields(self) if each.name == "kind" or each.name in SCORED]
         entry: dict[str, Any] = {key: getattr(self, key) for key in keys}
@@ -132,25 +123,22 @@ def evaluate(
     optimum: Estimate | None = None,
     batch: Estimate | None = None,
 ) -> Score:
-    """Score an estimate against the truth, the optimum of its own kind and the hindsight optimum.
+    """Score an estimate against the truth, the optimum of the same kind and the hindsight optimum.
 
     Args:
-        truth: as much of the truth as is known; None on real data without ground truth.
-        recording: what the estimator was given.
-        estimate: what it returned.
-        optimum: estimate of `causal` for a filtered one, batch's for a smoothed one.
+        truth: the known part of the truth; None on real data without ground truth.
+        recording: input of the estimator.
+        estimate: output of the estimator.
+        optimum: estimate of `causal` if `estimate` is filtered, of `batch` if it is smoothed.
         batch: the hindsight optimum, for the distances of the last pose and of the map.
 
     Raises:
-        UserError: if lengths do not fit the recording, or the optimum is of another kind.
+        UserError: lengths do not fit the recording, or the optimum is of another kind.
     """
     truth = Truth() if truth is None else truth
-    for name, value, kind in (
-        ("truth", truth, Truth),
-        ("recording", recording, Recording),
-        ("estimate", estimate, Estimate),
-    ):
-        require_type(name, value, kind)
+    require_type("truth", truth, Truth)
+    require_type("recording", recording, Recording)
+    require_type("estimate", estimate, Estimate)
     _check(truth, recording, estimate, optimum, batch)
     figures = _path_figures(truth, recording, estimate)
     figures |= map_figures(truth, recording, estimate, batch)
@@ -171,7 +159,9 @@ def evaluate(
 
 def _path_figures(truth: Truth, recording: Recording, estimate: Estimate) -> dict[str, Any]:
     poses, reference, covs = estimate.poses, _true_poses(truth, estimate), pose_covs_of(estimate)
-    aligned = rms(np.linalg.norm(aligned_errors(poses[:, :2], reference[:, :2]), axis=1))  # what takes most comes first
+    aligned = rms(
+        np.linalg.norm(aligned_errors(poses[:, :2], reference[:, :2]), axis=1)
+    )  # first, because it needs the most memory
     errors = pose_errors(reference, poses)
     off = distances(errors)
     nees = squared_mahalanobis(errors, covs)
@@ -192,7 +182,7 @@ def _path_figures(truth: Truth, recording: Recording, estimate: Estimate) -> dic
 
 
 def map_figures(truth: Truth, recording: Recording, estimate: Estimate, batch: Estimate | None) -> dict[str, Any]:
-    """What a `Score` says of the map and of the associations."""
+    """Return the figures of the map and of the associations."""
     ids, landmarks = true_landmarks(truth, recording, estimate)
     errors = landmark_errors(ids, landmarks, truth.landmark_ids, truth.landmarks)
     covs = estimate.landmark_covs
@@ -215,7 +205,7 @@ def map_figures(truth: Truth, recording: Recording, estimate: Estimate, batch: E
 
 def _optimum_figures(truth: Truth, estimate: Estimate, optimum: Estimate | None) -> dict[str, Any]:
     if optimum is None:
-        return dict.fromkeys(OPTIMUM_FIGURES)
+        return {}
     reference = _true_poses(truth, estimate)
     ate, optimal = (rms(distances(pose_errors(reference, path.poses))) for path in (estimate, optimum))
     covs, optimum_covs = pose_covs_of(estimate), pose_covs_of(optimum)
@@ -231,7 +221,7 @@ def _optimum_figures(truth: Truth, estimate: Estimate, optimum: Estimate | None)
 
 
 def filter_figures(estimate: Estimate) -> dict[str, Any]:
-    """What a `Score` says of the innovations and of computing time."""
+    """Return the figures of the innovations and of computing time."""
     nis = 0.0 if estimate.nis is None else float(estimate.nis.sum())
     dof = 0 if estimate.nis_dof is None else int(estimate.nis_dof.sum())
     seconds = estimate.seconds
@@ -245,12 +235,12 @@ def filter_figures(estimate: Estimate) -> dict[str, Any]:
 
 
 def _true_poses(truth: Truth, estimate: Estimate) -> Float:
-    """True poses (N+1, 3), all NaN where there is no truth: what needs them becomes undefined by itself."""
+    """Return the true poses (N+1, 3), all NaN without truth, so that all figures from them are undefined."""
     return np.full(estimate.poses.shape, np.nan) if truth.poses is None else truth.poses
 
 
 def pose_covs_of(estimate: Estimate) -> Float:
-    """Pose covariances (N+1, 3, 3), all NaN where the estimator gives none."""
+    """Return the pose covariances (N+1, 3, 3), all NaN if the estimator returns none."""
     return np.full((len(estimate.poses), 3, 3), np.nan) if estimate.pose_covs is None else estimate.pose_covs
 
 

@@ -1,10 +1,10 @@
-"""Intervals that hold although a study is looked at again and again, and ended when they are narrow enough.
+"""Intervals that hold although a study is evaluated several times and stops when they are narrow enough.
 
-A 95 % interval that is looked at after 100 runs, 150, 225 and so on, until one pleases, holds less often than it says.
-Repeated confidence intervals (Jennison and Turnbull 1989) hold at all looks at once with that probability: each is as
-much wider as its share of the error makes it. The shares are spent as by Lan and DeMets (1983), here the same at every
-look, since nobody knows beforehand where a study will end; what the looks have in common is taken into account by the
-recursion of Armitage, McPherson and Rowe (1969) over the score process, a Brownian motion at the times of the looks.
+A 95 % interval that is evaluated after 100 runs, 150, 225 and so on, until it is narrow, is right less often than 95 %.
+Repeated confidence intervals (Jennison and Turnbull 1989) hold at all looks at once with that probability. The error is
+spent as by Lan and DeMets (1983), with the same share at every look, since the last look is unknown in advance. The
+correlation of the looks follows from the recursion of Armitage, McPherson and Rowe (1969) over the score process, a
+Brownian motion at the times of the looks.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ import numpy as np
 from slamgauge.arrays import Float
 from slamgauge.compare.scoring.intervals import LEVEL
 
-GROWTH = 1.5  # of the number of runs from look to look
-GRID = 201  # points of the density between the boundaries; more of them change the boundaries by less than 1e-6
+GROWTH = 1.5  # factor of the number of runs from look to look
+GRID = 201  # points of the density between the boundaries; more points change the boundaries by less than 1e-6
 FARTHEST = 9.0  # in standard deviations: the probability beyond is less than 1e-18
 
 
 class Look(NamedTuple):
-    """A look at the first `runs` runs, number `number` of at most `of` looks, from 1.
+    """A look at the first `runs` runs: number `number` of at most `of`, from 1.
 
-    `level` is that of the fixed-sample interval which is the repeated one at this look.
+    `level` is the probability for which the interval of a fixed number of runs equals the repeated one.
     """
 
     runs: int
@@ -38,7 +38,7 @@ class Look(NamedTuple):
 
 
 def plan_looks(first: int, most: int) -> tuple[Look, ...]:
-    """The looks of a study that may end at any: at `first` runs, at GROWTH times as many, ..., and at `most`."""
+    """Return the looks of a study: at `first` runs, GROWTH times as many, ..., and at `most`."""
     counts = growing(first, most)
     levels = [1 - 2 * _tail(bound) for bound in boundaries(tuple(counts), 1 - LEVEL)]
     return tuple(
@@ -48,7 +48,7 @@ def plan_looks(first: int, most: int) -> tuple[Look, ...]:
 
 
 def growing(first: int, most: int) -> list[int]:
-    """Numbers of runs: `first`, GROWTH times as many, ..., and `most`."""
+    """Return numbers of runs: `first`, GROWTH times as many, ..., and `most`."""
     counts = [min(first, most)]
     while counts[-1] < most:
         counts.append(min(math.ceil(GROWTH * counts[-1]), most))
@@ -56,9 +56,9 @@ def growing(first: int, most: int) -> list[int]:
 
 
 def repeated_p_value(looks: Sequence[Look], look: Look, p_value: float) -> float:
-    """The p-value that holds at all looks at once, of a fixed-sample one at `look`.
+    """Return the p-value that holds at all looks at once, from that of a fixed number of runs at `look`.
 
-    It is the largest error probability at which the repeated interval of this look still holds what was tested.
+    It is the largest error probability at which the repeated interval of this look contains the tested value.
     """
     from scipy.special import ndtri  # here: scipy is slow to start
 
@@ -77,10 +77,10 @@ def repeated_p_value(looks: Sequence[Look], look: Look, p_value: float) -> float
 
 @lru_cache(maxsize=256)
 def boundaries(counts: tuple[int, ...], alpha: float) -> tuple[float, ...]:
-    """How many standard errors (K,) repeated intervals reach at looks at `counts` (K,) runs.
+    """Return the half-widths (K,) of repeated intervals in standard errors, for looks at `counts` (K,) runs.
 
-    A mean of independent figures with a normal distribution leaves any of them with probability `alpha`, and each for
-    the first time with the same share of that.
+    The mean of independent normal figures leaves any of the intervals with probability `alpha`, and leaves each of them
+    first with the same share of `alpha`.
     """
     times = np.array(counts) / counts[-1]
     share = alpha / len(counts)
@@ -99,14 +99,14 @@ def boundaries(counts: tuple[int, ...], alpha: float) -> tuple[float, ...]:
 
 
 def _leaves(bound: float, weights: Float, points: Float, spread: float) -> float:
-    """Probability that a step of standard deviation `spread` from `points`, with these weights, leads out of ±bound."""
+    """Return the probability that a step of standard deviation `spread` from weighted `points` ends outside ±bound."""
     from scipy.special import ndtr  # here: scipy is slow to start
 
     return float(weights @ (ndtr((points - bound) / spread) + ndtr((-bound - points) / spread)))
 
 
 def _simpson(points: Float) -> Float:
-    """Weights of Simpson's rule on an odd number of equally spaced points."""
+    """Return the weights of Simpson's rule on an odd number of equally spaced points."""
     weights = np.full(len(points), 2.0)
     weights[1::2] = 4.0
     weights[[0, -1]] = 1.0
@@ -114,7 +114,7 @@ def _simpson(points: Float) -> Float:
 
 
 def _root(excess: Callable[[float], float]) -> float:
-    """Where a falling function of a boundary is zero, by bisection."""
+    """Return the zero of a falling function of a boundary, by bisection."""
     low, high = 0.0, FARTHEST
     for _ in range(36):
         middle = (low + high) / 2
@@ -123,5 +123,5 @@ def _root(excess: Callable[[float], float]) -> float:
 
 
 def _tail(bound: float) -> float:
-    """Probability that a normal variable exceeds `bound`."""
+    """Return the probability that a normal variable exceeds `bound`."""
     return math.erfc(bound / math.sqrt(2)) / 2

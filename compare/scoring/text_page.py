@@ -1,11 +1,11 @@
-"""What a command prints: tables with their key columns first, and lines, laid out for a width."""
+"""Layout of printed results: tables and lines of text within a width."""
 
 from __future__ import annotations
 
 import html
 import textwrap
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 from slamgauge.compare.scoring.text_table import aligned
@@ -14,9 +14,8 @@ from slamgauge.display import html_table
 Tone = Literal["plain", "head", "good", "bad", "faint"]
 Paint = Callable[[str, Tone], str]
 
-LONGEST_NAME = 28  # of the first column where the width is limited; more is cut in the middle
-ROOMY = 200  # characters: from here on what finds no room stands in a table of its own below, and nothing is left out
-NARROWEST = 22  # a column of sentences is not made narrower than this
+LONGEST_NAME = 28  # characters of the first column if the width is limited; longer names lose their middle
+NARROWEST = 22  # characters: least width of a column of sentences
 TONES: dict[str, Tone] = {
     **dict.fromkeys(("passed", "holds"), "good"),
     **dict.fromkeys(("FAILED", "failed", "does not hold", "not graded"), "bad"),
@@ -24,23 +23,29 @@ TONES: dict[str, Tone] = {
 
 
 def plain(text: str, _: Tone) -> str:
-    """No colours."""
+    """Return the text without colours."""
     return text
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A table whose columns are in the order of their worth: where there is no room those from the right give way.
+    """A table with the most important columns first. If it is too wide, the last columns are hidden.
 
     Attributes:
-        rows: cells, the head first.
-        words: how many columns from the left, or which ones, are texts; figures stand to the right.
-        sentences: the column whose texts may go on in further lines, if there is one.
+        rows: cells; the first row is the head.
+        words: how many columns from the left, or which ones, are texts; columns of figures are right-aligned.
+        sentences: the column whose texts may continue on further lines.
+        names: full names of columns by their titles.
     """
 
     rows: Sequence[Sequence[str]]
     words: int | Collection[int] = 1
     sentences: int | None = None
+    names: Mapping[str, str] = field(default_factory=dict)
+
+    def full_names(self, start: int = 0) -> list[str]:
+        """Return the full names of the columns from `start` on."""
+        return [self.names.get(title, title) for title in self.rows[0][start:]]
 
 
 @dataclass(frozen=True)
@@ -53,14 +58,14 @@ class Page:
         return self.text()
 
     def html(self) -> str:
-        """Tables and paragraphs."""
+        """Return tables and paragraphs for a notebook."""
         return "\n".join(
-            html_table(part.rows[0], part.rows[1:]) if isinstance(part, Grid) else _html_line(part)
+            html_table(part.full_names(), part.rows[1:]) if isinstance(part, Grid) else _html_line(part)
             for part in self.parts
         )
 
     def text(self, width: int | None = None, paint: Paint = plain) -> str:
-        """Lines of at most `width` characters, words longer than that apart; None leaves every line whole."""
+        """Return lines of at most `width` characters, except for longer words; None sets no limit."""
         lines: list[str] = []
         for part in self.parts:
             lines += _grid_lines(part, width, paint) if isinstance(part, Grid) else _wrapped(part, width)
@@ -74,14 +79,17 @@ def _wrapped(line: str, width: int | None) -> list[str]:
 
 
 def _grid_lines(grid: Grid, width: int | None, paint: Paint) -> list[str]:
-    head, *body = lines = aligned(grid.rows, grid.words)
-    if width is not None and max(map(len, lines)) > width:
-        return _fitted_lines(grid, width, paint)
-    return [paint(head, "head"), *(_painted(line, row, paint) for line, row in zip(body, grid.rows[1:], strict=True))]
+    """Return the table with full names in its head, or else short titles, or else without its last columns."""
+    for head in (grid.full_names(), grid.rows[0]):
+        lines = aligned([head, *grid.rows[1:]], grid.words)
+        if width is None or max(map(len, lines)) <= width:
+            body = zip(lines[1:], grid.rows[1:], strict=True)
+            return [paint(lines[0], "head"), *(_painted(line, row, paint) for line, row in body)]
+    return _fitted_lines(grid, width or 0, paint)
 
 
 def _painted(line: str, row: Sequence[str], paint: Paint) -> str:
-    """A line of the table with the verdict in it, if there is one, in its tone."""
+    """Return a line of the table with its verdict, if it has one, in the verdict's tone."""
     for text in row:
         if text in TONES:
             before, _, after = line.rpartition(text)
@@ -90,7 +98,7 @@ def _painted(line: str, row: Sequence[str], paint: Paint) -> str:
 
 
 def _fitted_lines(grid: Grid, width: int, paint: Paint) -> list[str]:
-    """The columns that there is room for; the others below, where there is much of it, or which ones are left out."""
+    """Return the columns that fit, and below them the names of the others."""
     rows = [[_shortened(row[0]), *row[1:]] for row in grid.rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     least = list(widths)
@@ -99,27 +107,24 @@ def _fitted_lines(grid: Grid, width: int, paint: Paint) -> list[str]:
     kept = 1
     while kept < len(widths) and sum(least[: kept + 1]) + 2 * kept <= width:
         kept += 1
-    lines: list[str] = []
+    shown = [row[:kept] for row in rows]
     if grid.sentences is None or grid.sentences >= kept:
-        lines = _grid_lines(Grid([row[:kept] for row in rows], grid.words), None, paint)
+        lines = _grid_lines(Grid(shown, grid.words), None, paint)
     else:
         room = width - sum(least[:kept]) - 2 * (kept - 1) + least[grid.sentences]
-        lines = _with_sentences([row[:kept] for row in rows], grid.words, grid.sentences, room, paint)
-    missing = rows[0][kept:]
-    named = grid.words if isinstance(grid.words, int) else 1
-    if missing and width >= ROOMY and kept > named:
-        rest = Grid([[*row[:named], *row[kept:]] for row in rows], named)
-        return [*lines, "", *_grid_lines(rest, width, paint)]
-    said = f"left out at {width} characters: {', '.join(missing)} (--wide shows all)"
-    return lines + ([paint(line, "faint") for line in _wrapped(said, width)] if missing else [])
+        lines = _with_sentences(shown, grid.words, grid.sentences, room, paint)
+    if kept == len(widths):
+        return lines
+    hidden = f"Hidden columns (show with --wide): {', '.join(grid.full_names(kept))}"
+    return lines + [paint(line, "faint") for line in _wrapped(hidden, width)]
 
 
 def _with_sentences(
     rows: list[list[str]], words: int | Collection[int], place: int, room: int, paint: Paint
 ) -> list[str]:
-    """Lines of a table in which the texts of one column go on in further lines."""
+    """Return the lines of a table in which the texts of column `place` continue on further lines."""
     tall: list[list[str]] = []
-    begins: list[list[str] | None] = []  # the row that begins at a line; None where one goes on
+    begins: list[list[str] | None] = []  # the row that begins at a line; None for a continuation
     for row in rows:
         pieces = textwrap.wrap(row[place], room, break_on_hyphens=False) or [""]
         tall.append([*row[:place], pieces[0], *row[place + 1 :]])
@@ -131,7 +136,7 @@ def _with_sentences(
 
 
 def _shortened(name: str) -> str:
-    """A long name without its middle."""
+    """Return the name, without its middle if it is long."""
     if len(name) <= LONGEST_NAME:
         return name
     half = (LONGEST_NAME - 3) // 2

@@ -1,4 +1,4 @@
-"""Tables for the terminal."""
+"""Cells and lines of tables."""
 
 from __future__ import annotations
 
@@ -6,14 +6,11 @@ from collections.abc import Collection, Sequence
 
 from slamgauge.compare.scoring.intervals import Interval
 
-VAST = 1e9  # figures from here on have an exponent, so that one lost filter does not make a table unreadable
+VAST = 1e9  # figures from here on are written with an exponent, to keep columns narrow
 
 
 def aligned(rows: Sequence[Sequence[str]], words: int | Collection[int]) -> list[str]:
-    """Columns as lines: the first `words`, or those of these places, to the left, the figures to the right.
-
-    No line ends in blanks.
-    """
+    """Return rows as lines without trailing blanks: `words` columns (count or places) left-aligned, others right."""
     left = range(words) if isinstance(words, int) else words
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
@@ -26,7 +23,7 @@ def aligned(rows: Sequence[Sequence[str]], words: int | Collection[int]) -> list
 
 
 def cell(value: float | None, form: str) -> str:
-    """A figure formatted by `form`, `-` where there is none; what is rounded to 0 has no minus."""
+    """Return a figure formatted by `form`, `-` for None; a figure that is rounded to 0 has no minus."""
     if value is None:
         return "-"
     text = form.format(value) if abs(value) < VAST else f"{value:.3g}"
@@ -34,12 +31,12 @@ def cell(value: float | None, form: str) -> str:
 
 
 def interval_cell(interval: Interval | None, form: str) -> str:
-    """`mean ± half width`, `-` where there is none."""
+    """Return `mean ± half width`, or `-` for None."""
     if interval is None or interval.low is None or interval.high is None:
         return cell(None if interval is None else interval.mean, form)
     return f"{cell(interval.mean, form)} ± {cell((interval.high - interval.low) / 2, form)}"
 
 
 def marked(text: str, mark: str, *, is_marked: bool) -> str:
-    """A cell of a column in which some are marked behind their figure: the others leave the place of the mark free."""
+    """Return a cell with the mark, or with blanks instead, to keep the figures of a column aligned."""
     return text + (mark if is_marked and text != "-" else " " * len(mark))

@@ -1,16 +1,29 @@
-"""Errors of a path against a reference path, pose by pose; rows of NaN in the reference stay NaN."""
+"""Errors of a path relative to a reference path: by pose, by step, by distance, and after alignment.
+
+Rows of the reference that are NaN give NaN.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamgauge.arrays import Float, chunks
+from slamgauge.arrays import Float, Int, chunks
+from slamgauge.compare.scoring.nan_stats import rms
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
 from slamgauge.se2 import between, rotation, wrap
+from slamgauge.truth import Truth
+
+LENGTHS = (1.0, 2.0, 5.0)  # lengths of segments, times powers of ten [m]
+LONGEST = 0.5  # longest segment, as a share of the true path: at least half of the poses begin one
 
 
 def pose_errors(reference: Float, poses: Float) -> Float:
-    """Additive errors (n, 3) of `poses` (n, 3) in the world frame, [m, m, rad], heading wrapped."""
+    """Return additive errors (n, 3) of `poses` (n, 3) in the world frame, [m, m, rad], heading wrapped."""
     errors = poses - reference
     for rows in chunks(len(errors)):
         errors[rows, 2] = wrap(errors[rows, 2])
@@ -18,28 +31,27 @@ def pose_errors(reference: Float, poses: Float) -> Float:
 
 
 def squared_distances(errors: Float) -> Float:
-    """Squared position errors (n,) [m^2] of additive errors (n, 3)."""
+    """Return squared position errors (n,) [m^2] of additive errors (n, 3)."""
     return np.square(errors[:, :2]).sum(axis=1)
 
 
 def distances(errors: Float) -> Float:
-    """Position errors (n,) [m] of additive errors (n, 3)."""
+    """Return position errors (n,) [m] of additive errors (n, 3)."""
     return np.sqrt(squared_distances(errors))
 
 
-def stored_distances(errors_x: Float, errors_y: Float) -> Float:
-    """The same of errors by coordinate (n,), to the last bit as stores of earlier versions hold them."""
-    return np.hypot(errors_x, errors_y)
-
-
 def step_errors(reference: Float, poses: Float) -> Float:
-    """Translations (n-1,) [m] by which consecutive body-frame steps differ (evo's RPE at a delta of one)."""
+    """Return translations (n-1,) [m] by which consecutive body-frame steps differ (evo's RPE at a delta of one)."""
     errors = np.empty(len(poses) - 1)
     for rows in chunks(len(errors)):
-        ends = slice(rows.start + 1, rows.stop + 1)
-        steps = between(poses[rows], poses[ends]) - between(reference[rows], reference[ends])
-        errors[rows] = np.linalg.norm(steps[:, :2], axis=1)
+        motions = _motion_errors(reference, poses, rows, slice(rows.start + 1, rows.stop + 1))
+        errors[rows] = np.linalg.norm(motions[:, :2], axis=1)
     return errors
+
+
+def _motion_errors(reference: Float, poses: Float, begin: slice, end: slice | Int) -> Float:
+    """Return the errors (n, 3) of the motions from poses `begin` to poses `end`, in the frame of the first."""
+    return between(poses[begin], poses[end]) - between(reference[begin], reference[end])
 
 
 def aligned_errors(positions: Float, reference: Float) -> Float:
@@ -56,7 +68,7 @@ def aligned_errors(positions: Float, reference: Float) -> Float:
 
 
 def _aligned(positions: Float, reference: Float, known: NDArray[np.bool_]) -> Float:
-    """`positions` (n, 2) aligned to the `known` rows of `reference`, relative to the first of these."""
+    """Return `positions` (n, 2) aligned to the `known` rows of `reference`, relative to the first of these."""
     first, rows = known.argmax(), slice(None) if known.all() else known  # a slice needs no copies
     positions, goal = positions - positions[first], reference[rows] - reference[first]
     center, target = positions[rows].mean(axis=0), goal.mean(axis=0)
@@ -64,3 +76,52 @@ def _aligned(positions: Float, reference: Float, known: NDArray[np.bool_]) -> Fl
     goal -= target
     sine = np.sum(source[:, 0] * goal[:, 1] - source[:, 1] * goal[:, 0])
     return (positions - center) @ rotation(np.arctan2(sine, np.sum(source * goal))).T + target
+
+
+# --- by distance ---------------------------------------------------------------------------------
+
+
+class RelativeError(NamedTuple):
+    """Root mean squares over all segments of the true path with the same length.
+
+    Attributes:
+        distance_m: length along the true path.
+        translation_m: error of the motion from the first pose to the last, in the frame of the first.
+        heading_rad: error of the turn.
+        pieces: number of segments; they overlap.
+    """
+
+    distance_m: float
+    translation_m: float | None
+    heading_rad: float | None
+    pieces: int
+
+
+def relative_errors(truth: Truth, _recording: Recording, estimate: Estimate) -> list[dict[str, float | None]] | None:
+    """Return a `RelativeError` for 1, 2, 5, 10, ... m up to half of the path; None without true poses.
+
+    A segment begins at every pose with truth and ends at the first pose so far along (Geiger et al. 2012, KITTI).
+    """
+    if truth.poses is None:
+        return None
+    known = np.isfinite(truth.poses).all(axis=1) & np.isfinite(estimate.poses).all(axis=1)
+    rows = slice(None) if known.all() else known  # a slice needs no copies
+    reference, poses = truth.poses[rows], estimate.poses[rows]
+    way = np.concatenate([[0.0], np.hypot(*np.diff(reference[:, :2], axis=0).T).cumsum()])[: len(reference)]
+    found: list[dict[str, float | None]] = []
+    for distance in _lengths(float(way[-1]) if len(way) else 0.0):
+        end = np.searchsorted(way, way + distance * (1 - 1e-9))
+        end = end[: np.searchsorted(end, len(way))]  # last pose of the segments that begin at poses 0, 1, ...
+        errors = np.empty((2, len(end)))
+        for begin in chunks(len(end)):
+            motions = _motion_errors(reference, poses, begin, end[begin])
+            errors[:, begin] = np.hypot(*motions[:, :2].T), wrap(motions[:, 2])
+        found.append(RelativeError(distance, rms(errors[0]), rms(errors[1]), len(end))._asdict())
+    return found
+
+
+def _lengths(way: float) -> Iterator[float]:
+    power = 1.0
+    while power <= LONGEST * way:
+        yield from (power * each for each in LENGTHS if power * each <= LONGEST * way)
+        power *= 10.0

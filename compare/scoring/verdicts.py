@@ -1,12 +1,11 @@
-"""Verdicts in words: what the figures of an estimator say, in a sentence, by rules and nothing else.
+"""Verdicts: sentences that state by fixed rules (docs/verdicts.md) what the figures of an estimator show.
 
-A thing is said if it is significant, and if it is worth saying: at least WORTH in a sigma or in a ratio.
-docs/verdicts.md has the rules too.
+A deviation is stated if it is significant and at least WORTH, in a sigma or in a ratio.
 
-Significance of NEES needs no knowledge of how its errors last. Its mean over the steps of a run varies most where they
-last for the whole run, and is then chi-square with 3 degrees of freedom; so the mean over R independent runs is held
-against the two-sided band of chi-square with 3 R. A right filter leaves that with probability 1 - LEVEL at most.
-NIS is white: its total is chi-square with all its degrees of freedom.
+The test of the NEES does not need the correlation of errors over time. The mean over the steps of a run varies most if
+errors last for the whole run; it is then chi-square with 3 degrees of freedom. The mean over R independent runs is
+therefore compared with the two-sided band of chi-square with 3 R: a right filter is outside with probability 1 - LEVEL
+at most. The NIS is white: its total is chi-square with all its degrees of freedom.
 """
 
 from __future__ import annotations
@@ -23,10 +22,10 @@ from slamgauge.compare.scoring.consistency import chi2_band
 from slamgauge.compare.scoring.intervals import Interval, mean_interval, ratio_interval
 from slamgauge.compare.scoring.nan_stats import mean
 from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs, share_of_doubt
-from slamgauge.compare.scoring.runs import Runs, paired
+from slamgauge.compare.scoring.runs import Runs, paired_figures
 
-LEVEL = 0.99  # of the two-sided chi-square bands of NEES and NIS
-WORTH = 0.05  # the smallest factor less one that is worth a word, and what a study should resolve
+LEVEL = 0.99  # probability of the two-sided chi-square bands of NEES and NIS
+WORTH = 0.05  # least relative deviation that is stated, and the precision that a study should reach
 
 # relative standard deviation of the ATE between runs whose errors last for the whole run: that of a Rayleigh variable
 SCATTER = math.sqrt(4 / math.pi - 1)
@@ -35,18 +34,10 @@ NORMAL = 1.959964  # standard deviations of a 95 % interval
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """The figures that a verdict is drawn from; None where there is none.
+    """Figures on which a verdict is based, as in `catalogue`; None if unknown.
 
-    Attributes:
-        runs: independent runs with a NEES.
-        nees_per_dof: mean pose NEES over 3.
-        coverage_95: share of the positions inside their 95 % ellipses.
-        nis_per_dof: NIS over its degrees of freedom.
-        nis_dof: those, of all runs together.
-        ratio: ATE over that of an optimum that is not in doubt, and not the estimate itself.
-        ratio_runs: how many runs it is of.
-        optimum: what that optimum is called.
-        wrong_associations: mean over runs.
+    `runs` is the number of independent runs with a NEES, `nis_dof` the degrees of freedom of the NIS in all runs,
+    `ratio` the ATE over that of an `optimum` that is not in doubt, in `ratio_runs` runs.
     """
 
     runs: int
@@ -59,167 +50,164 @@ class Evidence:
     optimum: str = "optimum"
     wrong_associations: float | None = None
 
+    @property
+    def is_sigma_off(self) -> bool:
+        """Whether errors are not as large as the covariance says."""
+        return self.nees_per_dof is not None and self.runs > 0 and _is_off(self.nees_per_dof, 3 * self.runs)
+
+    @property
+    def is_nis_off(self) -> bool:
+        """Whether innovations are not as large as the filter expects."""
+        return self.has_nis and _is_off(self.nis_per_dof or 0.0, self.nis_dof)
+
+    @property
+    def has_nis(self) -> bool:
+        """Whether the filter returns innovations."""
+        return self.nis_per_dof is not None and self.nis_dof > 0
+
+    @property
+    def is_worse(self) -> bool:
+        """Whether errors are significantly larger than the optimum's, and not shown to be within WORTH of them."""
+        ratio = self.ratio
+        return ratio is not None and (ratio.low or 0.0) > 1 and (ratio.high or 0.0) > 1 + WORTH
+
+
+def _is_off(figure: float, dof: int) -> bool:
+    """Return whether a chi-square figure over its degrees of freedom differs from 1 significantly and by WORTH."""
+    low, high = chi2_band(LEVEL, dof)
+    return not low <= figure * dof <= high and not 1 / (1 + WORTH) <= math.sqrt(figure) <= 1 + WORTH
+
 
 def verdict(evidence: Evidence) -> str | None:
-    """The sentence, without a full stop; None if there is nothing worth saying."""
-    sigma, innovations = _sigma(evidence), _innovations(evidence)
-    parts = [sigma.said, _ratio(evidence), _cause(evidence, sigma, innovations), innovations.said]
-    if sigma.is_wrong and innovations.fits:
-        parts.append("NIS looks fine and is blind to this")
-    said = [part for part in parts if part]
-    return "; ".join(said) if said else None
+    """Return the sentence, without a full stop; None if there is nothing to state."""
+    parts = [_sigma(evidence), _ratio(evidence), _cause(evidence), _innovations(evidence)]
+    if evidence.is_sigma_off and evidence.has_nis and not evidence.is_nis_off:
+        parts.append("NIS does not show this")
+    return "; ".join(filter(None, parts)) or None
 
 
 def verdict_lines(verdicts: Mapping[str, str | None]) -> list[str]:
-    """A line for each estimator of which there is something to say."""
-    return [f"{name}: {said}" for name, said in verdicts.items() if said]
+    """Return a line for each estimator with a verdict."""
+    return [f"{name}: {text}" for name, text in verdicts.items() if text]
 
 
-def single_run() -> str:
-    """That one run is one, and how many would tell.
+def faults(evidence: Evidence) -> tuple[str, ...]:
+    """Return the faults that the verdict states, without sizes, for tables of many estimators."""
+    found: list[str] = []
+    if evidence.is_sigma_off:
+        found.append(f"claims too {'small' if (evidence.nees_per_dof or 0.0) > 1 else 'large'} a sigma")
+    if evidence.is_worse:
+        found.append(f"worse than the {evidence.optimum}")
+    if found and evidence.wrong_associations:
+        found.append("wrong associations")
+    if evidence.is_nis_off:
+        found.append(f"innovations {'larger' if (evidence.nis_per_dof or 0.0) > 1 else 'smaller'} than it expects")
+    return tuple(found)
 
-    It cannot tell by itself: errors that last for the whole run look alike from its first step to its last. So SCATTER
-    is taken for the spread between runs.
+
+def single_run(*, is_simulated: bool) -> str:
+    """Return how much the ATE varies from run to run, and for simulated runs how many are needed.
+
+    One run cannot show this, because errors may last for all of it: SCATTER is the assumed spread between runs.
     """
+    text = f"One run: from run to run the ATE varies by about {100 * SCATTER:.0f} % of its mean"
+    if not is_simulated:
+        return text
     return (
-        f"a single run: luck is in every figure. From run to run an ATE scatters by some {100 * SCATTER:.0f} %: "
-        f"about {runs_to_resolve(SCATTER)} runs resolve {100 * WORTH:g} % of it, fewer do of its ratio to an optimum "
-        f"(slamgauge study --precision {WORTH:g})"
+        f"{text}, so about {runs_to_resolve(SCATTER)} runs are needed to know it to {100 * WORTH:g} %, fewer for its "
+        f"ratio to an optimum (slamgauge study --precision {WORTH:g})"
     )
 
 
 def runs_to_resolve(scatter: float) -> int:
-    """Runs until a 95 % interval is ±WORTH wide, for a standard deviation `scatter` between runs; two digits."""
+    """Return the runs until a 95 % interval is ±WORTH, for a standard deviation `scatter` between runs; two digits."""
     runs = round((NORMAL * scatter / WORTH) ** 2, 6)  # 400, not 400.0000001
     step = 10 ** max(0, math.floor(math.log10(max(runs, 1))) - 1)
     return math.ceil(runs / step) * step
 
 
-def faults(evidence: Evidence) -> tuple[str, ...]:
-    """What the verdict finds wrong, without its size, for tables of many estimators."""
-    sigma, innovations = _sigma(evidence), _innovations(evidence)
-    found: list[str] = []
-    if sigma.is_wrong:
-        found.append(f"claims too {'small' if (evidence.nees_per_dof or 0.0) > 1 else 'large'} a sigma")
-    if _loses(evidence.ratio):
-        found.append(f"loses to the {evidence.optimum}")
-    if found and evidence.wrong_associations:
-        found.append("takes observations for others")
-    if innovations.is_wrong:
-        found.append(f"innovations {'larger' if (evidence.nis_per_dof or 0.0) > 1 else 'smaller'} than it expects")
-    return tuple(found)
+# --- parts of the sentence -----------------------------------------------------------------------
 
 
-# --- the rules -----------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Said:
-    """What is said of a claimed size: nothing if there is no figure; whether it fits, or is wrong, or neither."""
-
-    said: str = ""
-    fits: bool = False
-    is_wrong: bool = False
-
-
-def _sigma(evidence: Evidence) -> _Said:
-    """Whether errors are as large as the covariance says."""
+def _sigma(evidence: Evidence) -> str:
     if evidence.nees_per_dof is None or not evidence.runs:
-        return _Said()
-    factor = math.sqrt(evidence.nees_per_dof)
+        return ""
+    if not evidence.nees_per_dof:
+        return "has no error at all, whatever sigma it claims: check whether it receives the truth"
     share = evidence.coverage_95
-    ellipses = "" if share is None else f" (95 % ellipses hold {100 * share:.0f} %)"
-    if not factor:
-        return _Said("has no error at all, whatever sigma it claims: look whether it is given the truth", is_wrong=True)
-    if _is_off(evidence.nees_per_dof, 3 * evidence.runs):
+    ellipses = "" if share is None else f" (95 % ellipses contain {100 * share:.0f} %)"
+    if evidence.is_sigma_off:
+        factor = math.sqrt(evidence.nees_per_dof)
         too = f"{factor:.2g} times too small" if factor > 1 else f"{1 / factor:.2g} times too large"
-        return _Said(f"claims {too} a sigma{ellipses}", is_wrong=True)
-    if evidence.runs == 1:
-        return _Said(fits=True)
-    return _Said(f"its sigmas are right as far as {evidence.runs} runs tell{ellipses}", fits=True)
+        return f"claims {too} a sigma{ellipses}"
+    return "" if evidence.runs == 1 else f"its sigmas are right as far as {evidence.runs} runs show{ellipses}"
 
 
-def _innovations(evidence: Evidence) -> _Said:
-    """Whether innovations are as large as the filter expects."""
-    if evidence.nis_per_dof is None or not evidence.nis_dof:
-        return _Said()
-    if not _is_off(evidence.nis_per_dof, evidence.nis_dof):
-        return _Said(fits=True)
-    factor = math.sqrt(evidence.nis_per_dof)
-    small = "noise is stated too small, or associations are wrong"
-    large = "noise is stated too large, or a gate cuts them off"
-    said = f"innovations are {factor:.2g} times as large as it expects: {small if factor > 1 else large}"
-    return _Said(said, is_wrong=True)
-
-
-def _is_off(figure: float, dof: int) -> bool:
-    """Whether a chi-square figure over its degrees of freedom is significantly off 1, and by a sigma worth a word."""
-    low, high = chi2_band(LEVEL, dof)
-    return not low <= figure * dof <= high and not 1 / (1 + WORTH) <= math.sqrt(figure) <= 1 + WORTH
+def _innovations(evidence: Evidence) -> str:
+    if not evidence.is_nis_off:
+        return ""
+    factor = math.sqrt(evidence.nis_per_dof or 0.0)
+    small = "the stated noise is too small, or associations are wrong"
+    large = "the stated noise is too large, or a gate rejects large ones"
+    return f"innovations are {factor:.2g} times as large as it expects: {small if factor > 1 else large}"
 
 
 def _ratio(evidence: Evidence) -> str:
-    """How much larger errors are than the optimum's."""
     ratio = evidence.ratio
     if ratio is None or ratio.low is None or ratio.high is None:
         return ""
     half = (ratio.high - ratio.low) / 2
-    figure, of = f"{ratio.mean:.2f} ± {half:.2f}", f"the {evidence.optimum}'s error"
+    figure = f"{ratio.mean:.2f} ± {half:.2f}"
     if ratio.low >= 1 - WORTH and ratio.high <= 1 + WORTH:
         return f"as accurate as the {evidence.optimum} ({figure})"
-    if _loses(ratio):
-        return f"{figure} times {of}"
+    text = f"{figure} times the {evidence.optimum}'s error"
+    if evidence.is_worse:
+        return text
     if ratio.high < 1:
-        return f"{figure} times {of}, less than that: look whether it knows more than the measurements"
+        return f"{text}, less than the optimum's: check whether it uses more than the measurements"
     needed = runs_to_resolve(half / NORMAL * math.sqrt(evidence.ratio_runs))
-    return f"{figure} times {of}, which decides nothing: about {needed} runs resolve {100 * WORTH:g} %"
+    more = f": about {needed} runs are needed to know it to {100 * WORTH:g} %" if needed > evidence.ratio_runs else ""
+    return f"{text}, not significant{more}"
 
 
-def _loses(ratio: Interval | None) -> bool:
-    """Whether errors are significantly larger than the optimum's, and not shown to be as good as those."""
-    if ratio is None or ratio.low is None or ratio.high is None:
-        return False
-    return ratio.low > 1 and ratio.high > 1 + WORTH
-
-
-def _cause(evidence: Evidence, sigma: _Said, innovations: _Said) -> str:
-    """Where a loss comes from, as far as the figures tell: by elimination of what is known to be right."""
-    loses = _loses(evidence.ratio)
-    if not loses and not sigma.is_wrong:
+def _cause(evidence: Evidence) -> str:
+    """Return the cause of an error, by elimination of what the figures show to be right."""
+    if not evidence.is_worse and not evidence.is_sigma_off:
         return ""
-    if evidence.wrong_associations:
-        wrong = evidence.wrong_associations
-        return f"takes {wrong:{'.0f' if wrong >= 10 else '.2g'}} observations a run for others"
-    is_too_sure = sigma.is_wrong and evidence.nees_per_dof is not None and evidence.nees_per_dof > 1
-    if loses and is_too_sure and innovations.fits and evidence.wrong_associations == 0:
-        return "lost by itself, associations and noise being right: its linearisation, or a bug"
+    wrong = evidence.wrong_associations
+    if wrong:
+        count = f"{wrong:{'.0f' if wrong >= 10 else '.2g'}}"
+        return f"{count} wrong association{'s' * (count != '1')}{' per run' * (evidence.runs != 1)}"
+    is_too_sure = evidence.is_sigma_off and (evidence.nees_per_dof or 0.0) > 1
+    if wrong == 0 and evidence.is_worse and is_too_sure and evidence.has_nis and not evidence.is_nis_off:
+        return "associations and noise are right, so the cause is its linearisation or a bug"
     return ""
 
 
-# --- what the catalogue names --------------------------------------------------------------------
+# --- for the catalogue ---------------------------------------------------------------------------
 
 
 def verdict_over_runs(runs: Runs, others: Mapping[str, Runs]) -> str | None:
-    """The verdict on the runs of an estimator, beside those of all by name."""
+    """Return the verdict on the runs of an estimator; `others` are the runs of all by name."""
     return verdict(_evidence(runs, others)) if runs.kind else None
 
 
 def faults_over_runs(runs: Runs, others: Mapping[str, Runs]) -> tuple[str, ...]:
-    """The faults of an estimator in its runs, beside those of all by name."""
+    """Return the faults of an estimator in its runs; `others` are the runs of all by name."""
     return faults(_evidence(runs, others)) if runs.kind else ()
 
 
 def _evidence(runs: Runs, others: Mapping[str, Runs]) -> Evidence:
     name = OPTIMA[runs.kind]
     nees = late_means(runs.series["nees_pose"])
-    coverage = late_coverage(0.95)(runs, others)
-    nis = total_nis(runs, others)
     ratio, common = _over_optimum(runs, others.get(name))
+    figures = mean_interval(nees / 3), late_coverage(0.95)(runs, others), total_nis(runs, others)
+    nees_per_dof, coverage, nis_per_dof = (None if each is None else each.mean for each in figures)
     return Evidence(
         runs=int(np.sum(~np.isnan(nees))),
-        nees_per_dof=_mean_of(mean_interval(nees / 3)),
-        coverage_95=_mean_of(coverage),
-        nis_per_dof=_mean_of(nis),
+        nees_per_dof=nees_per_dof,
+        coverage_95=coverage,
+        nis_per_dof=nis_per_dof,
         nis_dof=int(np.nansum(runs.figures["nis_dof_total"])),
         ratio=ratio,
         ratio_runs=common,
@@ -229,14 +217,10 @@ def _evidence(runs: Runs, others: Mapping[str, Runs]) -> Evidence:
 
 
 def _over_optimum(runs: Runs, optimum: Runs | None) -> tuple[Interval | None, int]:
-    """The ratio of ATEs and its number of runs; None against oneself, and against an optimum in doubt or misfit."""
+    """Return the ratio of ATEs and its runs; None against itself, and against an optimum in doubt or misfit."""
     if optimum is None or optimum is runs or share_of_doubt(optimum.figures["optimum_check_sigma"]):
         return None, 0
     if is_misfit_in_runs(mean_interval(optimum.figures["chi_square_per_dof"])):
         return None, 0
-    ours, theirs = paired(runs, optimum)
-    return ratio_interval(runs.figures["ate_m"][ours], optimum.figures["ate_m"][theirs]), len(ours)
-
-
-def _mean_of(interval: Interval | None) -> float | None:
-    return None if interval is None else interval.mean
+    ates = paired_figures("ate_m", runs, optimum)
+    return ratio_interval(*ates), len(ates[0])

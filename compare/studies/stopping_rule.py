@@ -11,8 +11,7 @@ import numpy as np
 from slamgauge.compare.estimators.registry import BOUNDS, CAUSAL, HINDSIGHT
 from slamgauge.compare.estimators.requests import Asked
 from slamgauge.compare.scoring.aggregation import late_means
-from slamgauge.compare.scoring.intervals import LEVEL, Interval, ratio_interval
-from slamgauge.compare.scoring.paired_comparison import Paired, compare_paired
+from slamgauge.compare.scoring.intervals import LEVEL, Interval, Paired, compare_paired, ratio_interval
 from slamgauge.compare.scoring.runs import Ates, Runs, paired
 from slamgauge.compare.scoring.sequential import Look, plan_looks, repeated_p_value
 from slamgauge.compare.scoring.text_page import Grid

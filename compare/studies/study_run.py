@@ -21,7 +21,7 @@ from slamgauge.compare.scoring.nan_stats import number, rms
 from slamgauge.compare.scoring.ray_figures import RayFigures
 from slamgauge.compare.scoring.runs import SERIES
 from slamgauge.compare.scoring.scores import filter_figures, map_figures, pose_covs_of
-from slamgauge.compare.scoring.trajectory_error import pose_errors, stored_distances
+from slamgauge.compare.scoring.trajectory_error import pose_errors
 from slamgauge.compare.storage.safe_names import shown
 from slamgauge.errors import failure_text, refused_by_the_machine
 from slamgauge.estimate import Estimate
@@ -71,7 +71,7 @@ def _outcome(scenario: Scenario, asked: Asked, truth: Truth, recording: Recordin
             estimator = without(estimator, recording, truth.misleading)
         estimate, seconds = run_estimator(asked.label, estimator, recording)
         series = step_series(truth, estimate)
-        off = stored_distances(series[0], series[1])
+        off = np.hypot(series[0], series[1])  # equal to the last bit to stores of earlier versions
         known = map_figures(truth, recording, estimate, None) | filter_figures(estimate)
         known |= near_and_far(truth, recording, estimate) | measured(truth, recording, estimate)
         known |= {"ate_m": rms(off), "final_position_error_m": number(off[-1])}

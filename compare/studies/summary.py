@@ -8,12 +8,11 @@ from typing import Any
 
 from slamgauge.compare.estimators.registry import BOUND_OF, BOUNDS, CAUSAL, HINDSIGHT, REGISTRY, is_ours
 from slamgauge.compare.scoring.aggregation import BAND_LEVEL
-from slamgauge.compare.scoring.catalogue import RELATIVE, SUMMED_UP, columns, empty_columns
-from slamgauge.compare.scoring.implausible import beats_the_optimum
+from slamgauge.compare.scoring.catalogue import FULL_NAMES, RELATIVE, SUMMED_UP, columns, empty_columns
 from slamgauge.compare.scoring.intervals import Interval
 from slamgauge.compare.scoring.metric import Table
 from slamgauge.compare.scoring.optimum_figures import is_misfit_in_runs
-from slamgauge.compare.scoring.optimum_notes import MARK, doubt_in_runs, mean_fit, misfits
+from slamgauge.compare.scoring.optimum_notes import MARK, beats_the_optimum, doubt_in_runs, mean_fit, misfits
 from slamgauge.compare.scoring.ray_figures import RayFigures, describe
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_page import Grid, Page
@@ -204,7 +203,13 @@ def summary_table(summary: Summary) -> Page:
     """Means with their 95 % intervals, the share of steps inside the band, sigma ratios, notes, failures."""
     found = columns("study", bounded=is_bounded(summary.estimators))
     is_marked = is_doubtful(summary)
-    head = ["estimator", "runs", *(title for title, _, _ in found), f"in {BAND_LEVEL:.1%} band", "sigma / optimum"]
+    head = [
+        "estimator",
+        "runs",
+        *(title for title, _, _ in found),
+        f"NEES in {BAND_LEVEL:.1%} band",
+        "final sigma / optimum",
+    ]
     rows = [head]
     for name, entry in summary.estimators.items():
         cells = [name, str(entry.runs), *figure_cells(summary, entry, found, room_for_marks=is_marked)]
@@ -222,7 +227,7 @@ def summary_table(summary: Summary) -> Page:
     said = verdict_lines({name: each.verdict for name, each in summary.estimators.items()})
     known = [] if summary.precision is None else summary.precision.lines()
     below = [*notes, *known, *rays, *said, *too_good_lines(summary), *failure_lines(summary)]
-    return Page((Grid(rows), *below, *against_parts(summary.against)))
+    return Page((Grid(rows, names=FULL_NAMES), *below, *against_parts(summary.against)))
 
 
 def share_in_doubt(summary: Summary) -> float:

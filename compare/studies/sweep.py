@@ -13,7 +13,7 @@ from slamgauge.compare.estimators.requests import Asked, Chosen, ask
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scenarios.scenario_text import scenario_text
 from slamgauge.compare.scenarios.simulation import informed
-from slamgauge.compare.scoring.catalogue import columns
+from slamgauge.compare.scoring.catalogue import FULL_NAMES, columns
 from slamgauge.compare.scoring.optimum_notes import at_places, misfits, placed
 from slamgauge.compare.scoring.runs import Runs
 from slamgauge.compare.scoring.text_page import Grid, Page
@@ -225,7 +225,7 @@ def sweep_table(sweep: Sweep) -> Page:
         for line in failure_lines(summary)
     ]
     said = [f"{name}: {text}" for name, text in faults(sweep).items()]
-    return Page((Grid(rows, words=2), *notes(sweep), *said, *failed))
+    return Page((Grid(rows, words=2, names=FULL_NAMES), *notes(sweep), *said, *failed))
 
 
 def notes(sweep: Sweep) -> list[str]:

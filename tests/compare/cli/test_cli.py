@@ -201,8 +201,8 @@ def test_run_prints_a_table_and_writes_notes_on_standard_error(
     assert run(*arguments) == 0
     printed = capsys.readouterr()
     *lines, note = printed.out.splitlines()
-    assert [line.split()[0] for line in lines] == ["estimator", "dead-reckoning", "ekf", "empty:"]
-    assert note.startswith("a single run: ")
+    assert [line.split()[0] for line in lines] == ["estimator", "dead-reckoning", "ekf", "Empty"]
+    assert note.startswith("One run: ")
     assert printed.err == "written to results/q1-long-sparse-seed-0\n"
     assert run(*arguments, "--json") == 0
     assert json.loads(capsys.readouterr().out) == metrics_of(tmp_path / "results/q1-long-sparse-seed-0")
@@ -275,8 +275,8 @@ def test_user_code_gets_a_row(stored: Path, tmp_path: Path, module: Module, caps
         ["causal", "filtered"],
         [own, "filtered"],
         ["fit", "of"],
-        ["empty:", "NIS/dof,"],
-        ["a", "single"],
+        ["Empty", "columns:"],
+        ["One", "run:"],
     ]
     assert printed.err.splitlines() == ["loading", "estimating", f"written to {tmp_path / 'out'}"]
     entries = metrics_of(tmp_path / "out")["estimators"]

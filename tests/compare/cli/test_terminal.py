@@ -54,7 +54,7 @@ def test_a_study_in_a_pipe_has_no_line_over_80_characters(
     assert max(map(len, lines)) <= 80
     head = re.split(r" {2,}", lines[0].strip())
     assert head == ["estimator", "runs", "ATE [m]", "x causal", "NEES/3", "in 95% ellipse"]
-    assert lines[5].startswith("left out at 80 characters: x hindsight, ")
+    assert lines[5].startswith("Hidden columns (show with --wide): x hindsight, ")
     whole = printed(capsys, *study, "--wide")
     assert "sigma / optimum" in whole[0]
     assert not any("\x1b" in line for line in (*lines, *whole))

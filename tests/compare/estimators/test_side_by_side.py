@@ -76,7 +76,7 @@ def test_evaluate_reports_the_associations_and_writes_the_estimates(
     words = ["evaluate", str(tmp_path / "recording.npz"), "--estimators", "ekf,causal,batch"]
     for _ in range(2):  # it may replace its own files
         assert main([*words, "--out", str(tmp_path / "out")]) == 0
-    assert "held against causal@ekf and batch@ekf, with associations right or wrong" in capsys.readouterr().out
+    assert "compared with causal@ekf and batch@ekf, with associations right or wrong" in capsys.readouterr().out
     entries = json.loads((tmp_path / "out/metrics.json").read_text())["estimators"]
     assert [*entries] == ["ekf", "causal@ekf", "batch@ekf"]
     assert entries["ekf"]["mahalanobis_to_optimum"] > 0
@@ -96,4 +96,4 @@ def test_a_failure_of_batch_leaves_other_results(
     out = capsys.readouterr().out
     assert re.search(r"^batch@ekf +failed", out, re.MULTILINE)
     assert "estimator batch@ekf: motion 3: undetermined" in out
-    assert "held against causal@ekf, with" in out
+    assert "compared with causal@ekf, with" in out

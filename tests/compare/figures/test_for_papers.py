@@ -22,8 +22,7 @@ from slamgauge.compare.figures.publishing import write_study, write_sweep
 from slamgauge.compare.figures.redraw import drawings_of
 from slamgauge.compare.figures.study_figures import study_drawings
 from slamgauge.compare.noise.noise_json import noise_json
-from slamgauge.compare.scoring.comparison import metrics
-from slamgauge.compare.scoring.comparison_files import write_comparison
+from slamgauge.compare.scoring.comparison import metrics, write_comparison
 from slamgauge.compare.studies.budget import RUNGS, summarise_budget
 from slamgauge.compare.studies.stored_study import load_study
 from slamgauge.compare.studies.study import load_runs, run_study

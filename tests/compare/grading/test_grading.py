@@ -22,7 +22,7 @@ from slamgauge.compare.studies.store import digest
 from slamgauge.errors import UserError
 from tests.reference.held_by_schemas import held
 
-from ..scoring.test_reference_comparison import scores
+from ..scoring.test_error_bounds import scores
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SCENARIO = 'extends = "q1-short-dense"\n\n[trajectory]\nduration = 6.0\n'

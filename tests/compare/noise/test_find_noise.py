@@ -66,7 +66,7 @@ def test_the_noise_of_a_simulated_log_is_found():
     assert "too large" in table
     narrow = noise_table(found).text(80)
     assert "any value below" in narrow  # verdicts before what was assumed
-    assert "left out at 80 characters: assumed (--wide shows all)" in narrow
+    assert "Hidden columns (show with --wide): assumed" in narrow
     assert noise_json(found)["parameters"]["range"]["unit"] == "m"
 
 

@@ -17,8 +17,7 @@ from selenium.webdriver.chrome.service import Service
 from slamgauge import compare_estimators, load_estimators, load_scenario, simulate
 from slamgauge.compare.figures.publishing import draw_comparison
 from slamgauge.compare.report.publishing import publish_report
-from slamgauge.compare.scoring.comparison import metrics
-from slamgauge.compare.scoring.comparison_files import write_comparison
+from slamgauge.compare.scoring.comparison import metrics, write_comparison
 from tests.reference.programs import program
 
 SCRIPT_NAME = "<script>alert(1)</script>"

@@ -1,4 +1,4 @@
-"""Every figure is catalogued once, and a further one needs nothing but its entry."""
+"""The catalogue has each metric once; a new metric needs only an entry; empty columns are named."""
 
 from __future__ import annotations
 
@@ -9,26 +9,28 @@ import pytest
 
 from slamgauge.compare.estimators.loading import load_estimators
 from slamgauge.compare.scenarios.scenario import load_scenario
-from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.compare.scenarios.simulation import simulate, simulate_informed
 from slamgauge.compare.scoring import catalogue, comparison, scores
 from slamgauge.compare.scoring.aggregation import mean_of
-from slamgauge.compare.scoring.comparison import compare_estimators, table
-from slamgauge.compare.scoring.metric import Column, Quantity
+from slamgauge.compare.scoring.comparison import compare_estimators, metrics, table
+from slamgauge.compare.scoring.metric import Column, Metric
 from slamgauge.compare.scoring.runs import SERIES, Runs
 from slamgauge.compare.scoring.scores import Score
 from slamgauge.compare.studies import study_run, summary
 from slamgauge.compare.studies.study_run import run_once
 from slamgauge.compare.studies.summary import EstimatorSummary, Summary, summarise, summary_table
+from slamgauge.estimate import Estimate
+from slamgauge.recording import Recording
 
 SHORT = ["start=sampled", "trajectory.duration=2"]
-WORKED_OUT = {"kind", "nees", "sigmas", "nis_total", "nis_dof_total", "others"}  # what a score keeps beside its figures
+NO_METRICS = {"kind", "nees", "sigmas", "nis_total", "nis_dof_total", "others"}  # fields of a score
 
 
-def test_every_figure_is_catalogued_once():
+def test_every_metric_is_in_the_catalogue_once():
     keys = [each.key for each in catalogue.CATALOGUE]
     assert len({*keys}) == len(keys)
     others = {each.key for each in catalogue.CATALOGUE if each.measure is not None}  # they need no field
-    assert {each.name for each in fields(Score)} - WORKED_OUT == {*catalogue.SCORED} - others
+    assert {each.name for each in fields(Score)} - NO_METRICS == {*catalogue.SCORED} - others
     summed_up = {*catalogue.SUMMED_UP} - others
     assert {each.name for each in fields(EstimatorSummary)} - {"kind", "runs", "others"} == summed_up
     assert all(each.help and each.help[-1] != "." for each in catalogue.CATALOGUE)
@@ -45,31 +47,30 @@ def test_every_figure_is_catalogued_once():
         ),
         (
             "study",
-            "ATE [m],x causal,NEES/3,in 95% ellipse,x hindsight,NIS/dof,heading [rad],end [m],nats to causal,"
+            "ATE [m],x causal,NEES/3,in 95% ellipse,x hindsight,NIS/dof,heading [rad],end [m],log score to causal,"
             "map NEES/2,wrong,mapped",
         ),
         ("sweep", "ATE [m],x causal,NEES/3,sigma [m],mapped,wrong"),
     ],
 )
-def test_columns_stand_in_their_places(where: catalogue.Table, titles: str):
+def test_columns_are_in_their_places(where: catalogue.Table, titles: str):
     assert ",".join(title for title, _, _ in catalogue.columns(where)).startswith(titles)
 
 
-def test_a_further_score_needs_its_entry_alone(monkeypatch: pytest.MonkeyPatch):
-    further = Quantity(
-        key="way_m",
-        unit="m",
-        help="length of the estimated way",
+def test_a_new_metric_needs_only_its_entry(monkeypatch: pytest.MonkeyPatch):
+    new = Metric(
+        "way_m",
+        "length of the estimated path",
         scored=True,
         stored=True,
         over_runs=mean_of("way_m"),
-        column=Column(title="way [m]", form="{:.1f}", run=99, study=99),
+        column=Column("way [m]", form="{:.1f}", run=99, study=99),
         measure=lambda _truth, _recording, estimate: float(np.linalg.norm(np.diff(estimate.poses[:, :2], axis=0))),
     )
-    monkeypatch.setattr(catalogue, "CATALOGUE", (*catalogue.CATALOGUE, further))
-    # what is read off the catalogue when it is imported
+    monkeypatch.setattr(catalogue, "CATALOGUE", (*catalogue.CATALOGUE, new))
+    # values that modules take from the catalogue at their import
     monkeypatch.setattr(study_run, "STORED", (*catalogue.STORED, "way_m"))
-    monkeypatch.setattr(summary, "SUMMED_UP", {**catalogue.SUMMED_UP, "way_m": further.over_runs})
+    monkeypatch.setattr(summary, "SUMMED_UP", {**catalogue.SUMMED_UP, "way_m": new.over_runs})
     assert comparison.columns is catalogue.columns
     assert scores.measured is catalogue.measured
 
@@ -92,3 +93,25 @@ def test_a_further_score_needs_its_entry_alone(monkeypatch: pytest.MonkeyPatch):
     entries = summarise({"dead-reckoning": runs})
     assert entries["dead-reckoning"].to_json()["way_m"]["mean"] == pytest.approx(np.mean(ways))  # pyright: ignore[reportArgumentType, reportCallIssue]
     assert "way [m]" in str(summary_table(Summary("x", 2, 0, "", (), entries))).splitlines()[0]
+
+
+def test_columns_without_any_figure_are_named_and_only_simulated_runs_lead_to_a_study() -> None:
+    truth, recording, informed = simulate_informed(load_scenario("q1-long-dense", ["trajectory.duration=2"]), 0)
+
+    def bare(given: Recording) -> Estimate:
+        return Estimate(kind="filtered", poses=np.zeros((given.steps + 1, 3)))
+
+    relative = "x optimum, Mahalanobis distance² to the optimum, log-score difference to the optimum [nats], "
+    errors = "ATE [m], x optimum, NEES, in 95% ellipse, heading error [rad], final position error [m]"
+    for known, told, names, empty in (
+        (truth, informed, ["batch"], "NIS/dof"),
+        (truth, None, ["ekf"], f"{relative}final distance to batch [m]"),
+        (None, None, ["ekf", "batch"], errors),
+    ):
+        found = compare_estimators(known, recording, load_estimators(names) | {"mine": bare}, told)
+        notes, lines = metrics(found, None, None)["notes"], str(table(found)).splitlines()
+        assert notes[0].startswith(f"Empty columns: {empty}")
+        single = [note for note in notes if note.startswith("One run: ")]
+        assert len(single) == (known is not None)
+        assert ["slamgauge study" in note for note in single] == [told is not None] * len(single)
+        assert all(note in lines for note in notes)

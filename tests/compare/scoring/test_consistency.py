@@ -1,61 +1,68 @@
+"""Mahalanobis distances, coverage and log score against closed forms and chi-square."""
+
+from __future__ import annotations
+
 import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from slamgauge.compare.scoring.consistency import LARGEST, SINGULAR, chi2_band, sigma_ratios, squared_mahalanobis
+from slamgauge.arrays import Float
+from slamgauge.compare.scoring.aggregation import FIRST_STEP
+from slamgauge.compare.scoring.catalogue import STORED
+from slamgauge.compare.scoring.consistency import (
+    LARGEST,
+    SINGULAR,
+    chi2_band,
+    is_inside,
+    log_scores,
+    sigma_ratios,
+    squared_mahalanobis,
+)
+from slamgauge.compare.scoring.runs import SERIES, Runs
+from slamgauge.compare.scoring.scores import evaluate
+from slamgauge.compare.studies.summary import summarise
+from slamgauge.estimate import Estimate
+from slamgauge.truth import Truth
+
+from .builders import straight
+
+STEPS = 20_000
+COV = np.array([[0.04, 0.01, 0.002], [0.01, 0.09, -0.003], [0.002, -0.003, 0.0025]])
+TRUTH = Truth(poses=np.zeros((STEPS + 1, 3)))
+RECORDING = straight(STEPS)
 
 
-def test_squared_mahalanobis_agrees_with_the_inverse_whatever_the_units() -> None:
-    rng = np.random.default_rng(0)
-    A = rng.normal(size=(50, 3, 3)) * [[1e4], [1.0], [1e-6]]
-    covs = A @ A.swapaxes(1, 2)
-    errors = np.einsum("nij,nj->ni", A, rng.normal(size=(50, 3)))
+def errors_and_covs(count: int, scales: list[list[float]], seed: int) -> tuple[Float, Float]:
+    """Return errors (count, 3) drawn from random covariances (count, 3, 3)."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(count, 3, 3)) * scales
+    return np.einsum("nij,nj->ni", A, rng.normal(size=(count, 3))), A @ A.swapaxes(1, 2)
+
+
+def test_distance_and_log_score_agree_with_inverse_and_density_in_any_units() -> None:
+    errors, covs = errors_and_covs(50, [[1e4], [1.0], [1e-6]], 0)
     units = np.array([1e-4, 1.0, 1e6])
-    scaled = covs * units[:, None] * units
-    expected = [e @ np.linalg.inv(P) @ e for e, P in zip(errors * units, scaled, strict=True)]
-    assert squared_mahalanobis(errors, covs) == pytest.approx(expected, rel=1e-6)
+    pairs = [*zip(errors * units, covs * units[:, None] * units, strict=True)]
+    assert squared_mahalanobis(errors, covs) == pytest.approx([e @ np.linalg.inv(P) @ e for e, P in pairs], rel=1e-6)
+    expected = np.array([-stats.multivariate_normal(cov=P).logpdf(e) for e, P in pairs])
+    assert log_scores(errors, covs) == pytest.approx(expected - np.log(units).sum(), rel=1e-6)
 
 
-def test_a_singular_covariance_has_no_distance() -> None:
+def test_a_singular_covariance_has_no_distance_and_no_log_score() -> None:
     covs = np.array([np.diag([1, 1, 0.0]), [[1, 1, 0], [1, 1, 0], [0, 0, 1]], np.eye(3), np.full((3, 3), np.nan)])
     assert squared_mahalanobis(np.ones((4, 3)), covs) == pytest.approx([np.nan, np.nan, 3, np.nan], nan_ok=True)
+    expected = [np.nan, np.nan, 1.5 * math.log(2 * math.pi), np.nan]
+    assert log_scores(np.zeros((4, 3)), covs) == pytest.approx(expected, nan_ok=True)
 
 
-def test_a_covariance_that_is_all_but_zero_has_a_vast_distance_and_not_an_infinite_one() -> None:
+def test_distances_are_limited() -> None:
     distances = squared_mahalanobis(np.full((2, 3), 1e9), np.array([np.eye(3) * 1e-307, np.eye(3)]))
     assert distances == pytest.approx([LARGEST, 3e18])
 
 
-def test_sigma_ratios_need_both_sigmas() -> None:
-    covs, optimum = np.array([np.diag([4.0, 0, 1])]), np.array([np.diag([1.0, 1, 0])])
-    assert sigma_ratios(covs, optimum)[0] == pytest.approx([2, np.nan, np.nan], nan_ok=True)
-
-
-@pytest.mark.parametrize(("runs", "low", "high"), [(20, 2.02, 4.17), (50, 2.36, 3.72), (100, 2.54, 3.50)])
-def test_chi2_band_gives_the_literatures_nees_bounds(runs: int, low: float, high: float) -> None:
-    band = chi2_band(0.95, 3 * runs)
-    assert (band[0] / runs, band[1] / runs) == pytest.approx((low, high), abs=0.006)
-
-
-@pytest.mark.parametrize("arguments", [(0.0, 3), (1.0, 3), (95, 3), (0.95, 0), (0.95, math.nan)])
-def test_chi2_band_refuses_what_is_no_probability_or_no_dof(arguments: tuple[float, float]) -> None:
-    with pytest.raises(ValueError, match=r"^(level|dof) = "):
-        chi2_band(*arguments)
-
-
-def test_nees_of_right_covariances_falls_into_its_band_as_often_as_promised() -> None:
-    """Coverage of 2000 draws at 90 %: binomial, two-sided false-alarm rate 0.1 % (3.29 sigma)."""
-    rng = np.random.default_rng(1)
-    A = rng.normal(size=(2000, 3, 3)) * [[1.0], [0.3], [0.02]]
-    covs = A @ A.swapaxes(1, 2)
-    nees = squared_mahalanobis(np.einsum("nij,nj->ni", A, rng.normal(size=(2000, 3))), covs)
-    low, high = chi2_band(0.9, 3)
-    share = np.mean((nees >= low) & (nees <= high))
-    assert abs(share - 0.9) <= 3.29 * math.sqrt(0.9 * 0.1 / 2000)
-
-
-def test_what_is_singular_is_told_by_the_smallest_eigenvalue_alone() -> None:
+def test_a_covariance_is_singular_by_the_smallest_eigenvalue_of_its_correlations() -> None:
     """Correlations from independent to nearly certain, on both sides of the limit."""
     rng = np.random.default_rng(0)
     smallest = 10.0 ** rng.uniform(-12, 0, 500)
@@ -67,3 +74,93 @@ def test_what_is_singular_is_told_by_the_smallest_eigenvalue_alone() -> None:
     eigenvalue = np.linalg.eigvalsh(covs / (sigmas[:, :, None] * sigmas[:, None, :]))[:, 0]
     assert 50 < (eigenvalue < SINGULAR).sum() < 450
     np.testing.assert_array_equal(np.isnan(squared_mahalanobis(np.ones((500, 3)), covs)), eigenvalue <= SINGULAR)
+
+
+def test_sigma_ratios_need_both_sigmas() -> None:
+    covs, optimum = np.array([np.diag([4.0, 0, 1])]), np.array([np.diag([1.0, 1, 0])])
+    assert sigma_ratios(covs, optimum)[0] == pytest.approx([2, np.nan, np.nan], nan_ok=True)
+
+
+@pytest.mark.parametrize(("runs", "low", "high"), [(20, 2.02, 4.17), (50, 2.36, 3.72), (100, 2.54, 3.50)])
+def test_the_chi_square_band_equals_published_nees_bounds(runs: int, low: float, high: float) -> None:
+    band = chi2_band(0.95, 3 * runs)
+    assert (band[0] / runs, band[1] / runs) == pytest.approx((low, high), abs=0.006)
+
+
+@pytest.mark.parametrize("arguments", [(0.0, 3), (1.0, 3), (95, 3), (0.95, 0), (0.95, math.nan)])
+def test_the_chi_square_band_refuses_invalid_levels_and_degrees_of_freedom(arguments: tuple[float, float]) -> None:
+    with pytest.raises(ValueError, match=r"^(level|dof) = "):
+        chi2_band(*arguments)
+
+
+def test_nees_of_right_covariances_is_inside_its_band_with_the_stated_probability() -> None:
+    """Coverage of 2000 draws at 90 %: binomial, two-sided false-alarm rate 0.1 % (3.29 sigma)."""
+    nees = squared_mahalanobis(*errors_and_covs(2000, [[1.0], [0.3], [0.02]], 1))
+    low, high = chi2_band(0.9, 3)
+    share = np.mean((nees >= low) & (nees <= high))
+    assert abs(share - 0.9) <= 3.29 * math.sqrt(0.9 * 0.1 / 2000)
+
+
+# --- coverage and log score of a path ------------------------------------------------------------
+
+
+def claimed(factor: float) -> Estimate:
+    """Return an estimate with independent errors of covariance COV and sigmas `factor` times too large."""
+    errors = np.random.default_rng(7).multivariate_normal(np.zeros(3), COV, STEPS + 1)
+    return Estimate(kind="filtered", poses=errors, pose_covs=np.tile(factor**2 * COV, (STEPS + 1, 1, 1)))
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.5, 2.0])
+def test_coverage_and_mean_log_score_have_their_expected_values(factor: float) -> None:
+    """Coverage 1 - (1 - level)^factor^2, two-sided 0.999 binomial bounds; the log score is the cross-entropy.
+
+    That is the entropy 1/2 log det(2 pi e P) plus the cost of the factor; variance 3/2 / factor^4 a step, 3.29 sigma.
+    """
+    score = evaluate(TRUTH, RECORDING, claimed(factor))
+    for level in (0.5, 0.95, 0.99):
+        share = 1 - (1 - level) ** (factor**2)
+        low, high = stats.binom.interval(0.999, STEPS + 1, share)
+        assert low <= score.figure(f"coverage_{100 * level:.0f}") * (STEPS + 1) <= high
+    entropy = np.linalg.slogdet(2 * math.pi * math.e * COV)[1] / 2
+    cost = 3 * math.log(factor) + 1.5 * (factor**-2 - 1)
+    assert abs(score.figure("log_score") - entropy - cost) <= 3.29 * math.sqrt(1.5 / STEPS) / factor**2
+    assert cost >= 0  # proper: the right sigma has the least
+
+
+def test_without_truth_or_covariances_there_is_no_coverage_and_no_log_score() -> None:
+    assert is_inside(np.array([0.1, 5.9, 6.0, np.nan]), 0.95) == pytest.approx([1, 1, 0, np.nan], nan_ok=True)
+    without = evaluate(None, RECORDING, claimed(1.0))
+    assert (without.figure("coverage_95"), without.figure("log_score")) == (None, None)
+    bare = Estimate(kind="filtered", poses=np.zeros((STEPS + 1, 3)))
+    assert evaluate(TRUTH, RECORDING, bare, optimum=claimed(1.0)).log_score_to_optimum is None
+
+
+def test_the_log_score_difference_to_the_optimum_is_the_cost_of_the_wrong_sigma() -> None:
+    score = evaluate(TRUTH, RECORDING, claimed(0.5), optimum=claimed(1.0))
+    difference = score.figure("log_score") - evaluate(TRUTH, RECORDING, claimed(1.0)).figure("log_score")
+    assert score.log_score_to_optimum == pytest.approx(difference)
+    assert score.log_score_to_optimum == pytest.approx(3 * math.log(0.5) + 4.5, abs=0.1)
+    assert score.to_json()["coverage_95"] < 0.6
+
+
+def stored(nees_position: Float, log_score: list[float]) -> Runs:
+    undefined = np.full(nees_position.shape, np.nan)
+    figures = {key: np.full(len(log_score), np.nan) for key in STORED}
+    return Runs(
+        run=np.arange(len(log_score)),
+        kind="filtered",
+        figures=figures | {"log_score": np.array(log_score)},
+        series=dict.fromkeys(SERIES, undefined) | {"nees_position": nees_position},
+    )
+
+
+def test_studies_have_the_coverage_of_the_late_steps_and_the_paired_log_score() -> None:
+    nees = np.zeros((2, FIRST_STEP + 4))
+    nees[:, :FIRST_STEP] = 1e9  # early steps do not count
+    nees[0, FIRST_STEP] = 7.0
+    summaries = summarise({"ekf": stored(nees, [-3.0, -2.0]), "causal": stored(nees, [-5.0, -5.0])})
+    entry = summaries["ekf"].to_json()
+    assert entry["coverage_95"]["mean"] == pytest.approx((3 / 4 + 1) / 2)
+    assert entry["coverage_99"]["mean"] == 1.0
+    assert entry["log_score"]["mean"] == -2.5
+    assert entry["log_score_to_causal"]["mean"] == 2.5

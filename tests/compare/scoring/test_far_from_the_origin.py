@@ -1,4 +1,4 @@
-"""Scores do not depend on where in the world a run takes place: robots log UTM positions."""
+"""Scores do not depend on the place of a run in the world: robots log UTM positions."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def far_run(truth: Truth, recording: Recording) -> tuple[Truth, Recording]:
 
 
 def assert_same(far: Any, near: Any, name: str = "") -> None:
-    """Equal to a millionth, whatever it is made of; differences far below what is measured are rounding."""
+    """Assert equality to a millionth, except for rounding errors."""
     if isinstance(near, dict):
         assert far.keys() == near.keys()
         for key in near:
@@ -51,17 +51,17 @@ def assert_same(far: Any, near: Any, name: str = "") -> None:
         for one, other in zip(far, near, strict=True):
             assert_same(one, other, name)
     elif isinstance(near, float):
-        assert far == pytest.approx(near, rel=SAME, abs=1e-8), name  # the doubles themselves are 1e-9 m apart there
+        assert far == pytest.approx(near, rel=SAME, abs=1e-8), name  # neighbouring doubles are 1e-9 m apart there
     else:
         assert far == near, name
 
 
 @pytest.mark.parametrize("name", ["q1-short-dense", "q2-short-dense", "q4-three-landmarks"])
-def test_scores_of_a_run_are_those_of_the_same_run_far_away(name: str) -> None:
+def test_a_run_far_away_has_the_same_scores(name: str) -> None:
     truth, recording = simulate(load_scenario(name, ["start=sampled"]), 0)
     assert truth.association is not None
-    told = recording.associated(truth.association)
-    estimate, optimum = ekf_slam(told), riekf(told)  # any will do for an optimum here
+    with_ids = recording.associated(truth.association)
+    estimate, optimum = ekf_slam(with_ids), riekf(with_ids)  # any estimate serves as optimum here
     smoothed = replace(optimum, kind="smoothed", nis=None, nis_dof=None)
     near = evaluate(truth, recording, estimate, optimum, smoothed)
     moved = far_run(truth, recording)
@@ -74,7 +74,7 @@ def test_scores_of_a_run_are_those_of_the_same_run_far_away(name: str) -> None:
 
 
 @pytest.mark.parametrize("settings", [FilterSettings(), FilterSettings(initialisation=Delayed())])
-def test_a_filters_run_far_away_has_the_scores_of_the_near_one(settings: FilterSettings) -> None:
+def test_a_filter_run_far_away_has_the_same_scores(settings: FilterSettings) -> None:
     name = "q4-ring" if isinstance(settings.initialisation, Delayed) else "q1-short-dense"
     truth, recording = simulate(load_scenario(name, ["start=sampled", "trajectory.duration=12"]), 0)
     near = evaluate(truth, recording, riekf(recording, settings))
@@ -82,11 +82,11 @@ def test_a_filters_run_far_away_has_the_scores_of_the_near_one(settings: FilterS
     assert_same(evaluate(*moved, riekf(moved[1], settings)).to_json(), near.to_json())
 
 
-def test_what_is_left_when_paths_are_aligned_keeps_its_digits() -> None:
+def test_aligned_errors_keep_their_digits_far_away() -> None:
     rng = np.random.default_rng(3)
     reference = np.cumsum(rng.normal(size=(50, 2)), axis=0)
     noise = 1e-3 * rng.normal(size=(50, 2))
-    power = 2.0**22  # positions on a grid that doubles still have there, so that moving them is exact
+    power = 2.0**22  # positions on a grid that doubles can represent there, so that moving them is exact
     grid = 2.0**-28
     path, other = (np.round(each / grid) * grid for each in (reference, reference @ rotation(0.4).T + noise))
     np.testing.assert_allclose(

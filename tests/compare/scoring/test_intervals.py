@@ -1,4 +1,4 @@
-"""Intervals against textbook formulas and, where there is none, against their coverage."""
+"""Intervals and paired comparisons against textbook formulas, and by their coverage."""
 
 from __future__ import annotations
 
@@ -7,19 +7,25 @@ import pytest
 from scipy import stats
 
 from slamgauge.arrays import Float
-from slamgauge.compare.scoring.intervals import bootstrap_interval, jackknife_interval, mean_interval, ratio_interval
+from slamgauge.compare.scoring.intervals import (
+    Interval,
+    Paired,
+    bootstrap_interval,
+    compare_paired,
+    jackknife_interval,
+    mean_interval,
+    ratio_interval,
+)
 
 
-def test_the_mean_has_students_interval_and_leaves_gaps_out() -> None:
+def test_the_mean_has_students_interval_without_gaps() -> None:
     values = np.array([1.0, 2.0, np.nan, 4.0, 7.0])
-    interval = mean_interval(values)
-    assert interval is not None
     known = values[~np.isnan(values)]
     low, high = stats.t.interval(0.95, 3, loc=known.mean(), scale=stats.sem(known))
-    assert interval == pytest.approx((3.5, low, high))
+    assert mean_interval(values) == pytest.approx((3.5, low, high))
 
 
-def test_a_single_run_has_no_interval_and_nothing_has_no_mean() -> None:
+def test_a_single_run_has_no_interval_and_no_run_has_no_mean() -> None:
     assert mean_interval(np.array([2.0])) == (2.0, None, None)
     assert mean_interval(np.array([np.nan])) is None
     assert ratio_interval(np.array([np.nan]), np.array([1.0])) is None
@@ -37,7 +43,7 @@ def test_a_ratio_of_proportional_figures_is_exact() -> None:
     assert ratio_interval(3 * below, below) == pytest.approx((3.0, 3.0, 3.0))
 
 
-def test_the_95_percent_intervals_hold_the_true_figure_95_times_in_100() -> None:
+def test_95_percent_intervals_contain_the_true_figure_95_times_in_100() -> None:
     """1000 samples of 300 runs; a coverage of 95 % leaves these bounds once in 100 (binomial)."""
     rng = np.random.default_rng(1)
     hits = {"ratio": 0, "jackknife": 0, "bootstrap": 0}
@@ -51,14 +57,58 @@ def test_the_95_percent_intervals_hold_the_true_figure_95_times_in_100() -> None
             "bootstrap": (bootstrap_interval(values, resamples=1000), 2.0),
         }
         for name, (interval, true) in intervals.items():
-            assert interval is not None
-            assert interval.low is not None
-            assert interval.high is not None
+            assert interval is not None and interval.low is not None and interval.high is not None
             hits[name] += interval.low <= true <= interval.high
     low, high = stats.binom.interval(0.99, 1000, 0.95)
-    for name, count in hits.items():
-        assert low <= count <= high, name
+    assert all(low <= count <= high for count in hits.values()), hits
 
 
 def root_mean(sums: Float, count: int) -> Float:
     return np.sqrt(sums[..., 0] / count)
+
+
+# --- paired comparisons --------------------------------------------------------------------------
+
+
+def test_a_paired_comparison_is_students_test_of_the_complete_pairs() -> None:
+    ours = np.array([1.0, 2.5, np.nan, 4.0, 7.0, 3.0])
+    theirs = np.array([0.5, 2.0, 1.0, 3.0, 7.5, np.nan])
+    found = compare_paired(ours, theirs, level=0.9)
+    whole = [0, 1, 3, 4]
+    differences = ours[whole] - theirs[whole]
+    low, high = stats.t.interval(0.9, 3, loc=differences.mean(), scale=stats.sem(differences))
+    assert found is not None and found.runs == 4
+    assert found.difference == pytest.approx((differences.mean(), low, high))
+    assert found.p_value == pytest.approx(stats.ttest_rel(ours[whole], theirs[whole])[1])
+    assert found.ratio == ratio_interval(ours, theirs, 0.9)
+
+
+def test_a_paired_comparison_of_few_or_equal_pairs() -> None:
+    assert compare_paired(np.array([np.nan, 1.0]), np.array([1.0, np.nan])) is None
+    single = compare_paired(np.array([2.0]), np.array([1.0]))
+    assert single == Paired(1, Interval(1.0, None, None), Interval(2.0, None, None), None)
+    assert single is not None
+    assert single.to_json()["difference"] == {"mean": 1.0, "low": None, "high": None}
+    assert p_value(np.array([2.0, 3.0]), np.array([2.0, 3.0])) == 1.0
+    assert p_value(np.array([2.0, 3.0]), np.array([1.0, 2.0])) == 0.0
+
+
+def p_value(ours: Float, theirs: Float) -> float:
+    found = compare_paired(ours, theirs)
+    assert found is not None and found.p_value is not None
+    return found.p_value
+
+
+def test_pairing_removes_the_variation_that_runs_share() -> None:
+    """The p-value of equal means is uniform: 2000 samples leave these bounds once in 100 (binomial)."""
+    rng = np.random.default_rng(4)
+    hits = 0
+    for _ in range(2000):
+        shared = rng.gamma(3.0, 1.0, 40)
+        hits += p_value(shared + rng.normal(0, 0.1, 40), shared + rng.normal(0, 0.1, 40)) < 0.05
+    low, high = stats.binom.interval(0.99, 2000, 0.05)
+    assert low <= hits <= high
+    shared = rng.gamma(3.0, 1.0, 40)
+    better = shared - 0.1 + rng.normal(0, 0.1, 40)
+    unpaired: float = stats.ttest_ind(better, shared)[1]  # pyright: ignore[reportAssignmentType]
+    assert p_value(better, shared) < 1e-3 < unpaired

@@ -1,4 +1,4 @@
-"""What the optima say of themselves, in metrics.json and under the tables."""
+"""Quality of the optima, in metrics.json and in notes under the tables."""
 
 from __future__ import annotations
 
@@ -10,11 +10,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slamgauge import compare_estimators, load_estimators, load_scenario, riekf, simulate
 from slamgauge.compare.scoring.comparison import Comparison, metrics, optimum_notes, table
 from slamgauge.compare.scoring.consistency import chi2_band
-from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.intervals import Interval, ratio_interval
 from slamgauge.compare.scoring.optimum_figures import CHECK_LIMIT
-from slamgauge.compare.scoring.optimum_notes import MARK, fit_of_the_model, left_out, mean_fit
+from slamgauge.compare.scoring.optimum_notes import (
+    MARK,
+    beats_the_optimum,
+    fit_of_the_model,
+    is_too_near_the_truth,
+    left_out,
+    mean_fit,
+)
 from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
@@ -24,17 +32,14 @@ from tests.reference import vocabulary_examples as examples
 FILTER = examples.estimate(association=[4, 4, 9], poses=np.full((3, 3), 0.2))
 CAUSAL = examples.estimate(association=[4, 4, 9], poses=np.full((3, 3), 0.1), nis=None, nis_dof=None)
 BATCH = replace(CAUSAL, kind="smoothed")
+MARKED = "figures relative to it are marked ?"
 
 
 def compared(
-    causal: Estimate = CAUSAL,
-    batch: Estimate | None = BATCH,
-    *,
-    recording: Recording | None = None,
-    truth: Truth | None = None,
+    causal: Estimate = CAUSAL, batch: Estimate | None = BATCH, recording: Recording | None = None
 ) -> Comparison:
-    """A filter beside its optima, as `compare_estimators` would have it."""
-    recording, truth = recording or examples.recording(), truth or examples.truth()
+    """Return the comparison of a filter and its optima, as `compare_estimators` does."""
+    recording, truth = recording or examples.recording(), examples.truth()
     estimates = {"ekf": FILTER, "causal": causal} | ({} if batch is None else {"batch": batch})
     scores = {
         name: evaluate(truth, recording, each, batch if each.kind == "smoothed" else causal, batch)
@@ -45,13 +50,13 @@ def compared(
 
 
 def notes(comparison: Comparison) -> list[str]:
-    """What stands of the optima under the table, before all else."""
+    """Return the notes on the optima, which are the first lines under the table."""
     found = optimum_notes(comparison)
     assert str(table(comparison)).splitlines()[1 + len(comparison.scores) :][: len(found)] == found
     return found
 
 
-def test_metrics_tell_how_good_an_optimum_is():
+def test_metrics_have_the_quality_of_an_optimum():
     causal = replace(CAUSAL, chi_square=6.0, chi_square_dof=4, optimum_check=0.31, association=[4, -1, 9])
     batch = replace(BATCH, chi_square=8.0, chi_square_dof=4, association=[-1, -1, 9])
     found = metrics(compared(causal, batch), None, None)["estimators"]
@@ -62,12 +67,7 @@ def test_metrics_tell_how_good_an_optimum_is():
     assert [found[name]["yardstick_check_sigma"] for name in ("ekf", "causal", "batch")] == [0.31, 0.31, None]
 
 
-def test_an_optimum_without_a_degree_of_freedom_has_no_fit():
-    scores = compared(replace(CAUSAL, chi_square=0.0, chi_square_dof=0)).scores
-    assert scores["causal"].figure("chi_square_per_dof") is None
-
-
-def test_a_check_that_is_infinite_is_the_largest_number_that_json_has():
+def test_an_infinite_check_is_the_largest_double_in_json():
     comparison = compared(replace(CAUSAL, optimum_check=math.inf))
     assert comparison.scores["causal"].figure("optimum_check_sigma") == math.inf
     text = json.dumps(metrics(comparison, None, None), allow_nan=False)
@@ -88,8 +88,8 @@ def test_the_fit_names_the_optimum_its_degrees_of_freedom_and_the_band():
     band = f"(14549 degrees of freedom, 95 % band {low:.3f} to {high:.3f})"
     head = "fit of the model: chi2/dof of the hindsight optimum"
     assert fit(1.02) == f"{head} 1.020 {band}"
-    assert fit(1.1) == f"{head} 1.100 {band}, above it: noise is stated too small, or there are outliers"
-    assert fit(0.1) == f"{head} 0.100 {band}, below it: noise is stated too large"
+    assert fit(1.1) == f"{head} 1.100 {band}, above it: the stated noise is too small, or there are outliers"
+    assert fit(0.1) == f"{head} 0.100 {band}, below it: the stated noise is too large"
 
 
 @pytest.mark.parametrize("dof", [1, 2, 17, 300, 10**4, 10**6])
@@ -102,35 +102,37 @@ def test_the_band_of_the_fit_never_rounds_to_a_point(dof: int):
     assert said.endswith(")")
 
 
-def test_who_does_not_tell_has_no_fit():
+def test_without_residuals_there_is_no_fit():
     assert fit_of_the_model("x", BATCH) is None
     assert fit(1.0, 0) is None
+    scores = compared(replace(CAUSAL, chi_square=0.0, chi_square_dof=0)).scores
+    assert scores["causal"].figure("chi_square_per_dof") is None
     assert mean_fit("x", None) is None
     assert mean_fit("x", Interval(1.0, 0.9, 1.1)) == "fit of the model: chi2/dof of the x 1.000 ± 0.100"
 
 
-def test_the_fit_is_the_hindsight_optimums_if_there_is_one_else_the_causal_ones():
+def test_the_fit_is_that_of_the_hindsight_optimum_or_else_of_the_causal_one():
     causal = replace(CAUSAL, chi_square=6.0, chi_square_dof=4)
     batch = replace(BATCH, chi_square=5.0, chi_square_dof=4)
     assert notes(compared(causal, batch))[0].startswith("fit of the model: chi2/dof of the hindsight optimum 1.25 (4 ")
     assert notes(compared(causal, None))[0].startswith("fit of the model: chi2/dof of the causal optimum 1.50 (4 ")
 
 
-# --- what is left out ----------------------------------------------------------------------------
+# --- observations left out -----------------------------------------------------------------------
 
 
-def test_what_an_optimum_leaves_out_is_counted():
+def test_landmarks_and_observations_left_out_are_counted():
     bearings = examples.recording(
         sensor="bearing", observation=np.zeros((3, 1)), observation_cov=np.tile(np.eye(1), (3, 1, 1))
     )
     less = replace(BATCH, landmark_ids=[9], landmarks=[[1.0, 2.0]], landmark_covs=None, association=[-1, -1, 9])
     said = "batch leaves out 1 landmark and 2 observations"
-    assert notes(compared(CAUSAL, less, recording=bearings)) == [f"{said} that bearings alone do not place"]
+    assert notes(compared(CAUSAL, less, recording=bearings)) == [f"{said} that bearings do not determine"]
     assert left_out("batch", None, examples.recording(), less) == said
     assert left_out("batch", examples.truth(), examples.recording(landmark=None), less) == said
     assert left_out("batch", None, examples.recording(landmark=None), less) == "batch leaves out 2 observations"
     assert left_out("batch", None, bearings, replace(CAUSAL, association=[4, -1, 9])) == (
-        "batch leaves out 1 observation that bearings alone do not place"
+        "batch leaves out 1 observation that bearings do not determine"
     )
 
 
@@ -142,13 +144,13 @@ def test_an_optimum_that_uses_all_has_no_note():
 
 
 def cells(comparison: Comparison, title: str) -> dict[str, str]:
-    """What the table has under a title, by estimator; figures end under the end of their title, or at a mark."""
+    """Return the cells under a title by estimator; figures end under the end of their title, or at a mark."""
     lines = str(table(comparison)).splitlines()
     end = lines[0].index(title) + len(title)
     return {line.split()[0]: line[:end].split("  ")[-1].strip() for line in lines[1 : 1 + len(comparison.scores)]}
 
 
-@pytest.mark.parametrize("title", ["x optimum", "d to optimum"])
+@pytest.mark.parametrize("title", ["x optimum", "Mahalanobis distance² to the optimum"])
 def test_figures_relative_to_an_optimum_in_doubt_are_marked(title: str):
     plain = cells(compared(), title)
     assert not any(MARK in cell for cell in plain.values())
@@ -161,21 +163,81 @@ def test_figures_relative_to_an_optimum_in_doubt_are_marked(title: str):
     [
         (None, []),
         (CHECK_LIMIT, []),
-        (0.312, ["causal is 0.31 sigma from the optimum at a checked step: figures relative to it are marked ?"]),
-        (
-            math.inf,
-            [
-                "causal has steps whose optimum was not found, or that of the whole recording was not: "
-                "figures relative to it are marked ?"
-            ],
-        ),
+        (0.312, [f"causal is 0.31 sigma from the optimum at a checked step: {MARKED}"]),
+        (math.inf, [f"the optimum of some steps of causal, or that of the whole recording, was not found: {MARKED}"]),
     ],
 )
-def test_a_note_says_why_figures_are_marked(check: float | None, said: list[str]):
+def test_a_note_has_the_reason_of_marks(check: float | None, said: list[str]):
     assert notes(compared(replace(CAUSAL, optimum_check=check))) == said
 
 
-def test_a_graph_under_a_filters_associations_is_named_and_marks_nothing():
+def test_a_graph_with_a_filters_associations_is_named_and_marks_nothing():
     comparison = compared()
     comparison.estimates["causal@ekf"] = replace(CAUSAL, optimum_check=2.0)
     assert notes(comparison) == ["causal@ekf is 2 sigma from the optimum at a checked step"]
+
+
+# --- estimates that are better -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("ratio", "runs", "is_reported"),
+    [
+        (Interval(0.75, 0.72, 0.78), 20, True),
+        (Interval(0.99, 0.965, 1.015), 100, False),
+        (Interval(0.95, 0.92, 0.98), 20, False),  # 95 % below, 99.9 % not
+        (Interval(0.5, None, None), 1, False),
+        (None, 20, False),
+    ],
+)
+def test_ratios_over_runs(ratio: Interval | None, runs: int, is_reported: bool):
+    note = beats_the_optimum(ratio, runs)
+    assert (note is not None) == is_reported
+    if note:
+        assert note.startswith("its error is 0.75 ± 0.056 times the causal optimum's (99.9% interval): no filter can")
+
+
+def test_estimators_as_good_as_the_optimum_are_rarely_reported():
+    """The false-alarm rate is 1 in 2000; 0 to 7 of 4000 have a probability of 0.9989 then."""
+    rng = np.random.default_rng(0)
+    draws = rng.normal(1.0, 0.1, (4000, 2, 20))
+    reported = sum(beats_the_optimum(ratio_interval(ours, best), 20) is not None for ours, best in draws)
+    assert reported <= 7
+
+
+def chance(seed: int, scale: float, sampled: float = 1.0) -> tuple[Truth, Estimate, Estimate]:
+    """Return truth, an estimate with errors `scale` times the optimum's sigmas, and the optimum."""
+    rng = np.random.default_rng(seed)
+    steps = 50
+    # equal errors at all steps vary most from run to run
+    errors = np.tile(sampled * rng.normal(0.0, [1.0, 1.0, 0.1]), (steps, 1))
+    covs = np.tile(np.diag([1.0, 1.0, 0.01]), (steps, 1, 1))
+    truth = Truth(np.zeros((steps, 3)))
+    other = scale * sampled * np.tile(rng.normal(0.0, [1.0, 1.0, 0.1]), (steps, 1))
+    return truth, Estimate("filtered", other, covs), Estimate("filtered", errors, covs)
+
+
+def test_a_run_of_a_right_filter_is_rarely_too_near_the_truth():
+    """Probability 0.0005 each at most: more than 5 of 2000 have one of 6e-4."""
+    assert sum(is_too_near_the_truth(*chance(seed, 1.0)) for seed in range(2000)) <= 5
+
+
+def test_a_run_that_uses_the_truth_is_reported_unless_the_optimum_is_as_near_by_its_start():
+    assert is_too_near_the_truth(*chance(0, 0.01))
+    assert not is_too_near_the_truth(*chance(0, 1.0, sampled=0.01))
+    truth, estimate, optimum = chance(0, 0.01)
+    assert not is_too_near_the_truth(truth, replace(estimate, kind="smoothed"), optimum)
+    assert not is_too_near_the_truth(Truth(), estimate, optimum)
+
+
+def test_the_table_has_the_note():
+    truth, recording = simulate(load_scenario("q1-short-dense", ["start=sampled", "trajectory.duration=8"]), 1)
+    assert truth.poses is not None
+    poses = truth.poses + 1e-5
+
+    def cheats(given: Recording) -> Estimate:
+        return replace(riekf(given), poses=poses)
+
+    estimators = {"cheats": cheats, **load_estimators(["riekf", "causal"])}
+    lines = str(table(compare_estimators(truth, recording, estimators))).splitlines()
+    assert [line.partition(":")[0] for line in lines if "significantly nearer to the truth" in line] == ["cheats"]

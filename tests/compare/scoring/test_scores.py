@@ -1,17 +1,21 @@
+"""Scores by hand-computed cases, laws, and the JSON form."""
+
 import json
 import math
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import ArrayLike
 
 from slamgauge.arrays import Float
 from slamgauge.compare.scenarios.scenario import load_scenario
 from slamgauge.compare.scenarios.simulation import simulate
+from slamgauge.compare.scoring import scores
 from slamgauge.compare.scoring.landmark_identity import association_figures
 from slamgauge.compare.scoring.loop_closures import closure_steps
 from slamgauge.compare.scoring.nan_stats import mean
@@ -19,85 +23,18 @@ from slamgauge.compare.scoring.scores import evaluate
 from slamgauge.ekf import ekf_slam
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
-from slamgauge.se2 import chain, compose, rotation
+from slamgauge.se2 import compose, rotation
 from slamgauge.truth import Truth
 
-METRICS_JSON = {
-    "kind",
-    "ate_m",
-    "heading_rmse_rad",
-    "final_position_error_m",
-    "final_heading_error_rad",
-    "rpe_m",
-    "rpe_by_distance",
-    "nees_pose",
-    "nis_per_dof",
-    "landmark_rmse_m",
-    "landmarks_mapped",
-    "landmarks_true",
-    "wrong_associations",
-    "ratio_to_optimum",
-    "sigma_ratio_to_optimum",
-    "mahalanobis_to_optimum",
-    "coverage_50",
-    "coverage_95",
-    "coverage_99",
-    "log_score",
-    "verdict",
-    "log_score_to_optimum",
-    "loop_closure",
-    "seconds_total",
-    "seconds_per_step_median",
-    "ate_aligned_m",
-    "landmark_nees_per_dof",
-    "final_distance_to_batch_m",
-    "landmark_distance_to_batch_m",
-    "landmarks_missed",
-    "landmarks_spurious",
-    "observations_rejected",
-    "track_purity",
-    "track_purity_min",
-    "optimum_check_sigma",
-    "yardstick_check_sigma",
-    "chi_square_per_dof",
-    "observations_left_out",
-}
+from .builders import path, straight
+
+SCHEMA = json.loads((Path(scores.__file__).parents[1] / "schemas/metrics.json").read_text(encoding="utf-8"))
+METRICS_JSON = {*SCHEMA["properties"]["estimators"]["additionalProperties"]["required"]}
+true: Any = Truth  # Any: lists instead of arrays
+filtered: Any = partial(Estimate, "filtered")
+smoothed: Any = partial(Estimate, "smoothed")
 angles = st.floats(-math.pi, math.pi)
 lengths = st.floats(-100, 100)
-
-
-def straight(steps: int = 4, seen: list[tuple[int, int]] | None = None, dt: float = 1.0) -> Recording:
-    """1 m along x per step; `seen` holds (step, landmark id) in order of time."""
-    at, ids = np.array(seen or [], dtype=int).reshape(-1, 2).T
-    count = len(at)
-    return Recording(
-        stamps=np.linspace(0, steps * dt, steps + 1),
-        prior_mean=np.zeros(3),
-        prior_cov=np.eye(3),
-        odometry=np.tile([1.0, 0.0, 0.0], (steps, 1)),
-        odometry_cov=np.tile(np.eye(3), (steps, 1, 1)),
-        sensor="range-bearing",
-        observation_step=at,
-        observation=np.tile([1.0, 0.0], (count, 1)),
-        observation_cov=np.tile(np.eye(2), (count, 1, 1)),
-        landmark=ids,
-    )
-
-
-def path(recording: Recording, offset: ArrayLike = 0) -> Float:
-    return chain(recording.prior_mean, recording.odometry) + np.asarray(offset)
-
-
-def true(*fields: Any, **named: Any) -> Truth:
-    return Truth(*fields, **named)
-
-
-def filtered(*fields: Any, **named: Any) -> Estimate:
-    return Estimate("filtered", *fields, **named)
-
-
-def smoothed(*fields: Any, **named: Any) -> Estimate:
-    return Estimate("smoothed", *fields, **named)
 
 
 def constant_covs(recording: Recording, *variances: float) -> Float:
@@ -154,7 +91,7 @@ def test_figures_against_the_optimum_by_hand() -> None:
     assert score.mahalanobis_to_optimum == pytest.approx(0.4**2 / 0.01 + 0.2**2 / 0.04)
 
 
-def test_a_fixed_start_is_skipped_where_covariances_are_compared() -> None:
+def test_a_fixed_start_is_skipped_in_comparisons_of_covariances() -> None:
     recording = straight(2)
     covs = constant_covs(recording, 1, 1, 1)
     covs[0] = 0
@@ -193,7 +130,7 @@ def test_landmarks_are_compared_by_id() -> None:
 # --- association -------------------------------------------------------------------------------
 
 
-def test_wrong_associations_with_known_ids_are_those_that_differ() -> None:
+def test_wrong_associations_with_ids_are_those_that_differ() -> None:
     recording = straight(3, [(0, 5), (1, 6), (2, 5), (3, 6)])
     truth = true(landmark_ids=[5, 6], landmarks=np.zeros((2, 2)), association=[5, 6, 5, 6])
     estimate = filtered(path(recording), None, [5, 6], np.zeros((2, 2)), association=[6, 6, -1, 5])
@@ -202,7 +139,7 @@ def test_wrong_associations_with_known_ids_are_those_that_differ() -> None:
     assert association_figures(true(), recording, estimate).wrong_associations is None
 
 
-def test_bearings_that_see_nothing_begin_no_rays() -> None:
+def test_without_observations_there_are_no_rays() -> None:
     far = ["trajectory.duration=1", "landmarks.positions=[[100.0, 100.0]]"]
     truth, recording = simulate(load_scenario("q4-ring", far), 0)
     assert not len(recording.observation)
@@ -214,7 +151,7 @@ def test_bearings_that_see_nothing_begin_no_rays() -> None:
 def test_tracks_of_unknown_association_are_matched_one_to_one() -> None:
     recording = replace(straight(4, [(0, 5), (1, 6), (2, 5), (3, 6), (4, 6)]), landmark=None)
     truth = true(path(recording), [5, 6], [[5, 0], [6, 0]], [5, 6, 5, 6, 6])
-    # track 0 is landmark 6 (and swallows one sight of 5), tracks 1 and 2 are landmark 5 and a double of 6
+    # track 0 is landmark 6 (with one observation of 5), tracks 1 and 2 are landmark 5 and a duplicate of 6
     estimate = filtered(path(recording), None, [0, 1, 2], [[6, 1], [5, 1], [6, 1]], association=[1, 0, 0, 2, -1])
     batch = smoothed(path(recording), None, [5, 6], [[5, 0], [6, 0]], association=[5, 6, 5, 6, 6])
     score = evaluate(truth, recording, estimate, batch=batch)
@@ -226,7 +163,7 @@ def test_tracks_of_unknown_association_are_matched_one_to_one() -> None:
     assert (score.track_purity, score.track_purity_min) == (pytest.approx(2.5 / 3), 0.5)
 
 
-def test_a_track_stands_for_the_landmark_that_most_of_its_observations_come_from() -> None:
+def test_a_track_belongs_to_the_landmark_of_most_of_its_observations() -> None:
     recording = replace(straight(4, [(0, 5), (1, 6), (2, 6), (3, 6), (4, 7)]), landmark=None)
     truth = true(path(recording), [5, 6, 7], [[5, 0], [6, 0], [7, 0]], [5, 6, 6, 6, 7])
     estimate = filtered(path(recording), None, [3], [[6, 0.5]], association=[3, 3, 3, 3, -1])
@@ -235,7 +172,7 @@ def test_a_track_stands_for_the_landmark_that_most_of_its_observations_come_from
     assert (score.landmarks_missed, score.landmarks_spurious, score.track_purity) == (2, 0, 0.75)
 
 
-def test_nameless_tracks_are_not_compared_with_the_truth() -> None:
+def test_tracks_without_associations_are_not_compared_with_the_truth() -> None:
     recording = replace(straight(1, [(0, 5)]), landmark=None)
     truth = true(path(recording), [5], [[5, 0]], [5])
     score = evaluate(truth, recording, filtered(path(recording), None, [5], [[5, 0]]))
@@ -246,10 +183,10 @@ def test_nameless_tracks_are_not_compared_with_the_truth() -> None:
 # --- loop closures -----------------------------------------------------------------------------
 
 
-def test_a_loop_closes_after_ten_seconds_unseen() -> None:
+def test_a_loop_closes_after_ten_seconds_without_observation() -> None:
     seen = [(0, 1), (0, 2), (50, 2), (99, 1), (149, 2), (150, 2), (199, 1), (199, 2)]
     recording = straight(200, seen, dt=0.1)
-    # 1 is unseen for 9.9 s, then for 10 s (rounding included); 2 for 5, 9.9, 0.1 and 4.9 s
+    # 1 is not observed for 9.9 s, then for 10 s (rounding included); 2 for 5, 9.9, 0.1 and 4.9 s
     steps = closure_steps(None, recording)
     assert steps is not None
     assert steps.tolist() == [199]
@@ -301,7 +238,7 @@ def test_nees_does_not_change_with_a_rigid_motion_of_the_world(x: float, y: floa
     assert after == pytest.approx(before, rel=1e-6)
 
 
-def test_an_error_beyond_all_bounds_is_no_figure_rather_than_a_small_one() -> None:
+def test_an_infinite_error_is_no_figure() -> None:
     assert mean(np.array([1.0, np.inf])) is None
     assert mean(np.array([1.0, np.nan])) == 1
 
@@ -339,21 +276,26 @@ def test_json_has_exactly_the_keys_and_no_nan() -> None:
     assert {key for key, value in nothing.items() if value is not None} == given_anyway
 
 
-def test_inputs_that_do_not_fit_are_named() -> None:
-    recording = straight(2, [(0, 1)])
-    poses = path(recording)
-    estimate = filtered(poses)
-    short = filtered(poses[:-1])
-    unfit = filtered(poses, None, [1], [[1, 0]], association=[1, 1])
-    with pytest.raises(ValueError, match=r"^estimate.poses: 2 rows for 3 stamps; give one pose per stamp$"):
-        evaluate(None, recording, short)
-    with pytest.raises(ValueError, match=r"^truth.poses: 2 rows"):
-        evaluate(true(poses[:-1]), recording, estimate)
-    with pytest.raises(ValueError, match=r"^optimum.poses: 2 rows"):
-        evaluate(None, recording, estimate, short)
-    with pytest.raises(ValueError, match=r"^estimate.association: 2 entries for 1 observations; give one"):
-        evaluate(None, recording, unfit)
-    with pytest.raises(ValueError, match=r"^optimum.kind: 'smoothed' is not comparable with 'filtered'; compare"):
-        evaluate(None, recording, estimate, smoothed(poses))
-    with pytest.raises(ValueError, match=r"^batch.kind: 'filtered' is not the hindsight optimum; give"):
-        evaluate(None, recording, estimate, batch=estimate)
+UNFIT = filtered(np.zeros((3, 3)), None, [1], [[1, 0]], association=[1, 1])
+SHORT = filtered(np.zeros((2, 3)))
+FIT = filtered(np.zeros((3, 3)))
+
+
+@pytest.mark.parametrize(
+    ("truth", "estimates", "message"),
+    [
+        (None, [SHORT], "estimate.poses: 2 rows for 3 stamps; give one pose per stamp$"),
+        (true(np.zeros((2, 3))), [FIT], "truth.poses: 2 rows"),
+        (None, [FIT, SHORT], "optimum.poses: 2 rows"),
+        (None, [UNFIT], "estimate.association: 2 entries for 1 observations; give one"),
+        (
+            None,
+            [FIT, replace(FIT, kind="smoothed")],
+            "optimum.kind: 'smoothed' is not comparable with 'filtered'; compare",
+        ),
+        (None, [FIT, None, FIT], "batch.kind: 'filtered' is not the hindsight optimum; give"),
+    ],
+)
+def test_inputs_that_do_not_fit_are_refused(truth: Truth | None, estimates: list[Any], message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{message}"):
+        evaluate(truth, straight(2, [(0, 1)]), *estimates)

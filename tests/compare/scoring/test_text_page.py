@@ -1,10 +1,15 @@
-"""Pages are laid out for a width: key columns stay, sentences go on in further lines, nothing is lost unsaid."""
+"""Layout of pages: important columns stay, sentences continue on further lines, hidden columns are named; cells."""
 
 from __future__ import annotations
 
-from slamgauge.compare.scoring.text_page import Grid, Page, Tone
+import pytest
 
-FIGURES = Grid([["estimator", "ATE [m]", "NEES"], ["ekf", "1.25", "3.1"], ["mine", "0.5", "failed"]])
+from slamgauge.compare.scoring.intervals import Interval
+from slamgauge.compare.scoring.text_page import Grid, Page, Tone
+from slamgauge.compare.scoring.text_table import cell, interval_cell
+
+ROWS = [["estimator", "ATE [m]", "NEES"], ["ekf", "1.25", "3.1"], ["mine", "0.5", "failed"]]
+FIGURES = Grid(ROWS)
 SENTENCES = Grid([["no", "claim", "verdict"], ["1", "a gate that is too small maps more than there is", "holds"]], 3, 1)
 
 
@@ -12,7 +17,7 @@ def toned(text: str, tone: Tone) -> str:
     return text if tone == "plain" else f"<{tone}>{text}</{tone}>"
 
 
-def test_a_page_without_a_width_is_whole():
+def test_a_page_without_a_width_is_complete():
     page = Page((FIGURES, "", "a line that is longer than the table under which it stands"))
     assert str(page).splitlines() == [
         "estimator  ATE [m]    NEES",
@@ -23,15 +28,23 @@ def test_a_page_without_a_width_is_whole():
     ]
 
 
-def test_columns_from_the_right_are_left_out_and_named():
-    lines = Page((FIGURES, "words that go on")).text(24).splitlines()
+def test_columns_from_the_right_are_hidden_and_named():
+    lines = Page((Grid(ROWS, names={"NEES": "pose NEES"}), "further words")).text(24).splitlines()
     assert lines[:3] == ["estimator  ATE [m]", "ekf           1.25", "mine           0.5"]
-    assert " ".join(line.strip() for line in lines[3:-1]) == "left out at 24 characters: NEES (--wide shows all)"
-    assert lines[-1] == "words that go on"
+    assert " ".join(line.strip() for line in lines[3:-1]) == "Hidden columns (show with --wide): pose NEES"
+    assert lines[-1] == "further words"
     assert max(map(len, lines)) <= 24
 
 
-def test_a_column_that_is_longer_than_its_title_is_left_out_too():
+def test_heads_are_full_names_if_the_table_then_fits():
+    page = Page((Grid(ROWS, names={"NEES": "pose NEES"}),))
+    heads = {width: page.text(width).splitlines()[0] for width in (None, 29, 28)}
+    assert [head.endswith("  pose NEES") for head in heads.values()] == [True, True, False]
+    assert heads[28] == "estimator  ATE [m]    NEES"
+    assert "<th>pose NEES</th>" in page.html()
+
+
+def test_a_column_that_is_wider_than_its_title_is_hidden_too():
     grid = Grid([["rung", "adds", "for"], ["causal", "0.5", "for knowing only the past"]], words=(0, 2), sentences=2)
     lines = Page((grid,)).text(30).splitlines()
     assert lines[:2] == ["rung    adds", "causal   0.5"]
@@ -43,19 +56,7 @@ def test_a_column_that_is_longer_than_its_title_is_left_out_too():
     ]
 
 
-def test_where_there_is_much_room_nothing_is_left_out():
-    titles = [f"figure {place:02}" for place in range(40)]
-    grid = Grid([["gate", "estimator", *titles], ["1", "ekf", *titles], ["9", "mine", *titles]], 2)
-    lines = Page((grid,)).text(200).splitlines()
-    heads = [line.split("  ") for line in lines if line.startswith("gate")]
-    assert [head[:2] for head in heads] == [["gate", "estimator"]] * 3
-    assert [title for head in heads for title in head[2:]] == titles
-    assert max(map(len, lines)) <= 200
-    assert not any("left out" in line for line in lines)
-    assert "left out at 199 characters" in Page((grid,)).text(199)
-
-
-def test_sentences_go_on_in_further_lines():
+def test_sentences_continue_on_further_lines():
     lines = Page((SENTENCES,)).text(40).splitlines()
     assert lines == [
         "no  claim                     verdict",
@@ -73,16 +74,16 @@ def test_no_line_ends_in_blanks():
     assert [line.rstrip() for line in lines] == lines
 
 
-def test_long_names_lose_their_middle_where_the_width_is_limited():
+def test_long_names_lose_their_middle_if_the_width_is_limited():
     grid = Grid([["estimator", "ATE [m]"], ["a_name_of_many_characters/and_more:of_them", "1.0"], ["b", "2.0"]])
     assert Page((grid,)).text(40).splitlines()[1] == "a_name_of_ma...more:of_them      1.0"
     assert "many_characters" in str(Page((grid,)))
 
 
-def test_tones_leave_the_layout_as_it_is():
+def test_tones_do_not_change_the_layout():
     assert Page((SENTENCES,)).text(40, toned).splitlines()[1] == "1   a gate that is too small  <good>holds</good>"
-    told = Page((FIGURES,)).text(None, toned).splitlines()
-    assert (told[0], told[2]) == ("<head>estimator  ATE [m]    NEES</head>", "mine           0.5  <bad>failed</bad>")
+    lines = Page((FIGURES,)).text(None, toned).splitlines()
+    assert (lines[0], lines[2]) == ("<head>estimator  ATE [m]    NEES</head>", "mine           0.5  <bad>failed</bad>")
 
 
 def test_notebooks_show_tables_and_escape_names():
@@ -93,3 +94,22 @@ def test_notebooks_show_tables_and_escape_names():
         "",
         "<p>a &amp; b</p>",
     ]
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(None, "-"), (1.234, "1.23"), (-12345678.0, "-12345678.00"), (5.4e299, "5.4e+299"), (-1e9, "-1e+09")],
+)
+def test_large_figures_have_an_exponent(value: float | None, shown: str):
+    assert cell(value, "{:.2f}") == shown
+
+
+@pytest.mark.parametrize(("form", "shown"), [("{:.0%}", "0%"), ("{:+.2f}", "+0.00"), ("{:.3f}", "-0.001")])
+def test_a_figure_that_is_rounded_to_zero_has_no_minus(form: str, shown: str):
+    assert cell(-0.001, form) == shown
+
+
+def test_intervals_of_large_figures_have_exponents():
+    assert interval_cell(Interval(5.4e299, 1.4e299, 9.4e299), "{:.2f}") == "5.4e+299 ± 4e+299"
+    assert interval_cell(Interval(1.0, 0.5, 1.5), "{:+.2f}") == "+1.00 ± +0.50"
+    assert interval_cell(Interval(7e12, None, None), "{:.2f}") == "7e+12"

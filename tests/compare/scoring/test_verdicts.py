@@ -1,4 +1,4 @@
-"""Verdicts: what is said of which figures, and how often of a right filter."""
+"""Verdicts: sentences by figures, and the false-alarm rate for a right filter."""
 
 from __future__ import annotations
 
@@ -36,18 +36,21 @@ TEXTBOOK = Evidence(
 )
 RIGHT = replace(TEXTBOOK, nees_per_dof=0.98, coverage_95=0.951, nis_per_dof=1.0, ratio=Interval(0.99, 0.97, 1.01))
 
+EXPECTED = "as large as it expects: the stated noise is"
+ERROR = "the causal optimum's error"
+
 
 def test_the_textbook_filter():
     assert verdict(TEXTBOOK) == (
-        "claims 2.2 times too small a sigma (95 % ellipses hold 61 %); 1.42 ± 0.17 times the causal optimum's error; "
-        "lost by itself, associations and noise being right: its linearisation, or a bug; "
-        "NIS looks fine and is blind to this"
+        "claims 2.2 times too small a sigma (95 % ellipses contain 61 %); "
+        "1.42 ± 0.17 times the causal optimum's error; "
+        "associations and noise are right, so the cause is its linearisation or a bug; NIS does not show this"
     )
 
 
 def test_a_right_filter():
     assert verdict(RIGHT) == (
-        "its sigmas are right as far as 100 runs tell (95 % ellipses hold 95 %); "
+        "its sigmas are right as far as 100 runs show (95 % ellipses contain 95 %); "
         "as accurate as the causal optimum (0.99 ± 0.02)"
     )
 
@@ -55,34 +58,28 @@ def test_a_right_filter():
 @pytest.mark.parametrize(
     ("changed", "said", "unsaid"),
     [
-        (
-            {"nees_per_dof": 0.25, "coverage_95": 0.999},
-            "claims 2 times too large a sigma (95 % ellipses hold 100 %)",
-            "",
-        ),
-        (
-            {"nees_per_dof": 0.0},
-            "has no error at all, whatever sigma it claims: look whether it is given the truth",
-            "inf",
-        ),
+        ({"nees_per_dof": 0.25, "coverage_95": 0.999}, "2 times too large a sigma (95 % ellipses contain 100 %)", ""),
+        ({"nees_per_dof": 0.0}, "has no error at all, whatever sigma it claims: check whether it receives the", "inf"),
         ({"nees_per_dof": 1e-12}, "claims 1e+06 times too large a sigma", ""),
-        ({"nis_per_dof": 1.69}, "innovations are 1.3 times as large as it expects: noise is stated too small", "blind"),
-        ({"nis_per_dof": 0.25}, "innovations are 0.5 times as large as it expects: noise is stated too large", "blind"),
+        ({"nis_per_dof": 1.69}, f"innovations are 1.3 times {EXPECTED} too small", "show this"),
+        ({"nis_per_dof": 0.25}, f"innovations are 0.5 times {EXPECTED} too large", "show this"),
         ({"nis_per_dof": 1.69}, "claims", "linearisation"),
         ({"nis_per_dof": None, "nis_dof": 0}, "claims", "NIS"),
         ({"nis_per_dof": None, "nis_dof": 0}, "claims", "linearisation"),
-        ({"wrong_associations": 12.3}, "takes 12 observations a run for others", "linearisation"),
-        ({"wrong_associations": 156.6}, "takes 157 observations a run for others", "linearisation"),
-        ({"wrong_associations": 0.25}, "takes 0.25 observations a run for others", "linearisation"),
+        ({"wrong_associations": 12.3}, "; 12 wrong associations per run;", "linearisation"),
+        ({"wrong_associations": 156.6}, "; 157 wrong associations per run;", "linearisation"),
+        ({"wrong_associations": 0.25}, "; 0.25 wrong associations per run;", "linearisation"),
         ({"wrong_associations": None}, "claims", "linearisation"),
         ({"nees_per_dof": 1.0}, "1.42 ± 0.17 times", "linearisation"),
         ({"ratio": None}, "claims", "times the"),
-        ({"ratio": Interval(1.02, 1.01, 1.03)}, "as accurate as the causal optimum (1.02 ± 0.01)", "lost"),
-        ({"ratio": Interval(0.8, 0.7, 0.9)}, "0.80 ± 0.10 times the causal optimum's error, less than that", "lost"),
-        ({"ratio": Interval(1.02, 0.92, 1.12)}, "which decides nothing: about 400 runs resolve 5 %", "lost"),
+        ({"ratio": Interval(1.02, 1.01, 1.03)}, "as accurate as the causal optimum (1.02 ± 0.01)", "cause"),
+        ({"ratio": Interval(0.8, 0.7, 0.9)}, f"0.80 ± 0.10 times {ERROR}, less than the optimum's", "cause"),
+        ({"ratio": Interval(1.02, 0.92, 1.12)}, "error, not significant: about 400 runs are needed", "cause"),
+        ({"ratio": Interval(1.02, 0.92, 1.12), "ratio_runs": 400}, "significant: about 1600 runs are needed", "cause"),
+        ({"ratio": Interval(0.96, 0.91, 1.01)}, f"0.96 ± 0.05 times {ERROR}, not significant;", "runs"),
     ],
 )
-def test_what_is_said_follows_the_figures(changed: dict[str, object], said: str, unsaid: str):
+def test_sentences_by_figures(changed: dict[str, object], said: str, unsaid: str):
     sentence = verdict(replace(TEXTBOOK, **changed))  # pyright: ignore[reportArgumentType]
     assert sentence is not None
     assert said in sentence
@@ -92,23 +89,23 @@ def test_what_is_said_follows_the_figures(changed: dict[str, object], said: str,
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({}, ("claims too small a sigma", "loses to the causal optimum")),
-        ({"nees_per_dof": 0.25}, ("claims too large a sigma", "loses to the causal optimum")),
+        ({}, ("claims too small a sigma", "worse than the causal optimum")),
+        ({"nees_per_dof": 0.25}, ("claims too large a sigma", "worse than the causal optimum")),
         ({"nees_per_dof": 0.0, "ratio": None}, ("claims too large a sigma",)),
         (
             {"wrong_associations": 12.0, "ratio": None, "nis_per_dof": 1.69},
-            ("claims too small a sigma", "takes observations for others", "innovations larger than it expects"),
+            ("claims too small a sigma", "wrong associations", "innovations larger than it expects"),
         ),
         ({"nees_per_dof": None, "ratio": None, "nis_per_dof": 0.25}, ("innovations smaller than it expects",)),
         ({"nees_per_dof": 1.0, "ratio": Interval(1.02, 0.92, 1.12), "wrong_associations": 12.0}, ()),
     ],
 )
-def test_faults_are_what_the_verdict_finds_wrong_without_sizes(changed: dict[str, object], said: tuple[str, ...]):
+def test_faults_are_those_of_the_verdict_without_sizes(changed: dict[str, object], said: tuple[str, ...]):
     assert faults(replace(TEXTBOOK, **changed)) == said  # pyright: ignore[reportArgumentType]
     assert faults(RIGHT) == ()
 
 
-def test_a_single_run_tells_of_gross_errors_alone():
+def test_a_single_run_shows_only_gross_errors():
     single = replace(TEXTBOOK, runs=1, ratio=None, ratio_runs=0, nis_dof=29_000)
     assert verdict(replace(single, nees_per_dof=4.0)) is None
     assert verdict(replace(single, nees_per_dof=4.84)) is not None
@@ -116,7 +113,7 @@ def test_a_single_run_tells_of_gross_errors_alone():
     assert verdict(replace(single, nees_per_dof=None, nis_per_dof=None, nis_dof=0)) is None
 
 
-def test_nothing_is_said_that_is_not_worth_it():
+def test_small_deviations_are_not_stated():
     barely = chi2_band(LEVEL, 3 * 10_000)[1] / 30_000
     assert math.sqrt(barely) < 1 + WORTH  # significant, yet small
     assert "claims" not in str(verdict(replace(RIGHT, runs=10_000, nees_per_dof=barely + 0.001)))
@@ -125,11 +122,12 @@ def test_nothing_is_said_that_is_not_worth_it():
     assert "innovations" in str(verdict(replace(RIGHT, nis_per_dof=1.11)))
 
 
-def test_how_many_runs_resolve_a_twentieth():
-    """Of Rayleigh errors, which last a whole run; bounds of a variance of 420 draws, twice 0.1 %."""
+def test_the_number_of_runs_for_five_percent():
+    """Rayleigh-distributed errors, which last a whole run; bounds of a variance of 420 draws, twice 0.1 %."""
     assert runs_to_resolve(SCATTER) == 420
     assert runs_to_resolve(0.01) == 1
-    assert "about 420 runs resolve 5 %" in single_run()
+    assert "about 420 runs are needed" in single_run(is_simulated=True)
+    assert single_run(is_simulated=False) == "One run: from run to run the ATE varies by about 52 % of its mean"
     rng = np.random.default_rng(3)
     errors = np.hypot(*rng.standard_normal((2, 2000, 420)))
     half = 1.96 * errors.std(axis=1, ddof=1) / math.sqrt(420) / errors.mean(axis=1)
@@ -138,8 +136,8 @@ def test_how_many_runs_resolve_a_twentieth():
 
 @pytest.mark.parametrize("lasting", [0.0, 0.9, 0.99, 1.0])
 @pytest.mark.parametrize("runs", [1, 20])
-def test_a_right_filter_is_accused_no_more_often_than_is_said(lasting: float, runs: int):
-    """Errors of any correlation over time: at most 1 - LEVEL, exactly that if they last (0.999 binomial bounds)."""
+def test_a_right_filter_fails_with_at_most_the_stated_probability(lasting: float, runs: int):
+    """Errors of any correlation over time fail with 1 - LEVEL at most, and equal if they last (0.999 bounds)."""
     rng = np.random.default_rng(11)
     trials, steps = 4000, 60
     errors = rng.standard_normal((trials * runs, 3))

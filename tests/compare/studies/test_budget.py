@@ -200,7 +200,7 @@ def test_optima_that_are_none_of_what_has_happened_are_said_to_be_so(tmp_path: P
     assert budget.fit.low is not None
     assert budget.fit.low > 1.05
     note = (
-        "the residuals of batch and causal are not those of the stated noise: no optimum of what has happened; "
+        "the residuals of batch and causal contradict the stated noise, so they are not optimal: "
         "figures relative to them are marked ?"
     )
     lines = str(budget_table(budget)).splitlines()
@@ -208,7 +208,7 @@ def test_optima_that_are_none_of_what_has_happened_are_said_to_be_so(tmp_path: P
     assert [line.count("?") for line in lines[:6]] == [0, 1, 1, 1, 1, 1]
     assert budget.to_json()["chi_square_per_dof"]["mean"] == budget.fit.mean
     save_budget_figure(tmp_path, budget)
-    assert "no optimum of what has happened" in saved["budget"].axes[0].get_title(loc="left")
+    assert "so they are not optimal" in saved["budget"].axes[0].get_title(loc="left")
 
 
 def test_a_run_tells_the_checks_of_its_optima(monkeypatch: pytest.MonkeyPatch) -> None:

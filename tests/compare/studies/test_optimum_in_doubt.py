@@ -22,7 +22,7 @@ from slamgauge.compare.studies.sweep import Sweep, sweep_table
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Recording
 
-EMPTY = "empty: x hindsight (docs/your_filter.md has what each column needs)"
+EMPTY = "Empty columns: x hindsight (docs/your_filter.md lists what each needs)"
 NOTE = (
     "causal is more than 0.05 sigma from the optimum at a checked step in 50.0% of the runs: "
     "figures relative to it are marked ?"
@@ -62,7 +62,7 @@ def test_the_share_of_runs_in_doubt_stands_under_the_table(
     assert str(summary_table(sure)).splitlines()[3:5] == [fit, EMPTY]
     assert marks(str(summary_table(sure))) == [0, 0]
     assert str(summary_table(doubtful)).splitlines()[3:6] == [fit, NOTE, EMPTY]
-    assert marks(str(summary_table(doubtful))) == [3, 3]  # x causal, nats to causal, sigma / optimum
+    assert marks(str(summary_table(doubtful))) == [3, 3]  # x causal, log score to causal, sigma / optimum
     sweep = Sweep("x", "a.b", 2, 0, ("1", "7"), (sure, doubtful))
     lines = str(sweep_table(sweep)).splitlines()
     assert lines[5] == f"a.b=7: {NOTE}"

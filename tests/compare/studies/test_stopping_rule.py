@@ -13,8 +13,7 @@ import pytest
 from slamgauge.compare.cli.main import main
 from slamgauge.compare.scenarios.scenario import Scenario, load_scenario
 from slamgauge.compare.scoring.aggregation import FIRST_STEP
-from slamgauge.compare.scoring.intervals import Interval, ratio_interval
-from slamgauge.compare.scoring.paired_comparison import compare_paired
+from slamgauge.compare.scoring.intervals import Interval, compare_paired, ratio_interval
 from slamgauge.compare.scoring.sequential import plan_looks
 from slamgauge.compare.studies import study_run as study_run
 from slamgauge.compare.studies.executors import local_processes

@@ -127,7 +127,7 @@ def test_below_the_table_stands_what_is_wrong_and_at_which_values(tmp_path: Path
         sweep = run_sweep("q2-long-dense", SHORT, "association.gate=1,4,9", 2, 0, ["ekf"], tmp_path, executor)
     said = {
         "ekf": (
-            ("claims too small a sigma", "loses to the causal optimum"),
+            ("claims too small a sigma", "worse than the causal optimum"),
             ("claims too small a sigma",),
             ("claims too small a sigma",),
         ),
@@ -139,8 +139,8 @@ def test_below_the_table_stands_what_is_wrong_and_at_which_values(tmp_path: Path
         for place, each in enumerate(sweep.summaries)
     )
     assert str(sweep_table(replace(sweep, runs=7, summaries=summaries))).splitlines()[-4:] == [
-        "empty: x causal (docs/your_filter.md has what each column needs)",
-        "ekf: claims too small a sigma at every value; loses to the causal optimum at association.gate=1",
+        "Empty columns: x causal (docs/your_filter.md lists what each needs)",
+        "ekf: claims too small a sigma at every value; worse than the causal optimum at association.gate=1",
         "mine: claims too large a sigma at association.gate=9",
         "right: nothing wrong is shown by 7 runs",
     ]

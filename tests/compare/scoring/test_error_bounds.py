@@ -1,3 +1,7 @@
+"""Bounds on errors: which figures and which differences from a reference fail, and which pass."""
+
+from __future__ import annotations
+
 import math
 from dataclasses import replace
 from typing import Any
@@ -5,35 +9,28 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slamgauge.compare.scoring.assertions import assert_error_bounds
+from slamgauge.compare.scoring.aggregation import FIRST_STEP
 from slamgauge.compare.scoring.consistency import chi2_band
+from slamgauge.compare.scoring.error_bounds import NO_COVS, against_reference, assert_error_bounds
 from slamgauge.compare.scoring.scores import Score, evaluate
+from slamgauge.errors import UserError
 from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
 from slamgauge.truth import Truth
+
+from .builders import straight
+
+STEPS = 30
 
 
 def resting_run(seed: int, *, claimed: float = 1.0, nis_scale: float = 1.0) -> Score:
-    """One step of a robot at rest with unit pose errors and white innovations, 2 degrees of freedom a step.
+    """Return the score of one step with random pose errors and white innovations, 2 degrees of freedom a step.
 
     Args:
-        seed: of the errors.
-        claimed: standard deviation that the estimator claims for its errors.
-        nis_scale: factor of the NIS it reports.
+        seed: seed of the errors.
+        claimed: claimed standard deviations over the true ones.
+        nis_scale: factor of the reported NIS.
     """
     rng = np.random.default_rng(seed)
-    recording = Recording(
-        stamps=np.arange(2.0),
-        prior_mean=np.zeros(3),
-        prior_cov=np.eye(3),
-        odometry=np.zeros((1, 3)),
-        odometry_cov=np.zeros((1, 3, 3)),
-        sensor="bearing",
-        observation_step=np.zeros(0, np.int64),
-        observation=np.zeros((0, 1)),
-        observation_cov=np.zeros((0, 1, 1)),
-        landmark=None,
-    )
     sigmas = np.array([1.0, 2.0, 0.1])  # heading errors far from pi
     estimate = Estimate(
         "filtered",
@@ -42,7 +39,7 @@ def resting_run(seed: int, *, claimed: float = 1.0, nis_scale: float = 1.0) -> S
         nis=nis_scale * rng.chisquare(2, size=2),
         nis_dof=np.array([2, 2]),
     )
-    return evaluate(Truth(np.zeros((2, 3))), recording, estimate)
+    return evaluate(Truth(np.zeros((2, 3))), straight(1), estimate)
 
 
 def failure(score: Score | list[Score], **bounds: Any) -> str:
@@ -55,12 +52,12 @@ def with_figures(**figures: Any) -> Score:
     return replace(resting_run(0), **figures)
 
 
-def test_bounds_that_hold_are_silent() -> None:
+def test_bounds_that_hold_raise_nothing() -> None:
     score = with_figures(ate_m=0.5, ratio_to_optimum=1.1, nees=np.array([9.0, 3.0]), nis_total=4.0)
     assert_error_bounds(score, max_ate_m=0.5, max_ratio_to_optimum=1.2, nees_level=0.95, nis_level=0.95)
 
 
-def test_every_bound_that_fails_is_shown_with_its_figure() -> None:
+def test_every_failed_bound_is_shown_with_its_figure() -> None:
     score = with_figures(ate_m=0.75, ratio_to_optimum=2.5, nees=np.array([3.0, 30.0]), nis_total=0.01)
     lines = failure(score, max_ate_m=0.5, max_ratio_to_optimum=2, nees_level=0.95, nis_level=0.99).splitlines()
     assert lines == [
@@ -92,7 +89,7 @@ def test_the_edges_of_the_nees_band_are_those_of_its_sum() -> None:
             assert "3 runs" in failure(scores, nees_level=0.9)
 
 
-def test_a_figure_that_is_missing_fails_and_says_what_to_give() -> None:
+def test_a_missing_figure_fails_with_its_remedy() -> None:
     missing = with_figures(
         ate_m=None, ratio_to_optimum=None, nees=np.array([3.0, np.nan]), nis_total=0.0, nis_dof_total=0
     )
@@ -104,7 +101,7 @@ def test_a_figure_that_is_missing_fails_and_says_what_to_give() -> None:
     assert "NIS is missing in 1 of 2 run(s): return an Estimate with nis and nis_dof" in message
 
 
-def test_a_ratio_to_an_optimum_in_doubt_is_no_ground_to_pass() -> None:
+def test_a_ratio_to_an_optimum_in_doubt_fails() -> None:
     sure = with_figures(ate_m=0.5, ratio_to_optimum=1.1, yardstick_check_sigma=0.05)
     doubtful = replace(sure, yardstick_check_sigma=0.31)
     assert_error_bounds([sure, sure], max_ratio_to_optimum=1.2)
@@ -126,16 +123,12 @@ def test_a_ratio_to_an_optimum_in_doubt_is_no_ground_to_pass() -> None:
         ({"max_ratio_to_optimum": math.nan}, "max_ratio_to_optimum = nan: "),
         ({"nees_level": 95.0}, "level = 95.0: not a probability"),
         ({"nis_level": 0.0}, "level = 0.0: not a probability"),
+        ({"score": [], "max_ate_m": 1}, "score: no score given"),
     ],
 )
-def test_impossible_bounds_are_the_callers_mistake(bounds: dict[str, Any], message: str) -> None:
+def test_impossible_bounds_are_refused(bounds: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=f"^{message}"):
-        assert_error_bounds(resting_run(0), **bounds)
-
-
-def test_no_score_is_the_callers_mistake() -> None:
-    with pytest.raises(ValueError, match=r"^score: no score given"):
-        assert_error_bounds([], max_ate_m=1)
+        assert_error_bounds(bounds.pop("score", resting_run(0)), **bounds)
 
 
 def test_right_runs_fail_as_often_as_the_levels_say() -> None:
@@ -152,8 +145,104 @@ def test_right_runs_fail_as_often_as_the_levels_say() -> None:
 
 
 @pytest.mark.parametrize(("factor", "side"), [(0.5, "sure"), (2.0, "cautious")])
-def test_wrong_confidence_is_caught_on_both_sides(factor: float, side: str) -> None:
-    """Thirty runs whose sigmas are wrong by a factor of two; a miss has a probability below 1e-4."""
+def test_wrong_sigmas_fail_in_both_directions(factor: float, side: str) -> None:
+    """Thirty runs whose sigmas are wrong by a factor of two; the test misses this with a probability below 1e-4."""
     scores = [resting_run(run, claimed=factor, nis_scale=factor**-2) for run in range(30)]
     message = failure(scores, nees_level=0.99, nis_level=0.99)
     assert message.count(f"the estimator is too {side}") == 2
+
+
+# --- relative to a reference ---------------------------------------------------------------------
+
+
+def scores(
+    ate: float = 1.0, nees: float = 3.0, sigma: float = 1.0, heading: float = 1.0, spread: float = 0.0, runs: int = 20
+) -> list[Score]:
+    """Return scores with these figures, times a factor that estimators share and an own factor of `spread`."""
+    shared, own = np.random.default_rng(0), np.random.default_rng(1)
+    factors = [shared.lognormal(0.0, 0.3) * own.lognormal(0.0, spread) for _ in range(runs)]
+    sigmas = np.tile([sigma, sigma, heading], (STEPS + 1, 1))
+    return [
+        with_figures(ate_m=ate * factor, nees=np.full(STEPS + 1, nees * factor), sigmas=sigmas.copy())
+        for factor in factors
+    ]
+
+
+def test_the_reference_keeps_its_own_bounds_and_its_ratios_are_one():
+    found = against_reference(scores(nees=9.0), scores(nees=9.0))
+    assert found.broken == ()
+    for ratio in (found.ate, found.nees, found.sigma_position, found.sigma_heading):
+        assert ratio is not None and ratio == pytest.approx((1.0, 1.0, 1.0))
+
+
+def test_pairing_removes_the_variation_that_runs_share():
+    worse = against_reference(scores(ate=1.1), scores())
+    assert worse.ate is not None and worse.ate.low == pytest.approx(1.1)
+    assert worse.broken == ("ATE is 1.1 ± 0 times the reference's, more than 1.05",)
+
+
+def test_insignificant_differences_pass():
+    found = against_reference(scores(ate=1.1, spread=0.5), scores())
+    assert found.ate is not None and found.ate.mean > 1.05 > found.ate.low  # pyright: ignore[reportOperatorIssue]
+    assert found.broken == ()
+
+
+@pytest.mark.parametrize(
+    ("ours", "reference", "said"),
+    [
+        ({"nees": 9.0}, {"nees": 6.0}, "NEES is 1.5 ± "),
+        ({"nees": 2.0}, {"nees": 1.0}, ""),  # at most a consistent estimate's
+        (
+            {"sigma": 0.8, "nees": 4.0},
+            {"nees": 4.0},
+            "sigma of the position is 0.8 ± 0 times the reference's, less than 0.9",
+        ),
+        (
+            {"heading": 1.3, "nees": 1.0},
+            {"nees": 3.0},
+            "sigma of the heading is 1.3 ± 0 times the reference's, more than 1.1",
+        ),
+        ({"sigma": 1.5, "heading": 1.5, "nees": 3.0}, {"nees": 9.0}, ""),  # the reference is too sure
+        ({"sigma": 0.5, "nees": 3.0}, {"nees": 1.0}, ""),  # the reference is too cautious
+        ({"sigma": 0.5, "nees": 9.0}, {"nees": 1.0}, "NEES is 9 ± "),
+        ({"ate": 0.5, "nees": 3.0, "sigma": 1.2}, {"nees": 9.0}, ""),
+    ],
+)
+def test_rules(ours: dict[str, Any], reference: dict[str, Any], said: str):
+    found = against_reference(scores(**ours), scores(**reference)).broken
+    assert found[0].startswith(said) if said else not found
+
+
+def test_without_covariances_an_estimator_fails():
+    bare = [replace(each, nees=np.full(STEPS + 1, np.nan), sigmas=np.full((STEPS + 1, 3), np.nan)) for each in scores()]
+    assert against_reference(bare, scores()).broken == (NO_COVS,)
+    assert against_reference(bare, bare).broken == ()
+
+
+def test_the_first_steps_do_not_count():
+    ours = scores()
+    for each in ours:
+        each.nees[:FIRST_STEP] = 1e6
+        each.sigmas[:FIRST_STEP] = 0.0
+    assert against_reference(ours, scores()).broken == ()
+
+
+@pytest.mark.parametrize(
+    ("ours", "reference", "said"),
+    [(3, 2, "2 scores for 3 of other runs"), (1, 1, "a single run has no interval"), (0, 0, "a single run")],
+)
+def test_runs_that_cannot_be_compared(ours: int, reference: int, said: str):
+    with pytest.raises(UserError, match=said):
+        against_reference(scores(runs=ours), scores(runs=reference))
+
+
+def test_the_assertion_has_the_same_lines():
+    reference = scores(nees=9.0)
+    assert_error_bounds(scores(nees=9.0), reference=reference)
+    with pytest.raises(AssertionError) as caught:
+        assert_error_bounds(scores(ate=1.2, nees=9.0, sigma=0.5), reference=reference, max_ate_m=100.0)
+    assert str(caught.value).splitlines() == [
+        "2 error bound(s) failed:",
+        "  ATE is 1.2 ± 0 times the reference's, more than 1.05",
+        "  sigma of the position is 0.5 ± 0 times the reference's, less than 0.9: it is too sure",
+    ]
