@@ -23,10 +23,15 @@ if TYPE_CHECKING:
         sliding_window as sliding_window,
     )
     from slamgauge.ekf.online_filter import OnlineFilter as OnlineFilter
-    from slamgauge.ekf.settings.association import Association as Association, MapManagement as MapManagement
-    from slamgauge.ekf.settings.filter_settings import FilterSettings as FilterSettings
-    from slamgauge.ekf.settings.initialisation import Delayed as Delayed, InverseDepth as InverseDepth, Rays as Rays
-    from slamgauge.ekf.settings.robustness import Robustness as Robustness
+    from slamgauge.ekf.settings import (
+        Association as Association,
+        Delayed as Delayed,
+        FilterSettings as FilterSettings,
+        InverseDepth as InverseDepth,
+        MapManagement as MapManagement,
+        Rays as Rays,
+        Robustness as Robustness,
+    )
     from slamgauge.ekf.slam_filter import SlamFilter as SlamFilter
     from slamgauge.ekf.textbook import textbook_ekf as textbook_ekf
 

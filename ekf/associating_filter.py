@@ -31,8 +31,7 @@ from slamgauge.ekf.maps.matching import Matcher, update_nearest
 from slamgauge.ekf.maps.tracks import Tracks
 from slamgauge.ekf.maps.transaction import is_addition_certain, transaction
 from slamgauge.ekf.online_filter import PointFilter
-from slamgauge.ekf.settings.association import NEAREST_NEIGHBOUR, Association
-from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.ekf.settings import NEAREST_NEIGHBOUR, PLAIN, Association, Robustness
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
 from slamgauge.sensors import PLACING

@@ -23,7 +23,7 @@ from slamgauge.ekf.history import History
 from slamgauge.ekf.maps.correction_table import CORRECTIONS, TABLE, Correction
 from slamgauge.ekf.maps.input_checks import without_rounding
 from slamgauge.ekf.online_filter import OnlineFilter
-from slamgauge.ekf.settings.filter_settings import DEFAULTS, FilterSettings
+from slamgauge.ekf.settings import DEFAULTS, FilterSettings
 from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.estimate import Estimate
 from slamgauge.memory import require_memory

@@ -17,7 +17,7 @@ from slamgauge.ekf.maps.map_edits import add_landmarks
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.transaction import is_addition_certain, transaction
 from slamgauge.ekf.online_filter import PointFilter
-from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.ekf.settings import PLAIN, Robustness
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
 

@@ -22,7 +22,7 @@ from slamgauge.se2 import compose, rotation, wrap
 from slamgauge.validation import require_type
 
 if TYPE_CHECKING:
-    from slamgauge.ekf.settings.association import Association
+    from slamgauge.ekf.settings import Association
 
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
 GATE = 9.0  # M_DIST_TH of the exercise: largest squared Mahalanobis distance of an observation and its landmark

@@ -29,9 +29,7 @@ from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import merge_landmarks, remove_landmark
 from slamgauge.ekf.maps.matching import are_within
 from slamgauge.ekf.maps.members import Members, joined, points
-from slamgauge.ekf.settings.association import Association
-from slamgauge.ekf.settings.initialisation import Delayed, Initialisation, InverseDepth, Rays
-from slamgauge.ekf.settings.robustness import PLAIN, Robustness
+from slamgauge.ekf.settings import PLAIN, Association, Delayed, Initialisation, InverseDepth, Rays, Robustness
 from slamgauge.errors import UserError
 from slamgauge.estimate import RayLog
 from slamgauge.recording import Observations

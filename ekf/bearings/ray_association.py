@@ -26,7 +26,7 @@ from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import find_duplicates
 from slamgauge.ekf.maps.matching import Matcher
 from slamgauge.ekf.maps.scan_clock import ScanClock
-from slamgauge.ekf.settings.association import Association
+from slamgauge.ekf.settings import Association
 
 
 class RayAssociation:

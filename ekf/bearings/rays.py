@@ -29,7 +29,7 @@ from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import add_landmarks, remove_landmark
 from slamgauge.ekf.maps.matching import innovations
 from slamgauge.ekf.maps.members import NO_MEMBERS, Members
-from slamgauge.ekf.settings.initialisation import Rays
+from slamgauge.ekf.settings import Rays
 
 MIN_SHARE = 0.05  # members with a smaller share rho are not updated
 SAME = 1.2  # ratio of distances below which the last two members are the same

@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from slamgauge.arrays import Float, Int, chunks
 from slamgauge.covariances import scale_of, without_negative_eigenvalues
 from slamgauge.ekf.kernels.rounding_limits import EXHAUSTED, LARGEST, NO_MINIMUM
-from slamgauge.ekf.settings.association import Association
-from slamgauge.ekf.settings.robustness import Robustness
-from slamgauge.ekf.settings.validation import is_number, require
+from slamgauge.ekf.setting_rules import is_number, require
+from slamgauge.ekf.settings import Association, Robustness
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations
 from slamgauge.sensors import SENSORS

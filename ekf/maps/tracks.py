@@ -13,7 +13,7 @@ from slamgauge.ekf.maps.landmark_ids import GONE, Ids, followed
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import find_duplicates, merge_landmarks, remove_landmark
 from slamgauge.ekf.maps.scan_clock import ScanClock
-from slamgauge.ekf.settings.association import MapManagement
+from slamgauge.ekf.settings import MapManagement
 
 
 class Tracks:

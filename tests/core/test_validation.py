@@ -136,7 +136,7 @@ RULES: list[tuple[Callable[..., object], dict[str, Any], str, str]] = [
     # rays and history, alone and on the path
     (rays, {"birth": [0, -1]}, "rays.birth[1]", "give the step at which the ray began"),
     (rays, {"birth": [1, 1], "end": [0, -1]}, "rays.end[0]", "cannot end before its birth"),
-    (rays, {"end": [2, -2]}, "rays.end[1]", "-1: it goes on"),
+    (rays, {"end": [2, -2]}, "rays.end[1]", "-1: open"),
     (rays, {"survivor": [3, -1]}, "rays.survivor[0]", "give the number of a member"),
     (rays, {"members": [3, -5, 2]}, "rays.members[1]", "cannot be negative"),
     (estimate, {"rays": rays(birth=[0, 3])}, "rays.birth[1] = 3", "must lie in 0..2"),

@@ -17,7 +17,7 @@ from slamgauge.ekf.associating_filter import AssociatingFilter
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.kernels.individual_compatibility import NONE
 from slamgauge.ekf.maps.correction_table import BLOCK
-from slamgauge.ekf.settings.association import Association, MapManagement
+from slamgauge.ekf.settings import Association, MapManagement
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from tests.reference.random_recordings import random_recording

@@ -22,7 +22,7 @@ from slamgauge import (
 )
 from slamgauge import textbook_ekf as exported
 from slamgauge.arrays import Float
-from slamgauge.ekf.settings.filter_settings import FilterSettings
+from slamgauge.ekf.settings import FilterSettings
 from slamgauge.ekf.textbook import augment, linearise, locate, motion_jacobians, predict, textbook_ekf, update
 from tests.reference.jacobians import assert_jacobian
 from tests.reference.random_recordings import random_recording, recording_of

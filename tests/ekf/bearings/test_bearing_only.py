@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from slamgauge.arrays import Float, Int
 from slamgauge.ekf import Association, BearingFilter, Delayed, InverseDepth, Rays
 from slamgauge.ekf.maps.correction_table import RULES, Correction
-from slamgauge.ekf.settings.initialisation import Initialisation
+from slamgauge.ekf.settings import Initialisation
 from slamgauge.recording import Observations
 from slamgauge.se2 import wrap
 

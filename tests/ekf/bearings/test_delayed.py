@@ -12,7 +12,7 @@ from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.delayed import IMPROBABLE, DelayedInitialiser, whitened_bearings
 from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
-from slamgauge.ekf.settings.initialisation import FEWEST, Delayed
+from slamgauge.ekf.settings import FEWEST, Delayed
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap
 from slamgauge.triangulation import triangulate

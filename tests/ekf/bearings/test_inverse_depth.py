@@ -12,7 +12,7 @@ from slamgauge.arrays import Float
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.inverse_depth import linearise_depths, linearity_index, locate_depth
 from slamgauge.ekf.maps.correction_table import RULES, Correction
-from slamgauge.ekf.settings.initialisation import InverseDepth
+from slamgauge.ekf.settings import InverseDepth
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap
 from tests.reference.jacobians import assert_jacobian

@@ -14,7 +14,7 @@ from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.rays import MIN_SHARE, distances_and_sigmas
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.maps.correction_table import Correction
-from slamgauge.ekf.settings.initialisation import Rays
+from slamgauge.ekf.settings import Rays
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation, wrap
 

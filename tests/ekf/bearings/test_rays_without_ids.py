@@ -14,7 +14,7 @@ from slamgauge.ekf.bearings.ray_association import RayAssociation
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.kernels.individual_compatibility import NONE
 from slamgauge.ekf.maps.correction_table import CORRECTIONS, RULES, Correction
-from slamgauge.ekf.settings.association import Method
+from slamgauge.ekf.settings import Method
 from slamgauge.errors import UserError
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import chain, wrap

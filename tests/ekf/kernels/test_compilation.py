@@ -36,6 +36,6 @@ def test_works_where_nothing_can_be_written() -> None:
 
 
 def test_settings_load_no_compiler() -> None:
-    program = "import sys, slamgauge.ekf.settings.association as a; print(a.Association().gate, 'numba' in sys.modules)"
+    program = "import sys, slamgauge.ekf.settings as a; print(a.Association().gate, 'numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "9.0 False\n"

@@ -25,7 +25,7 @@ from slamgauge.ekf.maps.correction_table import Correction
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.map_edits import replace_map
 from slamgauge.ekf.maps.matching import update_nearest
-from slamgauge.ekf.settings.association import Association
+from slamgauge.ekf.settings import Association
 from slamgauge.ekf.slam_filter import SlamFilter
 from slamgauge.recording import Observations
 from slamgauge.se2 import rotation

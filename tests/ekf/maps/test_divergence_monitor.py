@@ -11,8 +11,7 @@ from slamgauge import load_scenario, simulate
 from slamgauge.ekf import AssociatingFilter, BearingFilter, CompressedFilter, SlamFilter
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.online_filter import OnlineFilter
-from slamgauge.ekf.settings.association import Association
-from slamgauge.ekf.settings.initialisation import Rays
+from slamgauge.ekf.settings import Association, Rays
 from slamgauge.notices import tell_once
 from slamgauge.recording import Observations
 

@@ -373,7 +373,7 @@ def test_gates_that_are_none(kind: str, gate: object) -> None:
         assert isinstance(slam, (SlamFilter, CompressedFilter, BearingFilter))
         slam.update(scan(kind), gate=gate)  # pyright: ignore[reportArgumentType]
 
-    assert_refused(kind, act, r"^gate: \S+ (lets nothing pass|is not a finite number); choose it above 0$")
+    assert_refused(kind, act, r"^gate: \S+ (is out of range|is not a finite number); choose it above 0$")
     with pytest.raises(UserError) as refusal:
         Association(gate=gate)  # pyright: ignore[reportArgumentType]
     assert_refused(kind, act, f"^{re.escape(str(refusal.value))}$")  # one rule

@@ -9,7 +9,7 @@ from slamgauge.ekf import SlamFilter
 from slamgauge.ekf.maps.landmark_ids import GONE
 from slamgauge.ekf.maps.map_edits import add_landmarks
 from slamgauge.ekf.maps.tracks import Tracks
-from slamgauge.ekf.settings.association import MapManagement
+from slamgauge.ekf.settings import MapManagement
 
 
 class World:

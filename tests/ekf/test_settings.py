@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario
-from slamgauge.ekf.settings.association import Association, MapManagement
-from slamgauge.ekf.settings.initialisation import Delayed, InverseDepth, Rays
-from slamgauge.ekf.settings.validation import fitted
+from slamgauge.ekf.setting_rules import fitted
+from slamgauge.ekf.settings import Association, Delayed, InverseDepth, MapManagement, Rays
 from slamgauge.errors import UserError
 
 
@@ -20,7 +19,7 @@ from slamgauge.errors import UserError
     [
         (Association, {"method": "jccb"}, "method: 'jccb' is not known; did you mean jcbb?"),
         (Association, {"method": "x"}, "method: 'x' is not known; use nearest-neighbour, jcbb"),
-        (Association, {"gate": -1}, "gate: -1 lets nothing pass; choose it above 0"),
+        (Association, {"gate": -1}, "gate: -1 is out of range; choose it above 0"),
         (Association, {"gate": float("nan")}, "gate: nan is not a finite number; choose it above 0"),
         (Association, {"gate": "9"}, "gate: '9' is not a finite number; choose it above 0"),
         (Association, {"gate": True}, "gate: True is not a finite number; choose it above 0"),
@@ -29,29 +28,29 @@ from slamgauge.errors import UserError
         (
             Association,
             {"map_management": True},
-            "map_management: True is not one; give MapManagement(), or None to go without",
+            "map_management: True is not MapManagement; give MapManagement() or None",
         ),
-        (Association, {"node_limit": 0}, "node_limit: 0 pairs are no search; choose at least 1"),
+        (Association, {"node_limit": 0}, "node_limit: 0 is out of range; choose it at least 1"),
         (
             MapManagement,
             {"sights": 11, "probation": 10},
             "sights: 11 do not fit into 10 scans of probation; choose at most 10",
         ),
-        (MapManagement, {"sights": 0}, "sights: 0 confirm no track; choose at least 1"),
-        (MapManagement, {"vagueness": 0.0}, "vagueness: 0.0 lets nothing be known; choose it above 0"),
-        (MapManagement, {"certainty": 0.5}, "certainty: 0.5 is no certainty; choose it above 0.5, at most 1"),
-        (MapManagement, {"new_density": 0.0}, "new_density: 0.0 is no density; choose it above 0"),
+        (MapManagement, {"sights": 0}, "sights: 0 is out of range; choose it at least 1"),
+        (MapManagement, {"vagueness": 0.0}, "vagueness: 0.0 is out of range; choose it above 0"),
+        (MapManagement, {"certainty": 0.5}, "certainty: 0.5 is out of range; choose it above 0.5 and at most 1"),
+        (MapManagement, {"new_density": 0.0}, "new_density: 0.0 is out of range; choose it above 0"),
         (Rays, {"sharing": "federate"}, "sharing: 'federate' is not known; did you mean federated?"),
-        (Rays, {"s_min": 10.0}, "s_max: 10.0 m must lie beyond s_min, 10.0 m; choose it farther"),
+        (Rays, {"s_min": 10.0}, "s_max: 10.0 m must be beyond s_min, 10.0 m; choose it larger"),
         (Rays, {"s_max": float("inf")}, "s_max: inf is not a finite number; choose it above 0"),
-        (Rays, {"s_max": -1.0}, "s_max: -1.0 m is no distance; choose it above 0"),
-        (Rays, {"lost_after": 2.5}, "lost_after: 2.5 is not a whole number; choose at least 1"),
+        (Rays, {"s_max": -1.0}, "s_max: -1.0 is out of range; choose it above 0"),
+        (Rays, {"lost_after": 2.5}, "lost_after: 2.5 is not a whole number; choose it at least 1"),
         (InverseDepth, {"mean": float("inf")}, "mean: inf is not a finite number; choose it above 0"),
         (InverseDepth, {"sigma": float("inf")}, "sigma: inf is not a finite number; choose it above 0"),
         (Delayed, {"spacing": float("inf")}, "spacing: inf is not a finite number; choose it at least 0"),
-        (Delayed, {"poses": "many"}, "poses: 'many' is not a whole number; choose at least 3"),
-        (MapManagement, {"sights": 2.5}, "sights: 2.5 is not a whole number; choose at least 1"),
-        (MapManagement, {"sights": True}, "sights: True is not a whole number; choose at least 1"),
+        (Delayed, {"poses": "many"}, "poses: 'many' is not a whole number; choose it at least 3"),
+        (MapManagement, {"sights": 2.5}, "sights: 2.5 is not a whole number; choose it at least 1"),
+        (MapManagement, {"sights": True}, "sights: True is not a whole number; choose it at least 1"),
     ],
 )
 def test_settings_that_cannot_be(kind: type, chosen: dict[str, object], message: str):
@@ -113,8 +112,8 @@ def test_several_mistakes_of_a_section_have_a_line_each():
     with pytest.raises(ScenarioError) as caught:
         load_scenario("q4-ring", ["fis.lost_after=0", "fis.lost_aftr=1", "fis.gate=-1", "association.node_limit=0"])
     assert str(caught.value).splitlines() == [
-        "q4-ring: association.node_limit: 0 pairs are no search; choose at least 1",
-        "q4-ring: fis.gate: -1.0 lets nothing pass; choose it above 0",
-        "q4-ring: fis.lost_after: 0 loses a ray by no failure; choose at least 1",
+        "q4-ring: association.node_limit: 0 is out of range; choose it at least 1",
+        "q4-ring: fis.gate: -1.0 is out of range; choose it above 0",
+        "q4-ring: fis.lost_after: 0 is out of range; choose it at least 1",
         "q4-ring: fis.lost_aftr: unknown key; did you mean lost_after?",
     ]
