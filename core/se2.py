@@ -152,11 +152,6 @@ def right_jacobian(tangent: ArrayLike) -> Float:
     return jacobian
 
 
-def left_jacobian(tangent: ArrayLike) -> Float:
-    """Return J (..., 3, 3) at tangents (..., 3): exp(tangent + d) = exp(J d) exp(tangent) to first order in d."""
-    return right_jacobian(-np.asarray(tangent, dtype=np.float64))
-
-
 def _columns(vectors: ArrayLike) -> Float:
     """Return x, y and turn, each (...), of vectors (..., 3)."""
     return np.moveaxis(np.asarray(vectors, dtype=np.float64), -1, 0)

@@ -21,7 +21,7 @@ Settings = TypeVar("Settings")
 
 
 class Bounds(NamedTuple):
-    """Bounds of a number; None is no bound."""
+    """Bounds of a number; None means no bound."""
 
     above: float | None = None
     at_least: float | None = None

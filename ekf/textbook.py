@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
 GATE = 9.0  # M_DIST_TH of the exercise: largest squared Mahalanobis distance of an observation and its landmark
-Step = tuple[Float, Float, list[int], float, int]  # x, P, landmark id of each observation, NIS, its degrees of freedom
+Step = tuple[Float, Float, list[int], float, int]  # x, P, ids of the observations, NIS, its degrees of freedom
 
 
 class Linearised(NamedTuple):

@@ -1,4 +1,4 @@
-"""Settings refuse what cannot be, in one line with the value and a remedy, and fit themselves to a sensor."""
+"""Settings refuse invalid values in one line with value and remedy, and depend on the sensor's reach."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from slamgauge.compare.scenarios.scenario import ScenarioError, load_scenario
 from slamgauge.ekf.setting_rules import fitted
-from slamgauge.ekf.settings import Association, Delayed, InverseDepth, MapManagement, Rays
+from slamgauge.ekf.settings import Association, Delayed, InverseDepth, MapManagement, Rays, Robustness
 from slamgauge.errors import UserError
 
 
@@ -49,18 +49,38 @@ from slamgauge.errors import UserError
         (InverseDepth, {"sigma": float("inf")}, "sigma: inf is not a finite number; choose it above 0"),
         (Delayed, {"spacing": float("inf")}, "spacing: inf is not a finite number; choose it at least 0"),
         (Delayed, {"poses": "many"}, "poses: 'many' is not a whole number; choose it at least 3"),
+        (Rays, {"alpha": 1.0}, "alpha: 1.0 is out of range; choose it above 0 and below 1"),
+        (Rays, {"alpha": 0.0}, "alpha: 0.0 is out of range; choose it above 0 and below 1"),
+        (Rays, {"beta": 1.0}, "beta: 1.0 is out of range; choose it above 1"),
+        (Rays, {"s_min": 0.0}, "s_min: 0.0 is out of range; choose it above 0"),
+        (Rays, {"s_max": 0.5}, "s_max: 0.5 m must be beyond s_min, 3.0 m; choose it larger"),
+        (Rays, {"threshold": 1.0}, "threshold: 1.0 is out of range; choose it above 0 and below 1"),
+        (Rays, {"gate": 0.0}, "gate: 0.0 is out of range; choose it above 0"),
+        (InverseDepth, {"mean": 0.0}, "mean: 0.0 is out of range; choose it above 0"),
+        (InverseDepth, {"mean": float("nan")}, "mean: nan is not a finite number; choose it above 0"),
+        (InverseDepth, {"sigma": 0.0}, "sigma: 0.0 is out of range; choose it above 0"),
+        (InverseDepth, {"linearity": -1.0}, "linearity: -1.0 is out of range; choose it above 0"),
+        (InverseDepth, {"gate": 0.0}, "gate: 0.0 is out of range; choose it above 0"),
+        (InverseDepth, {"lost_after": 0}, "lost_after: 0 is out of range; choose it at least 1"),
+        (Delayed, {"poses": 2}, "poses: 2 is out of range; choose it at least 3"),
+        (Delayed, {"spacing": -0.1}, "spacing: -0.1 is out of range; choose it at least 0"),
+        (Delayed, {"spacing": float("nan")}, "spacing: nan is not a finite number; choose it at least 0"),
+        (Delayed, {"sure": 0.0}, "sure: 0.0 is out of range; choose it above 0"),
+        (Robustness, {"robust": "huber"}, "robust: 'huber' is not known; use none, gate, student-t"),
+        (Robustness, {"gate": 0.0}, "gate: 0.0 is out of range; choose it above 0"),
+        (Robustness, {"degrees_of_freedom": -1}, "degrees_of_freedom: -1 is out of range; choose it above 0"),
         (MapManagement, {"sights": 2.5}, "sights: 2.5 is not a whole number; choose it at least 1"),
         (MapManagement, {"sights": True}, "sights: True is not a whole number; choose it at least 1"),
     ],
 )
-def test_settings_that_cannot_be(kind: type, chosen: dict[str, object], message: str):
+def test_invalid_settings(kind: type, chosen: dict[str, object], message: str):
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         kind(**chosen)
 
 
 @pytest.mark.parametrize("kind", [Association, MapManagement, Rays, InverseDepth, Delayed])
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -1, "1", True, None, 1j, [1.0]], ids=str)
-def test_no_number_of_a_setting_can_be_just_anything(kind: type, value: object):
+def test_every_number_of_a_setting_is_checked(kind: type, value: object):
     numbers = [each.name for each in fields(kind) if isinstance(each.default, (int, float))]
     assert numbers
     for key in numbers:
@@ -68,8 +88,8 @@ def test_no_number_of_a_setting_can_be_just_anything(kind: type, value: object):
             kind(**{key: value})
 
 
-def test_numbers_of_other_types_become_plain_ones():
-    """Kernels would be compiled anew for them."""
+def test_numpy_numbers_become_python_numbers():
+    """Otherwise kernels would be compiled again for their types."""
     chosen = Association(gate=np.float32(4.0), node_limit=np.int64(7))  # pyright: ignore[reportArgumentType]
     assert (type(chosen.gate), type(chosen.node_limit)) == (float, int)
     assert chosen == Association(gate=4, node_limit=7)
@@ -77,21 +97,21 @@ def test_numbers_of_other_types_become_plain_ones():
 
 @pytest.mark.parametrize("reach", [0.0, -1.0, float("nan"), float("inf"), "10", None, True], ids=str)
 @pytest.mark.parametrize("kind", [Rays, InverseDepth, Delayed])
-def test_reaches_that_are_none(kind: type, reach: object):
+def test_invalid_reaches(kind: type, reach: object):
     with pytest.raises(UserError, match=r"^reach: \S+ is not a distance; give metres above 0, for example 10$"):
         fitted(kind, reach)  # pyright: ignore[reportArgumentType]
 
 
-def test_the_tightest_probation_is_legal():
+def test_probation_may_equal_the_number_of_observations():
     assert MapManagement(sights=10, probation=10).sights == 10
 
 
 @pytest.mark.parametrize("kind", [Rays, InverseDepth, Delayed])
-def test_the_defaults_are_those_of_a_sensor_that_reaches_ten_metres(kind: type):
+def test_the_defaults_are_for_a_reach_of_ten_metres(kind: type):
     assert fitted(kind, 10.0) == kind()
 
 
-def test_what_is_chosen_stays_and_the_rest_is_fitted():
+def test_chosen_values_are_kept_and_others_fitted():
     assert fitted(InverseDepth, 20.0, sigma=0.5, mean=None) == InverseDepth(mean=0.075, sigma=0.5)
 
 
@@ -99,7 +119,7 @@ def test_what_is_chosen_stays_and_the_rest_is_fitted():
     ("section", "kind", "initialisation"),
     [("fis", Rays, "fis"), ("inverse_depth", InverseDepth, "inverse-depth"), ("delayed", Delayed, "delayed")],
 )
-def test_a_scenario_sets_every_one_of_them(section: str, kind: type, initialisation: str):
+def test_a_scenario_can_set_every_field(section: str, kind: type, initialisation: str):
     chosen = {
         each.name: 2 * getattr(kind(), each.name) for each in fields(kind) if each.name not in ("sharing", "alpha")
     }
@@ -108,7 +128,7 @@ def test_a_scenario_sets_every_one_of_them(section: str, kind: type, initialisat
     assert scenario.initialisation_settings == kind(**chosen)
 
 
-def test_several_mistakes_of_a_section_have_a_line_each():
+def test_each_mistake_in_a_scenario_has_its_line():
     with pytest.raises(ScenarioError) as caught:
         load_scenario("q4-ring", ["fis.lost_after=0", "fis.lost_aftr=1", "fis.gate=-1", "association.node_limit=0"])
     assert str(caught.value).splitlines() == [

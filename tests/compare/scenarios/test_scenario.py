@@ -330,8 +330,7 @@ def test_questions_2_and_3_are_question_1_with_another_association_and_noise(
         ),
         (
             ["fis.beta=1.000001"],
-            "fis.beta: 1.000001 gives 693149 members from s_min to s_max; choose it larger, "
-            "for 1000 members at most",
+            "fis.beta: 1.000001 gives 693149 members from s_min to s_max; choose it larger, for 1000 members at most",
         ),
         (
             ["fis.s_min=1e-307"],
