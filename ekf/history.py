@@ -6,8 +6,7 @@ import numpy as np
 
 from slamgauge.arrays import Int
 from slamgauge.ekf.maps.input_checks import without_rounding
-from slamgauge.ekf.maps.members import Members, joined
-from slamgauge.ekf.online_filter import OnlineFilter
+from slamgauge.ekf.online_filter import Members, OnlineFilter, joined
 from slamgauge.estimate import MapHistory
 from slamgauge.recording import Recording
 

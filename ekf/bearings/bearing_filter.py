@@ -28,7 +28,7 @@ from slamgauge.ekf.maps.input_checks import ids_of, require_gate, require_ids, r
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import merge_landmarks, remove_landmark
 from slamgauge.ekf.maps.matching import are_within
-from slamgauge.ekf.maps.members import Members, joined, points
+from slamgauge.ekf.online_filter import Members, joined, points
 from slamgauge.ekf.settings import PLAIN, Association, Delayed, Initialisation, InverseDepth, Rays, Robustness
 from slamgauge.errors import UserError
 from slamgauge.estimate import RayLog

@@ -27,7 +27,7 @@ from slamgauge.arrays import Float, Int
 from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import NewEntries, add_entries, remove_landmark
-from slamgauge.ekf.maps.members import NO_MEMBERS, Members
+from slamgauge.ekf.online_filter import NO_MEMBERS, Members
 from slamgauge.ekf.settings import FEWEST, Delayed
 from slamgauge.se2 import wrap
 from slamgauge.sensor_models.bearing import gradient as bearing_gradient

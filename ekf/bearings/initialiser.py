@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf.maps.members import Members
+from slamgauge.ekf.online_filter import Members
 from slamgauge.estimate import RayLog
 
 

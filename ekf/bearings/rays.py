@@ -28,7 +28,7 @@ from slamgauge.ekf.maps.landmark_ids import Ids
 from slamgauge.ekf.maps.landmark_map import LandmarkMap
 from slamgauge.ekf.maps.map_edits import add_landmarks, remove_landmark
 from slamgauge.ekf.maps.matching import innovations
-from slamgauge.ekf.maps.members import NO_MEMBERS, Members
+from slamgauge.ekf.online_filter import NO_MEMBERS, Members
 from slamgauge.ekf.settings import Rays
 
 MIN_SHARE = 0.05  # members with a smaller share rho are not updated

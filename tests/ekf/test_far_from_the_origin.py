@@ -29,10 +29,9 @@ from slamgauge.ekf import (
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.maps.map_edits import replace_map
 from slamgauge.estimate import Estimate
-from slamgauge.recording import Recording
 from slamgauge.se2 import wrap
 from tests.reference.elsewhere import FAR, TOLERANCE, assert_same_positions, moved
-from tests.reference.random_recordings import random_recording
+from tests.reference.random_recordings import bearing_only, random_recording
 
 FILTERS = pytest.mark.parametrize("estimator", [ekf_slam, fej_ekf, oc_ekf, iekf, riekf])
 Estimator = Callable[..., Estimate]
@@ -77,7 +76,7 @@ def test_ranges_and_bearings(estimator: Estimator, sensor: str, association: Ass
 @FILTERS
 @pytest.mark.parametrize("initialisation", [Rays(), InverseDepth(), Delayed()])
 def test_bearing_only(estimator: Estimator, initialisation: Rays | InverseDepth | Delayed) -> None:
-    recording = bearings_of(31)
+    recording = bearing_only(random_recording(31, steps=60, noise=0.2)[1])
     settings = FilterSettings(initialisation=initialisation, frames=5)
     assert_same(estimator(moved(recording), settings), estimator(recording, settings))
 
@@ -85,15 +84,9 @@ def test_bearing_only(estimator: Estimator, initialisation: Rays | InverseDepth 
 @FILTERS
 @pytest.mark.parametrize("association", [Association(), Association("jcbb")])
 def test_bearings_without_ids(estimator: Estimator, association: Association) -> None:
-    recording = replace(bearings_of(32), landmark=None)
+    recording = replace(bearing_only(random_recording(32, steps=60, noise=0.2)[1]), landmark=None)
     settings = FilterSettings(association, frames=5)
     assert_same(estimator(moved(recording), settings), estimator(recording, settings))
-
-
-def bearings_of(seed: int) -> Recording:
-    _, recording = random_recording(seed, steps=60, noise=0.2)
-    covs = recording.observation_cov[:, 1:, 1:]
-    return replace(recording, sensor="bearing", observation=recording.observation[:, 1:], observation_cov=covs)
 
 
 @pytest.mark.parametrize("estimator", [riukf, robocentric_ekf])

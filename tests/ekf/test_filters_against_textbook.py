@@ -12,6 +12,7 @@ from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
+from tests.reference.circles import back_and_forth
 from tests.reference.random_recordings import random_recording
 from tests.reference.textbook_pairs import PAIRS
 
@@ -42,14 +43,7 @@ def assert_same(actual: Estimate, expected: Estimate) -> None:
 def test_full_covariance_stays_positive_semi_definite_over_many_updates(correction: Correction) -> None:
     """100 000 updates of one scan; the covariance stays symmetric and semidefinite."""
     slam = SlamFilter("range-bearing", np.zeros(3), np.diag([0.01, 0.01, 1e-4]), correction)
-    rng = np.random.default_rng(0)
-    positions = rng.uniform(-8, 8, (6, 2))
-    values = np.column_stack([np.hypot(*positions.T), np.arctan2(positions[:, 1], positions[:, 0])])
-    covs = np.tile(np.diag([0.1, np.deg2rad(5)]) ** 2, (6, 1, 1))
-    for k in range(100_000):
-        slam.predict([0.1 if k % 2 else -0.1, 0.0, 0.0], np.diag([1e-4, 0.0, 1e-6]))
-        shifted = values + rng.normal(size=values.shape) * [0.1, np.deg2rad(5)]
-        slam.update(Observations(np.arange(6), shifted, covs))
+    assert sum(1 for _ in back_and_forth(slam, 100_000)) == 100_000
     eigenvalues = np.linalg.eigvalsh(slam.cov)
     assert eigenvalues[0] > -1e-15 * eigenvalues[-1]
     assert np.array_equal(slam.cov, slam.cov.T)

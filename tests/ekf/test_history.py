@@ -23,7 +23,7 @@ from slamgauge.ekf.bearings.initialiser import RayRecorder
 from slamgauge.ekf.bearings.rays import distances_and_sigmas
 from slamgauge.ekf.estimators import drive
 from slamgauge.ekf.history import History
-from slamgauge.ekf.maps.members import POINT
+from slamgauge.ekf.online_filter import POINT
 from slamgauge.ekf.settings import Initialisation
 from slamgauge.estimate import Estimate, MapHistory, RayLog
 from slamgauge.recording import Recording

@@ -14,6 +14,7 @@ from scipy.stats import norm, t
 from slamgauge import Recording, UserError, load_scenario, riekf, simulate
 from slamgauge.ekf.innovations import GAUSSIAN, MIXTURE, STUDENT_T, Log, Tails, gaussian_tails, weigh
 from slamgauge.ekf.kernels.log_likelihood import run_log
+from tests.reference.random_recordings import bearing_only
 
 
 def recording_of(*overrides: str, seed: int = 3) -> Recording:
@@ -112,14 +113,8 @@ def test_unsuitable_recordings_are_refused():
     recording = recording_of()
     with pytest.raises(UserError, match="landmark: a log without ids"):
         Log(replace(recording, landmark=None))
-    bearings = replace(
-        recording,
-        sensor="bearing",
-        observation=recording.observation[:, 1:],
-        observation_cov=np.ones((len(recording.observation), 1, 1)),
-    )
     with pytest.raises(UserError, match="sensor: a first bearing does not place a landmark"):
-        Log(bearings)
+        Log(bearing_only(recording))
 
 
 def test_the_result_is_none_if_no_update_exists():

@@ -22,8 +22,16 @@ from slamgauge.estimate import Estimate
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import between
 from slamgauge.sensors import Sensor
-from tests.reference.circles import STEPS, Estimator, additive_nees, invariant_nees, outside, run_all
-from tests.reference.random_recordings import random_recording
+from tests.reference.circles import (
+    STEPS,
+    Estimator,
+    additive_nees,
+    back_and_forth,
+    invariant_nees,
+    outside,
+    run_all,
+)
+from tests.reference.random_recordings import bearing_only, random_recording
 from tests.reference.textbook_relatives import textbook_riukf, textbook_robocentric_ekf
 
 RELATIVES = pytest.mark.parametrize("estimator", [riukf, robocentric_ekf])
@@ -131,13 +139,7 @@ def test_the_prior_covariance_never_changes_the_robocentric_estimate(sigma: floa
 def test_covariance_stays_symmetric_and_positive_semi_definite(belief_of: BeliefOf) -> None:
     """1000 steps back and forth without slip from a fixed start: the covariance is singular at first."""
     slam = NumpyFilter("range-bearing", belief_of("range-bearing", np.zeros(3), np.zeros((3, 3))))
-    rng = np.random.default_rng(0)
-    positions = rng.uniform(-8, 8, (6, 2))
-    values = np.column_stack([np.hypot(*positions.T), np.arctan2(positions[:, 1], positions[:, 0])])
-    covs = np.tile(np.diag([0.1, np.deg2rad(5)]) ** 2, (6, 1, 1))
-    for k in range(1000):
-        slam.predict([0.1 if k % 2 else -0.1, 0.0, 0.0], np.diag([1e-4, 0.0, 1e-6]))
-        slam.update(Observations(np.arange(6), values + rng.normal(size=values.shape) * [0.1, np.deg2rad(5)], covs))
+    for k in back_and_forth(slam, 1000):
         if k % 100 == 0 or k > 990:
             eigenvalues = np.linalg.eigvalsh(slam.belief.cov)
             assert eigenvalues[0] > -1e-15 * eigenvalues[-1]
@@ -168,20 +170,7 @@ def test_a_landmark_at_the_robot() -> None:
 @RELATIVES
 def test_unsuitable_recordings_are_refused(estimator: Estimator) -> None:
     _, recording = random_recording(4)
-    bearings = replace(recording, sensor="bearing", observation=recording.observation[:, 1:], observation_cov=np.eye(1))
     with pytest.raises(UserError, match=r"^sensor: 'bearing' does not fit this filter; use one of range-bearing"):
-        estimator(bearings)
+        estimator(bearing_only(recording))
     with pytest.raises(UserError, match=r"^landmark: this filter needs known association; give the ids"):
         estimator(replace(recording, landmark=None))
-
-
-@BELIEFS
-def test_a_step_without_observations_changes_nothing(belief_of: BeliefOf) -> None:
-    _, recording = random_recording(0)
-    slam = NumpyFilter("range-bearing", belief_of("range-bearing", recording.prior_mean, recording.prior_cov))
-    slam.update(next(recording.scans()))
-    before = slam.pose, slam.landmarks, slam.belief.cov
-    nothing = Observations(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)))
-    assert slam.update(nothing) == (0.0, 0)
-    for actual, expected in zip((slam.pose, slam.landmarks, slam.belief.cov), before, strict=True):
-        np.testing.assert_array_equal(actual, expected)

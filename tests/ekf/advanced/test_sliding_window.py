@@ -21,7 +21,7 @@ from slamgauge.estimate import Estimate
 from slamgauge.graph_baseline import batch, causal
 from slamgauge.recording import Observations, Recording
 from slamgauge.se2 import between, chain, wrap
-from tests.reference.circles import STEPS, additive_nees, outside, run_all
+from tests.reference.circles import STEPS, additive_nees, back_and_forth, outside, run_all
 from tests.reference.random_recordings import random_recording, recording_of
 from tests.reference.textbook_window import textbook_sliding_window
 
@@ -187,13 +187,7 @@ def test_on_a_recorded_drive_it_is_near_the_optimum() -> None:
 def test_the_information_stays_semidefinite_over_many_steps() -> None:
     """1000 steps back and forth without slip from a fixed start."""
     slam = SlidingWindowFilter("range-bearing", np.zeros(3), np.zeros((3, 3)), lag=5)
-    rng = np.random.default_rng(0)
-    positions = rng.uniform(-8, 8, (6, 2))
-    values = np.column_stack([np.hypot(*positions.T), np.arctan2(positions[:, 1], positions[:, 0])])
-    covs = np.tile(np.diag([0.1, np.deg2rad(5)]) ** 2, (6, 1, 1))
-    for k in range(1000):
-        slam.predict([0.1 if k % 2 else -0.1, 0.0, 0.0], np.diag([1e-4, 0.0, 1e-6]))
-        slam.update(Observations(np.arange(6), values + rng.normal(size=values.shape) * [0.1, np.deg2rad(5)], covs))
+    for k in back_and_forth(slam, 1000):
         if k % 100 == 0:
             assert np.linalg.eigvalsh(slam.pose_cov)[0] > -1e-18
             assert np.linalg.eigvalsh(slam.landmark_covs).min() > 0.0

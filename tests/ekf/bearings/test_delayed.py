@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from slamgauge.arrays import Float, Int
+from slamgauge.ekf import textbook
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.delayed import IMPROBABLE, DelayedInitialiser, whitened_bearings
 from slamgauge.ekf.maps.correction_table import RULES, Correction
@@ -69,12 +70,7 @@ class Twin:
         self.sights: list[float] = []
 
     def predict(self, increment: Float) -> None:
-        move = rotation(self.x[2]) @ increment[:2]
-        F, G = np.eye(len(self.x)), np.zeros((len(self.x), 3))
-        F[:2, 2], G[:2, :2], G[2, 2] = J @ move, rotation(self.x[2]), 1.0
-        self.x[:2] += move
-        self.x[2] = wrap(self.x[2] + increment[2])
-        self.P = F @ self.P @ F.T + G @ Q @ G.T
+        self.x, self.P = textbook.predict(self.x, self.P, increment, Q)
 
     def see(self, z: float) -> bool:
         """Clone the robot; place the landmark if its bearings are sufficient; return whether it is placed."""

@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from slamgauge.arrays import Float
+from slamgauge.ekf import textbook
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.inverse_depth import linearise_depths, linearity_index, locate_depth
 from slamgauge.ekf.maps.correction_table import RULES, Correction
@@ -105,12 +106,7 @@ class Twin:
         self.x = np.concatenate([self.x, self.x[:2], [self.x[2] + z, self.settings.mean]])
 
     def predict(self, increment: Float, Q: Float) -> None:
-        move = rotation(self.x[2]) @ increment[:2]
-        F, G = np.eye(len(self.x)), np.zeros((len(self.x), 3))
-        F[:2, 2], G[:2, :2], G[2, 2] = J @ move, rotation(self.x[2]), 1.0
-        self.x[:2] += move
-        self.x[2] = wrap(self.x[2] + increment[2])
-        self.P = F @ self.P @ F.T + G @ Q @ G.T
+        self.x, self.P = textbook.predict(self.x, self.P, increment, Q)
 
     def update(self, z: float, R: float) -> None:
         x, H = self.x, np.zeros(len(self.x))

@@ -9,7 +9,7 @@ import pytest
 
 from slamgauge import load_scenario, simulate
 from slamgauge.arrays import Float
-from slamgauge.ekf import ekf_slam, riekf
+from slamgauge.ekf import ekf_slam, riekf, textbook
 from slamgauge.ekf.bearings.bearing_filter import BearingFilter
 from slamgauge.ekf.bearings.rays import MIN_SHARE, distances_and_sigmas
 from slamgauge.ekf.estimators import drive
@@ -60,13 +60,7 @@ class Twin:
         self.weights = np.full(self.born_with, 1.0 / self.born_with)
 
     def predict(self, increment: Float, Q: Float) -> None:
-        before = self.x[:2].copy()
-        F, G = np.eye(len(self.x)), np.zeros((len(self.x), 3))
-        G[:2, :2], G[2, 2] = rotation(self.x[2]), 1.0
-        self.x[:2] += rotation(self.x[2]) @ increment[:2]
-        self.x[2] = wrap(self.x[2] + increment[2])
-        F[:2, 2] = J @ (self.x[:2] - before)
-        self.P = F @ self.P @ F.T + G @ Q @ G.T
+        self.x, self.P = textbook.predict(self.x, self.P, increment, Q)
 
     def member(self, i: int, z: float) -> tuple[float, Float]:
         offset = self.x[3 + 2 * i : 5 + 2 * i] - self.x[:2]

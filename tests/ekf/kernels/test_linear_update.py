@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from slamgauge.arrays import Float, Int
-from slamgauge.ekf import SlamFilter
+from slamgauge.ekf import SlamFilter, textbook
 from slamgauge.ekf.kernels.linear_update import append_linear, linear_update, project_columns
 from slamgauge.ekf.maps.correction_table import RULES, Correction
 from slamgauge.ekf.maps.map_edits import NewEntries, add_entries, remove_landmark, replace_map
 from slamgauge.recording import Observations
-from slamgauge.se2 import rotation, wrap
+from slamgauge.se2 import wrap
 from tests.reference.random_recordings import random_covariances
 from tests.reference.textbook import J, belief_of, exp_action
 
@@ -192,12 +192,7 @@ class Twin:
     def predict(self) -> None:
         increment, Q = self.rng.normal(size=3), random_cov(self.rng, 3)
         self.slam.predict(increment, Q)
-        move = rotation(self.x[2]) @ increment[:2]
-        F, G = np.eye(len(self.x)), np.zeros((len(self.x), 3))
-        F[:2, 2], G[:2, :2], G[2, 2] = J @ move, rotation(self.x[2]), 1.0
-        self.x[:2] += move
-        self.x[2] = wrap(self.x[2] + increment[2])
-        self.P = F @ self.P @ F.T + G @ Q @ G.T
+        self.x, self.P = textbook.predict(self.x, self.P, increment, Q)
 
     def check(self) -> None:
         np.testing.assert_array_equal(self.slam.landmark_ids, self.ids)

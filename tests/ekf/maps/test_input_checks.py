@@ -73,7 +73,8 @@ def started(kind: str) -> OnlineFilter:
 
 
 def belief_of(slam: OnlineFilter) -> list[Float | Int]:
-    return [slam.pose, slam.pose_cov, slam.landmark_ids, slam.landmarks, slam.landmark_covs, slam.associated]
+    whole = slam.belief.cov if isinstance(slam, NumpyFilter) else getattr(slam, "cov", slam.pose_cov)
+    return [slam.pose, slam.pose_cov, whole, slam.landmark_ids, slam.landmarks, slam.landmark_covs, slam.associated]
 
 
 def assert_refused(kind: str, act: Callable[[OnlineFilter], object], match: str) -> None:
@@ -201,7 +202,8 @@ def test_indefinite_matrices_are_distinguished_from_covariances() -> None:
 @EVERY
 @pytest.mark.parametrize("mapped", [True, False], ids=["mapped", "new"])
 @pytest.mark.parametrize(
-    "break_it", ["nan", "range", "variance", "asymmetric", "one value", "one cov", "width", "flat"]
+    "break_it",
+    ["nan", "range", "variance", "inf cov", "no variance", "asymmetric", "one value", "one cov", "width", "flat"],
 )
 def test_invalid_observations(kind: str, mapped: bool, break_it: str) -> None:
     bearing = kind.startswith("Bearing")
@@ -212,8 +214,8 @@ def test_invalid_observations(kind: str, mapped: bool, break_it: str) -> None:
         values[1, 0] = np.nan
     elif break_it == "range":
         values[1, 0] = -2.0
-    elif break_it == "variance":
-        covs[1, 0, 0] = -1.0
+    elif break_it in ("variance", "inf cov", "no variance"):
+        covs[1, 0, 0] = {"variance": -1.0, "inf cov": np.inf, "no variance": 0.0}[break_it]
     elif break_it == "asymmetric":
         covs[1, 0, 1] = 1e-4
     broken = {
@@ -226,6 +228,8 @@ def test_invalid_observations(kind: str, mapped: bool, break_it: str) -> None:
         "nan": r"^observation\[1\] = .*nan.*: every number must be finite$",
         "range": r"^observation\[1\] = .*: a range cannot be negative; drop the row$",
         "variance": r"^observation_cov\[1\] = .*: a covariance must not have a negative variance$",
+        "inf cov": r"^observation_cov\[1\] = .*inf.*: every number must be finite$",
+        "no variance": r"^observation_cov\[1\] = .*: a covariance must be positive definite here; raise its variances$",
         "asymmetric": r"^observation_cov\[1\] = .*: a covariance must be symmetric; use \(P \+ P.T\) / 2$",
     }.get(
         break_it, r"^(observation|observation_cov|landmark): [^;]*does not fit [^;]*; give shape|^landmark: 3 ids for 1"
